@@ -32,7 +32,13 @@ REST = 1.0
 """Wheels that stand still at least this long are at rest [s]."""
 
 SPEEDS = 0.005, 20.0
-"""Between these most of a robot's steps are fast [m/s]: a slower or faster one has stamps or lengths in other units."""
+"""Between these a robot that moves is fast [m/s]: a slower or faster one has stamps or lengths in other units,"""
+MOST_RATE = 15.0
+"""and so has one that turns faster than this [rad/s],"""
+MOST_RANGE = 200.0
+"""and a planar lidar, half of whose ranges are longer than this [m]."""
+WINDOWS, SAMPLE = 1000, 12
+"""Speeds are looked at over this many seconds or longer spans, ranges in this many scans."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,6 @@ class StreamReport:
         largest_gap: longest interval [s], and ``largest_gap_at`` the stamp before it; None for one reading.
         gaps: intervals longer than 5 times the median.
         equal_stamps: readings that share the stamp of the one before.
-        shortest_interval: the shortest above 0 [s], or None.
     """
 
     name: str
@@ -62,7 +67,6 @@ class StreamReport:
     largest_gap_at: float | None
     gaps: int
     equal_stamps: int
-    shortest_interval: float | None
 
 
 @dataclass(frozen=True)
@@ -138,7 +142,7 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
     clocks = clock_reports(yaw_rates(recording, scans=read_ranges))
     problems = [*recording.warnings, *_missing(recording), *_gaps(streams), *_meetings(streams)]
     problems += _late(streams, clocks)
-    problems += _speed(recording)
+    problems += other_units(recording)
     if lidar is not None and lidar.blind_scans:
         text = f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint"
         problems.append(Issue("blind-scans", text, lidar.blind_scans))
@@ -180,7 +184,6 @@ def _stream(name: str, stamps: NDArray[np.float64]) -> StreamReport:
         largest_gap_at=None if longest is None else float(stamps[longest]),
         gaps=0 if median is None else int((steps > GAP * median).sum()),
         equal_stamps=int((steps == 0).sum()),
-        shortest_interval=float(above.min()) if len(above) else None,
     )
 
 
@@ -229,16 +232,44 @@ def _odometry_distance(recording: Recording) -> float | None:
     return None if found is None else float(np.hypot(*np.diff(found[1][:, :2], axis=0).T).sum())
 
 
-def _speed(recording: Recording) -> list[Issue]:
-    """Odometry that moves as no robot does."""
-    if (found := _odometry(recording)) is None:
-        return []
-    elapsed, driven = np.diff(found[0]), np.hypot(*np.diff(found[1][:, :2], axis=0).T)
+def other_units(recording: Recording) -> list[Issue]:
+    """Figures that no robot and no planar lidar gives, in the units that they are stated in.
+
+    All but ``implausible-speed`` leave nothing to make a map of.
+    """
+    issues = []
+    if (found := _odometry(recording)) is not None and (speed := _speed(*found)) is not None:
+        text = (
+            f"odometry: moves at {speed:.3g} m/s, expected a robot's speed: are its stamps in s and its lengths in m?"
+        )
+        if speed > SPEEDS[1]:
+            issues.append(Issue("odometry-units", text))
+        elif speed < SPEEDS[0]:
+            issues.append(Issue("implausible-speed", text))
+    if recording.imu is not None and len(recording.imu):
+        rate = float(np.quantile(np.abs(recording.imu.angular_velocity[:, 2]), 0.99))
+        if rate > MOST_RATE:
+            text = f"imu: turns at {rate:.3g} rad/s, expected at most {MOST_RATE:g}: is its rate in rad/s?"
+            issues.append(Issue("gyro-units", text))
+    if recording.lidar is not None and len(recording.lidar):
+        some = np.linspace(0, len(recording.lidar) - 1, SAMPLE).astype(np.intp)
+        ranges = np.concatenate([recording.lidar.ranges[scan : scan + 1] for scan in some.tolist()])
+        ranges = ranges[np.isfinite(ranges)]
+        if len(ranges) and (middle := float(np.median(ranges))) > MOST_RANGE:
+            text = f"lidar: half of its ranges are beyond {middle:.3g} m, expected below {MOST_RANGE:g}: are they in m?"
+            issues.append(Issue("range-units", text))
+    return issues
+
+
+def _speed(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> float | None:
+    """The median speed [m/s] over the seconds in which the robot moves; None if it never does."""
+    span = float(stamps[-1] - stamps[0])
+    if not span > 0:
+        return None
+    at = np.unique(np.searchsorted(stamps, np.linspace(stamps[0], stamps[-1], 2 + int(min(span, WINDOWS)))))
+    elapsed, driven = np.diff(stamps[at]), np.hypot(*np.diff(poses[at, :2], axis=0).T)
     moving = (elapsed > 0) & (driven > 0)
-    if not moving.any() or SPEEDS[0] <= (speed := float(np.median(driven[moving] / elapsed[moving]))) <= SPEEDS[1]:
-        return []
-    text = f"odometry: moves at {speed:.3g} m/s, expected a robot's speed: are its stamps in s and its lengths in m?"
-    return [Issue("implausible-speed", text)]
+    return float(np.median(driven[moving] / elapsed[moving])) if moving.any() else None
 
 
 def _images(stream: RgbdStream) -> tuple[Issue, ...]:

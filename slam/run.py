@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
+from moteslam.robot.inspection import other_units
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
@@ -56,6 +57,10 @@ class SlamSession:
             expect_type(config, SlamConfig, "config", "load_preset() gives one")
         if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
             raise ConfigError(f"{seed!r}, expected a whole number from 0 to 2^63 - 1", field="seed")
+        self._doubts = tuple(other_units(recording))
+        for doubt in self._doubts:
+            if doubt.code != "implausible-speed":
+                raise InputError(doubt.message, file=recording.name)
         self.recording, self.seed = recording, seed
         self.config = config = config or load_preset()
         self._inputs = synchronise(recording, config.sync, max_range=config.max_range)
@@ -261,7 +266,7 @@ class SlamSession:
 
     def _warnings(self) -> tuple[Issue, ...]:
         """What SLAM had to do without."""
-        issues = [*warnings(self.recording, self._inputs)]
+        issues = [*self._doubts, *warnings(self.recording, self._inputs)]
         if not METHODS[self.config.method].needs_odometry:
             issues += about_jumps(self._inputs, self._done)
         if self._missing:
@@ -286,9 +291,6 @@ def run_slam(
         config: the preset ``default`` if None.
         seed: of all randomness.
         watch: called after every scan.
-
-    Raises:
-        InputError, ConfigError: see ``SlamSession``.
     """
     session = SlamSession(recording, config, seed=seed)
     for update in session:
@@ -305,16 +307,10 @@ def wants_colours(config: SlamConfig, recording: Recording) -> bool:
 def with_texture(
     estimate: Estimate, recording: Recording, *, watch: Callable[[float, TextureMapper], None] | None = None
 ) -> Estimate:
-    """The estimate with the floor coloured along its final trajectory (section III.E of the paper).
+    """The estimate of a recording with the floor coloured along its final trajectory (section III.E of the paper).
 
-    Args:
-        estimate: of ``recording``.
-        recording: what the sensors saw.
-        watch: as in ``map_texture``.
-
-    Returns:
-        the same with ``texture`` and its warnings; unchanged where the floor is not to be coloured; with a warning
-        alone where it cannot be: the estimate is not lost for it.
+    It is unchanged where the floor is not to be coloured, and has a warning alone where it cannot be: the estimate is
+    not lost for it. ``watch``: see ``map_texture``.
     """
     if not wants_colours(estimate.config, recording):
         return estimate

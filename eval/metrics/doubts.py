@@ -45,6 +45,8 @@ AXES = np.deg2rad(30.0)
 """Orientations that differ by more than this throughout [rad] are of other axes."""
 HEIGHTS = 0.05
 """Heights that are left out are reported where they are spread by more [m]."""
+UNLIKE = 0.5
+"""Two paths have nothing in common where the error is more than this share of the spread of the reference."""
 FEW = 0.5
 """Where less than this share of the shorter trajectory's poses has a partner, the two may not belong together."""
 
@@ -114,6 +116,34 @@ def _offset(search: _Search) -> ClockOffset | None:
     return ClockOffset(best, rmse, search.rmse(0.0, FINE))
 
 
+@dataclass(frozen=True)
+class LeverArm:
+    """Where the reference's point is on the estimate's body, x ahead and y to the left, and the RMSE left [m]."""
+
+    x: float
+    y: float
+    rmse: float
+
+
+def lever_arm(ate: AteResult) -> LeverArm | None:
+    """The fixed offset on the robot that explains much of the error in the plane, by as much as ``clock_offset``.
+
+    Least squares of ``true - there = e J there + R(theta) arm + t`` over ``e``, ``arm`` and ``t``; J is a quarter turn.
+    """
+    if ate.motion is not None or ate.rotation_errors is None or ate.rmse < GAIN_METRES:
+        return None
+    there, true, n = ate.aligned[:, :2], ate.reference[:, :2], len(ate.aligned)
+    c, s, one, none = np.cos(ate.aligned[:, 2]), np.sin(ate.aligned[:, 2]), np.ones(n), np.zeros(n)
+    x = np.column_stack((-there[:, 1], c, -s, one, none))
+    y = np.column_stack((there[:, 0], s, c, none, one))
+    design, goal = np.vstack((x, y)), (true - there).T.ravel()
+    found, _, rank, _ = np.linalg.lstsq(design, goal, rcond=None)
+    rmse = float(np.linalg.norm(goal - design @ found) / np.sqrt(n))
+    if rank < design.shape[1] or not (rmse < GAIN * ate.rmse and ate.rmse - rmse > GAIN_METRES):
+        return None
+    return LeverArm(float(found[1]), float(found[2]), rmse)
+
+
 def doubts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> tuple[Issue, ...]:
     """What was assumed when both were read, the space they are compared in, and units and axes that seem other ones."""
     return _of_reading(estimate, reference) + _of_space(estimate, reference) + _of_shape(ate)
@@ -176,7 +206,11 @@ def _of_shape(ate: AteResult) -> tuple[Issue, ...]:
     if ate.motion is None and ate.rmse > SMALL and float(np.sqrt(np.square(off).sum(axis=1).mean())) < ate.rmse / 5:
         text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
         return (Issue("mirrored", text),)
-    if ate.motion is None or ate.rotation_errors is None or np.median(ate.rotation_errors) < AXES:
+    spread = float(np.linalg.norm(true.std(axis=0)))
+    if ate.rmse > SMALL and ate.rmse > UNLIKE * spread:
+        text = f"errors of {ate.rmse:.2f} m where the reference itself is spread by {spread:.2f} m"
+        return (Issue("unlike", f"{text}: another drive or building, or an estimate that is lost"),)
+    if ate.rotation_errors is None or np.median(ate.rotation_errors) < AXES:
         return ()
     if ate.rotation_errors.std() > 0.2 * AXES:
         return ()

@@ -19,13 +19,13 @@ from jinja2 import BaseLoader, Environment, StrictUndefined
 from markupsafe import Markup, escape
 
 from moteslam.errors import ConfigError
-from moteslam.eval.literal import literal
 from moteslam.eval.metrics.registry import chosen, metric
 from moteslam.eval.page import charts
-from moteslam.eval.page.material import Material, ReportRun
+from moteslam.eval.page.material import Key, Material, ReportRun
 from moteslam.eval.page.player import Budget, playable
-from moteslam.eval.statistics import Population, Proportion, compare
+from moteslam.eval.statistics import Proportion, compare
 from moteslam.eval.sweep.tables import better
+from moteslam.eval.tables import literal
 from moteslam.robot.values import interval
 
 USUAL = (
@@ -81,11 +81,11 @@ def page(
         }
         for name in names
     ]
-    others = [_population(name, members) for name, members in by_configuration.items() if name != first]
-    reference = _population(first, by_configuration[first])
+    others = [name for name in by_configuration if name != first]
     pairs = {
         name: [
-            (other.name, compare(reference.values(name), other.values(name), better=better(name))) for other in others
+            (other, compare(*(_values(by_configuration[one], name) for one in (first, other)), better=better(name)))
+            for other in others
         ]
         for name in names
     }
@@ -173,8 +173,10 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     ]
 
 
-def _population(name: str, runs: Sequence[ReportRun]) -> Population:
-    return Population(name, {run.case: run.values if run.status == "ok" else None for run in runs})
+def _values(runs: Sequence[ReportRun], metric: str) -> dict[Key, float | None]:
+    """By case, None of runs that failed; runs of which the metric is absent are left out."""
+    having = [run for run in runs if run.status != "ok" or metric in run.values]
+    return {run.case: run.values[metric] if run.status == "ok" else None for run in having}
 
 
 def _number(value: float | None) -> str:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.eval.literal import literal
+from moteslam.eval.tables import literal
 from moteslam.robot.files import write_atomically
 from moteslam.robot.pictures import STYLE
 

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from moteslam.eval.literal import literal
 from moteslam.eval.metrics.registry import metric
 from moteslam.eval.report import style
 from moteslam.eval.sweep.tables import GroupSummary, better, varying
+from moteslam.eval.tables import literal
 
 FAR_APART, FAR_APART_BELOW = 12.0, 5.0
 """Values of which one is this many times another have a logarithmic axis, if all are above 0; so have those below."""
@@ -79,7 +79,8 @@ def lines_of(groups: Sequence[GroupSummary], column: str, places: dict[Any, floa
     def text(group: GroupSummary, key: str) -> str:
         return str(group.about.get(key, ""))
 
-    others = [key for key in varying(groups) if key != column and len({text(group, key) for group in groups}) > 1]
+    keys = varying([group.about for group in groups])
+    others = [key for key in keys if key != column and len({text(group, key) for group in groups}) > 1]
     members: dict[tuple[tuple[str, ...], tuple[str, ...]], list[GroupSummary]] = {}
     for group in groups:
         where = tuple(text(group, key) for key in others if key in SETTINGS)

@@ -273,13 +273,16 @@ class _Reader:
                 try:
                     if len(cells) <= last:
                         raise ValueError(f"{counted(len(cells), 'cell')}, expected at least {last + 1}")
+                    if header is not None and mark and len(cells) > len(header) + (cells[-1] == b""):
+                        problem = f"{len(cells)} cells under {counted(len(header), 'name')}"
+                        raise ValueError(f"{problem}, expected as many (a decimal comma parts a number)")
                     row = [float(cells[index]) for index in finite]
                     if not np.isfinite(row).all():
                         raise ValueError("NaN or infinite, expected finite numbers")
                     found.extend(array("f", [float(cells[index] or b"0") * metres for index in span]))
                 except (ValueError, OverflowError) as error:
-                    no_number = str(error).startswith("could not convert")
-                    broken.add(number, "a cell that is no number, expected numbers" if no_number else str(error))
+                    _, is_text, cell = str(error).partition("could not convert string to float: b")
+                    broken.add(number, f"{cell[:40]}, expected a number" if is_text else str(error))
                     continue
                 values.extend(row)
                 count += 1

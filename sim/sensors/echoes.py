@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.noise import LidarNoise
 from moteslam.sim.actors.actors import Tracks
 from moteslam.sim.world.pieces import Material
 from moteslam.sim.world.world import World
@@ -109,7 +110,7 @@ class Scene:
         return ranges, surface.astype(np.int64), normal
 
     def _meet(self, origins: Floats, angles: Floats, times: Floats, ranges: NDArray[np.float32]) -> NDArray[np.int32]:
-        from moteslam.kernels.movers import cast_movers
+        from moteslam.kernels.raycast import cast_movers
 
         tracks = self.tracks
         assert tracks is not None
@@ -163,16 +164,14 @@ def mix_at_edges(
     ranges: NDArray[np.float32],
     middle: NDArray[np.float32],
     sides: NDArray[np.float32],
-    *,
-    mixed: float,
-    pulse: float,
+    noise: LidarNoise,
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
     """The ranges of beams, some of whose sides meet something else than their middle.
 
     On one flat surface the sides lie about as far before the middle as behind it; at an edge one of them does not.
-    There, with probability ``mixed``, the two echoes melt into one in between, if they are at most ``pulse`` [m] apart;
-    otherwise the range is that of one of them.
+    There, with probability ``noise.mixed``, the two echoes melt into one in between, if they are at most
+    ``noise.pulse`` [m] apart; otherwise the range is that of one of them.
 
     Args:
         ranges: [n] of the beams as lines [m].
@@ -190,19 +189,7 @@ def mix_at_edges(
     with np.errstate(invalid="ignore"):
         apart = np.abs(other - middle)
         melted = middle + share * (other - middle)
-        melts = (draw < mixed) & (apart <= pulse)
+        melts = (draw < noise.mixed) & (apart <= noise.pulse)
     # a quarter of the beam's width lies on the other side of the edge, on average
     alone = np.where((share < 0.25) & np.isfinite(other), other, ranges)
     return np.where(edge, np.where(melts, melted, alone), ranges).astype(np.float32)
-
-
-def add_false_returns(
-    ranges: NDArray[np.float32], *, share: float, nearest: float, scale: float, rng: np.random.Generator
-) -> NDArray[np.float32]:
-    """Ranges [n], a ``share`` cut short by what floats in the air (z_short of Probabilistic Robotics, table 6.1).
-
-    ``nearest`` is the least range of such an echo, ``scale`` the mean distance beyond it [m]; two numbers a beam.
-    """
-    met = rng.random(len(ranges), np.float32) < share
-    drop = nearest + rng.exponential(scale, len(ranges))
-    return np.where(met & ~(drop >= ranges), drop, ranges).astype(np.float32)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.recording import LidarStream, Recording, chosen
+from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.hand_eye import CLOCKS, Fit, Pairs, Parameter, Path, clock, covariances, fit
 from moteslam.slam.calibration.scan_pairs import Beams, Motions, refine, register
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
-from moteslam.slam.inputs.synchronise import sweep_seconds
+from moteslam.slam.inputs.synchronise import in_order, sweep_seconds
 
 Array = NDArray[np.float64]
 
@@ -35,8 +35,8 @@ OFFSET = 0.1
 """Prior standard deviation of a common offset of the ranges [m]; it would pass for a scale of the angles."""
 ANGLE_FLOOR = 0.0015
 """The standard deviation of that scale is no smaller."""
-AGREES = 0.6
-"""Turns of scans and odometry that correlate less are not of the same motion."""
+AGREES, AGREES_LOGGED = 0.6, 0.35
+"""Turns of scans and odometry that correlate less are not of the same motion: with clocks to be found, and without."""
 BETTER, EVIDENCE = 0.4, 60.0
 """Odometry is read in another way where that costs less than this share, and over all pairs less by this much."""
 UNFIT = 7.0
@@ -52,8 +52,6 @@ LATE, LATE_WHEELS = 0.16, 0.25
 """Clocks that differ by less are taken for one [s]: wheels without a gyro turn before the robot does, by 0.1 s."""
 DRIFT = 1e-3
 """Likewise [s/s]."""
-PLACE_BY_WHEELS = 0.02
-"""Added to the deviations of the mount's place, since such wheels slip aside in turns [m]."""
 MOVES = 0.05
 """The direction of a path is taken over this distance [m]."""
 FORMS = ("stated", "turns", "y", "path")
@@ -99,25 +97,23 @@ def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None
         None if too few scans can be registered, the robot hardly turns, or there is no odometry.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
-    lidar = _in_order(recording.lidar)
+    lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
         return None
     try:
         with np.errstate(all="ignore"):
-            return _calibrate(recording, lidar, pairs)
+            return _calibrate(recording, in_order(lidar), pairs)
     except (InputError, np.linalg.LinAlgError):  # encoders without wheels; values that are not finite
         return None
 
 
 def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibration | None:
-    path = _path(recording, lidar)
+    poses, logged = lidar.odometry, lidar.odometry is not None
+    path = odometry_path(recording, SyncConfig()) if poses is None else OdometryPath(lidar.stamps, poses)
     if path is None:
         return None
     scans = _RegisteredPairs(recording, lidar, path, pairs)
-    if not scans.enough(GOOD / 2):
-        return None
-    logged = lidar.odometry is not None
-    if scans.pairs.motions[:, 2].std() < TURNING:
+    if not scans.enough(GOOD / 2) or scans.pairs.motions[:, 2].std() < TURNING:
         return None
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
     form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
@@ -129,18 +125,17 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
     if not scans.enough(GOOD):
         return None
     clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
-    best = clocks._replace(values=clocks.values.copy())
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged
     shared = logged or not clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
-    if shared and not logged:
-        best = fit(scans.pairs, at, (0.0, 0.0), shared=True)
     start = clocks.values[Parameter.OFFSET] + clocks.values[Parameter.DRIFT] * (scans.first.min() - clocks.middle)
-    if not shared and abs(start) < (LATE_WHEELS if wheels_alone else LATE):  # one clock when the recording began
+    began_as_one = abs(start) < (LATE_WHEELS if wheels_alone else LATE)
+    if wheels_alone and began_as_one:  # the body follows its wheels late, and in turns aside, by about the same time
+        clocks = fit(scans.pairs, at, (offset, drift), shared=False, slip=max(-start, 0.0))
+    best = clocks._replace(values=clocks.values.copy())
+    if shared and not logged and not wheels_alone:
+        best = fit(scans.pairs, at, (0.0, 0.0), shared=True)
+    if not shared and began_as_one:
         best.values[Parameter.OFFSET] -= start
-    if wheels_alone:
-        for each in (best, clocks):
-            place = each.deviations[: Parameter.YAW]
-            place[:] = np.hypot(place, PLACE_BY_WHEELS)
     fits = read is not None and min(best.cost, clocks.cost) < UNFIT
     clocks_or_none = None if logged else clocks
     return Calibration(
@@ -185,25 +180,6 @@ def _along(poses: Array) -> Array:
     return np.interp(np.arange(len(poses)), middle, np.unwrap(np.arctan2(step[:, 1], step[:, 0])))
 
 
-def _in_order(lidar: LidarStream | None) -> LidarStream | None:
-    if lidar is None or lidar.sequence is None:
-        return lidar
-    order = np.argsort(lidar.sequence, kind="stable")
-    return replace(
-        lidar,
-        stamps=np.maximum.accumulate(lidar.stamps[order]),
-        ranges=chosen(lidar.ranges, order),
-        odometry=None if lidar.odometry is None else lidar.odometry[order],
-        sequence=None,
-    )
-
-
-def _path(recording: Recording, lidar: LidarStream) -> OdometryPath | None:
-    if lidar.odometry is not None:
-        return OdometryPath(lidar.stamps, lidar.odometry)
-    return odometry_path(recording, SyncConfig())
-
-
 def _read(
     scans: _RegisteredPairs, path: OdometryPath, *, logged: bool, poses: bool
 ) -> tuple[str, bool, float, tuple[float, float]] | None:
@@ -213,10 +189,8 @@ def _read(
     for form in FORMS if poses else FORMS[:1]:
         read = in_form(path, form)
         headings = np.unwrap(read.poses[:, 2])
-        offset, drift, correlation = clock(scans.pairs, read.stamps, headings)
-        if logged:
-            offset = drift = 0.0
-        if abs(correlation) < AGREES:
+        offset, drift, correlation = clock(scans.pairs, read.stamps, headings, shared=logged)
+        if abs(correlation) < (AGREES_LOGGED if logged else AGREES):
             continue
         pairs, mirrored = scans.pairs, correlation < 0
         if mirrored:
@@ -251,10 +225,9 @@ class _RegisteredPairs:
         ranges = np.asarray(lidar.ranges[scans], np.float64)[:, beams] if len(scans) else np.zeros((0, len(beams)))
         ranges[~np.isfinite(ranges)] = np.nan
         self._ranges = ranges[np.searchsorted(scans, before)], ranges[np.searchsorted(scans, after)]
-        starts = np.stack([np.tile((0.0, 0.0, turn), (len(before), 1)) for turn in TURNS])
         self._found: Motions | None = None
         if len(before) >= FEWEST:
-            self._found = register(*self._ranges, self._beams, self._seconds, starts)
+            self._found = register(*self._ranges, self._beams, self._seconds, TURNS)
 
     def enough(self, share: float) -> bool:
         """Whether enough pairs are registered, and this share of all."""
@@ -319,7 +292,10 @@ class _RegisteredPairs:
 
 
 def _pairs(lidar: LidarStream, odometry: Array, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Pairs of scans all over a recording, half of them evenly in time, half by the distance of the odometry."""
+    """Pairs of scans all over a recording: a third of them evenly by scans, by the way, and by turns of the odometry.
+
+    Those by odometry begin a scan after the step that they are chosen by, or before: its noise is in none of them.
+    """
     stamps, n = lidar.stamps, len(lidar)
     motion, seconds = np.abs(se2.between(odometry[:-1], odometry[1:])), np.diff(stamps)
     size = np.hypot(motion[:, 0], motion[:, 1]) / MOTION[0] + motion[:, 2] / MOTION[1]
@@ -329,10 +305,13 @@ def _pairs(lidar: LidarStream, odometry: Array, count: int) -> tuple[NDArray[np.
         usual = float(np.median(size[moving]))
         rate = float(np.median(size[moving] / np.maximum(seconds[moving], 1e-3)))
         span = min(max(1 / rate, SHORTEST), LONGEST)
-    way = np.concatenate(([0.0], np.cumsum(np.minimum(size, 5 * usual))))
-    evenly = (np.arange(count // 2) + 0.5) / (count // 2)
-    by_way = np.interp(evenly * way[-1], way, np.arange(n))
-    first = np.unique(np.concatenate((by_way, evenly * (n - 1))).astype(np.intp))
+    evenly = (np.arange(count // 3) + 0.5) / (count // 3)
+    beside = np.where(np.arange(count // 3) % 2, 1, -1)
+    begins = [evenly * (n - 1)]
+    for step in (np.minimum(size, 5 * usual), np.minimum(motion[:, 2], np.pi / 4)):
+        way = np.concatenate(([0.0], np.cumsum(step)))
+        begins.append(np.interp(evenly * way[-1], way, np.arange(n)) + beside)
+    first = np.unique(np.clip(np.concatenate(begins), 0, n - 1).astype(np.intp))
     last = np.maximum(np.searchsorted(stamps, stamps[first] + span), first + 1)
     first, last = first[last < n], last[last < n]
     apart = stamps[last] - stamps[first]

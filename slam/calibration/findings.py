@@ -33,13 +33,11 @@ FAR, TURNED, LONG = 0.15, 0.14, 0.06
 WITHIN = 1.96
 """Standard deviations to either side of a value that it lies within, in 95 of 100 cases."""
 WRONG = {
-    "turns": Issue("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
-    "y": Issue("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
-    "path": Issue(
-        "odometry-headings", "odometry: its headings do not follow the way that it drives, and are of no use"
-    ),
+    "turns": ("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
+    "y": ("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
+    "path": ("odometry-headings", "odometry: its headings do not follow the way that it drives, and are of no use"),
 }
-"""What is said of the forms of odometry poses that are not as stated."""
+"""The code and the text of the forms of odometry poses that are not as stated."""
 
 
 @dataclass(frozen=True)
@@ -81,26 +79,18 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     """What a calibration says of the recording that it was made of."""
     lidar, mount = recording.lidar, recording.platform.lidar
     assert lidar is not None
-    c, issues, moves = calibration, [], []
-
-    def say(issue: Issue, *, much: bool) -> None:
-        issues.append(issue)
-        if much:
-            moves.append(issue)
-
+    c = calibration
+    told: list[tuple[str, str, bool]] = []  # code, text, whether it moves the result
     figures = _figures(c, recording)
     certain = {figure.name.split(" ")[0]: figure for figure in figures if figure.certain}
     right = _lidar(lidar, c, certain)
     if not c.fits:
         text = f"odometry: it does not measure the motion that scans show (correlation of turns {c.correlation:.2f}): "
-        say(
-            Issue("odometry-unfit", text + "of another run, clock or robot, or broken; leave its stream out"),
-            much=True,
-        )
+        told.append(("odometry-unfit", text + "of another run, clock or robot, or broken; leave its stream out", True))
     x, y, yaw = _mount(c, recording, certain)
     toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"
     if c.form in WRONG and c.fits:
-        say(WRONG[c.form], much=True)
+        told.append((*WRONG[c.form], True))
     if c.mirrored and c.fits:
         beams = "are in the other order, the last one first"
         if not c.reversed:
@@ -109,10 +99,10 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
             f"scans and odometry turn in opposite directions (correlation {-abs(c.correlation):.2f}): a mirror image "
             f"of the place, if anything. Either the beams {beams}; or the odometry has y and turns of the wrong sign"
         )
-        say(Issue("mirrored", text), much=True)
+        told.append(("mirrored", text, True))
     if (angles := certain.get("angles")) is not None:
         text = f"lidar: angles between beams are {_percent(angles)} stated: walls come out bent, turns wrong. "
-        say(Issue("lidar-angles", f"{text}In platform.toml: [lidar] {toml}"), much=True)
+        told.append(("lidar-angles", f"{text}In platform.toml: [lidar] {toml}", True))
     if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
         backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4
         parts = [
@@ -120,10 +110,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         ]
         text = f"lidar: mounted {'backwards' if backwards else 'elsewhere'} by the odometry: {'; '.join(parts)}. "
         far = hypot(x - mount.x, y - mount.y) > FAR or abs(se2.wrap(yaw - mount.yaw)) > TURNED
-        say(
-            Issue("lidar-mount", f"{text}In platform.toml: [lidar] x = {x:.3f}, y = {y:.3f}, yaw = {yaw:.4f}"),
-            much=bool(far),
-        )
+        text += f"In platform.toml: [lidar] x = {x:.3f}, y = {y:.3f}, yaw = {yaw:.4f}"
+        told.append(("lidar-mount", text, bool(far)))
     if (scale := certain.get("lengths")) is not None:
         wheels = recording.platform.wheels
         text = f"ranges measure {_percent(scale)} odometry does; which of them is right scans cannot say. "
@@ -133,20 +121,22 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
             text += f"effective_track = {track:.4g}"
         else:
             text += "If ranges are, the odometry's x and y are to be multiplied by it; if not, the ranges divided"
-        say(Issue("range-scale", text), much=abs(scale.value - 1) > LONG)
+        told.append(("range-scale", text, abs(scale.value - 1) > LONG))
     if (turns := certain.get("turns")) is not None:
         text = f"odometry: robot turns {_percent(turns)} odometry does: its track is wrong, or its angles no radians"
-        say(Issue("odometry-turn-scale", text), much=True)
+        told.append(("odometry-turn-scale", text, True))
     if (late := certain.get("offset")) is not None:
         side = "earlier" if late.value > 0 else "later"
         text = f"lidar: scans are stamped {abs(late.value):.2f} s ({_interval(late)}) {side} than the odometry of them"
-        say(Issue("clock-offset", f"{text}: every turn is smeared"), much=True)
+        told.append(("clock-offset", f"{text}: every turn is smeared", True))
     if (drift := certain.get("drift")) is not None:
         text = f"lidar: its clock runs {1000 * -drift.value:+.2f} ms a second against the odometry's, 95 %: "
         text += f"{1000 * (-drift.value - WITHIN * drift.deviation):+.2f} to "
         text += f"{1000 * (-drift.value + WITHIN * drift.deviation):+.2f}"
-        say(Issue("clock-drift", text), much=True)
-    return Findings(figures, tuple(issues), tuple(moves), c.fits and c.form in WRONG)
+        told.append(("clock-drift", text, True))
+    issues = tuple(Issue(code, text) for code, text, _ in told)
+    moves = tuple(Issue(code, text) for code, text, much in told if much)
+    return Findings(figures, issues, moves, c.fits and c.form in WRONG)
 
 
 def calibrated(recording: Recording, calibration: Calibration, side: Side) -> Recording:
@@ -158,15 +148,12 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side) -> Re
         side: what is taken to be wrong where the two contradict each other and scans cannot say which is: one that is
             a mirror image, the ratio of lengths, the clock.
     """
-    lidar, c = recording.lidar, calibration
-    assert lidar is not None
-    lidar_is_wrong = side == "lidar"
-    mirrored = c.mirrored and c.fits
-    c = replace(c, mirrored=mirrored)
+    c = replace(calibration, mirrored=calibration.mirrored and calibration.fits)
+    mirrored, lidar_is_wrong = c.mirrored, side == "lidar"
     if mirrored and not lidar_is_wrong:  # the mount was found in the mirror
-        c = replace(c, mirrored=False, fit=c.fit._replace(values=c.fit.values * (1, -1, -1, 1, 1, 1, 1)))
+        signs = [-1 if k in (Parameter.Y, Parameter.YAW) else 1 for k in Parameter]
+        c = replace(c, mirrored=False, fit=c.fit._replace(values=c.fit.values * signs))
     certain = {figure.name.split(" ")[0] for figure in _figures(c, recording) if figure.certain}
-    right = _lidar(lidar, c, certain)
     x, y, yaw = _mount(c, recording, certain)
     scale = c.fit.values[Parameter.LENGTHS] if "lengths" in certain else 1.0
     offset, drift = c.fit.values[CLOCKS] if not c.shared_clock else (0.0, 0.0)
@@ -177,14 +164,15 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side) -> Re
     )
     if c.form in WRONG and c.fits:
         mended = with_form(mended, c.form)
-    if lidar_is_wrong:
-        stamps = lidar.stamps + offset + drift * (lidar.stamps - c.fit.middle)
-        factor = np.float32(1 / scale)
-        ranges = right.ranges if scale == 1 else _read(right, lambda ranges: ranges * factor)
-        right = replace(right, stamps=stamps, ranges=ranges, range_max=lidar.range_max / scale)
-        return mended.replace(lidar=replace(right, odometry=_logged(mended)))
-    mended = mended.replace(lidar=replace(right, odometry=_logged(mended)))
-    return _other_odometry(mended, mirrored, float(scale), offset, drift, c.fit.middle)
+    lidar = mended.lidar
+    assert lidar is not None
+    lidar = _lidar(lidar, c, certain)
+    if not lidar_is_wrong:
+        return _other_odometry(mended.replace(lidar=lidar), mirrored, float(scale), offset, drift, c.fit.middle)
+    stamps = lidar.stamps + offset + drift * (lidar.stamps - c.fit.middle)
+    factor = np.float32(1 / scale)
+    ranges = lidar.ranges if scale == 1 else _read(lidar, lambda ranges: ranges * factor)
+    return mended.replace(lidar=replace(lidar, stamps=stamps, ranges=ranges, range_max=lidar.range_max / scale))
 
 
 def with_form(recording: Recording, form: str) -> Recording:
@@ -201,8 +189,9 @@ def with_form(recording: Recording, form: str) -> Recording:
 
 def _figures(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
     mount = recording.platform.lidar
-    x, y, yaw, lengths, ratio, *_ = c.fit.values.tolist()
-    about_x, about_y, about_yaw, about_lengths, about_ratio, *_ = c.fit.deviations.tolist()
+    x, y, yaw, lengths, turns_over_scans, *_ = c.fit.values.tolist()
+    about_x, about_y, about_yaw, about_lengths, about_turns, *_ = c.fit.deviations.tolist()
+    ratio, about_ratio = 1 / turns_over_scans, about_turns / turns_over_scans**2
     clocks = c.clocks or c.fit
     angles_differ = abs(c.angle_scale - 1) > max(ANGLES, SIGMAS * c.angle_deviation)
     least = [PLACE, PLACE, YAW + (abs(c.angle_scale - 1) * _span(recording.lidar) if angles_differ else 0.0)]
@@ -254,10 +243,6 @@ def _mount(c: Calibration, recording: Recording, certain: Collection[str]) -> tu
     y = float(values[Parameter.Y]) if "y" in certain else mount.y
     turned = c.fits and ("yaw" in certain or "angles" in certain or c.mirrored)
     return x, y, float(values[Parameter.YAW]) if turned else mount.yaw
-
-
-def _logged(recording: Recording) -> Array | None:
-    return None if recording.lidar is None else recording.lidar.odometry
 
 
 def _read(lidar: LidarStream, change: Callable[[Any], Any]) -> Ranges:

@@ -19,11 +19,11 @@ Array = NDArray[np.float64]
 Path = Callable[[Array], Array]
 """Gives the odometry's poses [m, 3] at times [m] [s]."""
 
-FLOOR = np.array([0.004, 0.004, 0.003, 0.007, 0.01, 0.01, 4e-5])
+FLOOR = np.array([0.004, 0.004, 0.003, 0.007, 0.01, 0.0, 0.01, 0.0])
 """Standard deviations are no smaller: what the model leaves out, slip and the shape of walls."""
 ODOMETRY = (0.005, 0.03, 0.01, 0.1)
 """Deviation of its lengths [m], per metre, of its turns [rad], per radian: those of `CalibrationConfig`."""
-PRIOR = np.array([1.0, 1.0, 1.0, 0.3, 0.3, 1.0, 0.01])
+PRIOR = np.array([1.0, 1.0, 1.0, 0.3, 0.3, 0.03, 1.0, 0.01])
 """Standard deviations about where the fit begins, the mount about none."""
 DEGENERATE = 0.2
 """A direction that scans measure by less than this share of the other they do not measure."""
@@ -33,6 +33,10 @@ FEWEST = 15
 """Fewer pairs that measure a length give no ratio."""
 BLOCKS = 25
 """Parts of a recording whose scatter gives the deviations."""
+MEDIAN = 0.6745
+"""Of the size of a normal variate of unit variance."""
+MEDIAN_OF_3 = 2.366
+"""Of the sum of the squares of three."""
 TAIL = 2.5
 """Weighted residuals beyond it lose weight (Cauchy)."""
 LONGEST, STEP = 8.0, 0.05
@@ -42,15 +46,20 @@ MOST_DRIFT = 0.012
 
 
 class Parameter(IntEnum):
-    """Where each parameter of a fit is: mount [m], [rad]; ratios of lengths and turns; clocks [s], [s/s]."""
+    """Where each parameter of a fit is.
+
+    The mount [m], [rad]; the ratio of lengths by scans to those by odometry, and that of turns by odometry to those by
+    scans; how far wheels slip outwards in a turn, over speed and turn [s]; clocks [s], [s/s].
+    """
 
     X = 0
     Y = 1
     YAW = 2
     LENGTHS = 3
     TURNS = 4
-    OFFSET = 5
-    DRIFT = 6
+    SLIP = 5
+    OFFSET = 6
+    DRIFT = 7
 
 
 MOUNT, CLOCKS = slice(Parameter.X, Parameter.LENGTHS), slice(Parameter.OFFSET, None)
@@ -75,9 +84,9 @@ class Fit(NamedTuple):
     """A lidar against odometry.
 
     Attributes:
-        values: [7] mount x, y [m], yaw [rad]; lengths by scans over those by odometry; turns likewise; the time that
-            the odometry's stamps are late by [s], and how that changes [s/s].
-        deviations: [7] their standard deviations.
+        values: [8] by ``Parameter``; clocks as the time that the odometry's stamps are late by [s], and how that
+            changes [s/s].
+        deviations: [8] their standard deviations.
         cost: mean robust cost of a pair; about 3 where the model holds.
         middle: the time that the drift counts from [s].
     """
@@ -87,9 +96,9 @@ class Fit(NamedTuple):
     cost: float
     middle: float
 
-    def expected(self, first: Array, last: Array, path: Path, turns: Array | None = None) -> Array:
-        """The lidar's motions [k, 3] between times [k]; lengths go along turns [k], if these are given."""
-        return _expected(self.values, first, last, self.middle, path, turns)
+    def expected(self, first: Array, last: Array, path: Path) -> Array:
+        """The lidar's motions [k, 3] between times [k]."""
+        return _expected(self.values, first, last, self.middle, path)
 
 
 def covariances(information: Array, deviation: Array) -> Array:
@@ -103,20 +112,21 @@ def covariances(information: Array, deviation: Array) -> Array:
     return np.asarray(covariance)
 
 
-def clock(pairs: Pairs, stamps: Array, headings: Array) -> tuple[float, float, float]:
+def clock(pairs: Pairs, stamps: Array, headings: Array, *, shared: bool) -> tuple[float, float, float]:
     """Offset [s] and drift [s/s] at which the turns of both agree best, and their correlation there, of either sign.
 
     Args:
         stamps: [n] of the odometry [s].
         headings: [n] its headings, unwrapped [rad].
+        shared: the two are on one clock; then these are 0.
     """
     turns = pairs.motions[:, 2]
     limit = 3 * np.median(np.abs(turns)) + 0.05
     turns_by_scans = np.clip(turns, -limit, limit)
     turns_by_scans = turns_by_scans - turns_by_scans.mean()
-    lags = np.arange(-LONGEST, LONGEST + STEP / 2, STEP)
+    lags = np.zeros(1) if shared else np.arange(-LONGEST, LONGEST + STEP / 2, STEP)
     span = max(float(np.ptp(pairs.first)), 1.0)
-    steps = int(min(MOST_DRIFT * span / 0.4, 25))
+    steps = 0 if shared else int(min(MOST_DRIFT * span / 0.4, 25))
     best, found = -np.inf, (0.0, 0.0, 0.0)
     for drift in np.linspace(-steps, steps, 2 * steps + 1) * 0.4 / span:
         shift = drift * (pairs.first - pairs.middle) + lags[:, None]
@@ -132,35 +142,44 @@ def clock(pairs: Pairs, stamps: Array, headings: Array) -> tuple[float, float, f
     return found
 
 
-def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool) -> Fit:
+def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, slip: float = 0.0) -> Fit:
     """Fit a lidar to odometry: iterated weighted least squares, with the deviations of a clustered sandwich.
+
+    Turns by odometry are regressed on those by scans, which are far better: the other way round their noise would pass
+    for a scale (attenuation). How large it is the residuals say.
 
     Args:
         shared: the two are on one clock; then these are not estimated.
+        slip: that is expected [s].
     """
 
     def residuals(p: Array) -> Array:
         expected = _expected(p, pairs.first, pairs.last, pairs.middle, path, pairs.motions[:, 2])
         apart = pairs.motions - expected
-        apart[:, 2] = se2.wrap(apart[:, 2])
+        apart[:, 2] = p[Parameter.TURNS] * se2.wrap(apart[:, 2])  # of turns by odometry
         return apart
 
-    p = np.array([0.0, 0.0, 0.0, 1.0, 1.0, *clocks])
+    p = np.array([0.0, 0.0, 0.0, 1.0, 1.0, slip, *clocks])
     stated = _expected(p, pairs.first, pairs.last, pairs.middle, path)
     p[Parameter.YAW], p[Parameter.LENGTHS] = _direction(pairs, stated)
-    per_length, per_turn = np.hypot(stated[:, 0], stated[:, 1]), np.abs(stated[:, 2])
-    noise = np.stack((ODOMETRY[0] + ODOMETRY[1] * per_length,) * 2 + (ODOMETRY[2] + ODOMETRY[3] * per_turn,), axis=1)
-    weights = np.linalg.inv(pairs.covariances + noise[:, :, None] ** 2 * np.eye(3))
-    steps = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.02, 0.02 / max(float(np.ptp(pairs.first)), 1.0)])
-    free = np.ones(7, bool)
+    per_length, per_turn = np.hypot(stated[:, 0], stated[:, 1]), np.abs(pairs.motions[:, 2])
+    of_turns = ODOMETRY[2] + ODOMETRY[3] * per_turn
+    noise = np.stack((ODOMETRY[0] + ODOMETRY[1] * per_length,) * 2 + (of_turns,), axis=1)
+    steps = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.02, 0.02 / max(float(np.ptp(pairs.first)), 1.0)])
+    free = np.ones(len(Parameter), bool)
     free[CLOCKS] = not shared
     prior, begin = np.diag(np.where(free, 1 / PRIOR**2, 1e12)), p
     for _ in range(12):
         apart = residuals(p)
+        more = (np.median(np.abs(apart[:, 2])) / MEDIAN) ** 2 - np.median(of_turns) ** 2
+        noise[:, 2] = np.sqrt(of_turns**2 + max(more, 0.0))
+        weights = np.linalg.inv(pairs.covariances + noise[:, :, None] ** 2 * np.eye(3))
         each = [(residuals(p - h) - residuals(p + h)) / (2 * s) for h, s in zip(np.diag(steps), steps, strict=True)]
         jacobian = np.stack(each, axis=-1) * free
         square = np.einsum("ki,kij,kj->k", apart, weights, apart)
-        robust = 1 / (1 + square / TAIL**2)
+        less = min(max(float(np.median(square)) / MEDIAN_OF_3, 0.1), 1.0)
+        weights = weights / less
+        robust = 1 / (1 + square / less / TAIL**2)
         normal = np.einsum("kip,kij,kjq,k->pq", jacobian, weights, jacobian, robust) + prior
         gradient = np.einsum("kip,kij,kj,k->kp", jacobian, weights, apart, robust)
         p = p + np.linalg.solve(normal, gradient.sum(axis=0) - prior @ (p - begin))
@@ -168,21 +187,29 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool) 
     parts = _parts(gradient)
     spread = inverse @ (parts.T @ parts) @ inverse
     deviations = np.hypot(np.sqrt(np.maximum(np.diag(spread), np.diag(inverse))), FLOOR)
+    late = FLOOR[Parameter.OFFSET] / max(float(np.ptp(pairs.first)) / 2, 1.0)  # between the middle and the ends
+    deviations[Parameter.DRIFT] = np.hypot(deviations[Parameter.DRIFT], late)
+    deviations[Parameter.TURNS] = np.hypot(np.sqrt(spread[Parameter.TURNS, Parameter.TURNS]), FLOOR[Parameter.TURNS])
     expected = _expected(p, pairs.first, pairs.last, pairs.middle, path, pairs.motions[:, 2])
-    for k, (ratio, deviation) in enumerate(_ratios(pairs, expected, robust), start=Parameter.LENGTHS):
-        p[k], deviations[k] = p[k] * ratio, np.hypot(p[k] * deviation, FLOOR[k])
+    ratio, deviation = _ratio_of_lengths(pairs, expected, robust)
+    deviations[Parameter.LENGTHS] = np.hypot(p[Parameter.LENGTHS] * deviation, FLOOR[Parameter.LENGTHS])
+    p[Parameter.LENGTHS] *= ratio
     p[Parameter.YAW] = se2.wrap(p[Parameter.YAW])
     return Fit(p, deviations, float((TAIL**2 * np.log1p(square / TAIL**2)).mean()), pairs.middle)
 
 
 def _expected(p: Array, first: Array, last: Array, middle: float, path: Path, turns: Array | None = None) -> Array:
+    """The lidar's motions [k, 3] between times [k]; lengths go along turns [k], if these are given."""
     began, ended = (path(time + p[Parameter.OFFSET] + p[Parameter.DRIFT] * (time - middle)) for time in (first, last))
     motion = np.asarray(se2.between(began, ended))
-    turn = p[Parameter.TURNS] * motion[:, 2]
-    bend = ((turn if turns is None else turns) - motion[:, 2]) / 2  # turns by the scans are the better ones
+    turn = motion[:, 2] / p[Parameter.TURNS]
+    turned = turn if turns is None else turns  # those by the scans are the better ones
+    bend = (turned - motion[:, 2]) / 2
     cos, sin = p[Parameter.LENGTHS] * np.cos(bend), p[Parameter.LENGTHS] * np.sin(bend)
     x, y = cos * motion[:, 0] - sin * motion[:, 1], sin * motion[:, 0] + cos * motion[:, 1]
-    moved = np.stack((x, y, turn if turns is None else turns), axis=1)
+    aside = p[Parameter.SLIP] * np.hypot(x, y) / np.maximum(last - first, 1e-3) * turned
+    x, y = x + np.sin(turned / 2) * aside, y - np.cos(turned / 2) * aside
+    moved = np.stack((x, y, turned), axis=1)
     lidar = np.asarray(se2.compose(se2.compose(se2.inverse(p[MOUNT]), moved), p[MOUNT]))
     lidar[:, 2] = turn
     return lidar
@@ -202,41 +229,34 @@ def _direction(pairs: Pairs, odometry: Array) -> tuple[float, float]:
     return float(np.angle(middle)), float(np.clip(1 / max(abs(middle), 1e-3), 0.01, 100))
 
 
-def _ratios(pairs: Pairs, expected: Array, robust: Array) -> tuple[tuple[float, float], tuple[float, float]]:
-    """The ratios of lengths and of turns by the scans to expected ones, with their deviations.
+def _ratio_of_lengths(pairs: Pairs, expected: Array, robust: Array) -> tuple[float, float]:
+    """The ratio of lengths by the scans to expected ones, with its deviation.
 
-    Both have errors, of stamps above all, and least squares would find too small a ratio: sums are compared, of lengths
-    in the direction of the motion, and of turns by the direction that both have together. Lengths that registration
-    stopped short of, and wheels that slip, lie on one side, and are cut off (Tukey).
+    Both have errors, of stamps above all, and least squares would find too small a ratio: sums are compared, in the
+    direction of the motion. Lengths that registration stopped short of, and wheels that slip, lie on one side, and are
+    cut off (Tukey).
     """
     ways = [each[:, :2] / np.maximum(np.hypot(*each[:, :2].T), 0.02)[:, None] for each in (pairs.motions, expected)]
     along = ways[0] + ways[1]
     along /= np.maximum(np.hypot(*along.T), 1e-6)[:, None]
     variance = np.einsum("ki,kij,kj->k", along, pairs.covariances[:, :2, :2], along)
-    together = np.clip(pairs.motions[:, 2] + expected[:, 2], -0.5, 0.5)
-    turns = _ratio(pairs.motions[:, 2], expected[:, 2], robust * together / (pairs.covariances[:, 2, 2] + 0.02**2))
     measured = variance < UNMEASURED
     if measured.sum() < FEWEST:
-        return (1.0, 1.0), turns
+        return 1.0, 1.0
     by_scans, by_odometry = ((each[:, :2] * along).sum(axis=1) for each in (pairs.motions, expected))
     weight = whole = np.where(measured, robust / (variance + 0.02**2), 0.0)
     counts = whole > 0.1 * np.percentile(whole[measured], 90)
-    lengths = 1.0, 1.0
+    ratio, deviation = 1.0, 1.0
     for _ in range(8):
-        lengths = _ratio(by_scans, by_odometry, weight)
-        if not 0.5 < lengths[0] < 2:  # lengths are hardly measured
-            return (1.0, 1.0), turns
-        apart = np.abs(by_scans - lengths[0] * by_odometry) * np.sqrt(whole)
-        weight = whole * np.maximum(1 - (apart / max(5 * float(np.median(apart[counts])), 1e-9)) ** 2, 0) ** 2
-    return lengths, turns
-
-
-def _ratio(by_scans: Array, by_odometry: Array, weight: Array) -> tuple[float, float]:
-    total = float((weight * by_odometry).sum())
-    if not total > 1e-9:
-        return 1.0, 1.0
-    ratio = float((weight * by_scans).sum()) / total
-    return ratio, float(np.sqrt((_parts(weight * (by_scans - ratio * by_odometry)) ** 2).sum())) / total
+        total = float((weight * by_odometry).sum())
+        ratio = float((weight * by_scans).sum()) / max(total, 1e-9)
+        if not 0.5 < ratio < 2:  # lengths are hardly measured
+            return 1.0, 1.0
+        apart = by_scans - ratio * by_odometry
+        deviation = float(np.sqrt((_parts(weight * apart) ** 2).sum())) / total
+        size = np.abs(apart) * np.sqrt(whole)
+        weight = whole * np.maximum(1 - (size / max(5 * float(np.median(size[counts])), 1e-9)) ** 2, 0) ** 2
+    return ratio, deviation
 
 
 def _parts(values: Array) -> Array:

@@ -6,6 +6,7 @@ is found by bearing, as in polar scan matching, so that every step is an operati
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -75,24 +76,28 @@ class Motions:
     gradients: Array
     about_warps: Array
 
+    def take(self, at: NDArray[Any], other: Motions, where: NDArray[Any]) -> None:
+        """At pairs what another registration found where."""
+        for mine, others in zip(vars(self).values(), vars(other).values(), strict=True):
+            mine[at] = others[where]
 
-def register(former: Array, latter: Array, beams: Beams, seconds: Array, starts: Array) -> Motions:
+
+def register(former: Array, latter: Array, beams: Beams, seconds: Array, turns: Sequence[float]) -> Motions:
     """Register pairs of scans.
 
     Args:
         former, latter: [k, b] ranges [m]; not finite where there is no endpoint.
         seconds: [k] between the stamps; the lidar is taken to move evenly between them and during a sweep.
-        starts: [s, k, 3] motions to begin with; a pair that one does not register begins with the next.
+        turns: [s] of all to begin with [rad]; a pair that one does not register begins with the next.
     """
+    starts = np.zeros((len(turns), len(former), 3))
+    starts[..., 2] = np.reshape(turns, (-1, 1))
     found = _register(former, latter, beams, seconds, starts[0], STEPS)
     for start in starts[1:]:
         again = np.flatnonzero(~found.good)
-        if not len(again):
-            break
-        other = _register(former[again], latter[again], beams, seconds[again], start[again], STEPS)
-        better = other.good
-        for kept, better_one in zip(vars(found).values(), vars(other).values(), strict=True):
-            kept[again[better]] = better_one[better]
+        if len(again):
+            other = _register(former[again], latter[again], beams, seconds[again], start[again], STEPS)
+            found.take(again[other.good], other, other.good)
     return found
 
 
@@ -103,8 +108,7 @@ def refine(
     found = _register(former, latter, beams, seconds, motions, REFINING)
     if other is not None:
         worse = other.good & ~(found.good & (_cost(found) <= _cost(other)))
-        for kept, better_one in zip(vars(found).values(), vars(other).values(), strict=True):
-            kept[worse] = better_one[worse]
+        found.take(worse, other, worse)
     return found
 
 

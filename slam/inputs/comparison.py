@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,13 +20,6 @@ ASIDE = 2
 """An expected endpoint is looked for, and looked through, this many beams to either side."""
 BEAM = np.radians(1.0)
 """Of a finer lidar beams this far apart are compared [rad]."""
-
-
-class Votes(NamedTuple):
-    """Of comparisons [k] of two scans: [k, beams] which endpoints of the first travel, and which stand still."""
-
-    travel: Flags
-    stand: Flags
 
 
 class ComparedBeams:
@@ -50,8 +41,8 @@ class ComparedBeams:
         self.closed = bool(len(beams) * abs(self.step) > 2 * np.pi - 1.5 * abs(self.step))
 
 
-def compare_scans(beams: ComparedBeams, ranges: NDArray[np.float32], odometry: Array) -> Votes:
-    """Which endpoints of each of some scans [k + 1] travel to the next, and which stand still: [k, b].
+def compare_scans(beams: ComparedBeams, ranges: NDArray[np.float32], odometry: Array) -> tuple[Flags, Flags]:
+    """Which endpoints of each of some scans travel to the next, and which stand still in the world: [k, b] each.
 
     An endpoint that tells the two apart travels where the same beam has the same range and the place where a wall would
     be is seen through; it stands where the next scan has an endpoint there and the beam another range.
@@ -73,7 +64,7 @@ def compare_scans(beams: ComparedBeams, ranges: NDArray[np.float32], odometry: A
         for motion in (moved, straight):
             displaced, expected, seen = _expected(beams, before, after, motion)
             travel &= (displaced > LEAST_MOVED) & (seen >= expected + OTHER * displaced).all(axis=0)
-    return Votes(travel, stand)
+    return travel, stand
 
 
 def _expected(beams: ComparedBeams, before: Array, after: Array, moved: Array) -> tuple[Array, Array, Array]:

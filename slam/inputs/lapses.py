@@ -104,17 +104,17 @@ class Lapses:
     def issues(self, stamps: Array) -> tuple[Issue, ...]:
         """What there was, each kind with its times."""
         issues = []
-        if spans := self._spans("gap", stamps):
-            text = f"{when(spans)}: nothing was recorded while the robot drove on: where it is then the scans must say"
-            issues.append(Issue("gap", text, len(spans)))
-        if spans := self._spans("stale", stamps):
-            text = f"{when(spans)}: the odometry stood still while the robot drove: the scans alone there"
-            count = sum(int(((stamps > begin) & (stamps <= end)).sum()) for begin, end in spans)
-            issues.append(Issue("stale-odometry", text, max(count, 1)))
+        for kind, code, text in (
+            ("gap", "gap", "nothing was recorded while the robot drove on: where it is then the scans must say"),
+            ("stale", "stale-odometry", "the odometry stood still while the robot drove: the scans alone there"),
+        ):
+            spans = [(s.begin, s.end) for s in self.seen if s.kind == kind and s.named and s.begin < stamps[-1]]
+            count = len(spans)
+            if kind == "stale":
+                count = max(sum(int(((stamps > begin) & (stamps <= end)).sum()) for begin, end in spans), 1)
+            if spans:
+                issues.append(Issue(code, f"{when(spans)}: {text}", count))
         return tuple(issues)
-
-    def _spans(self, kind: str, stamps: Array) -> list[tuple[float, float]]:
-        return [(one.begin, one.end) for one in self.seen if one.kind == kind and one.named and one.begin < stamps[-1]]
 
 
 def lapses(
@@ -206,8 +206,7 @@ def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: Compar
         turn = float(se2.wrap(steps.heading(float(lidar.stamps[scan])) - steps.heading(float(lidar.stamps[since]))))
         going = np.array((speed * (lidar.stamps[scan] - lidar.stamps[since]), 0.0, turn))
         some = np.asarray(lidar.ranges[np.array((since, scan))])[:, fan.beams]
-        seen = compare_scans(fan, some, np.vstack((np.zeros(3), going)))
-        travel, stand = int(seen.travel.sum()), int(seen.stand.sum())
+        travel, stand = (int(flags.sum()) for flags in compare_scans(fan, some, np.vstack((np.zeros(3), going))))
         if travel >= BEAMS and stand <= travel / 4:
             return Lapse("stale", begin, float(lidar.stamps[scan]), named=False)
         if stand >= BEAMS and travel <= stand / 4:

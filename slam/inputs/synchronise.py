@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, chunks, gaps, nearest_stamp
+from moteslam.robot.recording import LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
 from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.lapses import CLOSED, Lapses, Open, lapses
@@ -101,10 +101,7 @@ def synchronise(
     logged = None
     if lidar.sequence is not None:
         taken = np.argsort(lidar.sequence, kind="stable")
-        logged, odometry = lidar.stamps[taken], odometry[taken]
-        lidar = replace(
-            lidar, stamps=np.maximum.accumulate(logged), ranges=lidar.ranges[taken], odometry=odometry, sequence=None
-        )
+        logged, odometry, lidar = lidar.stamps[taken], odometry[taken], in_order(lidar)
     counted = recording.encoders is not None and len(recording.encoders) > 0 and lidar.odometry is None
     travels = missing = None
     unmeasured = jumped = np.zeros(n, np.bool_)
@@ -153,6 +150,20 @@ def require_lidar(recording: Recording) -> LidarStream:
     if recording.lidar is None or not len(recording.lidar):
         raise InputError("no lidar scans, expected at least one", file=recording.name, field="lidar")
     return recording.lidar
+
+
+def in_order(lidar: LidarStream) -> LidarStream:
+    """The scans in the order in which they were taken, their stamps not falling."""
+    if lidar.sequence is None:
+        return lidar
+    order = np.argsort(lidar.sequence, kind="stable")
+    return replace(
+        lidar,
+        stamps=np.maximum.accumulate(lidar.stamps[order]),
+        ranges=chosen(lidar.ranges, order),
+        odometry=None if lidar.odometry is None else lidar.odometry[order],
+        sequence=None,
+    )
 
 
 def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, name: str) -> Array:
@@ -219,22 +230,33 @@ ENCODER_MARGIN = 0.1
 
 def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
     """What SLAM has to do without, or takes as something else."""
-    lidar, encoders = recording.lidar, recording.encoders
+    lidar, encoders, imu = recording.lidar, recording.encoders, recording.imu
     assert lidar is not None
-    issues = _about_scans(lidar)
+    n, told = len(lidar), []
+    blind = sum(int((~np.isfinite(scans).any(axis=1)).sum()) for scans in chunks(lidar.ranges))
+    told.append(("blind-scans", blind, f"{blind} of {n} scans without an endpoint: odometry alone there"))
+    if n > 2 and lidar.stamps[0] == lidar.stamps[-1] and lidar.odometry is None:
+        told.append(("equal-stamps", n, f"all {n} scans have the same stamp: there is no motion between them"))
     if encoders is not None and len(encoders):
-        issues += _about_encoders(encoders, recording.imu)
-        if lidar.odometry is None:
-            issues += _uncovered(lidar, encoders)
+        without, first, last = len(encoders), encoders.stamps[0], encoders.stamps[-1]
+        if imu is not None and len(imu) > 1:
+            early, late = imu.stamps[0] - GYRO_MARGIN, imu.stamps[-1] + GYRO_MARGIN
+            without = int(((encoders.stamps <= early) | (encoders.stamps >= late)).sum())
+        text = f"{without} of {len(encoders)} encoder readings without a gyro: turns from the wheels alone there"
+        told.append(("no-gyro", without, text))
+        outside = {
+            "before the first": int((lidar.stamps < first - ENCODER_MARGIN).sum()),
+            "after the last": int((lidar.stamps > last + ENCODER_MARGIN).sum()),
+        }
+        for where, count in outside.items() if lidar.odometry is None else ():
+            told.append(("no-encoders", count, f"{count} scans {where} encoder reading: taken to stand still"))
     if inputs.path is None:
-        text = f"no odometry: constant velocity over {len(lidar)} scans; dead reckoning stands still"
-        issues.append(Issue("no-odometry", text, len(lidar)))
+        text = f"no odometry: constant velocity over {n} scans; dead reckoning stands still"
+        told.append(("no-odometry", n, text))
     elif not inputs.moves:
         scans = int((~inputs.measured).sum())
-        if scans:
-            text = f"odometry that never moves: constant velocity over {scans} scans"
-            issues.append(Issue("still-odometry", text, scans))
-    return (*issues, *inputs.issues)
+        told.append(("still-odometry", scans, f"odometry that never moves: constant velocity over {scans} scans"))
+    return (*(Issue(code, text, count) for code, count, text in told if count), *inputs.issues)
 
 
 def about_jumps(inputs: Inputs, scans: int) -> tuple[Issue, ...]:
@@ -245,38 +267,3 @@ def about_jumps(inputs: Inputs, scans: int) -> tuple[Issue, ...]:
     spans = [(float(inputs.stamps[scan - 1]), float(inputs.stamps[scan])) for scan in at]
     text = f"odometry jumps at {len(at)} of {scans} scans: constant velocity there; {when(spans)}"
     return (Issue("odometry-jumps", text, len(at)),)
-
-
-def _about_scans(lidar: LidarStream) -> list[Issue]:
-    issues = []
-    blind = sum(int((~np.isfinite(scans).any(axis=1)).sum()) for scans in chunks(lidar.ranges))
-    if blind:
-        text = f"{blind} of {len(lidar)} scans without an endpoint: odometry alone there"
-        issues.append(Issue("blind-scans", text, blind))
-    if len(lidar) > 2 and lidar.stamps[0] == lidar.stamps[-1] and lidar.odometry is None:
-        text = f"all {len(lidar)} scans have the same stamp: there is no motion between them"
-        issues.append(Issue("equal-stamps", text, len(lidar)))
-    return issues
-
-
-def _about_encoders(encoders: EncoderStream, imu: ImuStream | None) -> list[Issue]:
-    without = len(encoders)
-    if imu is not None and len(imu) > 1:
-        covered = (encoders.stamps > imu.stamps[0] - GYRO_MARGIN) & (encoders.stamps < imu.stamps[-1] + GYRO_MARGIN)
-        without = int((~covered).sum())
-    if not without:
-        return []
-    text = f"{without} of {len(encoders)} encoder readings without a gyro: turns from the wheels alone there"
-    return [Issue("no-gyro", text, without)]
-
-
-def _uncovered(lidar: LidarStream, encoders: EncoderStream) -> list[Issue]:
-    counts = {
-        "before the first": int((lidar.stamps < encoders.stamps[0] - ENCODER_MARGIN).sum()),
-        "after the last": int((lidar.stamps > encoders.stamps[-1] + ENCODER_MARGIN).sum()),
-    }
-    return [
-        Issue("no-encoders", f"{count} scans {when} encoder reading: taken to stand still", count)
-        for when, count in counts.items()
-        if count
-    ]

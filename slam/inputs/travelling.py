@@ -86,33 +86,28 @@ class Travelling:
 
     def issues(self, lidar: LidarStream) -> tuple[Issue, ...]:
         """What there was, each kind with its stamps."""
+        along = any(one.kind == "along" for one in self.seen)
+        near, far = np.nanpercentile(self.ranges, (0, 50)) if along else (0.0, 0.0)
+        load = f"something {near:.1f} to {far:.1f} m away travels with the robot (a load, or the floor before a tilted "
         issues = []
-        if spans := self._spans("along", lidar):
-            near, far = np.nanpercentile(self.ranges, (0, 50))
-            text = (
-                f"{when(spans)}: something {near:.1f} to {far:.1f} m away travels with the robot (a load, or the "
-                "floor before a tilted lidar): left out"
-            )
-            issues.append(Issue("travels-along", text, self._scans("along")))
-        if spans := self._spans("repeated", lidar):
-            text = f"{when(spans)}: the lidar gives the same scan again while the odometry moves: odometry alone there"
-            issues.append(Issue("scans-repeat", text, self._scans("repeated")))
-        if spans := self._spans("spins", lidar):
-            text = (
-                f"{when(spans)}: the wheels turn while all that the lidar sees stands still: the robot is taken to "
-                "stand"
-            )
-            issues.append(Issue("wheels-spin", text, self._scans("spins")))
+        for kind, code, text in (
+            ("along", "travels-along", load + "lidar): left out"),
+            (
+                "repeated",
+                "scans-repeat",
+                "the lidar gives the same scan again while the odometry moves: odometry alone there",
+            ),
+            (
+                "spins",
+                "wheels-spin",
+                "the wheels turn while all that the lidar sees stands still: the robot is taken to stand",
+            ),
+        ):
+            if some := [one for one in self.seen if one.kind == kind]:
+                spans = [(float(lidar.stamps[one.first]), float(lidar.stamps[one.last])) for one in some]
+                count = sum(one.last - one.first + 1 for one in some)
+                issues.append(Issue(code, f"{when(spans)}: {text}", count))
         return tuple(issues)
-
-    def _spans(self, kind: str, lidar: LidarStream) -> list[tuple[float, float]]:
-        """From when to when it was seen [s]."""
-        return [
-            (float(lidar.stamps[one.first]), float(lidar.stamps[one.last])) for one in self.seen if one.kind == kind
-        ]
-
-    def _scans(self, kind: str) -> int:
-        return sum(one.last - one.first + 1 for one in self.seen if one.kind == kind)
 
 
 def travelling(
@@ -140,9 +135,9 @@ def travelling(
     for first in range(0, len(compared) - 1, PAIRS_AT_ONCE):
         some = compared[first : first + PAIRS_AT_ONCE + 1]
         ranges = np.asarray(lidar.ranges[some])[:, beams]
-        seen = compare_scans(fan, ranges, odometry[some])
+        travel, stand = compare_scans(fan, ranges, odometry[some])
         for k in np.flatnonzero(np.diff(path[some]) < FARTHEST).tolist():
-            found.compare(int(some[k]), int(some[k + 1]), ranges[k + 1], seen.travel[k], seen.stand[k])
+            found.compare(int(some[k]), int(some[k + 1]), ranges[k + 1], travel[k], stand[k])
     along = () if found.along is None else (found.along,)
     there_was = sorted((*_runs("repeated", repeated), *found.seen, *along), key=lambda one: one.first)
     if not there_was:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -151,6 +152,33 @@ def test_a_clock_that_is_off(tmp_path: Path, capsys, offset: float) -> None:
     result = ours(capsys, *files, "--time-offset", str(offset))
     assert rmse(result) == pytest.approx(evo(estimate, (stamps, positions, turns), offset=offset), abs=1e-9)
     assert result["warnings"] == []
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "words"),
+    [
+        ("none", None, ""),
+        ("another point of the robot", "lever-arm", r"x 0\.4[89]\d m, y -0\.2[0-3]\d m"),
+        ("axes of the body", "body-axes", "90 degrees"),
+        ("another drive", "unlike", "another drive"),
+    ],
+)
+def test_what_explains_an_error_is_told(tmp_path: Path, capsys, fault: str, code: str | None, words: str) -> None:
+    stamps, positions, turns = drive(600)
+    seen, seen_turns = disturbed(positions, turns, sigma=0.002, space=0, longer=1.0)
+    if fault == "another point of the robot":
+        positions = positions + turns.apply((0.5, -0.2, 0.0))
+    elif fault == "axes of the body":
+        seen_turns = seen_turns * Rotation.from_euler("z", 90, degrees=True)
+    elif fault == "another drive":
+        positions = np.column_stack((positions[:, 0], 3 * np.sin(stamps - T0), positions[:, 2]))
+    files = (
+        write(tmp_path / "e", "tum", stamps, seen, seen_turns),
+        write(tmp_path / "r", "tum", stamps, positions, turns),
+    )
+    warnings = ours(capsys, *files)["warnings"]
+    assert [one["code"] for one in warnings] == ([code] if code else [])
+    assert all(re.search(words, one["message"]) for one in warnings)
 
 
 def test_clocks_without_a_common_time(tmp_path: Path, capsys) -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_lines import refused
 from report_material import HOSTILE, run_of, sweep
 
 from moteslam.errors import InputError
@@ -132,31 +131,6 @@ def test_folders_of_one_configuration_are_its_runs(result: Path, tmp_path: Path)
         )
     found = gather([tmp_path])
     assert [run.configuration for run in found.runs] == ["particles=10", "particles=10", "particles=7"]
-
-
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("report nowhere", "nowhere: there is no such file or folder"),
-        ("report empty", "empty: no result folder and no .sweep file in it"),
-        ("report s.sweep --metric nothing", "--metric: 'nothing', expected one of"),
-        ("report s.sweep --metric nees", "--metric: 'nees', which no run has"),
-        ("report s.sweep --baseline x", "--baseline: 'x', expected one of"),
-        ("report s.sweep --out there.html", "there.html: exists already"),
-        ("report notes.txt", "notes.txt: no file of a sweep"),
-    ],
-)
-def test_bad_input_is_one_line(
-    line: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    sweep(Path("s.sweep"))
-    Path("empty").mkdir()
-    Path("there.html").write_text("mine")
-    Path("notes.txt").write_text("notes\n" * 200)
-    assert expected in refused(capsys, *line.split())
-    assert Path("there.html").read_text() == "mine"
-    assert not Path("report.html").exists()
 
 
 def test_a_report_of_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:

@@ -94,3 +94,21 @@ def test_colours_are_those_of_the_floor_where_the_rays_meet_it(chosen: np.ndarra
                 off += bool(np.abs((cell + 0.5) * FLOOR_CELL + corner - point[:2]).max() > FLOOR_CELL / 2 + 1e-3)
     assert floors > 90
     assert off <= 1
+
+
+@pytest.mark.usefixtures("taichi")
+def test_noise_is_added_and_lost_pixels_are_nothing() -> None:
+    depth = depth_view_of(
+        view(False), scale=1.03, offset=3.31, slope=-0.00304, nothing=2047, nearest=0.4, farthest=8.0, grazing=0.0
+    )
+    _, far = reaches(depth.view.bearings, False)
+    noise = np.zeros(480 * 640 + 10, np.float32)
+    plain = render_disparity(depth, far[:1], noise=noise, starts=[0])[0]
+    noise[7], noise[9] = 5.0, np.inf
+    noise[11 + 470 * 640 :] = 3.0
+    other = render_disparity(depth, far[:1], noise=noise, starts=[2])[0]
+    assert other[5] in (plain[5] + 5, 2047)
+    assert other[7] == 2047
+    bottom = slice(9 + 470 * 640, None)
+    assert (other[bottom] == plain[bottom] + 3).mean() > 0.99
+    assert (other[1000 : 400 * 640] == plain[1000 : 400 * 640]).all()

@@ -207,7 +207,7 @@ def test_every_robot_arrives_and_touches_no_wall(robot: str, name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "length", "first_after"),
-    [("mile", (2100.0, 2200.0), (1500.0, 1550.0)), ("campus", (1500.0, 1700.0), (400.0, 480.0))],
+    [("mile", (2100.0, 2200.0), (1400.0, 1500.0)), ("campus", (1500.0, 1700.0), (400.0, 480.0))],
 )
 def test_a_known_place_is_met_again_so_late(
     name: str, length: tuple[float, float], first_after: tuple[float, float]

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from moteslam.errors import InputError
 from moteslam.robot.formats import Format, Robot, Topics
@@ -39,10 +38,9 @@ from moteslam.robot.formats.bags.scans import (
     merged_scans,
 )
 from moteslam.robot.formats.bags.write import read_manifest, write_mcap, write_rosbag1, write_rosbag2
-from moteslam.robot.platform import CameraSpec, LidarSpec, Platform
-from moteslam.robot.platforms import GivenRobot
+from moteslam.robot.platform import CameraSpec, Platform
+from moteslam.robot.platforms import GivenRobot, platform_of
 from moteslam.robot.recording import ChunkedRanges, LidarStream, Recording
-from moteslam.robot.tables import first_complaint
 from moteslam.robot.values import Issue, counted
 
 KINDS: Mapping[str, tuple[str, ...]] = {
@@ -241,13 +239,9 @@ class _Reading:
             return self.manifest.platform
         if scans is None:
             return Platform(camera=camera)
-        try:
-            step = scans.fan.time_increment
-            spec = LidarSpec(x=mount.x, y=mount.y, z=mount.z, yaw=mount.yaw, time_increment=step)
-        except ValidationError as error:
-            field, problem = first_complaint(error)
-            raise InputError(problem, file=self.bag.path, field=f"{scans.topic}: {field}") from error
-        return Platform(lidar=spec, camera=camera)
+        place = {"x": mount.x, "y": mount.y, "z": mount.z, "yaw": mount.yaw}
+        table = {"lidar": {**place, "time_increment": scans.fan.time_increment}}
+        return platform_of(table, file=self.bag.path).model_copy(update={"camera": camera})
 
     def _lidar(self, scans: Scans, mount: Mount, robot: Platform) -> LidarStream:
         fan = self.manifest.sharpened(scans.fan) if self.manifest is not None else scans.fan

@@ -47,6 +47,7 @@ class _Edge:
     count: int = 0
     latest: int = 0
     moves: bool = False
+    unset: bool = False  # the quaternion has length 0
 
 
 @dataclass(frozen=True)
@@ -77,12 +78,14 @@ class Frames:
         for each in message.transforms:
             frames = (frame_name(each.header.frame_id), frame_name(each.child_frame_id))
             place, turn = each.transform.translation, each.transform.rotation
-            pose = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+            given = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+            unset = not math.hypot(*given[3:]) > _MOVES
+            pose = (*given[:3], 0.0, 0.0, 0.0, 1.0) if unset else given
             edge = self._edges.get(frames)
             if edge is None:
                 if len(self._edges) >= MAX_FRAMES:
                     return
-                edge = self._edges[frames] = _Edge(pose, static)
+                edge = self._edges[frames] = _Edge(pose, static, unset=unset)
                 if frames[0].rpartition("/")[2].startswith("odom"):
                     topic_of = Topic(f"/tf {frames[0]} to {frames[1]}", topic.kind)
                     self.odometry[frames] = Table(topic_of, width=7)
@@ -91,11 +94,11 @@ class Frames:
                 apart = max(abs(a - b) for a, b in zip(pose, edge.pose, strict=True))
                 edge.moves |= not apart <= _MOVES
                 if static:
-                    edge.pose, edge.static = pose, True
+                    edge.pose, edge.static, edge.unset = pose, True, unset
             if (table := self.odometry.get(frames)) is not None:
                 stamp = each.header.stamp.sec * SECOND + each.header.stamp.nanosec
-                table.flat.extend((stamp, 0, order, 0, 0, 0, 0, hash(pose), 0))
-                table.numbers.extend(pose)
+                table.flat.extend((stamp, 0, order, 0, 0, 0, 0, hash(given), 0))
+                table.numbers.extend(given)
 
     def __contains__(self, frame: str) -> bool:
         return any(frame in pair for pair in self._edges)
@@ -139,8 +142,7 @@ class Frames:
             below = waiting.pop(0)
             parents = [(parent, edge) for (parent, child), edge in self._edges.items() if child == below]
             for parent, edge in sorted(parents, key=lambda one: (-one[1].static, -one[1].count, -one[1].latest)):
-                length = math.hypot(*edge.pose[3:])
-                if parent in found or not length > _MOVES or not all(abs(value) <= MAX_PLACE for value in edge.pose):
+                if parent in found or not all(abs(value) <= MAX_PLACE for value in edge.pose):
                     continue
                 pose, way = found[below]
                 step = np.eye(4)
@@ -158,6 +160,9 @@ class Frames:
             bag.tell("no-mount", topic, f"{what} stand at the robot's centre")
             return Mount()
         pose, way = placed
+        if any(edge.unset for edge in way):
+            what = f"a transform to {frame} has a quaternion of length 0; it is taken to turn nothing"
+            bag.tell("mount-unturned", topic, what)
         if any(edge.moves and not edge.static for edge in way):
             bag.tell("mount-moves", topic, f"the transforms to {frame} change; the first is taken")
         if any(edge.moves and edge.static for edge in way):

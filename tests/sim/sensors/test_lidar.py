@@ -33,7 +33,8 @@ def moving(start: tuple[float, float, float], velocity: tuple[float, float, floa
 
 
 def scan(run: Drive, noise: LidarNoise, seed: int = 0, world: World = ROOM) -> LidarStream:
-    return simulate_lidar(run, Scene(world), MOUNT, noise, (0.1, run.stamps[-1] - 0.1), np.random.default_rng(seed))
+    rng, effects = np.random.default_rng(seed), np.random.default_rng(0)
+    return simulate_lidar(run, Scene(world), MOUNT, noise, (0.1, run.stamps[-1] - 0.1), rng, effects=effects)
 
 
 def endpoints(run: Drive, stream: LidarStream, swept: bool) -> np.ndarray:

@@ -31,17 +31,14 @@ def test_close_key_scans_become_a_node_every_half_metre():
     np.testing.assert_array_equal(nodes.indices, 10 * np.array(nodes.updates))
 
 
-def test_turns_make_nodes_too():
-    nodes = nodes_of(np.tile((0.0, 0.0, 0.1), (30, 1)))
-    assert len(nodes) == 7
-
-
-def test_key_scans_that_are_far_apart_are_all_nodes():
+def test_turns_make_nodes_too_and_so_do_all_key_scans_that_are_far_apart():
     """Also one close to its neighbour before a long step: what the filter did in that step decides nothing."""
+    assert len(nodes_of(np.tile((0.0, 0.0, 0.1), (30, 1)))) == 7
     steps = np.tile((1.0, 0.0, 0.0), (10, 1))
     steps[4, 0] = 0.1
     nodes = nodes_of(steps)
     assert len(nodes) == 11
+    assert all(np.hypot(*scan.points.T).max() < MAX_RANGE for scan in nodes.scans)
 
 
 def test_no_node_where_there_are_enough_and_the_next_one_elsewhere():
@@ -58,11 +55,6 @@ def test_no_node_where_there_are_enough_and_the_next_one_elsewhere():
     assert not nodes.measured[after]  # by 35 m of odometry and more
     np.testing.assert_allclose(nodes.odometry[after][0], 0.4 * (nodes.updates[after] - nodes.updates[after - 1]))
     assert all(nodes.measured[after + 1 :])
-
-
-def test_far_endpoints_are_left_out():
-    nodes = nodes_of(np.tile((1.0, 0.0, 0.0), (2, 1)))
-    assert all(np.hypot(*scan.points.T).max() < MAX_RANGE for scan in nodes.scans)
 
 
 def test_systematic_errors_are_taken_out_and_the_rest_is_measured():
