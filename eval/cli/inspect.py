@@ -43,9 +43,8 @@ def inspect(
     """Print what a recording holds, what is measured of its sensors, and what is wrong with it.
 
     The column "platform" has what the recording's robot is known for. Scans are held against each other and against
-    the odometry: what of lidar and odometry is certainly not as stated is a problem, with what mends it. Ranges of a
-    bag are measured with --deep, and held against its odometry; --plot reads them to draw them. Without either a bag's
-    ranges and images stay unread.
+    the odometry: what of lidar and odometry is certainly not as stated is a problem, with what mends it. Of a bag some
+    hundred scans are read for it; with --deep all are measured, and images looked at; --plot reads all to draw them.
 
     \b
     Examples:
@@ -64,10 +63,11 @@ def inspect(
     found = inspect_recording(recording, deep=deep)
     about: Findings | None = None
     stale: tuple[Issue, ...] = ()
-    if recording.lidar is not None and (deep or isinstance(recording.lidar.ranges, np.ndarray)):
+    if recording.lidar is not None:
         calibration = calibrate(recording)
         about = None if calibration is None else findings(calibration, recording)
-        stale = _stale(recording)
+        if deep or isinstance(recording.lidar.ranges, np.ndarray):
+            stale = _stale(recording)
     more = stale if about is None else (*stale, *about.issues)
     known = {issue.code for issue in more}
     kept = [issue for issue in found.problems if not (issue.code in known and issue.message.startswith("lidar:"))]

@@ -12,7 +12,7 @@ from moteslam.robot import rgbd
 from moteslam.robot.platform import CameraSettings, CameraSpec
 from moteslam.robot.se2 import transform_points
 from moteslam.robot.values import Summarised
-from moteslam.sim.sensors.echoes import Scene
+from moteslam.sim.sensors.echoes import Rays, Scene
 from moteslam.sim.world.floor import FloorSettings, rasterise
 
 FLOOR_CELL = 0.01
@@ -145,7 +145,8 @@ class Renderer:
             camera[:2] = transform_points(camera, place[:2])
         angles = (cameras[:, 2:] + bearings).reshape(-1)
         origins = np.repeat(cameras[:, :2], len(bearings), axis=0)
-        ranges = self._scene.exact(origins, angles, np.repeat(shots.times, len(bearings)), max_range=FARTHEST)
+        rays = Rays(origins, angles, np.repeat(shots.times, len(bearings)))
+        ranges = self._scene.exact(rays, max_range=FARTHEST)
         return cameras, ranges.reshape(len(cameras), len(bearings))
 
 
