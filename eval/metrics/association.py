@@ -23,7 +23,7 @@ from moteslam.robot.trajectory import (
     rotations_of,
     tilt_of,
 )
-from moteslam.robot.values import counted, expect_type
+from moteslam.robot.values import Summarised, counted, expect_type
 from moteslam.slam.inputs.synchronise import require_lidar
 
 Array = NDArray[np.float64]
@@ -35,8 +35,8 @@ MAX_GAP = 1.0
 """Poses further apart than this [s] are not interpolated between."""
 
 
-@dataclass(frozen=True, eq=False)
-class Matched:
+@dataclass(frozen=True, eq=False, repr=False)
+class Matched(Summarised):
     """Poses [n, 3] of two trajectories that belong together, at stamps [n] of one of the two [s].
 
     ``space`` has the same poses in space, where they must be compared there.
