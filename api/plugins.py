@@ -52,11 +52,7 @@ class Plugins(Generic[T]):
         _warn(self._others[name], problem)
 
     def __getitem__(self, name: str) -> T:
-        """The plug-in of that name.
-
-        Raises:
-            ConfigError: there is none, or it cannot be loaded.
-        """
+        """The plug-in of that name."""
         entry = self._bundled.get(name) or self._others.get(name)
         if entry is None:
             raise ConfigError(f"{name!r}, expected one of {', '.join(self.names())}")

@@ -23,7 +23,7 @@ import numpy as np
 from parts.harness import Row, arguments, benchmark, by_run, expect_known, status
 from parts.runs import STEP_NOISE, simulate_case, wheels_case
 
-from moteslam.eval.cli.text import table
+from moteslam.eval.tables import aligned
 from moteslam.sim.scenario import bundled_scenarios
 
 LONG = ("campus", "mile", "twins", "grid")
@@ -113,7 +113,7 @@ def summary(rows: Sequence[Row]) -> str:
             values.append(share[key] / len(good) if good else None)
             values += [right / share[of] if share[of] else None for of in (key, "wrong")]
         lines.append((run, str(len(mine)), *("-" if value is None else f"{value:.3f}" for value in values)))
-    return table(lines, right=range(1, 12))
+    return aligned(lines)
 
 
 def draw(path: Path, rows: Sequence[Row]) -> None:

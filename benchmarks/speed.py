@@ -43,8 +43,8 @@ from parts.tasks import (
     thinning,
 )
 
-from moteslam.eval.cli.text import table
 from moteslam.eval.statistics import median_interval
+from moteslam.eval.tables import aligned
 from moteslam.kernels import runtime
 
 SOURCES = [Path(__file__).with_name(name) for name in ("loops.c", "maps.c")]
@@ -163,7 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 figures = (1e6 * median(ours), 1e6 * median(theirs), float(np.median(ratios)), *median_interval(ratios))
                 rows.append([name, task.unit, other, *map(digits, figures)])
     if rows:
-        print(table([HEAD, *rows], right=range(3, len(HEAD))))
+        print(aligned([HEAD, *rows]))
     if options.out is not None:
         with options.out.open("w", encoding="utf-8", newline="") as file:
             csv.writer(file).writerows([(*HEAD, "rounds", "threads", "date", "hardware")])

@@ -8,7 +8,7 @@ from math import inf, isnan
 from pathlib import Path
 from typing import Any
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, in_words, lever_arm, on_another_clock
@@ -23,7 +23,7 @@ from moteslam.eval.metrics.relations import (
     read_relations,
 )
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
-from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
+from moteslam.eval.metrics.rpe import Unit, relative_pose_error
 from moteslam.eval.metrics.space import in_plane, spatial
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.recording import Recording
@@ -40,13 +40,7 @@ ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "ma
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """How a trajectory does.
-
-    Attributes:
-        figures: fit for JSON; what is doubtful in the comparison is in ``warnings``.
-        errors: by stamp, fit for JSON.
-        result: that both are of.
-    """
+    """How a trajectory does: figures, with what is doubtful in ``warnings``, and errors by stamp, both fit for JSON."""
 
     figures: dict[str, Any]
     errors: dict[str, Any]
@@ -54,11 +48,7 @@ class Evaluation:
 
 
 def read_reference(path: Path) -> Reference:
-    """What to score by: relations or a trajectory, by the content of a file.
-
-    Raises:
-        InputError: it is none of them, or broken.
-    """
+    """What to score by: relations or a trajectory, by the content of a file."""
     return read_relations(path) if is_relations(path) else read_trajectory(path)
 
 
@@ -69,49 +59,24 @@ def against(
     align: bool = True,
     scale: bool = False,
     delta: float = 1.0,
-    unit: str = "m",
+    unit: Unit = "m",
     all_pairs: bool = False,
     max_difference: float | None = None,
     interpolate: bool = True,
 ) -> Evaluation:
-    """Score a trajectory by a reference of any kind; arguments that are not of its kind change nothing."""
-    if isinstance(reference, Relations):
-        return against_relations(estimate, reference, interpolate=interpolate, max_difference=max_difference)
-    return against_trajectory(
-        estimate,
-        reference,
-        align=align,
-        scale=scale,
-        delta=delta,
-        unit=unit,
-        all_pairs=all_pairs,
-        max_difference=max_difference,
-    )
-
-
-def against_trajectory(
-    estimate: Trajectory,
-    reference: Trajectory,
-    *,
-    align: bool = True,
-    scale: bool = False,
-    delta: float = 1.0,
-    unit: str = "m",
-    all_pairs: bool = False,
-    max_difference: float | None = None,
-) -> Evaluation:
-    """Score a trajectory by another one.
+    """Score a trajectory by another one or by relations; arguments that are not of that kind change nothing.
 
     Args:
-        estimate, reference: the trajectories.
+        estimate, reference: what is scored, and by what.
         align, scale: of the absolute error, as in ``absolute_trajectory_error``.
-        delta, unit, all_pairs: of the relative error, as in ``relative_pose_error``.
+        delta, unit, all_pairs: of the relative error, as in ``relative_pose_error``; an estimate that is shorter than
+            ``delta`` has none, which a warning says.
         max_difference: between stamps that belong together [s].
-
-    Raises:
-        InputError: no stamps in common, or an option out of bounds. A trajectory shorter than ``delta`` has no
-            relative error, and the rest all the same.
+        interpolate: relations between poses.
     """
+    if isinstance(reference, Relations):
+        tolerance = TOLERANCE if max_difference is None else max_difference
+        return _against_relations(estimate, reference, tolerance, interpolate=interpolate)
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
     try:
         ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
@@ -122,16 +87,11 @@ def against_trajectory(
     issues += few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
     if align:
         issues += _explained(estimate, reference, ate, scale=scale, max_difference=apart)
-    rpe: RpeResult | None = None
+    rpe = None
     try:
         rpe = relative_pose_error(
-            estimate,
-            reference,
-            delta=delta,
-            unit=unit,  # type: ignore[arg-type]  # checked there
-            all_pairs=all_pairs,
-            max_difference=apart,
-        )
+            estimate, reference, delta=delta, unit=unit, all_pairs=all_pairs, max_difference=apart
+        ).as_dict()
     except InputError as error:
         if error.field != "pairs":
             raise
@@ -142,7 +102,7 @@ def against_trajectory(
         "scaled": align and scale,
         "oriented": ate.rotation is not None,
         "ate": ate.as_dict(),
-        "rpe": None if rpe is None else rpe.as_dict(),
+        "rpe": rpe,
         "warnings": [issue.as_dict() for issue in issues],
     }
     turns = None if ate.rotation_errors is None else ate.rotation_errors.tolist()
@@ -150,11 +110,9 @@ def against_trajectory(
     return Evaluation(figures, errors, ate)
 
 
-def against_relations(
-    estimate: Trajectory, relations: Relations, *, interpolate: bool = True, max_difference: float | None = None
+def _against_relations(
+    estimate: Trajectory, relations: Relations, tolerance: float, *, interpolate: bool
 ) -> Evaluation:
-    """Score a trajectory by relations; arguments and errors as in ``evaluate_relations``."""
-    tolerance = TOLERANCE if max_difference is None else max_difference
     result = evaluate_relations(estimate, relations, interpolate=interpolate, tolerance=tolerance)
     errors = {
         "stamps": result.stamps.tolist(),
@@ -209,10 +167,6 @@ def measured(
         recording: of its drive.
         occupancy, true_map: map_server ``.yaml`` files of its map, in the frame of the estimate, and of the true one.
         names: of the metrics; with a true map its accuracy is measured, too.
-
-    Raises:
-        ConfigError: a name that is no metric's.
-        InputError: a map that cannot be read, or no stamps in common.
     """
     truth = reference if isinstance(reference, Trajectory) else None
     if truth is not None and any(tilt_of(spatial(one).positions) > TILT for one in (estimate, truth)):
@@ -229,7 +183,4 @@ def measured(
         occupancy=None if occupancy is None else read_map(occupancy),
         true_map=None if true_map is None else read_map(true_map),
     )
-    try:
-        return measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))
-    except ConfigError as error:
-        raise ConfigError(error.problem, file=error.file, field="--metric") from error
+    return measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))

@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import os
 import platform
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
@@ -23,6 +25,7 @@ from moteslam.robot.files import make_folder, read_text, write_atomically
 from moteslam.robot.raster import Raster, write_map_arrays
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Poses, between, compose
+from moteslam.robot.tables import first_complaint
 from moteslam.robot.trajectories.g2o import write_g2o
 from moteslam.robot.trajectories.text import write_tum
 from moteslam.robot.trajectory import Trajectory
@@ -37,6 +40,7 @@ PACKAGES = ("moteslam", "taichi", "numpy")
 """Whose versions are recorded."""
 MAX_BYTES = 50_000_000
 """No file of a result folder that is read here is larger."""
+T = TypeVar("T")
 GRAPH_COMMENTS = (
     "pose graph of moteslam: final poses, and the relative poses that were measured, with their information",
     "edges between consecutive ids are the chain, all others loops that were accepted",
@@ -70,11 +74,8 @@ def write_results(
         run: more about the run for ``run.json``: the command, threads, times.
 
     Returns:
-        what ``metrics.json`` holds.
-
-    Raises:
-        InputError: the truth has no stamps in common with the run; nothing is written then.
-        OutputError: a file cannot be written.
+        what ``metrics.json`` holds. A truth without stamps in common with the run is an ``InputError``, before anything
+        is written.
     """
     from moteslam.eval.report.maps import log_odds_arrays, write_map_png, write_map_server
     from moteslam.eval.report.stages import draw_texture_over_time, texture_arrays, write_texture
@@ -84,11 +85,10 @@ def write_results(
     make_folder(folder)
     evidence = evidence_of(estimate, truth, recording=recording, true_map=true_map)
     scores = figures_of(estimate, evidence)
-    write_tum(folder / "trajectory.tum", estimate.trajectory)
-    write_tum(folder / "trajectory_final.tum", estimate.trajectory_final)
-    write_tum(folder / "dead_reckoning.tum", estimate.dead_reckoning)
-    if truth is not None:
-        write_tum(folder / "truth.tum", truth)
+    paths = {"trajectory": estimate.trajectory, "trajectory_final": estimate.trajectory_final}
+    paths |= {"dead_reckoning": estimate.dead_reckoning} | ({} if truth is None else {"truth": truth})
+    for name, path in paths.items():
+        write_tum(folder / f"{name}.tum", path)
     write_diagnostics(folder / "diagnostics.csv", estimate)
     write_map_png(folder / "map.png", estimate.map)
     write_map_server(folder / "map.pgm", estimate.map)
@@ -135,11 +135,7 @@ def draw_figures(
     *,
     snapshots: Sequence[Snapshot] = (),
 ) -> None:
-    """Draw the figures of a run into a folder, with what is known of it.
-
-    Raises:
-        OutputError: one cannot be written.
-    """
+    """Draw the figures of a run into a folder, with what is known of it."""
     from moteslam.eval.report import curves, maps, particles, stages
 
     name, truth = estimate.name, run.truth
@@ -206,29 +202,28 @@ def _begun_at(pose: Poses, trajectory: Trajectory) -> Trajectory:
 
 
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
-    """Write JSON that any reader takes.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
+    """Write JSON that any reader takes."""
     write_atomically(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
 @dataclass(frozen=True)
 class ResultFolder:
-    """What ``metrics.json`` and ``run.json`` of a result folder say.
-
-    Attributes:
-        values: of the metrics, those that are not absent.
-        units: of these.
-        absent: why the others are.
-        run: ``run.json``.
-    """
+    """What ``metrics.json`` says of each metric, its value and unit or why it is absent, and ``run.json``."""
 
     values: dict[str, float]
     units: dict[str, str]
     absent: dict[str, str]
     run: dict[str, Any]
+
+
+class _Score(BaseModel):
+    value: float | None = None
+    unit: str = ""
+    absent: str = ""
+
+
+class _Scores(BaseModel):
+    metrics: dict[str, _Score]
 
 
 def is_result_folder(folder: Path) -> bool:
@@ -237,35 +232,24 @@ def is_result_folder(folder: Path) -> bool:
 
 
 def read_result_folder(folder: Path) -> ResultFolder:
-    """Read a result folder.
-
-    Raises:
-        InputError: a file is missing, too large, or does not hold what ``write_results`` writes.
-    """
-    file = folder / "metrics.json"
-    metrics, run = _table(file).get("metrics"), _table(folder / "run.json")
-    if not isinstance(metrics, dict):
-        raise InputError("missing, expected in every result folder", file=file, field="metrics")
-    found = ResultFolder({}, {}, {}, run)
-    for name, value in metrics.items():
-        if isinstance(value, dict) and isinstance(value.get("value"), int | float):
-            found.values[name] = float(value["value"])
-            found.units[name] = str(value.get("unit", ""))
-        elif isinstance(value, dict) and "absent" in value:
-            found.absent[name] = str(value["absent"])
-        else:
-            raise InputError("expected a value or why it is absent", file=file, field=f"metrics.{name}")
-    return found
+    """Read the two files, as ``write_results`` writes them."""
+    scores = _read(_Scores, folder / "metrics.json").metrics
+    run = _read(dict[str, Any], folder / "run.json")
+    there = {name: one for name, one in scores.items() if one.value is not None}
+    return ResultFolder(
+        {name: one.value for name, one in there.items() if one.value is not None},
+        {name: one.unit for name, one in there.items()},
+        {name: one.absent for name, one in scores.items() if one.value is None},
+        run,
+    )
 
 
-def _table(file: Path) -> dict[str, Any]:
+def _read(kind: type[T], file: Path) -> T:
     try:
-        table = json.loads(read_text(file, "a file of a result folder", limit=MAX_BYTES))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"not JSON: {error}", file=file) from error
-    if not isinstance(table, dict):
-        raise InputError("not a table, expected what `moteslam replay` writes", file=file)
-    return table
+        return TypeAdapter(kind).validate_json(read_text(file, "a file of a result folder", limit=MAX_BYTES))
+    except ValidationError as error:
+        field, problem = first_complaint(error)
+        raise InputError(problem, file=file, field=field or None) from error
 
 
 def environment() -> dict[str, dict[str, str]]:
@@ -279,19 +263,13 @@ def hardware() -> dict[str, Any]:
     memory = None
     if sys.platform != "win32":
         memory = round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1)
+    try:
+        cpu = re.search(r"^model name\s*: (.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
+    except OSError:
+        cpu = None
     return {
-        "cpu": _processor(),
+        "cpu": cpu[1].strip() if cpu else platform.processor() or platform.machine(),
         "cores": processor_count(),
         "memory_gib": memory,
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
     }
-
-
-def _processor() -> str:
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor() or platform.machine()

@@ -1,14 +1,18 @@
-"""The tables of a run: ``diagnostics.csv`` a row a scan, ``loops.csv`` a row a candidate, and ``particles.npz``."""
+"""The tables of a run: ``diagnostics.csv`` a row a scan, ``loops.csv`` a row a candidate, and ``particles.npz``.
+
+Numbers are written with the fewest digits that read back the same.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import isfinite, isnan
 from os import PathLike
 from pathlib import Path
-from typing import IO, get_args
+from typing import IO, Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +23,39 @@ from moteslam.robot.values import Summarised
 from moteslam.slam.backend.ledger import LoopCandidate, Verdict
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
+
+STATES = tuple(state.name.lower() for state in LocalisationState)
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+MAX_BYTES = 1_000_000_000
+"""No table is larger: some five million rows."""
+MAX_DIGITS = 18
+"""Of the index of a scan: what fits into 64 bits."""
+
+
+def _number(text: str, *, nan: bool = False) -> float:
+    number = float(text)
+    if not (isfinite(number) or (nan and isnan(number))):
+        raise ValueError("expected a finite number")
+    return number
+
+
+def _index(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and len(text) <= MAX_DIGITS):
+        raise ValueError("expected the index of a scan")
+    return int(text)
+
+
+def _place_in(known: Sequence[str]) -> Callable[[str], int]:
+    def place(text: str) -> int:
+        if text not in known:
+            raise ValueError(f"expected one of {', '.join(known)}")
+        return known.index(text)
+
+    return place
+
+
+Columns = Mapping[str, Callable[[str], Any]]
+"""What reads the text of each column; a ``ValueError`` says what was expected."""
 
 ELEMENTS = {
     "var_x": (0, 0),
@@ -31,27 +68,31 @@ ELEMENTS = {
 """Columns of the covariance, and the element of each."""
 VALUES = ("degenerate", "wrong", "particles", "n_eff", "score", "updated", "resampled", "corrected")
 """Columns that are diagnostics of the estimate; its seconds are not, since they differ from run to run."""
-DIAGNOSTICS_COLUMNS = ("stamp", "state", *ELEMENTS, *VALUES)
+DIAGNOSTICS_COLUMNS: Columns = {
+    "stamp": _number,
+    "state": _place_in(STATES),
+    **dict.fromkeys((*ELEMENTS, *VALUES), _number),
+    "degenerate": partial(_number, nan=True),
+}
 """Of ``diagnostics.csv``; what they mean: ``Estimate``. Metres, radians and seconds."""
-LOOP_COLUMNS = (
-    *("earlier", "later", "earlier_stamp", "later_stamp"),
-    *("predicted_x", "predicted_y", "predicted_theta", "found_x", "found_y", "found_theta"),
-    *("window_distance", "window_angle", "share", "runner_up", "known", "likelihood", "crossed", "verdict"),
-)
+SCORES = ("share", "runner_up", "known", "likelihood", "crossed")
+"""Columns of a loop that are fields of ``LoopCandidate`` by their names."""
+LOOP_COLUMNS: Columns = {
+    "earlier": _index,
+    "later": _index,
+    **dict.fromkeys(("earlier_stamp", "later_stamp"), _number),
+    **dict.fromkeys([f"{pose}_{axis}" for pose in ("predicted", "found") for axis in ("x", "y", "theta")], _number),
+    **dict.fromkeys(("window_distance", "window_angle"), _number),
+    **dict.fromkeys(SCORES, _number),
+    "verdict": _place_in(VERDICTS),
+}
 """Of ``loops.csv``; what they mean: ``LoopCandidate``. Metres, radians and seconds."""
 PARTICLE_SHAPES: dict[str, Shape] = {
     "stamps": ("updates",),
     "paths": ("particles", "updates", 3),
     "spread": ("updates", 3),
 }
-"""Of the arrays of ``particles.npz``; what they mean: ``Estimate``. Metres, radians and seconds."""
-
-STATES = tuple(state.name.lower() for state in LocalisationState)
-VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
-MAX_BYTES = 1_000_000_000
-"""No table is larger: some five million rows."""
-MAX_DIGITS = 18
-"""Of the index of a scan: what fits into 64 bits."""
+"""Of the arrays of ``particles.npz``; what they mean: ``Particles``."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,11 +127,7 @@ class Particles(Summarised):
 
 
 def write_diagnostics(path: str | PathLike[str], estimate: Estimate) -> None:
-    """Write ``diagnostics.csv``: numbers with the fewest digits that read back the same.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
+    """Write ``diagnostics.csv``."""
     states = [STATES[int(state)] for state in estimate.diagnostics["state"]]
     numbers = [estimate.covariances[:, i, j] for i, j in ELEMENTS.values()]
     numbers += [estimate.diagnostics[name] for name in VALUES]
@@ -99,15 +136,8 @@ def write_diagnostics(path: str | PathLike[str], estimate: Estimate) -> None:
 
 
 def read_diagnostics(path: str | PathLike[str]) -> Diagnostics:
-    """Read ``diagnostics.csv``.
-
-    Raises:
-        InputError: another header, or a row that does not fit it.
-    """
-    rows = []
-    for row in _read(Path(path), DIAGNOSTICS_COLUMNS, "a table of diagnostics"):
-        values = {name: row.number(name, nan=name == "degenerate") for name in ("stamp", *ELEMENTS, *VALUES)}
-        rows.append([values["stamp"], row.choice("state", STATES), *(values[name] for name in (*ELEMENTS, *VALUES))])
+    """Read ``diagnostics.csv``; an ``InputError`` names the line and the column that is broken."""
+    rows = [list(row.values()) for _, row in _read(Path(path), DIAGNOSTICS_COLUMNS, "a table of diagnostics")]
     table = np.array(rows, np.float64).reshape(-1, len(DIAGNOSTICS_COLUMNS))
     columns = dict(zip(DIAGNOSTICS_COLUMNS, table.T, strict=True))
     covariances = np.empty((len(table), 3, 3))
@@ -123,55 +153,37 @@ def loop_counts(loops: Sequence[LoopCandidate]) -> dict[str, int]:
 
 
 def write_loops(path: str | PathLike[str], loops: Sequence[LoopCandidate]) -> None:
-    """Write ``loops.csv``: numbers with the fewest digits that read back the same.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
+    """Write ``loops.csv``."""
     rows = []
     for loop in loops:
-        scores = (loop.share, loop.runner_up, loop.known, loop.likelihood, loop.crossed)
-        numbers = (*loop.stamps, *loop.predicted, *loop.found, *loop.window, *scores)
+        numbers = (*loop.stamps, *loop.predicted, *loop.found, *loop.window, *(getattr(loop, name) for name in SCORES))
         rows.append([str(loop.earlier), str(loop.later), *(repr(float(one)) for one in numbers), loop.verdict])
     _write(path, LOOP_COLUMNS, rows)
 
 
 def read_loops(path: str | PathLike[str]) -> tuple[LoopCandidate, ...]:
-    """Read ``loops.csv``.
-
-    Raises:
-        InputError: another header, or a row that is no candidate.
-    """
-    return tuple(_candidate(row) for row in _read(Path(path), LOOP_COLUMNS, "a table of loops"))
-
-
-def _candidate(row: _Row) -> LoopCandidate:
-    earlier, later = row.index("earlier"), row.index("later")
-    if earlier >= later:
-        raise row.error(f"{later}, expected more than that of earlier, {earlier}", "later")
-    numbers = [row.number(name) for name in LOOP_COLUMNS[2:-1]]
-    return LoopCandidate(
-        earlier=earlier,
-        later=later,
-        stamps=(numbers[0], numbers[1]),
-        predicted=np.array(numbers[2:5]),
-        found=np.array(numbers[5:8]),
-        window=(numbers[8], numbers[9]),
-        share=numbers[10],
-        runner_up=numbers[11],
-        known=numbers[12],
-        likelihood=numbers[13],
-        crossed=numbers[14],
-        verdict=VERDICTS[row.choice("verdict", VERDICTS)],
-    )
+    """Read ``loops.csv``; an ``InputError`` names the line and the column that is broken."""
+    loops = []
+    for line, row in _read(Path(path), LOOP_COLUMNS, "a table of loops"):
+        if row["earlier"] >= row["later"]:
+            problem = f"{row['later']}, expected more than that of earlier, {row['earlier']}"
+            raise InputError(problem, file=path, line=line, field="later")
+        loop = LoopCandidate(
+            row["earlier"],
+            row["later"],
+            (row["earlier_stamp"], row["later_stamp"]),
+            np.array([row["predicted_x"], row["predicted_y"], row["predicted_theta"]]),
+            np.array([row["found_x"], row["found_y"], row["found_theta"]]),
+            (row["window_distance"], row["window_angle"]),
+            **{name: row[name] for name in SCORES},
+            verdict=VERDICTS[row["verdict"]],
+        )
+        loops.append(loop)
+    return tuple(loops)
 
 
 def write_particles(path: str | PathLike[str], estimate: Estimate) -> None:
-    """Write ``particles.npz``; the same run writes the same bytes.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
+    """Write ``particles.npz``; the same run writes the same bytes."""
     stamps, paths, spread = estimate.particle_stamps, estimate.particle_paths, estimate.particle_spread
 
     def write(file: IO[bytes]) -> None:
@@ -181,13 +193,8 @@ def write_particles(path: str | PathLike[str], estimate: Estimate) -> None:
 
 
 def read_particles(path: str | PathLike[str]) -> Particles:
-    """Read ``particles.npz``.
-
-    Raises:
-        InputError: no archive of these arrays, or one with values that are not finite.
-    """
-    path = Path(path)
-    arrays = read_arrays(path, PARTICLE_SHAPES)
+    """Read ``particles.npz``; an ``InputError`` names the array that is broken."""
+    arrays = read_arrays(Path(path), PARTICLE_SHAPES)
     for name, values in arrays.items():
         if not np.isfinite(values).all():
             raise InputError("expected finite numbers", file=path, field=name)
@@ -197,40 +204,8 @@ def read_particles(path: str | PathLike[str]) -> Particles:
     return Particles(stamps, arrays["paths"].astype(np.float32), arrays["spread"].astype(np.float32))
 
 
-@dataclass(frozen=True)
-class _Row:
-    """A row of a table, its texts by column."""
-
-    file: Path
-    line: int
-    texts: dict[str, str]
-
-    def error(self, problem: str, field: str) -> InputError:
-        return InputError(problem, file=self.file, line=self.line, field=field)
-
-    def number(self, column: str, *, nan: bool = False) -> float:
-        try:
-            number = float(self.texts[column])
-        except ValueError:
-            number = float("inf")
-        if isfinite(number) or (nan and isnan(number)):
-            return number
-        raise self.error(f"{self.texts[column]!r}, expected a finite number", column)
-
-    def index(self, column: str) -> int:
-        text = self.texts[column]
-        if not (text.isascii() and text.isdecimal() and len(text) <= MAX_DIGITS):
-            raise self.error(f"{text!r}, expected the index of a scan", column)
-        return int(text)
-
-    def choice(self, column: str, known: Sequence[str]) -> int:
-        """The place of the text among the known ones."""
-        if self.texts[column] not in known:
-            raise self.error(f"{self.texts[column]!r}, expected one of {', '.join(known)}", column)
-        return known.index(self.texts[column])
-
-
-def _read(path: Path, columns: Sequence[str], what: str) -> Iterator[_Row]:
+def _read(path: Path, columns: Columns, what: str) -> Iterator[tuple[int, dict[str, Any]]]:
+    """The rows of a table by column, each with its line."""
     header, *lines = read_text(path, what, limit=MAX_BYTES).splitlines() or [""]
     if header != ",".join(columns):
         raise InputError(f"expected the columns {','.join(columns)}", file=path, line=1)
@@ -238,10 +213,16 @@ def _read(path: Path, columns: Sequence[str], what: str) -> Iterator[_Row]:
         words = line.split(",")
         if len(words) != len(columns):
             raise InputError(f"{len(words)} columns, expected {len(columns)}", file=path, line=number)
-        yield _Row(path, number, dict(zip(columns, words, strict=True)))
+        row = {}
+        for (name, value_of), word in zip(columns.items(), words, strict=True):
+            try:
+                row[name] = value_of(word)
+            except ValueError as error:
+                raise InputError(f"{word!r}, {error}", file=path, line=number, field=name) from error
+        yield number, row
 
 
-def _write(path: str | PathLike[str], columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+def _write(path: str | PathLike[str], columns: Columns, rows: Iterable[Sequence[str]]) -> None:
     write_atomically(path, "\n".join(map(",".join, [columns, *rows])) + "\n")
 
 

@@ -12,7 +12,6 @@ from moteslam.eval.metrics.association import match
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
 from moteslam.eval.metrics.registry import measure
-from moteslam.eval.metrics.relations import Relations, is_relations, read_relations
 from moteslam.robot.formats.map_server import read_map, trinary
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
@@ -125,36 +124,25 @@ def _compared_states(run: Evidence) -> dict[str, Any] | None:
     return {name: found[name] for name in ("scans", "wrong", "states", "doubtful_or_lost")}
 
 
-def number(figures: Figures, name: str, more: str = "value") -> float | None:
-    """A figure of a metric, its value by default."""
-    found = figures["metrics"].get(name, {}).get(more)
+def number(figures: Figures, name: str) -> float | None:
+    """The value of a metric, if there is one."""
+    found = figures["metrics"].get(name, {}).get("value")
     return None if found is None else float(found)
 
 
-def folder_of(recording: Path) -> Path:
-    """A recording's own folder, or the one that a log lies in."""
-    return recording if recording.is_dir() else recording.parent
-
-
-def truth_file(recording: Path) -> Path | None:
-    """``truth.tum`` in a recording's folder, or beside a log."""
-    file = folder_of(recording) / "truth.tum"
+def beside(recording: Path, name: str) -> Path | None:
+    """A file in a recording's folder, or beside a log, if it is there; in its name ``{}`` stands for the log's."""
+    folder = recording if recording.is_dir() else recording.parent
+    file = folder / name.format(recording.name.partition(".")[0])
     return file if file.exists() else None
 
 
-def reference_file(recording: Path) -> Path | None:
-    """``NAME.reference.tum`` beside a log of that name."""
-    file = recording.parent / f"{recording.name.partition('.')[0]}.reference.tum"
-    return file if recording.is_file() and file.exists() else None
+def truth_file(recording: Path) -> Path | None:
+    """The truth of a recording."""
+    return beside(recording, "truth.tum")
 
 
 def true_map_beside(recording: Path) -> Raster | None:
-    """The true map, ``truth_map.yaml``, in a recording's folder, or beside a log."""
-    file = folder_of(recording) / "truth_map.yaml"
-    return read_map(file) if file.exists() else None
-
-
-def relations_beside(recording: Path) -> Relations | None:
-    """Hand-checked relations, ``NAME.relations``, beside a log of that name."""
-    file = recording.parent / f"{recording.name.partition('.')[0]}.relations"
-    return read_relations(file) if is_relations(file) else None
+    """The true map of a recording."""
+    file = beside(recording, "truth_map.yaml")
+    return None if file is None else read_map(file)

@@ -15,8 +15,6 @@ Better = Literal["lower", "higher"]
 K = TypeVar("K", bound=Hashable)
 
 CONFIDENCE = 0.95
-DEVIATIONS = 1.959963984540054
-"""Standard deviations of a normal variable that hold 95 % of it."""
 RESAMPLES, SEED = 2000, 0
 """Of the bootstrap; the same values have the same interval."""
 ROUNDING = 1e-12
@@ -116,38 +114,15 @@ class Proportion:
     @property
     def interval(self) -> tuple[float, float]:
         """Bounds of the share."""
-        z2, n = DEVIATIONS**2, self.total
-        middle = (self.share + z2 / (2 * n)) / (1 + z2 / n)
-        half = DEVIATIONS / (1 + z2 / n) * (self.share * (1 - self.share) / n + z2 / (4 * n * n)) ** 0.5
-        low, high = max(middle - half, 0.0), min(middle + half, 1.0)
-        return (0.0 if self.count == 0 else low), (1.0 if self.count == n else high)
+        from scipy.stats import binomtest
+
+        low, high = binomtest(self.count, self.total).proportion_ci(CONFIDENCE, method="wilson")
+        return float(low), float(high)
 
     def as_dict(self) -> dict[str, Any]:
         """Fit for JSON."""
         low, high = self.interval
         return {"share": self.share, "low": low, "high": high, "count": self.count, "total": self.total}
-
-
-@dataclass(frozen=True)
-class Population:
-    """The runs of one configuration.
-
-    Attributes:
-        name: of the configuration.
-        runs: values by metric of each run, None of one that failed; runs of two configurations with the same key
-            (scenario or recording, platform, noise, duration, seed) are a pair.
-    """
-
-    name: str
-    runs: dict[tuple[Any, ...], dict[str, float] | None]
-
-    def values(self, metric: str) -> dict[tuple[Any, ...], float | None]:
-        """One metric's, None of runs that failed; runs of which it is absent are left out."""
-        return {
-            key: None if values is None else values[metric]
-            for key, values in self.runs.items()
-            if values is None or metric in values
-        }
 
 
 @dataclass(frozen=True)
@@ -189,6 +164,8 @@ def compare(
 
     Runs with the same key (scenario, platform, seed, ...) are a pair.
     """
+    from scipy.stats import binomtest
+
     common = [key for key in first if key in second]
     worst = inf if better == "lower" else -inf
     values = [tuple(worst if value is None else value for value in (first[key], second[key])) for key in common]
@@ -205,7 +182,7 @@ def compare(
         median=quantile(differences, 0.5) if len(differences) else None,
         low=low,
         high=high,
-        p=_sign_test(wins, losses),
+        p=float(binomtest(wins, len(apart)).pvalue) if apart else 1.0,
         failed=(sum(first[key] is None for key in common), sum(second[key] is None for key in common)),
         apart=len(first) + len(second) - 2 * len(common),
     )
@@ -231,12 +208,6 @@ def median_interval(ranked: Array) -> tuple[float, float]:
         medians = np.sort(np.where(below == above, below, 0.5 * below + 0.5 * above))
     tail = (1 - CONFIDENCE) / 2
     return quantile(medians, tail), quantile(medians, 1 - tail)
-
-
-def _sign_test(wins: int, losses: int) -> float:
-    from scipy.stats import binomtest
-
-    return float(binomtest(wins, wins + losses).pvalue) if wins + losses else 1.0
 
 
 def _finite(values: dict[str, Any]) -> dict[str, Any]:

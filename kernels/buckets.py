@@ -7,15 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
 
 MAX_BUCKETS = 2**20
 """Largest number of buckets; in larger worlds the buckets are larger."""
-MAX_ENTRIES = 2**25
-"""Largest sum over the walls of the buckets that each crosses."""
-LARGEST_EXTENT = 1e6
-"""[m] Beyond it neighbouring float32 coordinates are 6 cm apart and more."""
 SLACK = 4 * 2.0**-23
 """Share of the world's extent by which walls are lengthened at both ends: four times what rounding to float32 can move
 a coordinate by, so that no ray passes between two walls that touch."""
@@ -55,17 +50,9 @@ def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentB
             that would have more than ``MAX_BUCKETS``.
     """
     ends = as_finite("segments", segments, np.float64, (None, 4)).reshape(-1, 2, 2)
-    if not len(ends):
-        raise InputError("no segments, expected one at least", field="segments")
     low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
     extent = float((high - low).max())
-    if extent > LARGEST_EXTENT:
-        raise InputError(f"{extent:g} m wide, expected at most {LARGEST_EXTENT:g} m", field="segments")
-    if size is not None and not (np.isfinite(size) and size > 0):
-        raise InputError(f"{size}, expected a positive length [m]", field="size")
     lengths = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
-    if not (lengths > 0).all():
-        raise InputError(f"segment {int(lengths.argmin())} has no length, expected two points apart", field="segments")
     size = _default_size(lengths, high - low) if size is None else float(size)
     size = max(size, 1e-3 * extent, float(np.sqrt(np.prod(high - low) / (0.9 * MAX_BUCKETS))), 1e-6)
     slack = SLACK * max(extent, size)
@@ -74,9 +61,6 @@ def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentB
     corner = low - 2 * margin
     columns, rows = (int(n) for n in np.floor((high - corner + 2 * margin) / size) + 1)
     relative = ends - corner
-    crossings = float((np.abs(relative[:, 1] - relative[:, 0]).sum(axis=1) / size + 3).sum())
-    if crossings > MAX_ENTRIES:
-        raise InputError(f"{crossings:.0f} buckets crossed, expected {MAX_ENTRIES} at most", field="size")
     segment, bucket = _crossed(relative, size, margin, columns, rows)
     order = np.argsort(bucket, kind="stable")
     starts = np.zeros(rows * columns + 1, np.int32)

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.checks import LARGEST, as_finite, check_array
+from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, I32, I32_1D, U16_1D, func, kernel, template
 
-__all__ = ["DepthView", "View", "depth_view_of", "render_colour", "render_disparity", "view_of"]
-
 _FAR = 1e6
+_RESOLUTION = 4e-4
+"""Of the fan [rad]; 2 mm at 5 m."""
 _JUMP = 0.05
 """Two neighbouring bearings whose inverse reaches differ by more than this share lie on different walls."""
 
@@ -66,24 +66,21 @@ class DepthView:
     nothing: int
 
 
-def view_of(directions: ArrayLike, *, height: float, resolution: float = 4e-4) -> View:
+def view_of(directions: ArrayLike, *, height: float) -> View:
     """The view of a camera.
 
     Args:
         directions: [rows, columns, 4] of every pixel: x, y, z in the robot's axes, and the depth along the optical
             axis, all for the same length of the ray.
         height: of the camera above the floor [m].
-        resolution: of the fan [rad]; 2 mm at 5 m.
     """
     image = as_finite("directions", directions, np.float64, (None, None, 4))
-    if not (height > 0 and image.size):
-        raise InputError(f"{height:g} m, expected a camera above the floor, and pixels", field="height")
     rays = image.reshape(-1, 4)
     level = np.maximum(np.hypot(rays[:, 0], rays[:, 1]), 1e-9)
     middle = float(np.arctan2(rays[:, 1].mean(), rays[:, 0].mean()))
     bearing = np.mod(np.arctan2(rays[:, 1], rays[:, 0]) - middle + np.pi, 2 * np.pi) - np.pi
     low, high = float(bearing.min()), float(bearing.max())
-    count = max(2, int(np.ceil((high - low) / resolution)) + 1)
+    count = max(2, int(np.ceil((high - low) / _RESOLUTION)) + 1)
     step = max(high - low, 1e-6) / (count - 1)
     at = (bearing - low) / step
     bins = np.clip(at.astype(np.int32), 0, count - 2)
@@ -118,8 +115,6 @@ def depth_view_of(
         nearest, farthest: depths that can be measured [m].
         grazing: floor that is met at a smaller slope than this is not measured [m/m].
     """
-    if not (slope < 0 and 0 < nearest < farthest):
-        raise InputError(f"slope {slope:g}, {nearest:g} to {farthest:g} m, expected below 0, and rising", field="slope")
     inverse = view.rays[3].astype(np.float64)
     met = inverse > 0
     floor = np.where(met, (scale * inverse / view.depths - offset) / slope, np.inf)
@@ -227,10 +222,9 @@ def render_colour(
     Returns:
         int32 [n, pixels]: red + 256 green + 65536 blue.
     """
-    cameras, fan, first = _prepared(view, poses, reaches, noise, starts, 2 * view.run)
+    cameras = as_finite("poses", poses, np.float64, (None, 3))
+    fan, first = _prepared(view, len(cameras), reaches, noise, starts, 2 * view.run)
     check_array("floor", floor, np.int32, (None, None))
-    if not (floor.size and cell_size > 0):
-        raise InputError(f"{cell_size:g} m, expected cells larger than 0, and at least one", field="floor")
     x, y, heading = cameras.T
     columns = (x - corner[0], y - corner[1], np.cos(heading), np.sin(heading))
     moved = np.stack(columns, axis=-1).astype(np.float32)
@@ -259,10 +253,10 @@ def render_disparity(
         uint16 [n, pixels].
     """
     view = depth.view
-    cameras, fan, first = _prepared(view, np.zeros((len(reaches), 3)), reaches, noise, starts, 0)
-    out = np.empty((len(cameras), len(view.bins)), np.uint16)
+    fan, first = _prepared(view, len(reaches), reaches, noise, starts, 0)
+    out = np.empty((len(fan), len(view.bins)), np.uint16)
     runtime()
-    if len(cameras):
+    if len(fan):
         _disparity(
             depth.table, view.bins, fan, depth.offset, *depth.limits, float(depth.nothing), noise, first, view.run,
             out.reshape(-1),
@@ -271,18 +265,13 @@ def render_disparity(
 
 
 def _prepared(
-    view: View, poses: ArrayLike, reaches: NDArray[np.float32], noise: NDArray[np.float32], starts: ArrayLike, more: int
-) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.int32]]:
-    """Poses, inverse reaches and starts, checked; a frame reads ``more`` numbers of the noise than it has pixels."""
-    cameras = as_finite("poses", poses, np.float64, (None, 3))
-    check_array("reaches", reaches, np.float32, (len(cameras), len(view.bearings)))
-    if not (reaches >= 0).all():
-        raise InputError("NaN or negative, expected distances [m]", field="reaches")
+    view: View, frames: int, reaches: NDArray[np.float32], noise: NDArray[np.float32], starts: ArrayLike, more: int
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Inverse reaches and starts, checked; a frame reads ``more`` numbers of the noise than it has pixels."""
+    check_array("reaches", reaches, np.float32, (frames, len(view.bearings)))
     check_array("noise", noise, np.float32, (None,))
-    first = as_finite("starts", starts, np.int32, (len(cameras),))
+    first = as_finite("starts", starts, np.int32, (frames,))
     pixels = len(view.bins)
-    if len(cameras) and not (first.min() >= 0 and first.max() + pixels + more <= len(noise)):
+    if frames and not (first.min() >= 0 and first.max() + pixels + more <= len(noise)):
         raise InputError(f"out of bounds, expected {pixels + more} numbers of the noise after each", field="starts")
-    if len(cameras) * pixels > LARGEST:
-        raise InputError(f"{len(cameras)} frames, expected fewer at once", field="poses")
-    return cameras, np.reciprocal(np.maximum(reaches, np.float32(1e-3))), first
+    return np.reciprocal(np.maximum(reaches, np.float32(1e-3))), first

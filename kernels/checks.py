@@ -1,7 +1,7 @@
 """Checks of a kernel's arguments before it runs: with a wrong shape or cell it would read or write other memory.
 
-Every function of this package raises ``InputError`` with the argument's name as field: arrays that do not fit together,
-numbers that are not finite or out of bounds.
+Every function of this package raises ``InputError`` with the argument's name as field, for arrays that do not fit
+together and indices beyond them. The bounds of other numbers are those of the configurations that they come from.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Matching by exhaustive search: the best pose of a small lattice around each particle (the paper's 5 x 5 x 5).
 
-Where the offsets in x and y are whole cells, the scan is rotated and looked up once for each heading, and a shift of
-the pose is a shift of the cells. If moreover the cells are 0 or 1 and the shifts span at most 5 x 5 cells, one
-64-bit word holds every cell that a point can meet: the map is first rewritten as overlapping windows of 8 x 8 cells,
-one bit each, every 4 cells; then each point takes one load for all 25 shifts, and the counts of five rows are added
-up side by side in the bytes of five words (measured: benchmarks/).
+Where the offsets in x and y are whole cells and span at most 5 x 5 of them, the scan is rotated and looked up once for
+each heading, a shift of the pose is a shift of the cells, and one 64-bit word holds every cell that a point can meet:
+the map is first rewritten as overlapping windows of 8 x 8 cells, one bit each, every 4 cells; then each point takes one
+load for all 25 shifts, and the counts of five rows are added up side by side in the bytes of five words (measured:
+benchmarks/).
 
 The inner loops have no branch. Beams lie in two contiguous rows and are taken 64 at a time: one loop, which compiles to
 vector instructions, finds their cells; a second reads these one by one, since gather instructions are slower than that
@@ -12,21 +12,18 @@ on many processors. Beams that leave the grid are clamped to its outermost ring,
 Sines and places of the poses are computed in float64 on the host, so that every backend counts the same.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.checks import LARGEST, as_finite, check_array
+from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
-from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, I32_2D, U8_1D, U32, U64_1D, func, kernel, template
+from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, U8_1D, U32, U64_1D, func, kernel, template
 
 AT_ONCE = 64
 """Beams whose cells are found before the first is read: few enough to unroll and to keep in the fastest cache."""
-MAX_BEAMS = 8_000_000
-"""255 for each of them fits 31 bits."""
 SPAN = 5
 """Shifts along each axis that fit in a window."""
 FULL_BYTE = 255
@@ -43,17 +40,14 @@ def cell_along(a: F32, b: F32, shift: F32, first: F32, last: F32):
 
 
 @func
-def cell_or_border(along: F32, shift: I32, last: U32):
-    """A point's column (or row), shifted, or the last one if it is outside: unsigned, a negative number is large."""
-    cell = ti.cast(ti.floor(along), ti.i32) + shift
-    return ti.cast(ti.min(ti.cast(cell, ti.u32), last), ti.i32)
+def cell_or_border(along: F32, last: U32):
+    """A point's column (or row), or the last one if it is outside: unsigned, a negative number is large."""
+    return ti.cast(ti.min(ti.cast(ti.cast(ti.floor(along), ti.i32), ti.u32), last), ti.i32)
 
 
 @func
-def sum_under_scan(
-    cells: template, width: I32, height: I32, c: F32, s: F32, x: F32, y: F32, right: I32, up: I32, scan: template,
-):  # fmt: skip
-    """The sum of the cells under a scan, turned by (c, s), moved to (x, y), then by whole cells (right, up).
+def sum_under_scan(cells: template, width: I32, height: I32, c: F32, s: F32, x: F32, y: F32, scan: template):
+    """The sum of the cells under a scan, turned by (c, s), moved to (x, y).
 
     Points more than 2^31 cells below the grid count as outside too: the cast then gives the lowest number.
     """
@@ -64,15 +58,15 @@ def sum_under_scan(
     for block in range(beams // AT_ONCE):
         for j in range(AT_ONCE):
             b = block * AT_ONCE + j
-            col = cell_or_border(c * scan[0, b] - s * scan[1, b] + x, right, last_col)
-            row = cell_or_border(s * scan[0, b] + c * scan[1, b] + y, up, last_row)
+            col = cell_or_border(c * scan[0, b] - s * scan[1, b] + x, last_col)
+            row = cell_or_border(s * scan[0, b] + c * scan[1, b] + y, last_row)
             under[j] = row * width + col
         for j in range(AT_ONCE):
             # the mask changes nothing, but keeps the compiler from making slow gathers of this loop
             total = (total + ti.cast(cells[under[j]], ti.i32)) & 0x7FFFFFFF
     for b in range(beams // AT_ONCE * AT_ONCE, beams):
-        col = cell_or_border(c * scan[0, b] - s * scan[1, b] + x, right, last_col)
-        row = cell_or_border(s * scan[0, b] + c * scan[1, b] + y, up, last_row)
+        col = cell_or_border(c * scan[0, b] - s * scan[1, b] + x, last_col)
+        row = cell_or_border(s * scan[0, b] + c * scan[1, b] + y, last_row)
         total += ti.cast(cells[row * width + col], ti.i32)
     return total
 
@@ -93,12 +87,12 @@ class Match(NamedTuple):
 
 @kernel
 def _search(
-    grid: U8_1D, width: I32, height: I32, frames: F32_2D, scan: F32_2D, shifts: F32_2D, cells: I32_2D, order: I32_1D,
-    scores: I32_1D, best: I32_1D, passes: I32,
+    grid: U8_1D, width: I32, height: I32, frames: F32_2D, scan: F32_2D, shifts: F32_2D, order: I32_1D, scores: I32_1D,
+    best: I32_1D, passes: I32,
 ):  # fmt: skip
     """Every pose of the lattice by itself, in the given order; of equal scores the first is kept.
 
-    Place p moves the points by ``shifts[p]`` [cells] before their cells are found, and their cells by ``cells[p]``.
+    Place p moves the points by ``shifts[p]`` [cells] before their cells are found.
     """
     poses = scores.shape[0]
     headings = frames.shape[0] // poses
@@ -111,9 +105,7 @@ def _search(
         for v in range(order.shape[0]):
             place, f = order[v] // headings, i * headings + order[v] % headings
             x, y = frames[f, 2] + shifts[place, 0], frames[f, 3] + shifts[place, 1]
-            total = sum_under_scan(
-                grid, width, height, frames[f, 0], frames[f, 1], x, y, cells[place, 0], cells[place, 1], scan
-            )
+            total = sum_under_scan(grid, width, height, frames[f, 0], frames[f, 1], x, y, scan)
             if total > top:
                 top, chosen = total, order[v]
         scores[i], best[i] = top, chosen
@@ -126,14 +118,11 @@ def _nibble(word: I32):
 
 
 @kernel
-def _build_windows(
-    words: I32_1D, width: I32, height: I32, row: I32, col: I32, columns: I32, windows: U64_1D, more: I32_1D
-):
-    """The windows of the box of cells that begins at (col, row), multiples of 4; ``more`` is set by cells above 1."""
+def _build_windows(words: I32_1D, width: I32, height: I32, row: I32, col: I32, columns: I32, windows: U64_1D):
+    """The windows of the box of cells that begins at (col, row), multiples of 4."""
     stride = width // 4
     ti.loop_config(serialize=ti.static(one_thread()))
     for r in range(windows.shape[0] // columns):
-        others = 0
         for k in range(columns):
             left = (col >> 2) + k
             right = left + 1
@@ -143,11 +132,8 @@ def _build_windows(
                 start = ti.min(ti.max(row + 4 * r + j, 0), height - 1) * stride  # outside: the zero border
                 a = ti.select(left == at_left, words[start + at_left], 0)
                 b = ti.select(right == at_right, words[start + at_right], 0)
-                others |= a | b
                 bits |= (_nibble(a) | (_nibble(b) << ti.u64(4))) << ti.u64(8 * j)
             windows[r * columns + k] = bits
-        if others & ~0x01010101:
-            more[0] = 1
 
 
 @kernel
@@ -207,12 +193,13 @@ def match_poses(
 
     The poses tried are ``(x + offsets_xy[i], y + offsets_xy[j], theta + offsets_theta[k])``, the shift in the frame
     of the map. Of equal scores the one nearest the centre is kept, by (i - ci)^2 + (j - cj)^2 + (k - ck)^2 where c is
-    the offset closest to 0, then the smallest i, j, k. If every shift is a whole number of cells, cells are shifted
-    instead of points: the cell under each point is found for the unshifted pose, and the shift is added to it.
+    the offset closest to 0, then the smallest i, j, k. If every shift is a whole number of cells, and they span at most
+    ``SPAN``, cells are shifted instead of points: the cell under each point is found for the unshifted pose, and the
+    shift is added to it.
 
     Args:
-        occupied: uint8 [H, W], W a multiple of 8, its outermost ring of cells zero. 0 and 1 count points on occupied
-            cells, which is fastest; other values up to 255 weigh them. Points beyond the grid count zero.
+        occupied: uint8 [H, W] of 0 and 1, W a multiple of 8, its outermost ring of cells zero: points beyond the grid
+            count zero.
         origin: [2] (x, y) of the corner of cell [0, 0] [m].
         cell_size: [m].
         poses: [N, 3].
@@ -229,10 +216,6 @@ def match_poses(
     poses = as_finite("poses", poses, np.float64, (None, 3))
     xy = as_finite("offsets_xy", offsets_xy, np.float64, (None,))
     theta = as_finite("offsets_theta", offsets_theta, np.float64, (None,))
-    if not 0 < len(xy) ** 2 * len(theta) <= 1_000_000:
-        raise InputError(f"{len(xy)}, expected 1 or more, and at most a million poses to try", field="offsets_xy")
-    if len(poses) * len(theta) * 4 > LARGEST:
-        raise InputError(f"{len(poses)}, expected fewer", field="poses")
     turned = np.repeat(poses, len(theta), axis=0)
     turned[:, 2] += np.tile(theta, len(poses))
     frames, scan = _in_cells(origin, cell_size, turned, points)
@@ -240,24 +223,17 @@ def match_poses(
     scores, best = np.zeros(len(poses), np.int32), np.zeros(len(poses), np.int32)
     order = _nearest_first(xy, theta)
     whole = np.rint(xy / cell_size)
-    is_lattice = bool((np.abs(xy / cell_size - whole) < 1e-6).all() and np.abs(whole).max() < 2**20)
-    if len(poses):
+    is_lattice = (np.abs(xy / cell_size - whole) < 1e-6).all() and np.ptp(whole) < SPAN and scan.shape[1] < 2**16
+    if len(poses) and is_lattice:
         words = occupied.reshape(-1).view(np.dtype("<i4"))  # the first of four cells in the lowest byte
-        if not (
-            is_lattice
-            and np.ptp(whole) < SPAN
-            and scan.shape[1] < 2**16
-            and _match_windows(words, width, height, frames, scan, whole.astype(np.int32), order, scores, best)
-        ):
-            places = np.stack(np.meshgrid(xy / cell_size, xy / cell_size, indexing="ij"), axis=-1).reshape(-1, 2)
-            zero = np.zeros_like(places)
-            shifts, cells = (zero, np.rint(places)) if is_lattice else (places, zero)
-            _search(
-                occupied.reshape(-1), width, height, frames, scan, shifts.astype(np.float32), cells.astype(np.int32),
-                order, scores, best, passes_for(len(poses)),
-            )  # fmt: skip
-        else:
-            best = order[best]
+        _match_windows(words, width, height, frames, scan, whole.astype(np.int32), order, scores, best)
+        best = order[best]
+    elif len(poses):
+        shifts = np.stack(np.meshgrid(xy / cell_size, xy / cell_size, indexing="ij"), axis=-1).reshape(-1, 2)
+        _search(
+            occupied.reshape(-1), width, height, frames, scan, shifts.astype(np.float32), order, scores, best,
+            passes_for(len(poses)),
+        )  # fmt: skip
     indices = np.stack(np.unravel_index(best, (len(xy), len(xy), len(theta))), axis=-1).astype(np.int32)
     moved = poses + np.stack((xy[indices[:, 0]], xy[indices[:, 1]], theta[indices[:, 2]]), axis=-1)
     return Match(scores, indices, moved)
@@ -269,10 +245,6 @@ def _in_cells(
     """Poses [N, 4] as cos, sin, column, row, and the points [2, k] of a scan, x and y in rows; lengths in cells."""
     corner = as_finite("origin", origin, np.float64, (2,))
     ends = as_finite("points", points, np.float64, (None, 2))
-    if not 0 < cell_size < math.inf:
-        raise InputError(f"{cell_size}, expected a positive number", field="cell_size")
-    if len(ends) > MAX_BEAMS:
-        raise InputError(f"{len(ends)}, expected at most {MAX_BEAMS}", field="points")
     columns = (np.cos(poses[:, 2]), np.sin(poses[:, 2]), *((poses[:, :2] - corner) / cell_size).T)
     return np.stack(columns, axis=1).astype(np.float32), np.ascontiguousarray((ends / cell_size).T, np.float32)
 
@@ -295,15 +267,13 @@ def _match_windows(
     order: NDArray[np.int32],
     scores: NDArray[np.int32],
     best: NDArray[np.int32],
-) -> bool:
-    """Search by windows, writing scores and best (positions in order); False where a cell is above 1."""
+) -> None:
+    """Search by windows, writing scores and best (positions in order)."""
     low = int(whole.min())
     (col, last_col), (row, last_row) = _box(frames, scan, low, width, height)
     columns, rows = (last_col - col) // 4 + 1, (last_row - row) // 4 + 1
-    windows, more = np.empty(columns * rows, np.uint64), np.zeros(1, np.int32)
-    _build_windows(words, width, height, row, col, columns, windows, more)
-    if more[0]:
-        return False
+    windows = np.empty(columns * rows, np.uint64)
+    _build_windows(words, width, height, row, col, columns, windows)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order), dtype=np.int32)
     corners = ((whole - low)[None, :] * SPAN + (whole - low)[:, None]).reshape(-1).astype(np.int32)
@@ -311,7 +281,6 @@ def _match_windows(
         windows, row, col, columns, last_row, last_col, low, frames, scan, corners, rank, scores, best,
         passes_for(len(scores)),
     )  # fmt: skip
-    return True
 
 
 def _box(

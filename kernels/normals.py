@@ -4,8 +4,6 @@ At a corner the neighbours on both sides lie on no line. So three windows are fi
 after, and the one with the surest direction is taken: corners and door frames keep their normals.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -115,9 +113,6 @@ def scan_normals(
     begin = as_finite("starts", starts, np.int32, (None,))
     if not len(begin) or begin[0] != 0 or begin[-1] != len(ends) or (np.diff(begin) < 0).any():
         raise InputError(f"not rising from 0 to the {len(ends)} points", field="starts")
-    for name, value in {"reach": reach, "noise": noise, "largest": largest}.items():
-        if not (math.isfinite(value) and value > 0):
-            raise InputError(f"{value:g}, expected above 0", field=name)
     normals = np.zeros_like(ends)
     runtime()
     if len(ends):

@@ -115,13 +115,6 @@ def update_grid(
     height, width = shape
     if width % 8:
         raise InputError(f"{width} columns, expected a multiple of 8", field="occupied")
-    for name, value in (("hit", hit), ("miss", miss), ("limit", limit), ("threshold", threshold)):
-        if not 0 <= value <= 32767:
-            raise InputError(f"{value}, expected 0 to 32767", field=name)
-    if not 0 <= guard <= 16 or (guard and per_ray):
-        raise InputError(f"{guard}, expected 0 to 16, and 0 with per_ray", field="guard")
-    if not 0 < scan < 2**31:
-        raise InputError(f"{scan}, expected 1 to 2^31 - 1", field="scan")
     start, ends = _cells("start", start, (2,), shape), _cells("ends", ends, (None, 2), shape)
     runtime()
     if len(ends):

@@ -4,7 +4,6 @@ An endpoint's residual is its distance in the map, in standard deviations: on th
 seen, on the coarse one. To the residuals comes a prior on the offset from the predicted pose.
 """
 
-import math
 import threading
 from collections.abc import Sequence
 from functools import lru_cache
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.checks import as_finite
+from moteslam.kernels.checks import check_array
 from moteslam.kernels.gauss_newton import NOT_KEPT, Kept, by_offset, descend, keep_prediction, place_in_cells, square
 from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.tiles import SIDE, STEPS, Tiles, bilinear, read, steps_of, weight_of
@@ -27,8 +26,7 @@ FRAME, START, PRIOR = slice(0, 4), slice(4, 7), slice(7, 13)
 """The columns of a query: the pose as cos, sin, x, y from the tables' corner [m]; the offset from it, in its frame, to
 begin at (x, y [m], theta); and of the prior on the offset the inverse variances of x, y and theta, then its mean."""
 QUERY = 13
-INVERSE_VARIANCES, PRIOR_MEAN = slice(7, 10), slice(10, 13)
-"""Those of the prior, and its mean."""
+PRIOR_MEAN = slice(10, 13)
 
 LIKELIHOODS = (0.2, 0.98)
 """Mean likelihoods that residuals are estimated from: beyond these they say nothing."""
@@ -219,16 +217,13 @@ def _register(
 
 
 class _Room(threading.local):
-    """Arrays of one query and of a scan, for each thread its own: what stays in its place is not set at every launch.
+    """Room for the points of a scan, for each thread its own: what stays in its place is not set at every launch.
 
     Attributes:
-        query: float64 [1, QUERY].
-        found: float64 [1, FOUND].
-        scan: float32 [2, m] of which the first columns are the points of a scan.
+        scan: float32 [2, m] of which the first columns are points.
     """
 
     def __init__(self) -> None:
-        self.query, self.found = np.empty((1, QUERY)), np.empty((1, FOUND))
         self.scan = np.empty((2, FIRST_POINTS), np.float32)
 
     def put(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -252,7 +247,6 @@ def register_scans(
     options: RegistrationOptions,
     coarse: bool = True,
     kept: Kept | None = None,
-    finite: bool = False,
 ) -> NDArray[np.float64]:
     """Move each pose to where the scan fits its map best: Gauss-Newton on the coarse level, then on the fine one.
 
@@ -261,13 +255,12 @@ def register_scans(
 
     Args:
         tiles: the maps of n particles, or one map for all poses.
-        queries: [n, QUERY] the poses, where to begin and the priors: ``FRAME``, ``START``, ``PRIOR``.
-        points: [k, 2] of the scan in the robot's frame [m].
+        queries: float64 [n, QUERY] the poses, where to begin and the priors: ``FRAME``, ``START``, ``PRIOR``.
+        points: [k, 2] of the scan in the robot's frame, all finite [m].
         origin: [2] where its rays start, in the same frame [m].
         coarse: whether to begin on the coarse level; not needed where the start is good to a cell.
         kept: how the predicted pose is kept along degenerate directions: ``keep_predictions``, with the error times
             the variance of the residuals in standard ones; not at all if None.
-        finite: the points are known to be finite float32 numbers, as those of ``thin_scans`` are: they are not checked.
 
     Returns:
         [n, FOUND]: ``OFFSET`` from the poses, in their frames (x, y [m], theta); there ``INFORMATION`` of the endpoints
@@ -278,61 +271,12 @@ def register_scans(
         coarse level; ``MEANS`` of the endpoints on the fine level, x, y and x^2 + y^2 from the robot, in the axes of
         the offset [m, m^2].
     """
-    asked = as_finite("queries", queries, np.float64, (None, QUERY))
-    if len(asked) and asked[:, INVERSE_VARIANCES].min() <= 0:
-        raise InputError("an inverse variance that is not above 0", field="queries")
-    found = np.empty((len(asked), FOUND))
-    _registered(tiles, asked, found, points, origin, options, coarse=coarse, kept=kept, finite=finite)
-    return found
-
-
-def register_scan(
-    tiles: Tiles,
-    query: Sequence[float],
-    points: ArrayLike,
-    origin: Sequence[float],
-    *,
-    options: RegistrationOptions,
-    kept: Kept | None = None,
-    finite: bool = False,
-) -> list[float]:
-    """``register_scans`` of one pose in plain numbers, for which arrays take longer than the registration.
-
-    Args:
-        tiles, points, origin, options, kept, finite: as of ``register_scans``.
-
-    Returns:
-        a row of what is found.
-    """
-    if len(query) != QUERY or not math.isfinite(sum(query)) or min(query[INVERSE_VARIANCES]) <= 0:
-        raise InputError(f"{query}, expected {QUERY} finite numbers, inverse variances above 0", field="query")
-    room = _room
-    room.query[0] = query
-    _registered(tiles, room.query, room.found, points, origin, options, coarse=True, kept=kept, finite=finite)
-    numbers: list[float] = room.found[0].tolist()
-    return numbers
-
-
-def _registered(
-    tiles: Tiles,
-    queries: NDArray[np.float64],
-    found: NDArray[np.float64],
-    points: ArrayLike,
-    origin: Sequence[float],
-    options: RegistrationOptions,
-    *,
-    coarse: bool,
-    kept: Kept | None,
-    finite: bool,
-) -> None:
-    """Write what is found of checked queries [n, QUERY] to ``found``."""
-    scan = np.asarray(points, np.float32) if finite else as_finite("points", points, np.float32, (None, 2))
-    if len(origin) != 2 or not math.isfinite(sum(origin)):
-        raise InputError(f"{origin}, expected two finite numbers", field="origin")
+    check_array("queries", queries, np.float64, (None, QUERY))
     pool, table, rows, columns, maps, begin = tiles
     n = len(queries)
     if maps not in (1, n):
         raise InputError(f"of {maps} particles, expected 1 or one for each of {n} queries", field="tiles")
+    scan, found = np.asarray(points, np.float32), np.empty((n, FOUND))
     runtime()
     if n:
         _register(
@@ -340,3 +284,4 @@ def _registered(
             *origin, options.numbers, int(coarse), *(kept or NOT_KEPT), found, passes_for(n),
             n == 1 and not one_thread(),
         )  # fmt: skip
+    return found

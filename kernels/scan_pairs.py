@@ -147,8 +147,6 @@ def match_endpoints(
     across = as_finite("normals", normals, np.float32, (len(ends), 2))
     scans = as_finite("owners", owners, np.int32, (len(ends),))
     mates = _checked_partners(partners)
-    if not (math.isfinite(reach) and reach > 0):
-        raise InputError(f"{reach:g} m, expected above 0", field="reach")
     if len(scans) and not (scans.min() >= 0 and scans.max() < len(mates)):
         raise InputError(f"a scan beyond the {len(mates)}", field="owners")
     matches = np.full((len(ends), mates.shape[1]), -1, np.int32)
@@ -216,8 +214,6 @@ def accumulate(
         raise InputError(f"not rising from 0 to the {len(ends)} points", field="starts")
     if matches.size and not (matches.min() >= -1 and matches.max() < len(ends)):
         raise InputError(f"a point beyond the {len(ends)}", field="matches")
-    if not (math.isfinite(scale) and scale > 0):
-        raise InputError(f"{scale:g} m, expected above 0", field="scale")
     frames = np.column_stack((np.cos(placed[:, 2]), np.sin(placed[:, 2]), placed[:, :2]))
     pairs, costs = np.zeros((n, slots * PAIR)), np.zeros((n, 2))
     runtime()
@@ -233,7 +229,4 @@ def _checked_partners(partners: ArrayLike) -> NDArray[np.int32]:
         raise InputError(f"{slots} of them, expected at most {MAX_PARTNERS}", field="partners")
     if mates.size and not (mates.min() >= -1 and mates.max() < n):
         raise InputError(f"a scan beyond the {n}", field="partners")
-    before, after = mates[:, :-1], mates[:, 1:]
-    if ((after >= 0) & (after <= before) | (after >= 0) & (before < 0)).any():
-        raise InputError("scans in any order, expected rising ones, -1 after them", field="partners")
     return mates

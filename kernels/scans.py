@@ -71,8 +71,6 @@ def project_scans(
     along = as_finite("directions", directions, np.float64, (beams, 2))
     start_x, start_y = (float(v) for v in as_finite("origin", origin, np.float64, (2,)))
     moved = as_finite("sweeps", np.zeros((scans, 3)) if sweeps is None else sweeps, np.float64, (scans, 3))
-    if not max_range > 0:
-        raise InputError(f"{max_range:g} m, expected above 0", field="max_range")
     points, counts = np.empty((scans * beams, 2), np.float32), np.zeros(scans, np.int32)
     runtime()
     if given.size:
@@ -213,10 +211,6 @@ def thin_scans(
     firsts = check_array("begins", np.ascontiguousarray(begins, np.int32), np.int32, (None,))
     many = check_array("counts", np.ascontiguousarray(counts, np.int32), np.int32, (len(firsts),))
     start = as_finite("origin", origin, np.float64, (2,))
-    options = {"spacing": spacing, "max_spacing": max_spacing, "gap": gap, "gap_from_range": gap_from_range}
-    for name, value in options.items():
-        if not (math.isfinite(value) and value >= 0):
-            raise InputError(f"{value:g}, expected a finite number of 0 or more", field=name)
     lasts = firsts.astype(np.int64) + many
     if (firsts < 0).any() or (many < 0).any() or (lasts > len(ends)).any():
         raise InputError(f"a scan beyond the {len(ends)} points", field="counts")

@@ -91,10 +91,6 @@ def add_frame(
     x, y, theta = (float(v) for v in as_finite("pose", pose, np.float64, (3,)))
     numbers = as_finite("calibration", calibration, np.float32, (10,))
     matrix = as_finite("mount", mount, np.float32, (3, 4))
-    if not (numbers[0] > 0 and numbers[5] > 0):
-        raise InputError("expected a focal length and a depth scale above 0", field="calibration")
-    if not (cell_size > 0 and max_depth > 0 and np.isfinite((height_limit, max_depth, cell_size)).all()):
-        raise InputError(f"{cell_size:g} m, {max_depth:g} m, expected both above 0 and finite", field="cell_size")
     if flat and not matrix[2, 3] > height_limit:
         raise InputError(f"a camera {matrix[2, 3]:g} m above a flat floor, expected more than its limit", field="mount")
     runtime()
@@ -162,8 +158,6 @@ def match_colours(
     check_array("colours", colours, np.int32, (len(patch),))
     check_array("packed", packed, np.int32, (None, None))
     places = as_finite("poses", poses, np.float64, (None, 3))
-    if not (0 < limit <= 765 and cell_size > 0 and len(patch) * 765 < 2**31):
-        raise InputError(f"{limit}, {cell_size:g} m, expected 1 to 765, and above 0", field="limit")
     columns = (places[:, 0] - corner[0], places[:, 1] - corner[1], np.cos(places[:, 2]), np.sin(places[:, 2]))
     moved = np.stack(columns, axis=-1).astype(np.float32)
     out = np.zeros((len(places), 2), np.int32)

@@ -11,18 +11,19 @@ A cell is 16 bits: the signed distance to the nearest surface in ``1/STEPS`` of 
 the weight of that average; weight 0 is a cell never seen. Distances are positive on the left of a surface, as the scan
 runs along it: where beams go counterclockwise, on the side that the sensor saw it from.
 
+A kernel on the processor reads and writes NumPy's memory as it is. To a GPU such an array is copied for every launch,
+and back: there maps of many megabytes stay on the device, and come to the host only when tables change.
+
 Written by hand, since no library has copy-on-write tiles that Taichi kernels can read and write.
 """
 
-import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
-from moteslam.kernels.runtime import ti
+from moteslam.kernels.runtime import runtime, ti
 from moteslam.kernels.types import F32, I32, func, template
 
 SIDE_BITS = 5
@@ -164,8 +165,99 @@ def frames_in_cells(frames: ArrayLike, cell_size: float) -> NDArray[np.float64]:
         frames: float64 [n, 4] cos, sin, x, y of poses, from the tables' corner [m].
         cell_size: of the level [m].
     """
-    if not (math.isfinite(cell_size) and cell_size > 0):
-        raise InputError(f"{cell_size:g} m, expected above 0", field="cell_size")
     scaled: NDArray[np.float64] = np.array(as_finite("frames", frames, np.float64, (None, 4)))
     scaled[:, 2:] /= cell_size
     return scaled
+
+
+class TileStore:
+    """The tiles and tables of n maps, one at first and empty.
+
+    Args:
+        rows, columns: of a table.
+        tiles: there is room for.
+        on_device: in Taichi's memory, else in NumPy's.
+
+    Attributes:
+        tiles: the maps.
+        shares: int32 [t] how many table entries name each tile, above 1 for tile 0, as of the last ``count``.
+        free: int32 [t] of which the first ``left`` are tiles that no table names and no kernel has taken since.
+        left: how many.
+    """
+
+    def __init__(self, rows: int, columns: int, tiles: int, *, on_device: bool = False) -> None:
+        self._on_device = on_device
+        self.tiles = Tiles(
+            self._put(np.zeros(tiles * CELLS, np.int16)),
+            self._put(np.zeros(rows * columns, np.int32)),
+            rows,
+            columns,
+            1,
+        )
+        self.shares: Any
+        self.free: Any
+        self.left = 0
+        self.count()
+
+    @property
+    def capacity(self) -> int:
+        """Tiles that the pool has room for."""
+        return int(self.tiles.pool.shape[0]) // CELLS
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of tiles and tables."""
+        return 2 * int(self.tiles.pool.shape[0]) + 4 * int(self.tiles.table.shape[0])
+
+    def resample(self, parents: NDArray[np.int64]) -> None:
+        """Give map i the table of map ``parents[i]``; there are as many as parents from now on."""
+        table = self._tables()[parents].reshape(-1)
+        self.tiles = self.tiles._replace(table=self._put(table), maps=len(parents))
+        self.count()
+
+    def grow(self, rows: int, columns: int, up: int, right: int) -> None:
+        """Tables of this size, in which the old ones lie ``up`` rows and ``right`` columns from the first entry."""
+        t = self.tiles
+        tables = np.full((t.maps, rows, columns), EMPTY, np.int32)
+        tables[:, up : up + t.rows, right : right + t.columns] = self._tables().reshape(t.maps, t.rows, t.columns)
+        self.tiles = t._replace(table=self._put(tables.reshape(-1)), rows=rows, columns=columns)
+
+    def enlarge(self) -> None:
+        """Twice the room for tiles."""
+        pool = np.zeros(2 * self.capacity * CELLS, np.int16)  # takes no memory until it is written to
+        pool[: len(pool) // 2] = self._host(self.tiles.pool)
+        self.tiles = self.tiles._replace(pool=self._put(pool))
+        self.count()
+
+    def count(self) -> None:
+        """Count anew how many tables name each tile, and which tiles are free."""
+        table = self._tables()
+        # without the empty tile, which most entries name: in a fifth of the time
+        shares = np.bincount(table[table != EMPTY], minlength=self.capacity).astype(np.int32)
+        shares[EMPTY] = self.tiles.maps + 1  # everybody's: never written, never free
+        free = np.flatnonzero(shares == 0).astype(np.int32)
+        self.left = len(free)
+        self.shares, self.free = self._put(shares), self._put(free if self.left else np.zeros(1, np.int32))
+
+    def _tables(self) -> NDArray[np.int32]:
+        """The tables [n, rows * columns] on the host."""
+        return self._host(self.tiles.table).reshape(self.tiles.maps, -1)
+
+    def _host(self, array: Any) -> NDArray[Any]:
+        """An array on the host."""
+        here: NDArray[Any] = array.to_numpy() if self._on_device else array
+        return here
+
+    def _put(self, array: NDArray[Any]) -> Any:
+        """An array where the kernels read it."""
+        if not self._on_device:
+            return array
+        runtime()
+        there = ti.ndarray(ti.i16 if array.dtype == np.int16 else ti.i32, len(array))
+        there.from_numpy(array)
+        return there
+
+
+def tile_store(rows: int, columns: int, tiles: int) -> TileStore:
+    """A store where the kernels of this process run; arguments as of ``TileStore``."""
+    return TileStore(rows, columns, tiles, on_device=runtime().arch == "cuda")

@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.checks import as_finite, check_array
+from moteslam.kernels.checks import check_array
 from moteslam.kernels.runtime import one_thread, passes_for, ti
 from moteslam.kernels.scans import ThinnedScan
-from moteslam.kernels.tile_store import TileStore
 from moteslam.kernels.tiles import (
     SIDE,
     STEPS,
-    Tiles,
+    TileStore,
     address,
     copy_on_write,
     frames_in_cells,
@@ -209,14 +208,13 @@ def integrate_scans(
     scans: Sequence[ThinnedScan],
     *,
     options: IntegrationOptions,
-    trusted: bool = False,
 ) -> bool:
     """Integrate scans, one after the other, into the maps of all particles, each from its own poses.
 
     Args:
-        store: of the maps of n particles, counted since they were resampled; written to.
+        store: of the maps of n particles, counted since they were resampled, with tables that the scans stay within;
+            written to.
         frames: [n * m, 4] cos, sin, x, y of each particle at the m scans, from the tables' corner [m].
-        trusted: the points were made by kernels, and the tables were made large enough: neither is checked.
 
     Returns:
         Whether there were tiles enough. Where not, no cell was written, though some tables name tiles of their own now:
@@ -224,18 +222,13 @@ def integrate_scans(
     """
     tiles = store.tiles
     places = frames_in_cells(frames, options.cell_size)
-    for scan in scans:
-        if not trusted:
-            as_finite("scan", scan.points, np.float32, (None, 2))
-        check_array("scan", scan.joined, np.int32, (len(scan.points),))
     if not scans or len(places) != tiles.maps * len(scans):
         problem = f"{len(places)}, expected one for each of {tiles.maps} maps at each of {len(scans)} scans"
         raise InputError(problem, field="frames")
     points, joined = scans[0]
     if len(scans) > 1:
         points, joined = np.vstack([scan.points for scan in scans]), np.concatenate([scan.joined for scan in scans])
-    if not trusted:
-        _check_reach(places, points, tiles, options)
+    check_array("scan", joined, np.int32, (len(points),))
     if not store.left:
         return False
     counters = np.array([store.left, 0], np.int32)
@@ -250,15 +243,3 @@ def integrate_scans(
         return False
     store.left = left
     return True
-
-
-def _check_reach(
-    places: NDArray[np.float64], points: NDArray[np.float32], tiles: Tiles, options: IntegrationOptions
-) -> None:
-    """See to it that scans stay within the tables from wherever they were taken; ``places`` are frames in cells."""
-    margin = max(options.truncation, options.coarse_truncation) / options.cell_size + 2 * options.coarse_chord + 1
-    radius = float(np.hypot(points[:, 0], points[:, 1]).max(initial=0.0)) / options.cell_size
-    around = np.hypot(places[:, :1], places[:, 1:2]) * radius + margin
-    extent = np.array((tiles.columns, tiles.rows)) * SIDE
-    if (places[:, 2:] < around).any() or (places[:, 2:] + around > extent).any():
-        raise InputError("a scan that may reach beyond the tables, expected larger ones", field="frames")

@@ -4,15 +4,17 @@ To the type checker arrays are NumPy's, since the CPU backend reads NumPy's memo
 ``from __future__ import annotations``: Taichi reads the annotations themselves.
 """
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from moteslam.kernels.launch import func, kernel
-from moteslam.kernels.runtime import ti
+from moteslam.kernels.runtime import kernel, ti
 
 __all__ = [
     "F32", "F32_1D", "F32_2D", "F64", "F64_1D", "F64_2D", "I16_1D", "I32", "I32_1D", "I32_2D", "I64_1D", "U8_1D",
     "U16_1D", "U32", "U64_1D", "func", "kernel", "template",
 ]  # fmt: skip
+
+func: Callable[[Callable[..., Any]], Callable[..., Any]] = ti.func
 
 if TYPE_CHECKING:
     import numpy as np

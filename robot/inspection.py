@@ -54,7 +54,6 @@ class StreamReport:
         largest_gap: longest interval [s], and ``largest_gap_at`` the stamp before it; None for one reading.
         gaps: intervals longer than 5 times the median.
         equal_stamps: readings that share the stamp of the one before.
-        shortest_interval: the shortest above 0 [s], or None.
     """
 
     name: str
@@ -68,7 +67,6 @@ class StreamReport:
     largest_gap_at: float | None
     gaps: int
     equal_stamps: int
-    shortest_interval: float | None
 
 
 @dataclass(frozen=True)
@@ -186,7 +184,6 @@ def _stream(name: str, stamps: NDArray[np.float64]) -> StreamReport:
         largest_gap_at=None if longest is None else float(stamps[longest]),
         gaps=0 if median is None else int((steps > GAP * median).sum()),
         equal_stamps=int((steps == 0).sum()),
-        shortest_interval=float(above.min()) if len(above) else None,
     )
 
 

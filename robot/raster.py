@@ -1,6 +1,6 @@
 """Values in square cells of the plane: a map, a floor plan, a coloured floor; how many cells points lie in.
 
-A file of them is an ``.npz`` of log-odds, of a TSDF or of a coloured floor. Its array ``header`` holds JSON, so that
+A file of them is an ``.npz`` of log-odds or of a coloured floor. Its array ``header`` holds JSON, so that
 any reader of ``.npz`` files gets at all of it:
 
     {"format": "moteslam-map", "version": 1, "kind": "log_odds", "cell_size": 0.05, "origin": [-3.0, -2.5, 0.0],
@@ -17,24 +17,26 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import IO, Any, Literal, NamedTuple
+from typing import IO, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
+from pydantic import ConfigDict, Field
 
 from moteslam.errors import InputError
 from moteslam.robot.files import Shape, read_arrays, write_atomically
-from moteslam.robot.values import Summarised, expect_type, frozen, shortened
+from moteslam.robot.tables import Number, Section, validated
+from moteslam.robot.values import Summarised, expect_type, frozen
 
 Array = NDArray[np.float64]
-MapKind = Literal["log_odds", "tsdf", "texture"]
+MapKind = Literal["log_odds", "texture"]
 
-NAME, VERSION = "moteslam-map", 1
 MAX_HEADER = 100_000
 MAX_BYTES = 1 << 30
 """Of all arrays of a file: 1 GiB, of log-odds in cells of 5 cm the square of 800 m."""
 MAX_PLACE = 1e6
 """No map lies farther from its frame's origin [m]."""
+Place = Annotated[Number, Field(ge=-MAX_PLACE, le=MAX_PLACE)]
 
 GRIDS = 4
 """Directions of the grid: a wall along the edges of the cells of one alone would count once or twice by chance."""
@@ -138,20 +140,29 @@ def _distinct(cells: NDArray[np.int64]) -> int:
 
 
 class _Array(NamedTuple):
-    """An array of a kind of map: its dtype, its size beyond rows and columns, the unit of its numbers, their least."""
+    """An array of a kind of map: its dtype, and its size beyond rows and columns."""
 
     dtype: DTypeLike
     depth: tuple[int, ...] = ()
-    unit: str = "1"
-    least: float = -np.inf
 
 
 ARRAYS: dict[MapKind, dict[str, _Array]] = {
     "log_odds": {"log_odds": _Array(np.float32)},
-    "tsdf": {"distance": _Array(np.float32, unit="m"), "weight": _Array(np.uint16, least=0)},
-    "texture": {"colours": _Array(np.uint8, (3,), least=0), "points": _Array(np.uint32, least=0)},
+    "texture": {"colours": _Array(np.uint8, (3,)), "points": _Array(np.uint32)},
 }
-"""The arrays of each kind; of log-odds, weights and points 0 is unknown."""
+"""The arrays of each kind; of log-odds and points 0 is unknown."""
+
+
+class _Header(Section):
+    """What a file says beside its arrays; other keys are passed over."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    format: Literal["moteslam-map"] = "moteslam-map"
+    version: Literal[1] = 1
+    kind: MapKind
+    cell_size: Annotated[Number, Field(gt=0, le=MAX_PLACE)]
+    origin: tuple[Place, Place, Place]
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -159,40 +170,27 @@ class MapArrays(Summarised):
     """A map as arrays.
 
     Attributes:
-        kind: ``log_odds``; ``tsdf``; or ``texture``.
+        kind: ``log_odds`` or ``texture``.
         arrays: of that kind (`ARRAYS`), each [H, W] or [H, W, 3], row 0 the smallest y: ``log_odds``, above 0 occupied;
-            ``distance`` to the nearest surface [m], positive in front of it, and its ``weight``; ``colours``, red,
-            green and blue, and of how many ``points`` they are the mean.
+            ``colours``, red, green and blue, and of how many ``points`` they are the mean.
         cell_size: side of a cell [m].
         origin: x, y [m] and yaw [rad] of the outer corner of cell [0, 0].
-        truncation: of the distances [m], of a TSDF alone.
 
     Raises:
-        InputError: other arrays, of other shapes or with values out of bounds; no positive cell size; a place off the
-            globe; or a TSDF without truncation.
+        ConfigError: another kind, no positive cell size, or a place off the globe.
+        InputError: other arrays, of other shapes or with values out of bounds.
     """
 
     kind: MapKind
     arrays: Mapping[str, NDArray[Any]]
     cell_size: float
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    truncation: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.kind, str) or self.kind not in ARRAYS:
-            raise InputError(f"{shortened(self.kind)}, expected one of {', '.join(ARRAYS)}", field="kind")
+        validated(_Header, {"kind": self.kind, "cell_size": self.cell_size, "origin": self.origin})
         wanted = ARRAYS[self.kind]
         if set(self.arrays) != set(wanted):
             raise InputError(f"{', '.join(self.arrays) or 'none'}, expected {', '.join(wanted)}", field="arrays")
-        for field in ("cell_size", "truncation") if self.kind == "tsdf" else ("cell_size",):
-            value = getattr(self, field)
-            if not _is_place(value) or value <= 0:
-                raise InputError(f"{shortened(value)}, expected a positive length [m]", field=field)
-        if self.kind != "tsdf" and self.truncation is not None:
-            raise InputError(f"{self.truncation!r}, expected none of the kind {self.kind}", field="truncation")
-        if len(self.origin) != 3 or not all(map(_is_place, self.origin)):
-            problem = f"{shortened(self.origin)}, expected three numbers: x, y [m] and yaw [rad]"
-            raise InputError(problem, field="origin")
         object.__setattr__(self, "arrays", {name: self._checked(name) for name in wanted})
 
     def raster(self, name: str) -> Raster:
@@ -206,18 +204,10 @@ class MapArrays(Summarised):
             wanted = ", ".join(["H", "W", *map(str, about.depth)])
             raise InputError(f"{values.dtype}{list(values.shape)}, expected numbers [{wanted}]", field=name)
         kind = np.dtype(about.dtype)
-        most = np.finfo(kind).max if kind.kind == "f" else np.iinfo(kind).max
-        if name == "distance" and self.truncation is not None:
-            most = self.truncation * (1 + 1e-6)  # rounded to float32
-        least = max(about.least, -float(most))
-        if not ((values >= least) & (values <= most)).all():
-            raise InputError(f"expected finite values from {least:g} to {float(most):g}", field=name)
+        bounds = np.finfo(kind) if kind.kind == "f" else np.iinfo(kind)
+        if not ((values >= bounds.min) & (values <= bounds.max)).all():
+            raise InputError(f"expected finite values from {bounds.min:g} to {bounds.max:g}", field=name)
         return frozen(values, kind)
-
-
-def _is_place(value: object) -> bool:
-    """Whether something is a number within ``MAX_PLACE``, and so finite."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_PLACE
 
 
 def write_map_arrays(path: str | PathLike[str], map_arrays: MapArrays) -> None:
@@ -227,12 +217,10 @@ def write_map_arrays(path: str | PathLike[str], map_arrays: MapArrays) -> None:
         OutputError: it cannot be written.
     """
     expect_type(map_arrays, MapArrays, "map_arrays")
-    units = {name: about.unit for name, about in ARRAYS[map_arrays.kind].items()}
-    header: dict[str, Any] = {"format": NAME, "version": VERSION, "kind": map_arrays.kind}
+    header: dict[str, Any] = {"format": "moteslam-map", "version": 1, "kind": map_arrays.kind}
     header |= {"cell_size": float(map_arrays.cell_size), "origin": [float(value) for value in map_arrays.origin]}
-    header |= {} if map_arrays.truncation is None else {"truncation": float(map_arrays.truncation)}
-    content = np.frombuffer(json.dumps(header | {"units": units}, allow_nan=False).encode(), np.uint8)
-
+    header |= {"units": dict.fromkeys(map_arrays.arrays, "1")}
+    content = np.frombuffer(json.dumps(header, allow_nan=False).encode(), np.uint8)
     arrays: dict[str, Any] = {"header": content, **map_arrays.arrays}
 
     def write(file: IO[bytes]) -> None:
@@ -245,33 +233,20 @@ def read_map_arrays(path: str | PathLike[str]) -> MapArrays:
     """Read a map written by `write_map_arrays`. Keys of the header that are not known here are passed over.
 
     Raises:
-        InputError: no ``.npz`` file, no header of this format or one of a newer version, arrays that are missing, of
-            other shapes or of more than 1 GiB, or values out of bounds; file and field are named.
+        ConfigError: no header of this format, or one of a newer version.
+        InputError: no ``.npz`` file, or arrays that are missing, of other shapes or of more than 1 GiB, or values out
+            of bounds; file and field are named.
     """
     path = Path(path)
     content = read_arrays(path, {"header": ("n",)}, max_bytes=MAX_HEADER)["header"]
     try:
-        header = json.loads(content.tobytes()) if content.dtype == np.uint8 else None
-    except (ValueError, RecursionError):
-        header = None
-    if not isinstance(header, dict) or header.get("format") != NAME:
-        raise InputError(f'expected JSON with "format": "{NAME}"', file=path, field="header")
-    if header.get("version") != VERSION or isinstance(header["version"], bool):
-        problem = f"{shortened(header.get('version'))}, expected {VERSION}: a newer moteslam reads a later one"
-        raise InputError(problem, file=path, field="header.version")
-    kind, origin = header.get("kind"), header.get("origin")
-    names = next((arrays for name, arrays in ARRAYS.items() if name == kind), {})
-    shapes: dict[str, Shape] = {name: ("rows", "columns", *about.depth) for name, about in names.items()}
+        table = json.loads(content.tobytes()) if content.dtype == np.uint8 else None
+    except (ValueError, RecursionError) as error:
+        raise InputError("expected JSON", file=path, field="header") from error
+    header = validated(_Header, table, file=path, above="header")
+    shapes: dict[str, Shape] = {name: ("rows", "columns", *about.depth) for name, about in ARRAYS[header.kind].items()}
+    arrays = read_arrays(path, shapes, max_bytes=MAX_BYTES)
     try:
-        return MapArrays(
-            kind=kind,  # type: ignore[arg-type]
-            arrays=read_arrays(path, shapes, max_bytes=MAX_BYTES),
-            cell_size=header.get("cell_size"),  # type: ignore[arg-type]
-            origin=tuple(origin) if isinstance(origin, list) else (),
-            truncation=header.get("truncation"),
-        )
+        return MapArrays(kind=header.kind, arrays=arrays, cell_size=header.cell_size, origin=header.origin)
     except InputError as error:
-        if error.file is not None:
-            raise
-        field = error.field if error.field in names else f"header.{error.field}"
-        raise InputError(error.problem, file=path, field=field) from error
+        raise InputError(error.problem, file=path, field=error.field) from error

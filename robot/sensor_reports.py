@@ -32,8 +32,6 @@ Spans = list[tuple[float, float]]
 """From when to when [s]."""
 _SAMPLE = 1_000_000
 """Ranges that the resolution is measured on, of scans spread over the recording."""
-_MEDIAN_SAMPLE = 20_000_000
-"""Ranges that the median is taken of, likewise: 80 MB."""
 _UNIT = 1e-5
 """To which ranges are rounded before they are compared [m]: float32 at 80 m is good for 4e-6."""
 _COMMON = 0.2
@@ -99,7 +97,6 @@ class LidarReport:
         noise_at_rest: None without encoders, or where the wheels never rest.
         no_return, invalid: shares (0 to 1) of the beams without return, and of those without a usable reading.
         blind_scans: scans without a single endpoint.
-        median_range: of the endpoints [m]; None without.
 
     What is measured of the ranges, from ``nearest`` on, is None where they were not read.
     """
@@ -119,7 +116,6 @@ class LidarReport:
     no_return: float | None = None
     invalid: float | None = None
     blind_scans: int | None = None
-    median_range: float | None = None
 
 
 def lidar_report(lidar: LidarStream, rests: Spans, *, read_ranges: bool = True) -> LidarReport:
@@ -163,15 +159,7 @@ def _of_ranges(lidar: LidarStream, rests: Spans) -> dict[str, Any]:
         "blind_scans": blind,
         "resolution": _resolution(lidar.ranges),
         "noise_at_rest": _noise_at_rest(lidar, rests),
-        "median_range": _median(lidar.ranges),
     }
-
-
-def _median(ranges: Ranges) -> float | None:
-    """Of the endpoints [m], of scans spread over the recording where there are many; None without."""
-    sample = ranges[:: max(1, ranges.size // _MEDIAN_SAMPLE)]
-    endpoints = sample[np.isfinite(sample)]
-    return float(np.median(endpoints)) if len(endpoints) else None
 
 
 def _resolution(ranges: Ranges) -> float | None:

@@ -215,20 +215,10 @@ def rotations_of(quaternions: Array) -> Array:
 
 
 def quaternions_of(rotations: Array) -> Array:
-    """The quaternions [n, 4] (x, y, z, w) of rotation matrices [n, 3, 3], rounded ones made proper (Shepperd 1978)."""
-    r = rotations
-    trace = np.trace(r, axis1=1, axis2=2)
-    # four times the outer product of the quaternion with itself: its column of the largest diagonal is divided by it
-    outer = np.empty((len(r), 4, 4))
-    outer[:, :3, :3] = r + np.swapaxes(r, 1, 2)
-    diagonal = np.diagonal(r, axis1=1, axis2=2)
-    outer[:, [0, 1, 2], [0, 1, 2]] = 1 - trace[:, None] + 2 * diagonal
-    outer[:, 3, 3] = 1 + trace
-    vector = np.stack((r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]), axis=-1)
-    outer[:, 3, :3] = outer[:, :3, 3] = vector
-    best = np.argmax(np.diagonal(outer, axis1=1, axis2=2), axis=1)
-    found = outer[np.arange(len(r)), best]
-    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+    """The quaternions [n, 4] (x, y, z, w) of rotation matrices [n, 3, 3], rounded ones made proper."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(rotations).as_quat()) if len(rotations) else np.zeros((0, 4))
 
 
 def interpolated(stamps: Array, positions: Array, quaternions: Array, at: Array) -> tuple[Array, Array]:

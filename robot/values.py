@@ -109,14 +109,14 @@ def expect_type(value: object, kind: type, field: str, hint: str = "") -> None:
 def frozen(values: ArrayLike, dtype: DTypeLike | None = None) -> NDArray[Any]:
     """The values as a contiguous array that cannot be written to.
 
-    An array that somebody can still write to is copied. One that nobody can write to is taken as it is; so readers hand
-    over what is large ``given_up``.
+    An array that can still be written to is copied, another one is taken as it is; so readers hand over what is large
+    ``given_up``.
     """
     try:
         array: NDArray[Any] = np.ascontiguousarray(values, dtype)
     except (TypeError, ValueError) as error:
         raise InputError(f"{type(values).__name__} {shortened(values)}, expected an array of numbers") from error
-    if isinstance(values, np.ndarray) and np.may_share_memory(array, values) and _writable(array):
+    if array.flags.writeable and isinstance(values, np.ndarray) and np.may_share_memory(array, values):
         array = array.copy()
     array.setflags(write=False)
     return array
@@ -124,21 +124,8 @@ def frozen(values: ArrayLike, dtype: DTypeLike | None = None) -> NDArray[Any]:
 
 def given_up(array: NDArray[Any]) -> NDArray[Any]:
     """An array that its only owner writes to no more, so that the value it goes into need not copy it."""
-    base: Any = array
-    while isinstance(base, np.ndarray):
-        base.setflags(write=False)
-        base = base.base
+    array.setflags(write=False)
     return array
-
-
-def _writable(array: NDArray[Any]) -> bool:
-    """Whether the memory of an array can be written to, through itself or what it is a view of."""
-    base: Any = array
-    while isinstance(base, np.ndarray):
-        if base.flags.writeable:
-            return True
-        base = base.base
-    return base is not None and not isinstance(base, bytes)
 
 
 def processor_count() -> int:

@@ -16,7 +16,8 @@ from pydantic import Field, model_validator
 from moteslam.robot import se2
 from moteslam.robot.recording import OdometryStream, Recording
 from moteslam.robot.tables import Number, Section, Truth
-from moteslam.sim.robot.limits import MAX_DURATION, Interval, Spell
+from moteslam.sim.robot.driver import MAX_DURATION
+from moteslam.sim.robot.mishaps import Interval, Spell
 from moteslam.sim.sensors.clock import EPOCH, readings_of
 
 Array = NDArray[np.float64]
@@ -79,11 +80,9 @@ def with_scans_repeated(recording: Recording, faults: Iterable[object]) -> Recor
     ``faults`` are a scenario's, here and below: those of other kinds are passed over.
     """
     lidar = recording.lidar
+    assert lidar is not None
     for fault in faults:
-        if lidar is None or not isinstance(fault, RepeatedScans):
-            continue
-        frozen = np.flatnonzero(fault.covers(lidar.stamps - EPOCH))
-        if len(frozen):
+        if isinstance(fault, RepeatedScans) and len(frozen := np.flatnonzero(fault.covers(lidar.stamps - EPOCH))):
             ranges = np.array(lidar.ranges)
             ranges[frozen] = ranges[max(frozen[0] - 1, 0)]
             lidar = replace(lidar, ranges=ranges)
@@ -93,15 +92,14 @@ def with_scans_repeated(recording: Recording, faults: Iterable[object]) -> Recor
 def without_lost_motion(recording: Recording, faults: Iterable[object]) -> Recording:
     """The recording with no counts and no turns in every gap whose counts are lost: what a base integrates of it."""
     encoders, imu = recording.encoders, recording.imu
+    assert encoders is not None
     for fault in faults:
-        if not isinstance(fault, Gap) or fault.counters == "kept":
-            continue
-        if encoders is not None:
+        if isinstance(fault, Gap) and fault.counters == "lost":
             counts = np.where(fault.covers(encoders.stamps - EPOCH)[:, None], 0, encoders.counts)
             encoders = replace(encoders, counts=counts)
-        if imu is not None:
-            rates = np.where(fault.covers(imu.stamps - EPOCH)[:, None], 0.0, imu.angular_velocity)
-            imu = replace(imu, angular_velocity=rates)
+            if imu is not None:
+                rates = np.where(fault.covers(imu.stamps - EPOCH)[:, None], 0.0, imu.angular_velocity)
+                imu = replace(imu, angular_velocity=rates)
     return recording.replace(encoders=encoders, imu=imu)
 
 
@@ -131,36 +129,34 @@ def with_odometry_faults(recording: Recording, faults: Iterable[object]) -> Reco
 
 def _stale(recording: Recording, stale: StaleOdometry) -> Recording:
     """The recording with the odometry's poses held."""
-    if (odometry := recording.odometry) is None or not len(odometry):
-        return recording
-    held = _last_before(odometry, stale.start + EPOCH)
+    held = _last_before(recording.odometry, stale.start + EPOCH)
     return _changed(recording, lambda stamps, poses: np.where(stale.covers(stamps - EPOCH)[:, None], held, poses))
 
 
 def _jumping(recording: Recording, jump: OdometryJump) -> Recording:
     """The recording with its odometry elsewhere from the jump on."""
     at = EPOCH + jump.start
-    if (odometry := recording.odometry) is not None and len(odometry):
-        before = _last_before(odometry, at)
-        there = np.zeros(3) if jump.reset else se2.compose(before, (jump.x, jump.y, jump.theta))
-        move = se2.compose(there, se2.inverse(before))
-        recording = _changed(
-            recording, lambda stamps, poses: np.where((stamps >= at)[:, None], se2.compose(move, poses), poses)
-        )
+    before = _last_before(recording.odometry, at)
+    there = np.zeros(3) if jump.reset else se2.compose(before, (jump.x, jump.y, jump.theta))
+    move = se2.compose(there, se2.inverse(before))
+    recording = _changed(
+        recording, lambda stamps, poses: np.where((stamps >= at)[:, None], se2.compose(move, poses), poses)
+    )
     encoders, wheels = recording.encoders, recording.platform.wheels
-    if encoders is not None and wheels is not None:
-        aside = jump.theta * wheels.effective_track / 2
-        right, left = ((jump.x + side) / wheels.metres_per_count for side in (aside, -aside))
-        counts = np.array(encoders.counts)
-        counts[np.flatnonzero(encoders.stamps >= at)[:1]] += np.rint((right, left, right, left)).astype(np.int64)
-        recording = recording.replace(encoders=replace(encoders, counts=counts))
-    return recording
+    assert encoders is not None
+    assert wheels is not None
+    aside = jump.theta * wheels.effective_track / 2
+    right, left = ((jump.x + side) / wheels.metres_per_count for side in (aside, -aside))
+    counts = np.array(encoders.counts)
+    counts[np.flatnonzero(encoders.stamps >= at)[:1]] += np.rint((right, left, right, left)).astype(np.int64)
+    return recording.replace(encoders=replace(encoders, counts=counts))
 
 
 def _changed(recording: Recording, change: Callable[[Array, Array], Array]) -> Recording:
-    """The recording with ``change(stamps, poses)`` for its odometry and the poses at its scans."""
+    """The recording with ``change(stamps, poses)`` for its odometry, if it has any, and the poses at its scans."""
     odometry, lidar = recording.odometry, recording.lidar
-    assert odometry is not None
+    if odometry is None:
+        return recording
     if lidar is not None and lidar.odometry is not None:
         lidar = replace(lidar, odometry=change(lidar.stamps, lidar.odometry))
     return recording.replace(odometry=replace(odometry, poses=change(odometry.stamps, odometry.poses)), lidar=lidar)
@@ -168,8 +164,8 @@ def _changed(recording: Recording, change: Callable[[Array, Array], Array]) -> R
 
 def _held_back(recording: Recording, interval: Interval) -> Recording:
     """The recording with no counts in an interval; they all come with the first reading after it, if there is one."""
-    if (encoders := recording.encoders) is None:
-        return recording
+    encoders = recording.encoders
+    assert encoders is not None
     held = np.flatnonzero(interval.covers(encoders.stamps - EPOCH))
     if not len(held):
         return recording
@@ -180,6 +176,8 @@ def _held_back(recording: Recording, interval: Interval) -> Recording:
     return recording.replace(encoders=replace(encoders, counts=counts))
 
 
-def _last_before(odometry: OdometryStream, stamp: float) -> Array:
-    """The last pose [3] before a stamp, the first of all where there is none."""
+def _last_before(odometry: OdometryStream | None, stamp: float) -> Array:
+    """The last pose [3] before a stamp, the first of all where there is none; the origin without odometry."""
+    if odometry is None or not len(odometry):
+        return np.zeros(3)
     return np.asarray(odometry.poses[max(int(np.searchsorted(odometry.stamps, stamp)) - 1, 0)])

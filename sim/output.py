@@ -45,8 +45,7 @@ def write_simulation(
         announce: called, before the first image is written, with a line on how large all will be.
     """
     expect_type(simulation, Simulation, "simulation", "simulate(scenario) makes one")
-    folder = Path(folder)
-    make_folder(folder)
+    make_folder(folder := Path(folder))
     if file_format == "carmen":
         write_carmen(folder / log_name(simulation.scenario.name), simulation.recording)
         write_platform(folder / "platform.toml", simulation.recording.platform)
@@ -54,13 +53,7 @@ def write_simulation(
         write_ucsd(folder, simulation.recording, sequence=sequence)
     if simulation.frames is not None:
         report = progress or (lambda _what, _share: None)
-        write_frames(
-            folder,
-            simulation.frames,
-            sequence,
-            announce=announce,
-            progress=lambda share: report("images", share),
-        )
+        write_frames(folder, simulation.frames, sequence, announce=announce, progress=lambda s: report("images", s))
     write_tum(folder / "truth.tum", simulation.truth)
     scenario = _with_its_files(folder, simulation.scenario)
     write_atomically(folder / "scenario.toml", tomli_w.dumps(scenario_table(scenario)))

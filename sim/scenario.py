@@ -19,11 +19,10 @@ from moteslam.robot.noise import Noise
 from moteslam.robot.platform import CameraSettings, Platform
 from moteslam.robot.platforms import BASE, UCSD, load_platform, platform_table, whole_platform
 from moteslam.robot.tables import Number, Section, Table, Truth, Whole, assigned, merged, read_toml, validated
-from moteslam.sim.actors.actors import check_doors, check_people
-from moteslam.sim.actors.doors import MAX_DOORS, Door
+from moteslam.sim.actors.actors import MAX_DOORS, Door, check_doors, check_people
 from moteslam.sim.actors.people import MAX_PEOPLE, Crowd, Person
 from moteslam.sim.log_faults import Gap, OdometryJump, RepeatedScans, StaleOdometry
-from moteslam.sim.robot.limits import MAX_DURATION, Limits
+from moteslam.sim.robot.driver import MAX_DURATION, Limits
 from moteslam.sim.robot.mishaps import Carried, StuckWheels, check_mishaps
 from moteslam.sim.robot.task import Commands, Route, Task, Wander, check_duration, check_task
 from moteslam.sim.robot.vehicle import check_body, check_wheels
@@ -300,11 +299,10 @@ def chosen_platform(value: Any) -> Platform:
 
 
 def _class_noise(platform: Platform, name: object) -> Noise:
-    if name not in ("datasheet", "as_recorded"):
-        raise ConfigError(f"{name!r}, expected datasheet or as_recorded", field="noise_class")
     noise = platform.noise if name == "datasheet" else platform.as_recorded
-    if noise is None:
-        raise ConfigError(f"{name}, expected a robot with [{name}]; {platform.name} has none", field="noise_class")
+    if name not in ("datasheet", "as_recorded") or noise is None:
+        problem = f"{name!r}, expected datasheet or, of a robot with [as_recorded], as_recorded"
+        raise ConfigError(problem, field="noise_class")
     return noise
 
 

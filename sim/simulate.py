@@ -14,15 +14,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised, expect_type
 from moteslam.sim.actors.actors import TRUTH_RATE, Actors, Tracks
-from moteslam.sim.log_faults import (
-    Gap,
-    OdometryJump,
-    StaleOdometry,
-    with_gaps,
-    with_odometry_faults,
-    with_scans_repeated,
-    without_lost_motion,
-)
+from moteslam.sim.log_faults import Gap, with_gaps, with_odometry_faults, with_scans_repeated, without_lost_motion
 from moteslam.sim.robot.drive import Drive, drive
 from moteslam.sim.robot.mishaps import Carried, Mishap
 from moteslam.sim.robot.task import driver_for
@@ -30,14 +22,12 @@ from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 from moteslam.sim.scenario import Scenario
 from moteslam.sim.sensors.clock import EPOCH, Outage, Stream, with_faults
 from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.sensors.encoders import simulate_encoders
-from moteslam.sim.sensors.imu import simulate_imu
 from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar, tilt_of
 from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
+from moteslam.sim.sensors.wheels_and_gyro import simulate_encoders, simulate_imu
 from moteslam.sim.world.floor import FloorSettings, rasterise
 from moteslam.sim.world.surroundings import lived_in
-from moteslam.sim.world.true_map import true_map
-from moteslam.sim.world.world import World
+from moteslam.sim.world.world import World, true_map
 
 Progress = Callable[[str, float], None]
 """Called with what is being done (``drive``, ``lidar``) and the share of it that is done."""
@@ -73,9 +63,9 @@ class Simulation(Summarised):
         scenario: what was simulated, with the seed that was used.
         world: its standing parts as the lidar saw them: the plan's, and what noise ``as_recorded`` adds to them.
         end: why the drive ended: ``arrived``, ``stuck`` or ``out of time``.
+        base: what the robot's own base integrates: without gaps and faults of the odometry.
         tracks: where people and doors were, from the first true pose on.
         frames: the camera's, drawn when they are asked for.
-        base: what the robot's own base integrates, where gaps and faults of the odometry are not in it.
     """
 
     recording: Recording
@@ -83,9 +73,9 @@ class Simulation(Summarised):
     scenario: Scenario
     world: World
     end: str
+    base: Recording
     tracks: Tracks | None = None
     frames: CameraFrames | None = None
-    base: Recording | None = None
 
     def true_map(self, resolution: float) -> Raster:
         """The true occupancy, cells of a side [m], of what can be reached from the robot's start; see `true_map`."""
@@ -112,11 +102,9 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     expect_type(scenario, Scenario, "scenario", "load_scenario(name) reads one")
     scenario = _seeded(scenario, seed)
     report = progress or (lambda _what, _share: None)
-    rngs = _rngs(scenario.seed)
+    rngs = random_generators(scenario.seed)
     world = World.of(scenario.world)
-    driven = drive_scenario(
-        scenario, world, rngs["driver"], actors_rng=rngs["actors"], progress=lambda share: report("drive", share)
-    )
+    driven = _drive(scenario, world, rngs, progress=lambda share: report("drive", share))
     if driven.end == "stuck":
         x, y = driven.poses[-1, :2]
         raise ConfigError(
@@ -129,37 +117,26 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     if scenario.noise.surroundings != Surroundings():
         path, radius = driven.poses[:: PHYSICS_RATE // 20, :2], scenario.platform.radius
         world = lived_in(world, scenario.noise.surroundings, rngs["surroundings"], path=path, radius=radius)
-    scene = Scene(world, driven.tracks)
-    frames = None
+    scene, faults, frames = Scene(world, driven.tracks), scenario.faults, None
+    base = without_lost_motion(with_scans_repeated(_record(scenario, driven, scene, rngs, report), faults), faults)
+    recording = with_odometry_faults(with_gaps(base, faults), faults)
     if scenario.camera is not None:
         floor, mount = scenario.floor or FloorSettings(), scenario.platform.camera
         frames = schedule_frames(driven, scene, floor, mount, scenario.camera, scenario.seed)
-    recording, base = _record(scenario, driven, scene, rngs, report), None
-    if scenario.faults:
-        recording = with_scans_repeated(recording, scenario.faults)
-    if any(isinstance(fault, Gap | StaleOdometry | OdometryJump) for fault in scenario.faults):
-        base = without_lost_motion(recording, scenario.faults)
-        recording = with_odometry_faults(with_gaps(base, scenario.faults), scenario.faults)
-    if frames is not None:
-        for gap in scenario.faults:
+        for gap in faults:
             if isinstance(gap, Gap):
                 frames = frames.without(gap)
         recording = recording.replace(rgbd=frames.stream)
     every = PHYSICS_RATE // TRUTH_RATE
     kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
     truth = Trajectory(EPOCH + driven.stamps[kept], driven.truth.poses[kept])
-    return Simulation(recording, truth, scenario, world, driven.end, driven.tracks, frames, base)
+    return Simulation(recording, truth, scenario, world, driven.end, base, driven.tracks, frames)
 
 
-def drive_scenario(
-    scenario: Scenario,
-    world: World,
-    rng: np.random.Generator,
-    *,
-    actors_rng: np.random.Generator | None = None,
-    progress: Callable[[float], None] | None = None,
+def _drive(
+    scenario: Scenario, world: World, rngs: Rngs, *, progress: Callable[[float], None] = lambda _: None
 ) -> Drive:
-    """Let the robot do a scenario's task, among its people and doors; ``rng`` is the driver's."""
+    """Let the robot do a scenario's task, among its people and doors, without any sensor."""
     vehicle = Vehicle(scenario.platform, scenario.start, world, scenario.noise.drive)
     actors = None
     if scenario.has_actors:
@@ -171,35 +148,23 @@ def drive_scenario(
             space=vehicle.space,
             start=scenario.start[:2],
             duration=scenario.duration,
-            rng=np.random.default_rng(0) if actors_rng is None else actors_rng,
+            rng=rngs["actors"],
         )
-    driver = driver_for(scenario.task, scenario.drive, world, rng)
-    return drive(
-        vehicle,
-        driver,
-        scenario.drive,
-        scenario.duration,
-        actors=actors,
-        faults=scenario.faults,
-        progress=progress,
-    )
+    driver = driver_for(scenario.task, scenario.drive, world, rngs["driver"])
+    limits, duration = scenario.drive, scenario.duration
+    return drive(vehicle, driver, limits, duration, actors=actors, faults=scenario.faults, progress=progress)
 
 
 def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
-    """What the robot truly does in ``simulate(scenario, seed)``, without any sensor."""
+    """What the robot truly does in ``simulate(scenario, seed)``."""
     scenario = _seeded(scenario, seed)
-    rngs = _rngs(scenario.seed)
-    return drive_scenario(scenario, World.of(scenario.world), rngs["driver"], actors_rng=rngs["actors"])
+    return _drive(scenario, World.of(scenario.world), random_generators(scenario.seed))
 
 
 def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report: Progress) -> Recording:
     """What lidar, encoders and IMU record of a drive, faults included."""
     platform, noise = scenario.platform, scenario.noise
-    assert platform.wheels is not None  # a scenario without is refused, as one without encoders
-    assert platform.encoders is not None
-    spans = _spans(float(driven.stamps[-1]), noise, rngs["clocks"])
-    errors = LidarErrors.drawn(noise.lidar, rngs["constants"])
-    moves = noise.drive.sway or noise.drive.shake
+    spans, scale = _spans(float(driven.stamps[-1]), noise, rngs["clocks"]), noise.odometry_scale
     scans = simulate_lidar(
         driven,
         scene,
@@ -207,25 +172,18 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
         noise.lidar,
         spans["lidar"],
         rngs["lidar"],
-        errors=errors,
-        tilt=tilt_of(driven, noise.drive, rngs["sway"]) if moves else None,
+        errors=LidarErrors.drawn(noise.lidar, rngs["constants"]),
+        tilt=tilt_of(driven, noise.drive, rngs["sway"]) if noise.drive.sway or noise.drive.shake else None,
         faults=scenario.faults,
         effects=rngs["echoes"],
         progress=lambda share: report("lidar", share),
     )
     counts = simulate_encoders(
-        driven,
-        platform.wheels,
-        platform.encoders,
-        noise.encoders,
-        noise.odometry_scale,
-        spans["encoders"],
-        rngs["encoders"],
-        effects=rngs["wheels"],
+        driven, platform, noise.encoders, scale, spans["encoders"], rngs["encoders"], effects=rngs["wheels"]
     )
     inertial = None
     if platform.imu is not None:
-        inertial = simulate_imu(driven, platform.imu, noise.imu, noise.odometry_scale, spans["imu"], rngs["imu"])
+        inertial = simulate_imu(driven, platform.imu, noise.imu, scale, spans["imu"], rngs["imu"])
     faults = dict(zip(("lidar", "encoders", "imu"), rngs["faults"].spawn(3), strict=True))
 
     def arrived(sensor: str, stream: Stream, clock: ClockNoise) -> Stream:
@@ -281,12 +239,7 @@ def _spans(duration: float, noise: Noise, rng: np.random.Generator) -> dict[str,
     return spans
 
 
-def rng_of(seed: int, concern: str) -> np.random.Generator:
-    """The random generator of one concern of a simulation."""
-    return _rngs(seed)[concern]
-
-
-def _rngs(seed: int) -> Rngs:
+def random_generators(seed: int) -> Rngs:
     """A random generator a concern: a change to one sensor's noise leaves the others as they were."""
     children = np.random.SeedSequence(seed).spawn(len(_CONCERNS))
     return {concern: np.random.default_rng(child) for concern, child in zip(_CONCERNS, children, strict=True)}

@@ -129,7 +129,7 @@ def as_logged(estimate: Estimate, stamps: NDArray[np.float64]) -> Estimate:
 
 
 LONGEST = 800
-"""The longer side, at most [pixel]."""
+"""The longer side of a preview, at most [pixel]."""
 ENLARGED = 8
 """At most this number of pixels for a side of a cell."""
 MARGIN = 0.5
@@ -151,16 +151,17 @@ def preview_png(occupancy: Raster, path: NDArray[np.float64]) -> bytes:
     import cv2
 
     places = (path[:, :2] - occupancy.origin[:2]) / occupancy.cell_size  # columns and rows, from the lowest
-    (left, right), (bottom, top) = _window(occupancy, places)
+    size, margin = np.array(occupancy.values.shape[::-1]), int(np.ceil(MARGIN / occupancy.cell_size))
+    cells = np.vstack((np.argwhere(occupancy.values)[:, ::-1], np.clip(places, 0, size - 1).astype(int)))
+    left, bottom = np.maximum(cells.min(axis=0) - margin, 0)
+    right, top = np.minimum(cells.max(axis=0) + 1 + margin, size)
     grey = map_image(occupancy.values[bottom:top, left:right])
     longest = max(grey.shape)
     shrink, enlarge = -(-longest // LONGEST), max(1, min(ENLARGED, LONGEST // longest))
     grey = cv2.erode(grey, np.ones((shrink, shrink), np.uint8))[shrink // 2 :: shrink, shrink // 2 :: shrink]
-    grey = np.kron(grey, np.ones((enlarge, enlarge), np.uint8))
-    image = np.ascontiguousarray(np.repeat(grey[..., None], 3, axis=2))
+    image = cv2.cvtColor(np.kron(grey, np.ones((enlarge, enlarge), np.uint8)), cv2.COLOR_GRAY2RGB)
 
-    scale = enlarge / shrink
-    pixels = np.stack((places[:, 0] - left, top - places[:, 1]), axis=1) * scale - 0.5
+    pixels = np.stack((places[:, 0] - left, top - places[:, 1]), axis=1) * (enlarge / shrink) - 0.5
     corners = np.rint(pixels * 2**SUBPIXEL).astype(np.int32)
     colour = tuple(bytes.fromhex(STYLE.slam.removeprefix("#")))
     cv2.polylines(image, [corners], isClosed=False, color=colour, thickness=2, lineType=cv2.LINE_AA, shift=SUBPIXEL)
@@ -168,15 +169,3 @@ def preview_png(occupancy: Raster, path: NDArray[np.float64]) -> bytes:
     cv2.rectangle(image, [end[0] - 4, end[1] - 4], [end[0] + 4, end[1] + 4], colour, cv2.FILLED)
     cv2.circle(image, start, 7, (0, 0, 0), 2, cv2.LINE_AA)
     return encode_png(image)
-
-
-def _window(occupancy: Raster, places: NDArray[np.float64]) -> tuple[tuple[int, int], tuple[int, int]]:
-    """The columns and the rows, from and to, of all that is known and a path of places [n, 2]; within the map."""
-    margin = int(np.ceil(MARGIN / occupancy.cell_size))
-    known = occupancy.values != 0
-    window = []
-    for axis, size in ((0, known.shape[1]), (1, known.shape[0])):
-        cells = np.append(np.flatnonzero(known.any(axis=axis)), np.clip(places[:, axis], 0, size - 1))
-        window.append((max(0, int(cells.min()) - margin), min(size, int(cells.max()) + 1 + margin)))
-    columns, rows = window
-    return columns, rows

@@ -291,9 +291,6 @@ def run_slam(
         config: the preset ``default`` if None.
         seed: of all randomness.
         watch: called after every scan.
-
-    Raises:
-        InputError, ConfigError: see ``SlamSession``.
     """
     session = SlamSession(recording, config, seed=seed)
     for update in session:
@@ -310,16 +307,10 @@ def wants_colours(config: SlamConfig, recording: Recording) -> bool:
 def with_texture(
     estimate: Estimate, recording: Recording, *, watch: Callable[[float, TextureMapper], None] | None = None
 ) -> Estimate:
-    """The estimate with the floor coloured along its final trajectory (section III.E of the paper).
+    """The estimate of a recording with the floor coloured along its final trajectory (section III.E of the paper).
 
-    Args:
-        estimate: of ``recording``.
-        recording: what the sensors saw.
-        watch: as in ``map_texture``.
-
-    Returns:
-        the same with ``texture`` and its warnings; unchanged where the floor is not to be coloured; with a warning
-        alone where it cannot be: the estimate is not lost for it.
+    It is unchanged where the floor is not to be coloured, and has a warning alone where it cannot be: the estimate is
+    not lost for it. ``watch``: see ``map_texture``.
     """
     if not wants_colours(estimate.config, recording):
         return estimate

@@ -1,13 +1,10 @@
 """The configuration that follows from a named preset, a file over it, and settings over both.
 
-A preset belongs to its method. Where another method is asked for, what only the preset's own method knows is left
-out, and its other values stay. The resolved configuration is saved with the result.
+A preset names a method, whose defaults are its values. The resolved configuration is saved with the result.
 """
 
 from __future__ import annotations
 
-import tomllib
-from importlib import resources
 from pathlib import Path
 
 from moteslam.errors import ConfigError
@@ -17,12 +14,13 @@ from moteslam.slam.config import METHODS, SlamConfig
 
 DEFAULT_PRESET = "default"
 """The best preset that exists."""
+PRESETS = {DEFAULT_PRESET: "tsdf", "paper": "paper"}
+"""The method of each preset: a TSDF for every particle, and the paper's filter."""
 
 
 def preset_names() -> list[str]:
     """The names of the bundled presets, sorted."""
-    folder = resources.files("moteslam.slam.presets")
-    return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return sorted(PRESETS)
 
 
 def load_preset(name: str = DEFAULT_PRESET) -> SlamConfig:
@@ -48,28 +46,20 @@ def resolve_config(
         ConfigError: an unknown preset, method or key, or a value out of bounds; what was expected is named.
     """
     expect_type(preset, str, "preset", f"one of {', '.join(preset_names())}")
-    base = _preset(preset)
+    if preset not in PRESETS:
+        raise ConfigError(f"no such preset, expected one of {', '.join(preset_names())}", field=repr(preset)[1:-1])
     given: Table = {}
     if file is not None:
         given = read_toml(file, "a TOML file")
-        _resolved(base, given, file=file)
-    given = _over(given, assigned(settings))
-    return _resolved(base, given, file=None)
+        _resolved(PRESETS[preset], given, file=file)
+    return _resolved(PRESETS[preset], _over(given, assigned(settings)), file=None)
 
 
-def _preset(name: str) -> Table:
-    if name not in preset_names():
-        raise ConfigError(f"no such preset, expected one of {', '.join(preset_names())}", field=repr(name)[1:-1])
-    text = resources.files("moteslam.slam.presets").joinpath(f"{name}.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
-
-
-def _resolved(preset: Table, given: Table, *, file: Path | None) -> SlamConfig:
-    """The configuration of a preset and what is given over it; ``file`` is named in errors."""
-    model = _model(given.get("method", preset["method"]), file=file)
+def _resolved(method: str, given: Table, *, file: Path | None) -> SlamConfig:
+    """A method's defaults, or those of the method that is given, and what is given over them."""
+    model = _model(given.get("method", method), file=file)
     base = model.model_validate({}).model_dump(mode="json")
-    known = {key: value for key, value in preset.items() if key in base and key != "method"}
-    values = _over(_over(base, known), {**given, "method": base["method"]})
+    values = _over(base, {**given, "method": base["method"]})
     try:
         return validated(model, values, file=file)
     except ConfigError as error:  # of the back end's table, which is validated by itself

@@ -1,4 +1,4 @@
-"""Command lines that must be refused."""
+"""Command lines that end well, and those that must be refused."""
 
 from __future__ import annotations
 
@@ -7,8 +7,16 @@ import pytest
 from moteslam.eval.cli import main
 
 
+def printed(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """Run a command line that must end well, and return what it printed on stdout since the last one."""
+    capsys.readouterr()
+    assert main.run([str(argument) for argument in arguments]) == 0
+    return capsys.readouterr().out
+
+
 def refused(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 2) -> str:
     """Run a command line that must be refused, and return its one line on stderr; stdout stays empty."""
+    capsys.readouterr()
     assert main.run([str(argument) for argument in arguments]) == code
     out, err = capsys.readouterr()
     assert out == ""

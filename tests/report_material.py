@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from made_sweeps import Values, recorded
+
 from moteslam.eval.page.material import ReportRun
-from moteslam.eval.sweep.plan import plan
-from moteslam.eval.sweep.spec import read_spec
-from moteslam.eval.sweep.store import create, opened
-from moteslam.eval.sweep.workers import Outcome
+from moteslam.eval.sweep.plan import PlannedRun
 
 HOSTILE = "</script><script>document.title='x'</script><img src=x onerror=alert(1)> \"'& \u202egpj \x1b[31m"
 SPEC = """
@@ -33,17 +32,13 @@ def run_of(configuration: str = "a", seed: int = 0, status: str = "ok", **more) 
 
 
 def sweep(path: Path, *, fail: int = 0) -> Path:
-    """A file of a sweep as if it had been made: the error falls with the particles."""
-    spec = path.with_suffix(".toml")
-    spec.write_text(SPEC)
-    read = read_spec(spec)
-    runs = plan(read)
-    create(path, read.model_dump_json(exclude_defaults=True), runs, environment={"versions": {"numpy": HOSTILE}})
-    with opened(path, write=True) as store:
-        for number, run in enumerate(runs[:-2]):
-            ate = 0.2 / dict(run.varied)["slam.particles"] + 0.001 * run.seed
-            values = {"final.ate": {"value": ate, "unit": "m"}, "map_f1": {"absent": HOSTILE}}
-            bad = number < fail
-            outcome = Outcome(run, "failed", HOSTILE, {}) if bad else Outcome(run, "ok", "", {"values": values})
-            store.record(outcome)
-    return path
+    """A file of a sweep as if it had been made, but for the last two runs: the error falls with the particles."""
+    made: list[PlannedRun] = []
+
+    def result(run: PlannedRun) -> Values | str | None:
+        made.append(run)
+        ate = 0.2 / float(dict(run.varied)["slam.particles"]) + 0.001 * run.seed
+        values: Values = {"final.ate": (ate, "m"), "map_f1": HOSTILE}
+        return None if len(made) > 58 else HOSTILE if len(made) <= fail else values
+
+    return recorded(path, SPEC, result, digest="", environment={"versions": {"numpy": HOSTILE}})

@@ -12,8 +12,8 @@ import pytest
 import speed
 from parts.rays import raycasting
 from parts.tasks import Loops, Task, grid_update, integration, matching, registration, search, thinning
-from scripts import ROOT
 
+ROOT = Path(__file__).parents[1]
 SMALL: dict[str, Callable[[Loops], Task]] = {
     "thinning": partial(thinning, count=2),
     "registration": partial(registration, count=5),

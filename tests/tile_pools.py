@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from twins.tsdf import Tsdf
 
 from moteslam.kernels.scans import ThinnedScan
-from moteslam.kernels.tile_store import TileStore
-from moteslam.kernels.tiles import CELLS, FINE_CELLS, MAX_WEIGHT, SIDE, WEIGHT_BITS, Tiles
+from moteslam.kernels.tiles import CELLS, FINE_CELLS, MAX_WEIGHT, SIDE, WEIGHT_BITS, Tiles, TileStore
 from moteslam.kernels.tsdf import IntegrationOptions
 
 CELL = 0.05

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from moteslam.errors import MoteslamError
-from moteslam.eval.cli.text import table
+from moteslam.eval.tables import aligned
 
 Row = dict[str, Any]
 """Of one run: ``run`` (rows of one are summarised together), ``seed``, then figures; or ``error``, where it crashed."""
@@ -184,7 +184,7 @@ def benchmark(
             print(*_shown(rows[-1]), sep="  ", flush=True)
             write_rows(options.out, rows)
     print()
-    print(table(summary_lines(rows, bars or {}), right=(3, 4)) if summary is None else summary(rows))
+    print(aligned(summary_lines(rows, bars or {})) if summary is None else summary(rows))
     return rows
 
 

@@ -95,7 +95,7 @@ def _recordings() -> Iterator[Reader]:
 
 
 def _trajectories() -> Iterator[Reader]:
-    from moteslam.eval.evaluation import against_trajectory
+    from moteslam.eval.evaluation import against
     from moteslam.eval.metrics.relations import read_relations
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory
 
@@ -108,7 +108,7 @@ def _trajectories() -> Iterator[Reader]:
     rows = np.column_stack((stamps, stamps, np.sin(stamps), 0.1 * stamps, turns)).tolist()
     lines = "".join(f"{k},{','.join(map(repr, row))},0.5\n" for k, row in enumerate(rows))
     table = f"#num,t,x,y,z,qx,qy,qz,qw,cov_x\n{lines}".encode()
-    yield Reader("csv table", {"t.csv": table}, "t.csv", lambda file: against_trajectory(read_trajectory(file), path))
+    yield Reader("csv table", {"t.csv": table}, "t.csv", lambda file: against(read_trajectory(file), path))
     yield Reader(
         "bag topics", _made("p.bag", _write_bag_of_poses), "p.bag",
         lambda file: [read_trajectory(f"{file}:{name}") for name in ("/pose", "tf:map:base")],

@@ -25,13 +25,14 @@ def seen_cells(
     Returns:
         [H, W].
     """
-    mount, settings = frames.mount, frames.settings
+    renderer = frames.renderer()
+    mount, settings = renderer.mount, renderer.settings
+    bearings = renderer.views[False].bearings
     rotation = rgbd.mount_rotation(mount)
     rows, columns = np.mgrid[: shape[0], : shape[1]]
     centres = np.stack((columns, rows), axis=-1).reshape(-1, 2) * cell_size + np.asarray(origin) + cell_size / 2
     seen = np.zeros(len(centres), bool)
-    for pose, time in zip(frames.disparity.poses, frames.disparity.times, strict=True):
-        camera, reaches, bearings = frames.renderer.depth_reaches(pose, float(time))
+    for camera, reaches in zip(*renderer.reaches(frames.disparity, colour=False), strict=True):
         todo = np.flatnonzero(~seen)
         away = centres[todo] - camera[:2]
         level = np.hypot(*away.T)

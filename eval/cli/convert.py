@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,8 +10,8 @@ import typer
 
 from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import say, say_json, warn
-from moteslam.eval.literal import literal
+from moteslam.eval.cli.text import answer, warn
+from moteslam.eval.tables import literal
 
 if TYPE_CHECKING:
     from moteslam.robot.trajectory import Trajectory
@@ -44,86 +45,62 @@ def convert(
       moteslam convert simulated robot --to rosbag2 --streams lidar,odometry
       moteslam convert result/trajectory.tum trajectory.g2o
     """  # noqa: D301
-    from moteslam.robot.trajectories import is_trajectory
-
-    if is_trajectory(path) or _stands_for_trajectory(out, to):
-        if part.given:
-            raise ConfigError("of a recording, expected none for a trajectory", field=f"--{next(iter(part.given))}")
-        _convert_trajectory(path, out, to, force=force, as_json=as_json)
-        return
-
     from moteslam.eval.scores import truth_file
     from moteslam.robot.files import result_folder, staged_file
     from moteslam.robot.formats import format_to_write
     from moteslam.robot.inspection import stream_reports
+    from moteslam.robot.trajectories import is_trajectory, trajectory_format_to_write
 
+    found: dict[str, Any]
+    kind, problem = None, ""
     try:
-        name, known = format_to_write(out, to)
-    except ConfigError as error:
-        raise ConfigError(error.problem, field="--to") from error
-    assert known.write is not None
-    with (result_folder if known.is_folder else staged_file)(out, force=force, keep=path) as place:
-        recording = part.open(path)
-        issues = (*recording.warnings, *known.write(place, recording))
-    truth = truth_file(path)
-    about: dict[str, Any] = {
-        "out": str(out),
-        "format": name,
-        "recording": recording.name,
-        "readings": {stream.name: stream.readings for stream in stream_reports(recording)},
-        "truth": None if truth is None else str(truth),
-        "warnings": [issue.as_dict() for issue in issues],
-    }
-    if as_json:
-        say_json(about)
-        return
-    warn(issues)
-    counts = ", ".join(f"{stream} {count}" for stream, count in about["readings"].items())
-    say(f"{literal(recording.name)}: readings of {counts}")
-    say(f"wrote {literal(out)}, {name}")
-    if truth is not None:
-        say(f"the truth stays where it is: moteslam evaluate TRAJECTORY {literal(truth)}")
+        name, kind = trajectory_format_to_write(out, to)
+    except (ConfigError, OutputError) as error:
+        problem = error.problem
+    if kind is not None or is_trajectory(path):
+        if part.given:
+            raise ConfigError("of a recording, expected none for a trajectory", field=f"--{next(iter(part.given))}")
+        if kind is None:
+            raise ConfigError(f"{path} is a trajectory: {problem}", field="--to")
+        with staged_file(out, force=force, keep=path) as file:
+            trajectory, issues = _read(path)
+            kind.write(file, trajectory)
+        found = {"out": str(out), "format": name, "poses": len(trajectory), "distance_m": trajectory.length}
+    else:
+        with options.named("--to"):
+            name, known = format_to_write(out, to)
+        assert known.write is not None
+        with (result_folder if known.is_folder else staged_file)(out, force=force, keep=path) as place:
+            recording = part.open(path)
+            issues = (*recording.warnings, *known.write(place, recording))
+        truth = truth_file(path)
+        found = {
+            "out": str(out),
+            "format": name,
+            "recording": recording.name,
+            "readings": {stream.name: stream.readings for stream in stream_reports(recording)},
+            "truth": None if truth is None else str(truth),
+        }
+    if not as_json:
+        warn(issues)
+    answer(found | {"warnings": [issue.as_dict() for issue in issues]}, _lines(found, path), as_json=as_json)
 
 
-def _stands_for_trajectory(out: Path, to: str | None) -> bool:
-    """Whether the format that is named, or that the ending of OUT stands for, is one of trajectories."""
-    from moteslam.robot.trajectories import trajectory_format_to_write
-
-    try:
-        trajectory_format_to_write(out, to)
-    except (ConfigError, OutputError):
-        return False
-    return True
-
-
-def _convert_trajectory(path: Path, out: Path, to: str | None, *, force: bool, as_json: bool) -> None:
-    """Write a trajectory in the format of a name, or of the ending of OUT; KITTI's stamps lie beside it."""
-    from moteslam.robot.files import staged_file
-    from moteslam.robot.trajectories import trajectory_format_to_write
+def _lines(found: dict[str, Any], path: Path) -> Iterator[str]:
     from moteslam.robot.values import counted
 
-    try:
-        name, known = trajectory_format_to_write(out, to)
-    except (ConfigError, OutputError) as error:
-        raise ConfigError(f"{path} is a trajectory: {error.problem}", field="--to") from error
-    with staged_file(out, force=force, keep=path) as file:
-        trajectory, issues = _read(path)
-        known.write(file, trajectory)
-    if as_json:
-        warnings = [issue.as_dict() for issue in issues]
-        say_json({"out": str(out), "format": name, "poses": len(trajectory), "warnings": warnings})
-        return
-    warn(issues)
-    say(f"{literal(path.name)}: {counted(len(trajectory), 'pose')}, {trajectory.length:.1f} m")
-    say(f"wrote {literal(out)}, {name}")
+    if "poses" in found:
+        yield f"{literal(path.name)}: {counted(found['poses'], 'pose')}, {found['distance_m']:.1f} m"
+    else:
+        counts = ", ".join(f"{stream} {count}" for stream, count in found["readings"].items())
+        yield f"{literal(found['recording'])}: readings of {counts}"
+    yield f"wrote {literal(found['out'])}, {found['format']}"
+    if found.get("truth") is not None:
+        yield f"the truth stays where it is: moteslam evaluate TRAJECTORY {literal(found['truth'])}"
 
 
 def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
-    """A trajectory, and what of its file is no part of it.
-
-    Raises:
-        InputError: it is broken.
-    """
+    """A trajectory, and what of its file is no part of it."""
     import numpy as np
 
     from moteslam.robot.formats.bags.files import is_bag

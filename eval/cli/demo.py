@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import say, simulation_bar
-from moteslam.eval.literal import literal
+from moteslam.eval.cli.text import answer, simulation_bar
+from moteslam.eval.tables import literal
 
 
 @options.with_options(run=options.SlamOptions)
@@ -35,20 +36,18 @@ def demo(
     """  # noqa: D301
     config = run.resolved()
 
-    from moteslam.eval.cli.running import run_into, say_run
-    from moteslam.eval.cli.simulate import Wanted, named_in_errors
+    from moteslam.eval.cli.running import run_into, run_lines
+    from moteslam.eval.cli.simulate import scenario_of
     from moteslam.kernels import runtime
     from moteslam.robot.files import result_folder
     from moteslam.sim.simulate import simulate
 
-    driven = Wanted(scenario, platform=platform, noise=noise).load(run.seed)
-    if duration is not None:
-        driven = driven.model_copy(update={"duration": min(duration, driven.duration)})
+    driven = scenario_of(scenario, run.seed, platform=platform, noise=noise, duration=duration)
     with result_folder(out, force=run.force) as folder:
         runtime.init(run.arch, run.threads)  # a device that is not there is refused before the drive
-        with named_in_errors(scenario), simulation_bar() as report:
+        with options.in_file(scenario), simulation_bar() as report:
             simulation = simulate(driven, run.seed, progress=report)
-        done = run_into(
+        found = run_into(
             folder,
             simulation.recording,
             config,
@@ -57,6 +56,7 @@ def demo(
             true_map=simulation.true_map(config.map.cell_size),
             about={"scenario": driven.name},
         )
-    say_run(done, out, f"{driven.name}: {simulation.truth.length:.1f} m", as_json=run.as_json)
-    if not run.as_json and not run.no_figures:
-        say(f"look at {literal(out / 'trajectories.png')}")
+    found = {"out": str(out), **found}
+    look = [] if run.no_figures else [f"look at {literal(out / 'trajectories.png')}"]
+    lines = chain(run_lines(found, f"{driven.name}: {simulation.truth.length:.1f} m"), look)
+    answer(found, lines, as_json=run.as_json)

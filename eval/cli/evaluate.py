@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
-from moteslam.errors import InputError, MoteslamError
+from moteslam.errors import InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import say_json, warn
-
-if TYPE_CHECKING:
-    from moteslam.eval.evaluation import Evaluation
+from moteslam.eval.cli.text import answer, note, warn
+from moteslam.eval.tables import aligned, literal
 
 NEEDED = {
-    **dict.fromkeys(("sequence", "platform"), "a recording"),
-    **dict.fromkeys(("plot", "max_difference", "time_offset"), "a reference"),
-    **dict.fromkeys(("no_align", "scale", "delta", "unit", "all_pairs", "loops"), "a reference trajectory"),
-    "no_interpolate": "a .relations reference",
-    "map_file": "a reference trajectory",
-    "true_map": "a --map",
+    "a recording": ("sequence", "platform"),
+    "a reference": ("plot", "max_difference", "time_offset"),
+    "a reference trajectory": ("no_align", "scale", "delta", "unit", "all_pairs", "loops", "map"),
+    "a .relations reference": ("no_interpolate",),
+    "a --map": ("true_map",),
 }
-"""What an option is about: without it the option would change nothing, and is refused."""
+"""What options are about: without it they would change nothing, and are refused."""
+
+Row = Mapping[str, Any]
+"""Of a trajectory: ``estimate``, ``reference`` with ``kind`` and figures, and ``recording`` with ``residuals``."""
+STATISTICS = ("rmse", "mean", "median", "std", "max")
+HEAD = ("error", "count", "RMSE", "mean", "median", "std", "max")
 
 
 def evaluate(
@@ -65,7 +67,7 @@ def evaluate(
         bool, typer.Option("--scale", help="Fit the scale too, for the absolute error: ranges or wheels may be off.")
     ] = False,
     delta: Annotated[float, typer.Option(help="Length of a pair for the relative error.")] = 1.0,
-    unit: Annotated[str, typer.Option(metavar="m|s|frames", help="Unit of --delta.")] = "m",
+    unit: Annotated[Literal["m", "s", "frames"], typer.Option(metavar="m|s|frames", help="Unit of --delta.")] = "m",
     all_pairs: Annotated[
         bool, typer.Option("--all-pairs", help="A pair from every pose on, not one after another.")
     ] = False,
@@ -114,7 +116,6 @@ def evaluate(
       moteslam evaluate theirs.tum truth.tum --map theirs.yaml --true-map truth_map.yaml --metric rpe_10m
       moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
     """  # noqa: D301
-    from moteslam.eval.cli.evaluate_tables import say_evaluations
     from moteslam.eval.evaluation import against, measured, read_reference, under_recording
     from moteslam.eval.metrics.evidence import oriented
     from moteslam.eval.metrics.loops import score_loops
@@ -141,14 +142,20 @@ def evaluate(
         trajectories = {name: replace(one, stamps=one.stamps + time_offset) for name, one in trajectories.items()}
     opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)
     truth = None if reference is None else read_reference(reference)
+    scans = None if opened is None else synchronise(opened).scans
     if not isinstance(truth, Trajectory):
         for one in trajectories.values():
             warn(one.warnings)
-    compared: dict[str, Evaluation] = {}
-    if reference is not None and truth is not None:
-        with _named(reference):
-            for name, one in trajectories.items():
-                compared[name] = against(
+    results: dict[str, Any] = {}
+    rows: list[dict[str, Any]] = []
+    whole: list[dict[str, Any]] = []
+    """The rows, with the error at every stamp."""
+    for name, one in trajectories.items():
+        rows.append({"estimate": name})
+        whole.append({"estimate": name})
+        if truth is not None and reference is not None:
+            with options.in_file(reference), options.named(delta="--delta", max_difference="--max-difference"):
+                compared = against(
                     one,
                     truth,
                     align=not no_align,
@@ -159,12 +166,15 @@ def evaluate(
                     max_difference=max_difference,
                     interpolate=not no_interpolate,
                 )
-    under: dict[str, Evaluation] = {}
-    scans = None if opened is None else synchronise(opened).scans
+            results[name] = compared.result
+            rows[-1] |= {"reference": str(reference), **compared.figures}
+            whole[-1] |= {"reference": str(reference), **compared.figures, "errors": compared.errors}
+        if opened is not None:
+            with options.in_file(name):
+                under = under_recording(one, opened, scans=scans)
+            rows[-1] |= {"recording": str(recording), "residuals": under.figures}
+            whole[-1] |= {"recording": str(recording), "residuals": {**under.figures, "errors": under.errors}}
     if opened is not None:
-        for name, one in trajectories.items():
-            with _named(name):
-                under[name] = under_recording(one, opened, scans=scans)
         warn(opened.warnings)
     found: dict[str, Any] = {}
     if loops is not None:
@@ -174,85 +184,162 @@ def evaluate(
     if metrics or true_map is not None:
         found["metrics"] = {}
         for name, one in trajectories.items():
-            values = measured(one, truth, recording=opened, occupancy=map_file, true_map=true_map, names=metrics)
+            with options.named(metrics="--metric"):
+                values = measured(one, truth, recording=opened, occupancy=map_file, true_map=true_map, names=metrics)
             found["metrics"][name] = {metric: value.as_dict() for metric, value in values.items()}
-
-    def row(name: str, *, errors: bool = False) -> dict[str, Any]:
-        row: dict[str, Any] = {"estimate": name}
-        if name in compared:
-            row |= {"reference": str(reference), **compared[name].figures}
-            row |= {"errors": compared[name].errors} if errors else {}
-        if name in under:
-            more = {"errors": under[name].errors} if errors else {}
-            row |= {"recording": str(recording), "residuals": under[name].figures | more}
-        return row
-
-    rows = [row(name) for name in trajectories]
     if save is not None:
         from moteslam.eval.results import write_json
         from moteslam.robot.files import folder_for
 
         with folder_for(save):
-            write_json(save, {"results": [row(name, errors=True) for name in trajectories], **found})
+            write_json(save, {"results": whole, **found})
     if plot is not None:
         from moteslam.eval.report.curves import draw_comparison
         from moteslam.robot.files import folder_for
 
         assert reference is not None  # or --plot was refused
         with folder_for(plot):
-            results = {name: each.result for name, each in compared.items()}
             draw_comparison(plot, results, title=f"against {reference.name}")
-    if as_json:
-        say_json((rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}) | found)
-    else:
-        say_evaluations(rows, found)
-
-
-@contextmanager
-def _named(file: Path | str) -> Iterator[None]:
-    """Errors within name the option, or the file if they name none."""
-    try:
-        yield
-    except MoteslamError as error:
-        if error.file is None and error.field in ("delta", "unit", "max_difference"):
-            raise InputError(error.problem, field=f"--{error.field.replace('_', '-')}") from error
-        if error.file is None:
-            raise InputError(error.problem, file=file) from error
-        raise
+    if not as_json:
+        for doubt in _doubts(rows):
+            note(f"warning: {doubt}")
+    one_or_all = rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}
+    answer(one_or_all | found, _lines(rows, found), as_json=as_json)
 
 
 def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None, map_file: Path | None) -> None:
-    """Refuse what does not go together."""
+    """Refuse what does not go together, also what was given with the value that it has by default."""
+    from moteslam.eval.metrics.relations import is_relations
 
-    def is_given(name: str) -> bool:  # be it with the value that it has by default
-        source = context.get_parameter_source(name)
-        return source is not None and source.name == "COMMANDLINE"
+    sources = {name: context.get_parameter_source(name) for name in context.params}
+    given = {name.removesuffix("_file") for name, source in sources.items() if source and source.name == "COMMANDLINE"}
 
     def refuse(problem: str, name: str) -> typer.BadParameter:
-        return typer.BadParameter(problem, param_hint=f"'--{name.removesuffix('_file').replace('_', '-')}'")
+        return typer.BadParameter(problem, param_hint=f"'--{name.replace('_', '-')}'")
 
     if len(paths) < 2 and recording is None:
         problem = "one file, expected trajectories and, last, their reference, or a --recording"
         raise typer.BadParameter(problem, param_hint="'EST... [REF]'")
-    if map_file is not None and not (is_given("true_map") or is_given("metrics")):
+    if "map" in given and given.isdisjoint(("true_map", "metrics")):
         raise refuse("given without --true-map, expected the map to compare it with", "map")
-    if map_file is not None and len(paths) > 2:
+    if "map" in given and len(paths) > 2:
         raise refuse("given with several EST, expected the one whose map it is", "map")
-    there = set() if recording is None else {"a recording"}
-    there |= set() if map_file is None else {"a --map"}
-    there |= _kinds(paths[-1]) if len(paths) > 1 else set()
+    there = {"a recording"} if recording is not None else set()
+    there |= {"a --map"} if map_file is not None else set()
+    if len(paths) > 1:
+        there |= {"a reference", "a .relations reference" if is_relations(paths[-1]) else "a reference trajectory"}
     own = {"a recording": "a --recording", "a --map": "the map that it is compared with"}
-    for name, needed in NEEDED.items():
-        if is_given(name) and needed not in there:
-            raise refuse(f"given without {needed}, expected {own.get(needed, 'one as the last file')}", name)
-    if is_given("scale") and is_given("no_align"):
+    for needed, names in NEEDED.items():
+        if needed not in there and (without := next((name for name in names if name in given), None)):
+            raise refuse(f"given without {needed}, expected {own.get(needed, 'one as the last file')}", without)
+    if given >= {"scale", "no_align"}:
         raise refuse("given with --no-align, expected one of the two", "scale")
 
 
-def _kinds(reference: Path) -> set[str]:
-    """What a reference is, in the words of ``NEEDED``."""
-    from moteslam.eval.metrics.relations import is_relations
+def _lines(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str]:
+    """The scores of trajectories, all by the same; then metrics and loops."""
+    kind, reference = rows[0].get("kind"), literal(rows[0].get("reference"))
+    if kind == "trajectory" and len(rows) > 1:
+        yield f"against {reference}"
+        yield _comparison(rows)
+    elif kind is not None:
+        for row in rows:
+            yield f"{literal(row['estimate'])} against {reference}"
+            yield from _relations(row) if kind == "relations" else [aligned([HEAD, *_errors(row)])]
+    if "residuals" in rows[0]:
+        yield f"scans of {literal(rows[0]['recording'])}"
+        yield _residuals(rows)
+    for name, values in more.get("metrics", {}).items():
+        yield f"metrics of {literal(name)}"
+        yield aligned([("metric", "value"), *((metric, _value(value)) for metric, value in values.items())])
+    if "loops" in more:
+        yield f"loops of {literal(more['loops']['file'])}"
+        yield from loop_lines(more["loops"])
 
-    if is_relations(reference):
-        return {"a reference", "a .relations reference"}
-    return {"a reference", "a reference trajectory"}
+
+def _doubts(rows: Sequence[Row]) -> Iterator[str]:
+    """What is doubtful in the comparisons, each beginning with a file."""
+    for row in rows:
+        name, reference = row["estimate"], row.get("reference")
+        for issue in (*row.get("warnings", ()), *row.get("residuals", {}).get("warnings", ())):
+            message = issue["message"]
+            named = message.startswith((f"{name}: ", f"{reference}: "))  # those of reading
+            yield message if named else f"{name}: {message}"
+
+
+def loop_lines(loops: Row) -> Iterator[str]:
+    """Precision and recall of loops, a line each, with the counts that they are shares of, or why there is none."""
+    from moteslam.robot.values import counted
+
+    if loops["precision"] is not None:
+        right, accepted = loops["accepted"] - round(loops["false"]), counted(loops["accepted"], "accepted loop")
+        yield f"loop precision {100 * loops['precision']:.1f} %: {right} of {accepted} right"
+    if loops["overruled"]:
+        overruled = counted(loops["overruled"], "loop")
+        yield f"overruled by the final path: {overruled}, {loops['overruled_false']} of them false"
+    if loops["recall"] is not None:
+        share = f"{loops['bound']} of {counted(loops['possible'] or 0, 'key scan')} with a possible loop"
+        yield f"loop recall {100 * loops['recall']:.1f} %: {share} bound by an accepted one"
+    yield from (issue["message"] for issue in loops["warnings"])
+
+
+def _value(value: Row) -> str:
+    return f"{value['value']:.4g} {value['unit']}".strip() if "value" in value else f"- {value['absent']}"
+
+
+def _errors(row: Row) -> list[tuple[str, ...]]:
+    """A line for each kind of error, as of ``HEAD``."""
+    name = "ATE" if row["aligned"] else "ATE, not aligned"
+    if row["scaled"]:
+        name = f"ATE, scaled by {row['ate']['scale']:.4f}"
+    errors = [(name, row["ate"])]
+    if (rpe := row.get("rpe")) is not None:
+        of = "RPE" if rpe["rotation_deg"] is not None else "RPE of distances"
+        errors.append((f"{of} over {rpe['delta']:g} {rpe['unit']}", rpe))
+    return [
+        (f"{name} [{unit}]", str(found["count"]), *(f"{found[each]:.{digits}f}" for each in STATISTICS))
+        for name, error in errors
+        for what, unit, digits in (("translation_m", "m", 4), ("rotation_deg", "deg", 3))
+        if (found := error.get(what)) is not None
+    ]
+
+
+def _comparison(rows: Sequence[Row]) -> str:
+    """A line a trajectory; relative errors where any has one."""
+    ate = "ATE, scale fitted," if rows[0]["scaled"] else "ATE" if rows[0]["aligned"] else "ATE, not aligned,"
+    pairs = next((f"{row['rpe']['delta']:g} {row['rpe']['unit']}" for row in rows if row["rpe"] is not None), None)
+    head = ("estimate", "poses", f"{ate} RMSE [m]", "median", "max", "heading RMSE [deg]")
+    lines: list[tuple[str, ...]] = [(*head, f"RPE over {pairs}, RMSE [m]") if pairs else head]
+    for row in rows:
+        along, turn, rpe = row["ate"]["translation_m"], row["ate"]["rotation_deg"], row["rpe"]
+        errors = (f"{along[name]:.4f}" for name in ("rmse", "median", "max"))
+        heading = "-" if turn is None else f"{turn['rmse']:.3f}"
+        over = ("-" if rpe is None else f"{rpe['translation_m']['rmse']:.4f}",) if pairs else ()
+        lines.append((row["estimate"], str(along["count"]), *errors, heading, *over))
+    return aligned(lines)
+
+
+def _relations(row: Row) -> Iterator[str]:
+    lines = [("relations", "count", "translation [m]", "rotation [deg]")]
+    for name, score in (("clear", row["clear"]), ("at stamps", row["at_stamps"]), ("all used", row["all"])):
+        if score is None:
+            lines.append((name, "0", "-", "-"))
+            continue
+        along, turn = score["translation_m"], score["rotation_deg"]
+        values = (f"{along['mean']:.4f} +- {along['std']:.4f}", f"{turn['mean']:.3f} +- {turn['std']:.3f}")
+        lines.append((name, str(along["count"]), *values))
+    yield aligned(lines)
+    used = f"{row['used']} of {row['total']} relations used, {row['interpolated']} of them between poses"
+    yield f"\x1b[1m{used}\x1b[0m" if sys.stdout.isatty() else used
+
+
+def _residuals(rows: Sequence[Row]) -> str:
+    lines = [("estimate", "scans", "residual median [mm]", "90 % below [mm]", "beyond 3 cm", "unseen", "no return")]
+    for row in rows:
+        found = row["residuals"]
+        median, below = (f"{1000 * found[name]:.1f}" for name in ("median_m", "quantile_90_m"))
+        beyond, unseen, none = (
+            f"{100 * found[f'{name}_share']:.1f} %" for name in ("beyond_3_cm", "unseen", "no_return")
+        )
+        lines.append((row["estimate"], str(found["scans"]), median, below, beyond, unseen, none))
+    return aligned(lines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from math import degrees
 from pathlib import Path
@@ -10,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import say, say_json, table
-from moteslam.eval.literal import literal
+from moteslam.eval.cli.text import answer
+from moteslam.eval.tables import aligned, literal
 
 if TYPE_CHECKING:
     from moteslam.robot.inspection import Inspection
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 NONE = "-"
 """Stands for what cannot be measured, or what the platform has not."""
+Row = tuple[str, str, str]
+"""Of the sensors: a figure's name, as measured, and by the platform of the recording."""
 
 
 @options.with_options(part=options.RecordingOptions)
@@ -40,9 +43,8 @@ def inspect(
     """Print what a recording holds, what is measured of its sensors, and what is wrong with it.
 
     The column "platform" has what the recording's robot is known for. Scans are held against each other and against
-    the odometry: what of lidar and odometry is certainly not as stated is a problem, with what mends it. Ranges of a
-    bag are measured with --deep, and held against its odometry; --plot reads them to draw them. Without either a bag's
-    ranges and images stay unread.
+    the odometry: what of lidar and odometry is certainly not as stated is a problem, with what mends it. Of a bag some
+    hundred scans are read for it; with --deep all are measured, and images looked at; --plot reads all to draw them.
 
     \b
     Examples:
@@ -61,10 +63,11 @@ def inspect(
     found = inspect_recording(recording, deep=deep)
     about: Findings | None = None
     stale: tuple[Issue, ...] = ()
-    if recording.lidar is not None and (deep or isinstance(recording.lidar.ranges, np.ndarray)):
+    if recording.lidar is not None:
         calibration = calibrate(recording)
         about = None if calibration is None else findings(calibration, recording)
-        stale = _stale(recording)
+        if deep or isinstance(recording.lidar.ranges, np.ndarray):
+            stale = _stale(recording)
     more = stale if about is None else (*stale, *about.issues)
     known = {issue.code for issue in more}
     kept = [issue for issue in found.problems if not (issue.code in known and issue.message.startswith("lidar:"))]
@@ -75,10 +78,8 @@ def inspect(
 
         with folder_for(plot):
             draw_streams(plot, recording, found)
-    if as_json:
-        say_json({**found.to_dict(), "calibration": None if about is None else [asdict(one) for one in about.figures]})
-    else:
-        _print(found, recording.platform, about)
+    whole = {**found.to_dict(), "calibration": None if about is None else [asdict(one) for one in about.figures]}
+    answer(whole, _lines(found, recording.platform, about), as_json=as_json)
 
 
 def _stale(recording: Recording) -> tuple[Issue, ...]:
@@ -94,105 +95,88 @@ def _stale(recording: Recording) -> tuple[Issue, ...]:
     return tuple(issue for issue in issues if issue.code == "stale-odometry")
 
 
-def _print(found: Inspection, platform: Platform, about: Findings | None) -> None:
-    say(f"{literal(found.name)} (platform {literal(found.platform)})")
-    rows = [("stream", "readings", "duration", "rate", "longest gap", "gaps", "equal stamps")]
-    for stream in found.streams:
-        rows.append(
-            (
-                stream.name,
-                str(stream.readings),
-                f"{stream.duration:.1f} s",
-                _or_dash(stream.mean_rate, "{:.1f} Hz"),
-                _or_dash(stream.largest_gap, "{:.3f} s"),
-                str(stream.gaps),
-                str(stream.equal_stamps),
-            )
-        )
-    say(table(rows, right=range(1, 7)))
-    if measured := _sensors(found, platform):
-        say(table([("sensors", "measured", "platform"), *measured], right=(1, 2)))
-    if about is not None:
-        from moteslam.slam.calibration.findings import WITHIN
+def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Iterator[str]:
+    from moteslam.slam.calibration.findings import WITHIN
 
+    yield f"{literal(found.name)} (platform {literal(found.platform)})"
+    rows = [("stream", "readings", "duration", "rate", "longest gap", "gaps", "equal stamps")]
+    for each in found.streams:
+        rate, gap = _shown(each.mean_rate, ".1f", "Hz"), _shown(each.largest_gap, ".3f", "s")
+        counts = (str(each.gaps), str(each.equal_stamps))
+        rows.append((each.name, str(each.readings), f"{each.duration:.1f} s", rate, gap, *counts))
+    yield aligned(rows)
+    if measured := list(_sensors(found, platform)):
+        yield aligned([("sensors", "measured", "platform"), *measured])
+    if about is not None:
         held = [("by scans and odometry", "measured", "within, 95 %", "stated")]
         for one in about.figures:
             held.append((one.name, f"{one.value:.4f}", f"+-{WITHIN * one.deviation:.4f}", f"{one.stated:g}"))
-        say(table(held, right=(1, 2, 3)))
+        yield aligned(held)
     if found.wheels is not None:
-        say(f"wheels: {_or_dash(found.wheels.distance, '{:.1f} m')} driven, {found.wheels.at_rest:.1f} s at rest")
+        yield f"wheels: {_shown(found.wheels.distance, '.1f', 'm')} driven, {found.wheels.at_rest:.1f} s at rest"
     if found.odometry_distance is not None:
-        say(f"odometry: {found.odometry_distance:.1f} m driven")
+        yield f"odometry: {found.odometry_distance:.1f} m driven"
     for clock in found.clocks:
-        say(
-            f"clock: turns by the {clock.name} {1000 * clock.offset:+.0f} ms after those by the {clock.reference}, "
-            f"correlation {clock.correlation:.2f}"
-        )
+        after = f"{1000 * clock.offset:+.0f} ms after those by the {clock.reference}"
+        yield f"clock: turns by the {clock.name} {after}, correlation {clock.correlation:.2f}"
     for problem in found.problems:
-        say(f"problem: {literal(problem)}")
+        yield f"problem: {literal(problem)}"
     if about is not None and about.issues:
-        say("what is certain of lidar and odometry is mended by replay --calibrate lidar, or odometry")
+        yield "what is certain of lidar and odometry is mended by replay --calibrate lidar, or odometry"
     if not found.problems:
-        say("no problems")
+        yield "no problems"
 
 
-def _sensors(found: Inspection, platform: Platform) -> list[tuple[str, str, str]]:
-    """What was measured of the sensors: a figure's name, as measured, and by the platform of the recording."""
+def _sensors(found: Inspection, platform: Platform) -> Iterator[Row]:
     rates = {stream.name: stream.mean_rate for stream in found.streams}
-    encoders, imu = (NONE if one is None else f"{one.rate:g} Hz" for one in (platform.encoders, platform.imu))
-    rows = [] if found.lidar is None else _lidar(found.lidar, rates.get("lidar"), platform)
+    if found.lidar is not None:
+        yield from _lidar(found.lidar, rates.get("lidar"), platform)
     if found.wheels is not None:
-        rows.append(("encoder rate", _or_dash(rates.get("encoders"), "{:.1f} Hz"), encoders))
-        rows.append(("encoder counts FR FL RR RL", " ".join(map(str, found.wheels.counts)), NONE))
+        stated = None if platform.encoders is None else platform.encoders.rate
+        yield "encoder rate", _shown(rates.get("encoders"), ".1f", "Hz"), _shown(stated, "g", "Hz")
+        yield "encoder counts FR FL RR RL", " ".join(map(str, found.wheels.counts)), NONE
     if "imu" in rates:
-        rows.append(("IMU rate", _or_dash(rates["imu"], "{:.1f} Hz"), imu))
+        stated = None if platform.imu is None else platform.imu.rate
+        yield "IMU rate", _shown(rates["imu"], ".1f", "Hz"), _shown(stated, "g", "Hz")
     if (gyro := found.gyro_at_rest) is not None:
         noise = None if platform.imu is None else platform.noise.imu
         bias, deviation = (None, None) if noise is None else (noise.gyro_bias, noise.gyro_noise)
-        rows.append(("gyro at rest, mean", f"{gyro.mean:.5f} rad/s", _or_dash(bias, "{:.5f} rad/s")))
-        rows.append(("gyro at rest, noise", f"{gyro.deviation:.5f} rad/s", _or_dash(deviation, "{:.5f} rad/s")))
-    return rows
+        for name, value, known in (("mean", gyro.mean, bias), ("noise", gyro.deviation, deviation)):
+            yield f"gyro at rest, {name}", _shown(value, ".5f", "rad/s"), _shown(known, ".5f", "rad/s")
 
 
-def _lidar(found: LidarReport, rate: float | None, platform: Platform) -> list[tuple[str, str, str]]:
-    spec, noise, at_rest = platform.lidar, platform.noise.lidar, found.noise_at_rest
-    known = spec.rate is not None  # a platform that gives no rate gives no noise either
-    beams = -(-found.beams // found.interlace)
+def _lidar(found: LidarReport, rate: float | None, platform: Platform) -> Iterator[Row]:
+    spec, at_rest = platform.lidar, found.noise_at_rest
+    noise = platform.noise.lidar if spec.rate is not None else None  # one that gives no rate gives no noise either
     turns = NONE
     if spec.angle_increment is not None:
         turns = "clockwise" if spec.angle_increment < 0 else "counterclockwise"
-    expected, at = None, "at rest"
+    resolution, dropout = (None, None) if noise is None else (noise.resolution, noise.dropout)
+    deviation, expected, at = None, None, "at rest"
     if at_rest is not None:
-        expected = noise.range_noise + noise.range_noise_per_metre * at_rest.at_range if known else None
-        at = f"at {at_rest.at_range:.2f} m, at rest"
-    return [
-        ("lidar beams", f"{beams} of {found.beams}" if found.interlace > 1 else str(beams), _or_dash(spec.beams, "{}")),
-        ("first beam", _angle(found.angle_min), _angle(spec.angle_min)),
-        ("between beams", _angle(found.angle_increment), _angle(spec.angle_increment)),
-        ("turns", found.turns, turns),
-        ("scan rate", _or_dash(rate, "{:.2f} Hz"), _or_dash(spec.rate, "{:g} Hz")),
-        ("shortest limit", f"{found.range_min:g} m", _or_dash(spec.range_min, "{:g} m")),
-        ("longest limit", f"{found.range_max:g} m", _or_dash(spec.range_max, "{:g} m")),
-        ("nearest endpoint", _or_dash(found.nearest, "{:.3f} m"), NONE),
-        ("farthest endpoint", _or_dash(found.farthest, "{:.3f} m"), NONE),
-        ("range resolution", _millimetres(found.resolution), _millimetres(noise.resolution if known else None)),
-        (f"range noise {at}", _millimetres(None if at_rest is None else at_rest.deviation), _millimetres(expected)),
-        ("dropouts", _percent(found.invalid), _percent(noise.dropout if known else None)),
-        ("no return", _percent(found.no_return), NONE),
-    ]
+        deviation, at = at_rest.deviation, f"at {at_rest.at_range:.2f} m, at rest"
+        if noise is not None:
+            expected = noise.range_noise + noise.range_noise_per_metre * at_rest.at_range
+    beams = -(-found.beams // found.interlace)
+    interlaced = f"{beams} of {found.beams}" if found.interlace > 1 else str(beams)
+    yield "lidar beams", interlaced, _shown(spec.beams, "")
+    yield "first beam", _degrees(found.angle_min), _degrees(spec.angle_min)
+    yield "between beams", _degrees(found.angle_increment), _degrees(spec.angle_increment)
+    yield "turns", found.turns, turns
+    yield "scan rate", _shown(rate, ".2f", "Hz"), _shown(spec.rate, "g", "Hz")
+    yield "shortest limit", _shown(found.range_min, "g", "m"), _shown(spec.range_min, "g", "m")
+    yield "longest limit", _shown(found.range_max, "g", "m"), _shown(spec.range_max, "g", "m")
+    yield "nearest endpoint", _shown(found.nearest, ".3f", "m"), NONE
+    yield "farthest endpoint", _shown(found.farthest, ".3f", "m"), NONE
+    yield "range resolution", _shown(found.resolution, ".3g", "mm", 1000), _shown(resolution, ".3g", "mm", 1000)
+    yield f"range noise {at}", _shown(deviation, ".3g", "mm", 1000), _shown(expected, ".3g", "mm", 1000)
+    yield "dropouts", _shown(found.invalid, ".2f", "%", 100), _shown(dropout, ".2f", "%", 100)
+    yield "no return", _shown(found.no_return, ".2f", "%", 100), NONE
 
 
-def _or_dash(value: float | None, form: str) -> str:
-    return NONE if value is None else form.format(value)
+def _degrees(angle: float | None) -> str:
+    return NONE if angle is None else f"{degrees(angle):.4g} deg"
 
 
-def _percent(share: float | None) -> str:
-    return NONE if share is None else f"{100 * share:.2f} %"
-
-
-def _angle(value: float | None) -> str:
-    return NONE if value is None else f"{degrees(value):.4g} deg"
-
-
-def _millimetres(value: float | None) -> str:
-    return NONE if value is None else f"{1000 * value:.3g} mm"
+def _shown(value: float | None, form: str, unit: str = "", factor: float = 1) -> str:
+    return NONE if value is None else f"{factor * value:{form}} {unit}".rstrip()

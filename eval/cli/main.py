@@ -15,13 +15,12 @@ import typer
 
 from moteslam.errors import ExistsError, MoteslamError, MoteslamWarning, OutputError
 from moteslam.eval.cli import (
+    catalogue,
     compare,
     convert,
     demo,
     evaluate,
     inspect,
-    metrics,
-    platforms,
     replay,
     report,
     scenarios,
@@ -73,7 +72,7 @@ def _root(
 
 for command in (
     *(demo.demo, simulate.simulate, replay.replay, evaluate.evaluate),
-    *(compare.compare, report.report, inspect.inspect, convert.convert, platforms.platforms, metrics.metrics),
+    *(compare.compare, report.report, inspect.inspect, convert.convert, catalogue.platforms, catalogue.metrics),
 ):
     app.command()(command)
 app.add_typer(scenarios.app, name="scenarios")
@@ -105,9 +104,8 @@ def run(arguments: list[str]) -> int:
     except (Interrupted, KeyboardInterrupt) as error:
         return _interrupted(error)
     except Exception as error:
-        if (asked := was_asked()) is not None:  # an extension that is interrupted in its import makes an error of it
-            return _interrupted(asked)
-        return _failed(error)
+        asked = was_asked()  # an extension that is interrupted in its import makes an error of it
+        return _failed(error) if asked is None else _interrupted(asked)
     return code if isinstance(code, int) else 0
 
 
@@ -132,46 +130,33 @@ def _interrupted(error: BaseException) -> int:
     return error.exit_code if isinstance(error, Interrupted) else 130
 
 
-def _failed(error: Exception) -> int:
+def _failed(error: Any) -> int:
     """Print an error in one line; the exit code that goes with it."""
-    if isinstance(error, MoteslamError):
-        note(f"{error}{_option_for(error)}")
+    if type(error).__name__ == "NoArgsIsHelpError":
+        say(error.format_message())
+    elif hasattr(error, "format_message"):  # a usage error, of Click or of Typer's own copy of it
+        context = getattr(error, "ctx", None)
+        hint = f" (see {context.command_path} --help)" if context is not None else ""
+        note(f"{error.format_message().replace('Value error, ', '')}{hint}")
+    elif isinstance(error, MoteslamError):  # what is below the command line names none of its options
+        force = ", or replace it with --force" * isinstance(error, ExistsError)
+        note(f"{error}{force}{' (option --sequence)' * (error.field == 'sequence')}")
         if error.file == STDOUT:
             _discard_stdout()  # a full disk behind stdout would be reported again at exit
-    elif hasattr(error, "format_message"):  # a usage error, of Click or of Typer's own copy of it
-        return _usage_error(error)
     elif isinstance(error, MemoryError):
         note(f"out of memory ({error}), expected fewer particles, larger cells or a shorter recording")
+    elif isinstance(error, OSError) and error.filename is None and error.errno == errno.ENOSPC:
+        return _failed(OutputError(f"cannot be written: {error.strerror}", file=STDOUT))  # what Typer printed itself
     elif isinstance(error, OSError):
-        if error.filename is None and error.errno == errno.ENOSPC:  # what Typer printed itself; our files have names
-            return _failed(OutputError(f"cannot be written: {error.strerror}", file=STDOUT))
-        name = "" if error.filename is None else f"{error.filename}: "
-        note(f"{name}{error.strerror or error}")
+        note(f"{'' if error.filename is None else f'{error.filename}: '}{error.strerror or error}")
+    elif os.environ.get("MOTESLAM_TRACEBACK") == "1":
+        raise error
     else:
-        if os.environ.get("MOTESLAM_TRACEBACK") == "1":
-            raise error
         kind = f"{type(error).__module__}.{type(error).__qualname__}".removeprefix("builtins.")
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"in {last.filename}, line {last.lineno}"
         note(f"internal error: {kind}: {error} {place}; MOTESLAM_TRACEBACK=1 shows more, please report it")
         return INTERNAL_ERROR
-    return BAD_INPUT
-
-
-def _option_for(error: MoteslamError) -> str:
-    """The option that helps, as an ending of the error's line; what is below the command line names none."""
-    if isinstance(error, ExistsError):
-        return ", or replace it with --force"
-    return " (option --sequence)" if error.field == "sequence" else ""
-
-
-def _usage_error(error: Any) -> int:
-    if type(error).__name__ == "NoArgsIsHelpError":
-        say(error.format_message())
-        return BAD_INPUT
-    context = getattr(error, "ctx", None)
-    hint = f" (see {context.command_path} --help)" if context is not None else ""
-    note(f"{error.format_message().replace('Value error, ', '')}{hint}")
     return BAD_INPUT
 
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import wraps
 from inspect import Parameter, signature
 from itertools import chain
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 
-from moteslam.errors import ConfigError, ExistsError, OutputError
+from moteslam.errors import ConfigError, ExistsError, MoteslamError, OutputError
+from moteslam.eval.cli.text import answer
 
 if TYPE_CHECKING:
     from moteslam.robot.formats import Topics
@@ -28,8 +30,11 @@ Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out,
 ForceFile = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Format = Annotated[
-    str | None,
+    Literal["text", "markdown", "latex", "csv"],
     typer.Option("--format", metavar="markdown|latex|csv", help="Of the table that is printed, in place of text."),
+]
+Metrics = Annotated[
+    list[str] | None, typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable.")
 ]
 ScenarioName = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
@@ -44,7 +49,7 @@ Robot = Annotated[
     str | None, typer.Option("--platform", metavar="NAME|FILE", help="Another robot: see moteslam platforms.")
 ]
 NoiseClass = Annotated[
-    str | None,
+    Literal["datasheet", "as_recorded"] | None,
     typer.Option("--noise", metavar="datasheet|as_recorded", help="How wrong the sensors are; datasheet by default."),
 ]
 PlatformFile = Annotated[
@@ -57,13 +62,34 @@ Settings = Annotated[
 ]
 
 
-def expect_new(file: Path | None, *endings: str, force: bool) -> None:
-    """Refuse a file to write that exists, or whose ending is not one of these.
+@contextmanager
+def named(option: str | None = None, /, **by_field: str) -> Iterator[None]:
+    """Errors of the block that name no file name an option: that of their field, else the one given for all.
 
-    Raises:
-        ExistsError: it exists, and is not to be replaced.
-        OutputError: another ending, or it exists and is no regular file.
+    In it ``{}`` stands for the field.
     """
+    try:
+        yield
+    except MoteslamError as error:
+        flag = by_field.get(error.field or "", option)
+        if flag is None or error.file is not None:
+            raise
+        raise type(error)(error.problem, field=flag.replace("{}", str(error.field))) from error
+
+
+@contextmanager
+def in_file(file: Path | str) -> Iterator[None]:
+    """Errors of the block that name neither file nor option name this file, as the user wrote it."""
+    try:
+        yield
+    except MoteslamError as error:
+        if error.file is not None or (error.field or "").startswith("--"):
+            raise
+        raise type(error)(error.problem, file=file, field=error.field) from error
+
+
+def expect_new(file: Path | None, *endings: str, force: bool) -> None:
+    """Refuse a file to write that exists, is no regular file, or whose ending is not one of these."""
     if file is None:
         return
     from moteslam.robot.files import expect_file
@@ -73,20 +99,6 @@ def expect_new(file: Path | None, *endings: str, force: bool) -> None:
     expect_file(file)
     if file.exists() and not force:
         raise ExistsError("exists already; name a new file", file=file)
-
-
-def chosen_format(given: str | None, *, as_json: bool) -> str:
-    """What ``--format`` and ``--json`` ask for: ``text``, ``json`` or one of ``moteslam.eval.tables``.
-
-    Raises:
-        ConfigError: no such format, or both are given.
-    """
-    from moteslam.eval.tables import FORMATS
-
-    if given is not None and (as_json or given not in FORMATS):
-        expected = "one of the two" if as_json else f"one of {', '.join(FORMATS)}"
-        raise ConfigError(f"{given!r}{' with --json' if as_json else ''}, expected {expected}", field="--format")
-    return "json" if as_json else given or "text"
 
 
 @dataclass(frozen=True)
@@ -109,31 +121,16 @@ class SlamOptions:
     as_json: Json = False
 
     def resolved(self) -> SlamConfig:
-        """The configuration: flag over file over preset. With ``--print-config`` it is printed instead.
-
-        Raises:
-            ConfigError: an unknown preset or key, or a value out of bounds; the option is named.
-            Exit: after it was printed.
-        """
-        from moteslam.eval.cli.text import say, say_json
+        """The configuration: flag over file over preset. With ``--print-config`` it is printed and the command ends."""
         from moteslam.slam.settings import DEFAULT_PRESET, resolve_config
 
         preset = DEFAULT_PRESET if self.preset is None else self.preset
-        try:
+        with named("--set {}", **{"settings": "--set", repr(preset)[1:-1]: "--preset {}"}):
             config = resolve_config(preset, self.settings or [], self.config)
-        except ConfigError as error:
-            if error.file is not None or not error.field:
-                raise
-            option = "--preset" if error.field == repr(preset)[1:-1] else "--set"
-            field = option if error.field == "settings" else f"{option} {error.field}"
-            raise ConfigError(error.problem, field=field) from error
-        if not self.print_config:
-            return config
-        if self.as_json:
-            say_json(config.model_dump(mode="json"))
-        else:
-            say(config.to_toml().rstrip("\n"))
-        raise typer.Exit
+        if self.print_config:
+            answer(config.model_dump(mode="json"), [config.to_toml().rstrip("\n")], as_json=self.as_json)
+            raise typer.Exit
+        return config
 
 
 @dataclass(frozen=True)
@@ -154,19 +151,12 @@ class RecordingOptions:
     every: Annotated[int, typer.Option(metavar="N", help="Keep every N-th scan.")] = 1
 
     def open(self, path: Path) -> Recording:
-        """The part of the recording at a path that the options ask for.
-
-        Raises:
-            InputError: it cannot be read, or nothing is left of it.
-            ConfigError: an option that is wrong; it is named.
-        """
+        """The part of the recording at a path that the options ask for."""
         from moteslam.robot.formats import Cut, cut, open_recording
 
-        try:
-            streams = tuple(name.strip() for name in self.streams.split(",")) if self.streams is not None else ()
+        streams = tuple(name.strip() for name in self.streams.split(",")) if self.streams is not None else ()
+        with named(start="--start", end="--end", every="--every", streams="--streams"):
             part = Cut(self.start, inf if self.end is None else self.end, self.every, streams)
-        except ConfigError as error:
-            raise ConfigError(error.problem, field=f"--{error.field}") from error
         topics = _topics(self.topics or ())
         recording = open_recording(path, sequence=self.sequence, platform=self.platform, topics=topics, streams=streams)
         return cut(recording, part)
@@ -178,11 +168,7 @@ class RecordingOptions:
 
 
 def _topics(given: Iterable[str]) -> Topics:
-    """The topics of each stream: ``lidar=/scan`` or, to merge several lidars, ``lidar=/front,/back``.
-
-    Raises:
-        ConfigError: not of this form, no such stream, or one stream twice.
-    """
+    """The topics of each stream: ``lidar=/scan`` or, to merge several lidars, ``lidar=/front,/back``."""
     topics: dict[str, tuple[str, ...]] = {}
     for words in given:
         stream, _, text = words.partition("=")
@@ -197,11 +183,8 @@ def _topics(given: Iterable[str]) -> Topics:
 
 
 def with_options(**groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options of some groups after its own; it gets each group as one argument.
-
-    Args:
-        groups: the name of the argument, and a dataclass whose fields are options: ``run=SlamOptions``.
-    """
+    """Give a command the options of dataclasses after its own; it gets each as one argument: ``run=SlamOptions``."""
+    shared = {name: _parameters(group) for name, group in groups.items()}
 
     def extended(command: Callable[..., None]) -> Callable[..., None]:
         hints = get_type_hints(command, include_extras=True)
@@ -210,7 +193,6 @@ def with_options(**groups: type[Any]) -> Callable[[Callable[..., None]], Callabl
             for name, parameter in signature(command).parameters.items()
             if name not in groups
         ]
-        shared = {name: _parameters(group) for name, group in groups.items()}
 
         @wraps(command)
         def whole(**given: Any) -> None:

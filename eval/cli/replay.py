@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import say, say_json, warn
-from moteslam.eval.literal import literal
+from moteslam.eval.cli.text import answer, warn
+from moteslam.eval.tables import literal
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,7 +37,7 @@ def replay(
         bool, typer.Option("--dead-reckoning", help="Odometry alone: no lidar needed, --out optional.")
     ] = False,
     calibrate: Annotated[
-        str | None,
+        Literal["lidar", "odometry"] | None,
         typer.Option(
             metavar="lidar|odometry",
             help="Mend what is certainly not as stated; where the two contradict each other, this one is wrong.",
@@ -67,26 +68,21 @@ def replay(
     config = run.resolved()
     if path is None:
         raise typer.BadParameter("missing, expected a recording", param_hint="'PATH'")
-    if calibrate not in (None, "lidar", "odometry"):
-        raise typer.BadParameter(f"{calibrate!r}, expected lidar or odometry", param_hint="'--calibrate'")
-    if out is None and not dead_reckoning:
+    if dead_reckoning:
+        _dead_reckon(path, part.open(path), config, out, run)
+        return
+    if out is None:
         raise typer.BadParameter("missing, expected a folder for the result", param_hint="'--out'")
 
-    recording = part.open(path)
-    if dead_reckoning:
-        _dead_reckon(path, recording, config, out, run)
-        return
-
-    from moteslam.eval.cli.running import run_into, say_run
+    from moteslam.eval.cli.running import run_into, run_lines
     from moteslam.eval.scores import true_map_beside
     from moteslam.robot.files import result_folder
 
-    assert out is not None
-    recording, found = _checked(recording, calibrate)
+    recording, not_as_stated = _checked(part.open(path), calibrate)
     truth, issues = (None, ()) if recording.lidar is None else _truth_beside(path, recording.lidar.stamps)
     cut = {name: value for name, value in part.given.items() if name not in ("sequence", "platform")}
     with result_folder(out, force=run.force, keep=path) as folder:
-        done = run_into(
+        found = run_into(
             folder,
             recording,
             config,
@@ -94,17 +90,16 @@ def replay(
             truth=truth,
             true_map=None if truth is None else true_map_beside(path),
             about={"path": str(path), **cut, **({} if calibrate is None else {"calibrate": calibrate})},
-            issues=(*found, *issues),
+            issues=(*not_as_stated, *issues),
         )
-    say_run(done, out, f"{recording.name}: {done.estimate.trajectory_final.length:.1f} m", as_json=run.as_json)
+    found = {"out": str(out), **found}
+    answer(found, run_lines(found, f"{recording.name}: {found['distance_m']:.1f} m"), as_json=run.as_json)
 
 
-def _checked(recording: Recording, side: str | None) -> tuple[Recording, tuple[Issue, ...]]:
+def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) -> tuple[Recording, tuple[Issue, ...]]:
     """The recording as SLAM is to take it in, and what of it is not as stated.
 
-    Args:
-        recording: as it was read.
-        side: what is mended; None: nothing but headings that are of no use.
+    Without a side to mend, headings that are of no use are mended alone.
     """
     from moteslam.robot.values import Issue
     from moteslam.slam.calibration.calibrate import PAIRS, calibrate
@@ -116,25 +111,21 @@ def _checked(recording: Recording, side: str | None) -> tuple[Recording, tuple[I
         return recording, () if side is None else (Issue("not-calibrated", text),)
     about = findings(found, recording)
     if side is None:
-        hint = "; see --calibrate"
-        moves = tuple(Issue(issue.code, issue.message + hint) for issue in about.moves)
+        moves = tuple(Issue(issue.code, f"{issue.message}; see --calibrate") for issue in about.moves)
         return (with_form(recording, found.form) if about.unusable else recording), moves
-    mended = calibrated(recording, found, "lidar" if side == "lidar" else "odometry")
+    mended = calibrated(recording, found, side)
     return mended, tuple(Issue(issue.code, f"{issue.message}; mended by the {side}") for issue in about.issues)
 
 
 def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory | None, tuple[Issue, ...]]:
-    """The truth in a recording's folder, or beside a log, if it is on the clock of these stamps; if not, why not.
-
-    Raises:
-        InputError: a ``truth.tum`` that cannot be read.
-    """
+    """The truth in a recording's folder, or beside a log, if it is on the clock of these stamps [s]; if not, why."""
     import numpy as np
 
     from moteslam.eval.metrics.association import match
     from moteslam.eval.scores import truth_file
     from moteslam.robot.trajectories.text import read_tum
     from moteslam.robot.trajectory import Trajectory
+    from moteslam.robot.values import Issue
 
     file = truth_file(path)
     if file is None:
@@ -143,8 +134,6 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
     try:
         match(Trajectory(stamps, np.zeros((len(stamps), 3))), truth)
     except InputError as error:
-        from moteslam.robot.values import Issue
-
         return None, (Issue("not-scored", f"{file}: {error.problem}; not scored"),)
     return truth, truth.warnings
 
@@ -176,7 +165,7 @@ def _dead_reckon(
                     title=f"{recording.name}: dead reckoning",
                 )
     x, y, theta = trajectory.poses[-1].tolist()
-    about = {
+    found = {
         "out": None if out is None else str(out),
         "recording": recording.name,
         "poses": len(trajectory),
@@ -185,11 +174,14 @@ def _dead_reckon(
         "end": {"x_m": x, "y_m": y, "heading_deg": degrees(theta)},
         "warnings": [issue.as_dict() for issue in recording.warnings],
     }
-    if run.as_json:
-        say_json(about)
-        return
-    driven = f"{about['distance_m']:.1f} m in {about['duration_s']:.1f} s"
-    say(f"{literal(recording.name)}: dead reckoning over {driven}")
-    say(f"ends at x {x:.2f} m, y {y:.2f} m, heading {degrees(theta):.1f} deg")
-    if out is not None:
-        say(f"result in {literal(out)}")
+    answer(found, _lines(found), as_json=run.as_json)
+
+
+def _lines(found: dict[str, Any]) -> Iterator[str]:
+    """Of dead reckoning."""
+    driven = f"{found['distance_m']:.1f} m in {found['duration_s']:.1f} s"
+    yield f"{literal(found['recording'])}: dead reckoning over {driven}"
+    end = found["end"]
+    yield f"ends at x {end['x_m']:.2f} m, y {end['y_m']:.2f} m, heading {end['heading_deg']:.1f} deg"
+    if found["out"] is not None:
+        yield f"result in {literal(found['out'])}"

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import progress_bar, say, say_json
-from moteslam.eval.literal import literal
+from moteslam.eval.cli.text import answer, progress_bar
+from moteslam.eval.tables import literal
 
 
 def report(
@@ -57,7 +57,4 @@ def report(
     with folder_for(out):
         write_atomically(out, text)
     about = {"file": str(out), "bytes": len(text.encode()), "runs": len(material.runs)}
-    if as_json:
-        say_json(about)
-    else:
-        say(f"{about['runs']} runs in {literal(out)} ({len(text.encode()) / 1e6:.1f} MB)")
+    answer(about, [f"{len(material.runs)} runs in {literal(out)} ({len(text.encode()) / 1e6:.1f} MB)"], as_json=as_json)

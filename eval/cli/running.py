@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from moteslam.eval.cli.text import progress_bar, say, say_json, table, warn
-from moteslam.eval.literal import literal
+from moteslam.eval.cli.evaluate import loop_lines
+from moteslam.eval.cli.text import progress_bar, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.report.stages import Snapshots, TextureStages
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import Figures, number
+from moteslam.eval.tables import aligned, literal
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
@@ -28,15 +29,6 @@ if TYPE_CHECKING:
     from moteslam.eval.cli.options import SlamOptions
 
 
-@dataclass(frozen=True)
-class Run:
-    """A run that is done: its estimate, its figures as of ``metrics.json``, and all issues of recording and run."""
-
-    estimate: Estimate
-    figures: Figures
-    issues: tuple[Issue, ...]
-
-
 def run_into(
     folder: Path,
     recording: Recording,
@@ -47,20 +39,11 @@ def run_into(
     true_map: Raster | None = None,
     about: dict[str, Any] | None = None,
     issues: tuple[Issue, ...] = (),
-) -> Run:
-    """Run SLAM over a recording and fill a result folder, which exists.
+) -> Figures:
+    """Run SLAM over a recording and fill a result folder, which exists; what is printed of it.
 
-    Args:
-        folder: of the result.
-        recording: what the sensors saw.
-        config, options: how it is run: seed, device, figures.
-        truth: what to score it with.
-        true_map: likewise, trinary, in the frame of the truth.
-        about: more for ``run.json``.
-        issues: found before the run; those of the recording and of SLAM follow.
-
-    Raises:
-        MoteslamError: whatever is wrong with the recording, the configuration, the device or the folder.
+    It is scored with the truth, and its map with the true one, trinary and in the frame of the truth. ``about`` goes
+    into ``run.json``; ``issues`` were found before the run, those of the recording and of SLAM follow.
     """
     from moteslam.kernels import runtime
 
@@ -98,7 +81,20 @@ def run_into(
             "threads": device.threads,
         },
     )
-    return Run(estimate, found, issues)
+    return described(estimate, found, issues)
+
+
+def described(estimate: Estimate, figures: Figures, issues: tuple[Issue, ...] = ()) -> Figures:
+    """The figures of ``metrics.json``, and what else is printed of a run."""
+    return {
+        "recording": estimate.name,
+        "seed": estimate.seed,
+        "first_stamp": float(estimate.trajectory.stamps[0]),
+        "most_particles": int(estimate.diagnostics["particles"].max()),
+        "filter_and_back_end_seconds": estimate.seconds,
+        "warnings": [issue.as_dict() for issue in issues],
+        **figures,
+    }
 
 
 def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[tuple[float, TextureMap]]]:
@@ -118,51 +114,34 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
     return estimate, stages.kept if estimate.texture is not None else []
 
 
-def say_run(run: Run, out: Path, driven: str, *, as_json: bool) -> None:
-    """Print a run: what was driven, how many scans and particles, where the robot was lost, and the scores."""
-    estimate, stamps, figures = run.estimate, run.estimate.trajectory.stamps, run.figures
-    if as_json:
-        say_json(
-            {
-                "out": str(out),
-                "recording": estimate.name,
-                "seed": estimate.seed,
-                "filter_and_back_end_seconds": estimate.seconds,
-                "warnings": [issue.as_dict() for issue in run.issues],
-                **figures,
-            }
-        )
-        return
-    counts, lost = estimate.diagnostics["particles"], figures["localisation"]
-    particles = counted(int(counts.max()), "particle")
-    if counts.min() < counts.max():
-        particles = f"{counts.mean():.0f} of {particles} in the mean"
-    scans = f"{counted(len(stamps), 'scan')}, {particles}, {1000 * estimate.seconds / len(stamps):.1f} ms a scan"
-    say(f"{literal(driven)} in {stamps[-1] - stamps[0]:.0f} s, {scans}")
+def run_lines(found: Figures, driven: str) -> Iterator[str]:
+    """What was driven, how many scans and particles, where the robot was lost, and the scores."""
+    particles, lost = counted(found["most_particles"], "particle"), found["localisation"]
+    if found["mean_particles"] < found["most_particles"]:
+        particles = f"{found['mean_particles']:.0f} of {particles} in the mean"
+    pace = 1000 * found["filter_and_back_end_seconds"] / found["scans"]
+    scans = f"{counted(found['scans'], 'scan')}, {particles}, {pace:.1f} ms a scan"
+    yield f"{literal(driven)} in {found['duration_s']:.0f} s, {scans}"
     if lost["first_lost_stamp"] is not None:
-        after = lost["first_lost_stamp"] - stamps[0]
-        say(f"lost at {counted(lost['states']['lost'], 'scan')}, first after {after:.1f} s: see diagnostics.csv")
-    if number(figures, "final.ate") is not None:
-        say(score_table(figures))
-    say(f"result in {literal(out)}")
+        after = lost["first_lost_stamp"] - found["first_stamp"]
+        yield f"lost at {counted(lost['states']['lost'], 'scan')}, first after {after:.1f} s: see diagnostics.csv"
+    if number(found, "final.ate") is not None:
+        yield from score_lines(found)
+    yield f"result in {literal(found['out'])}"
 
 
-def score_table(figures: Figures) -> str:
-    """The scores as a small table: absolute error, and relative error over 1 m, which is drift a metre.
-
-    Below it, where the back end looked for loops, their precision and recall.
-    """
+def score_lines(figures: Figures) -> Iterator[str]:
+    """The absolute error, and the relative error over 1 m, which is drift a metre; then the scores of loops."""
     rows: list[tuple[str, ...]] = [("", "ATE RMSE", "median", "max", "heading RMSE", "RPE over 1 m")]
+    columns = [("ate", 100, ".1f", "cm"), ("ate_median", 100, ".1f", "cm"), ("ate_max", 100, ".1f", "cm")]
+    columns += [("heading", 1, ".2f", "deg"), ("rpe_1m", 100, ".2f", "cm")]
     for name, track in (("dead reckoning", DEAD_RECKONING), ("SLAM (online)", ONLINE), ("SLAM (final)", FINAL)):
-        lengths = [number(figures, f"{track}.{metric}") for metric in ("ate", "ate_median", "ate_max", "rpe_1m")]
-        ate, median, most = ("-" if length is None else f"{100 * length:.1f} cm" for length in lengths[:3])
-        heading = number(figures, f"{track}.heading")
-        over_1m = "-" if lengths[3] is None else f"{100 * lengths[3]:.2f} cm"
-        rows.append((name, ate, median, most, "-" if heading is None else f"{heading:.2f} deg", over_1m))
-    errors = table(rows, right=(1, 2, 3, 4, 5))
-    if "loops" not in figures:
-        return errors
-    from moteslam.eval.cli.evaluate_tables import loop_lines
-
-    shares = {name: number(figures, f"loops_{name}") for name in ("precision", "recall", "false")}
-    return f"{errors}\n{loop_lines(figures['loops'] | shares)}"
+        cells = []
+        for metric, factor, form, unit in columns:
+            value = number(figures, f"{track}.{metric}")
+            cells.append("-" if value is None else f"{factor * value:{form}} {unit}")
+        rows.append((name, *cells))
+    yield aligned(rows)
+    if "loops" in figures:
+        shares = {name: number(figures, f"loops_{name}") for name in ("precision", "recall", "false")}
+        yield from loop_lines(figures["loops"] | shares)

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from moteslam.errors import ConfigError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import progress_bar, say, say_json, simulation_bar, table
-from moteslam.eval.literal import literal
+from moteslam.eval.cli.text import answer, progress_bar, say, simulation_bar
+from moteslam.eval.tables import aligned, literal
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,11 +34,8 @@ def scenarios(context: typer.Context, as_json: options.Json = False) -> None:
     from moteslam.sim.scenario import bundled_scenarios
 
     bundled = bundled_scenarios()
-    if as_json:
-        say_json(bundled)
-        return
-    say(table([(name, literal(why)) for name, why in bundled.items()]))
-    say("random-corridors-N  building number N of as many as you like")
+    random = "random-corridors-N  building number N of as many as you like"
+    answer(bundled, [aligned(list(bundled.items())), random], as_json=as_json)
 
 
 @app.command()
@@ -58,14 +53,14 @@ def show(
       moteslam scenarios show office --out office.png
       moteslam scenarios show random-corridors --seed 7 --drive --out unseen.png
     """  # noqa: D301
-    from moteslam.eval.cli.simulate import Wanted, named_in_errors
+    from moteslam.eval.cli.simulate import scenario_of
     from moteslam.eval.report.scenarios import draw_scenario
     from moteslam.robot.files import folder_for
     from moteslam.sim.simulate import true_drive
 
     options.expect_new(out, ".png", force=force)
-    chosen = Wanted(scenario).load(seed)
-    with named_in_errors(scenario):
+    chosen = scenario_of(scenario, seed)
+    with options.in_file(scenario):
         driven = true_drive(chosen, seed).poses[:, :2] if drive else None
     with folder_for(out):
         draw_scenario(out, chosen, driven=driven)
@@ -100,7 +95,7 @@ def animate(
       moteslam scenarios animate people --out people.gif
       moteslam scenarios animate corridor --duration 60 --speed 5 --fps 25 --out corridor.mp4
     """  # noqa: D301
-    from moteslam.eval.cli.simulate import Wanted, named_in_errors
+    from moteslam.eval.cli.simulate import scenario_of
     from moteslam.eval.report.animation import Pace, film
     from moteslam.eval.report.video import check_film, write_film
     from moteslam.robot.files import folder_for
@@ -109,19 +104,17 @@ def animate(
 
     check_film(out)
     options.expect_new(out, force=force)
-    with _options_named():
+    with options.named(fps="--fps", speed="--speed"):
         Pace(fps, 1.0 if speed is None else speed)  # before the simulation, whose duration is not known yet
     config = options.SlamOptions(preset=preset, settings=settings).resolved()
-    chosen = Wanted(scenario, platform=platform, noise=noise).load(seed)
-    if duration is not None:
-        chosen = chosen.model_copy(update={"duration": min(duration, chosen.duration)})
+    chosen = scenario_of(scenario, seed, platform=platform, noise=noise, duration=duration)
     with folder_for(out):
-        with named_in_errors(scenario), simulation_bar() as report:
+        with options.in_file(scenario), simulation_bar() as report:
             simulation = simulate(chosen, seed, progress=report)
         session = SlamSession(simulation.recording, config, seed=simulation.scenario.seed)
         assert simulation.recording.lidar is not None
         stamps = simulation.recording.lidar.stamps
-        with _options_named():
+        with options.named(fps="--fps", speed="--speed"):
             pace = Pace.of(float(stamps[-1] - stamps[0]), fps=fps, speed=speed)
         with progress_bar("SLAM", len(session), "scans") as progress:
 
@@ -132,12 +125,3 @@ def animate(
 
             write_film(out, frames(), fps=fps)
     say(f"{literal(chosen.name)}: {len(pace.moments(stamps))} frames, {pace}, in {literal(out)}")
-
-
-@contextmanager
-def _options_named() -> Iterator[None]:
-    """Name the option in errors of a film's pace."""
-    try:
-        yield
-    except ConfigError as error:
-        raise ConfigError(error.problem, field=f"--{error.field}") from error

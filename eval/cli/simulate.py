@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -12,8 +12,8 @@ import typer
 
 from moteslam.errors import ConfigError, MoteslamError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import note, progress_bar, say, say_json, simulation_bar, table
-from moteslam.eval.literal import literal
+from moteslam.eval.cli.text import answer, note, progress_bar, simulation_bar
+from moteslam.eval.tables import aligned, literal
 
 if TYPE_CHECKING:
     from moteslam.sim.logged import Logging
@@ -24,40 +24,82 @@ MAX_BATCH = 100_000
 """Simulations that one command makes at most."""
 
 
+@dataclass(frozen=True)
+class Recorded:
+    """Which robot drives, and what is recorded of it and written: each field is an option."""
+
+    platform: options.Robot = None
+    noise: options.NoiseClass = None
+    settings: options.Settings = None
+    log_every: Annotated[
+        float | None, typer.Option(metavar="M", help="Keep a scan only after M metres, or after --log-turn.")
+    ] = None
+    log_turn: Annotated[
+        float | None, typer.Option(metavar="RAD", help="Keep a scan only after this turn, or after --log-every.")
+    ] = None
+    odometry_noise: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="DISTANCE ROTATION", help="Add these shares of noise to each step of the odometry."),
+    ] = None
+    file_format: Annotated[
+        Literal["ucsd", "carmen"], typer.Option("--format", metavar="ucsd|carmen", help="To write the recording in.")
+    ] = "ucsd"
+    true_map: Annotated[
+        float | None, typer.Option(metavar="M", help="Write the true map too, in cells of M metres.")
+    ] = None
+    camera: Annotated[
+        bool, typer.Option("--camera", help="Record colour and depth images, even if the scenario does not.")
+    ] = False
+
+    def logging(self) -> Logging:
+        """What of the recording is logged."""
+        from moteslam.sim.logged import Logging
+
+        with options.named(every="--log-every", turn="--log-turn", noise="--odometry-noise"):
+            return Logging(self.log_every, self.log_turn, self.odometry_noise)
+
+    def scenario(self, name: str, seed: int | None) -> Scenario:
+        """The scenario of a name, as it is to be driven; what of it cannot be recorded as asked for is refused."""
+        from moteslam.robot.formats.written import expect_classic_fan
+        from moteslam.sim.scenario import with_camera
+
+        self.logging()
+        loaded = scenario_of(name, seed, platform=self.platform, noise=self.noise, settings=self.settings or ())
+        if self.file_format == "carmen":
+            scan = loaded.platform.lidar.scan
+            with options.named("--format"):
+                expect_classic_fan(scan.beams, scan.angle_min, scan.angle_increment)
+        if not self.camera:
+            return loaded
+        with options.in_file(name):
+            return with_camera(loaded)
+
+    def simulate(self, scenario: Scenario, seed: int | None, progress: Progress | None = None) -> Simulation:
+        """Drive the scenario and log what is asked for, by default all that the sensors gave."""
+        from moteslam.sim.logged import Logging, logged
+        from moteslam.sim.simulate import simulate
+
+        logging = self.logging()
+        simulation = simulate(scenario, seed, progress=progress)
+        as_sensed = self.file_format == "ucsd" and logging == Logging()
+        return simulation if as_sensed else logged(simulation, logging)
+
+
+@options.with_options(recorded=Recorded)
 def simulate(
     scenario: options.ScenarioName,
     out: Annotated[Path, typer.Option(help=options.OUT)],
     seed: options.Seed = None,
-    platform: options.Robot = None,
-    noise: options.NoiseClass = None,
-    settings: options.Settings = None,
-    log_every: Annotated[
-        float | None, typer.Option(metavar="M", help="Keep a scan only after M metres, or after --log-turn.")
-    ] = None,
-    log_turn: Annotated[
-        float | None, typer.Option(metavar="RAD", help="Keep a scan only after this turn, or after --log-every.")
-    ] = None,
-    odometry_noise: Annotated[
-        tuple[float, float] | None,
-        typer.Option(metavar="DISTANCE ROTATION", help="Add these shares of noise to each step of the odometry."),
-    ] = None,
-    file_format: Annotated[
-        Literal["ucsd", "carmen"], typer.Option("--format", metavar="ucsd|carmen", help="To write the recording in.")
-    ] = "ucsd",
     batch: Annotated[
         int | None, typer.Option(min=1, max=MAX_BATCH, metavar="N", help="Make N, with seeds from --seed on.")
     ] = None,
     jobs: Annotated[
         int | None, typer.Option(min=1, max=1024, help="Processes of a batch; all cores by default.")
     ] = None,
-    true_map: Annotated[
-        float | None, typer.Option(metavar="M", help="Write the true map too, in cells of M metres.")
-    ] = None,
-    camera: Annotated[
-        bool, typer.Option("--camera", help="Record colour and depth images, even if the scenario does not.")
-    ] = False,
     force: options.Force = False,
     as_json: options.Json = False,
+    *,
+    recorded: Recorded,
 ) -> None:
     """Simulate a scenario and write what is recorded.
 
@@ -74,172 +116,83 @@ def simulate(
       moteslam replay corridor --out result
     """  # noqa: D301
     from moteslam.robot.files import result_folder
-    from moteslam.sim.output import log_name, write_simulation
+    from moteslam.sim.output import write_simulation
 
-    if true_map is not None and not 0.001 <= true_map <= 10:
-        raise ConfigError(f"{true_map:g} m, expected 0.001 to 10", field="--true-map")
-    wanted = Wanted(
-        scenario,
-        platform=platform,
-        noise=noise,
-        settings=tuple(settings or ()),
-        camera=camera,
-        map_resolution=true_map,
-        logging=_logging(log_every, log_turn, odometry_noise, file_format),
-        file_format=file_format,
-    )
-    loaded = wanted.load(seed)
+    if recorded.true_map is not None and not 0.001 <= recorded.true_map <= 10:
+        raise ConfigError(f"{recorded.true_map:g} m, expected 0.001 to 10", field="--true-map")
+    loaded = recorded.scenario(scenario, seed)
     if batch is not None:
         with result_folder(out, force=force) as folder:
-            made = _make_batch(wanted, loaded, loaded.seed if seed is None else seed, batch, folder, jobs)
-        if as_json:
-            say_json({"out": str(out), "simulations": made})
-            return
-        rows = [("scenario", "seed", "distance [m]", "time [s]", "end")]
-        for one in made:
-            figures = (f"{one['distance_m']:.1f}", f"{one['duration_s']:.0f}")
-            rows.append((literal(one["scenario"]), str(one["seed"]), *figures, one["end"]))
-        say(table(rows, right=(1, 2, 3)))
-        say(f"recordings and truths in {literal(out)}")
+            made = _make_batch(scenario, recorded, loaded, loaded.seed if seed is None else seed, batch, folder, jobs)
+        answer({"out": str(out), "simulations": made}, _batch_lines(made, out), as_json=as_json)
         return
-    with result_folder(out, force=force) as folder, named_in_errors(scenario):
+    with (
+        result_folder(out, force=force) as folder,
+        options.in_file(scenario),
+        options.named(resolution="--true-map"),
+    ):
         with simulation_bar() as report:
-            simulation = wanted.simulate(loaded, seed, report)
+            simulation = recorded.simulate(loaded, seed, report)
         with progress_bar("images", 1.0) as update:
             write_simulation(
                 folder,
                 simulation,
-                map_resolution=true_map,
-                file_format=file_format,
+                map_resolution=recorded.true_map,
+                file_format=recorded.file_format,
                 announce=note,
                 progress=lambda _what, share: update(share),
             )
-    one = about(simulation)
-    if as_json:
-        say_json({"out": str(out), **one})
-        return
-    counts = ", ".join(f"{count} {name}" for name, count in one["readings"].items())
-    distance = f"{one['distance_m']:.1f} m in {one['duration_s']:.0f} s ({one['end']})"
-    say(f"{literal(loaded.name)}: {distance}; readings: {counts}")
+    found = {"out": str(out), **about(simulation)}
+    answer(found, _lines(found, out, recorded.file_format), as_json=as_json)
+
+
+def _lines(found: dict[str, Any], out: Path, file_format: str) -> Iterator[str]:
+    from moteslam.sim.output import log_name
+
+    counts = ", ".join(f"{count} {name}" for name, count in found["readings"].items())
+    distance = f"{found['distance_m']:.1f} m in {found['duration_s']:.0f} s ({found['end']})"
+    yield f"{literal(found['scenario'])}: {distance}; readings: {counts}"
     if file_format == "carmen":
-        say(f"log in {literal(out / log_name(loaded.name))}, truth beside it")
+        yield f"log in {literal(out / log_name(found['scenario']))}, truth beside it"
     else:
-        say(f"recording and truth in {literal(out)}")
+        yield f"recording and truth in {literal(out)}"
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What is to be simulated, and how it is recorded.
+def _batch_lines(made: list[dict[str, Any]], out: Path) -> Iterator[str]:
+    rows = [("scenario", "seed", "distance [m]", "time [s]", "end")]
+    for one in made:
+        rows.append(
+            (one["scenario"], str(one["seed"]), f"{one['distance_m']:.1f}", f"{one['duration_s']:.0f}", one["end"])
+        )
+    yield aligned(rows)
+    yield f"recordings and truths in {literal(out)}"
 
-    Attributes:
-        scenario: name of a bundled one, ``random-corridors``, or a path.
-        platform: the robot in place of the scenario's own: a bundled one's name, or a file.
-        noise: the class of its sensors' noise, in place of the scenario's own.
-        settings: ``key=value`` over the scenario's.
-        camera: record images, even if the scenario does not.
-        map_resolution: of the true map [m]; None: it is not written.
-        logging: what of the recording is logged; None: all, as the sensors gave it.
-        file_format: in which it is written, ``ucsd`` or ``carmen``.
+
+def scenario_of(
+    name: str,
+    seed: int | None,
+    *,
+    platform: str | None = None,
+    noise: str | None = None,
+    settings: Sequence[str] = (),
+    duration: float | None = None,
+) -> Scenario:
+    """``load_scenario`` with ``random-corridors`` as the building of that seed; the drive ends after ``duration`` [s].
+
+    Errors name the option.
     """
+    from moteslam.sim.scenario import load_scenario
+    from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 
-    scenario: str
-    platform: str | None = None
-    noise: str | None = None
-    settings: Sequence[str] = ()
-    camera: bool = False
-    map_resolution: float | None = None
-    logging: Logging | None = None
-    file_format: str = "ucsd"
-
-    def load(self, seed: int | None) -> Scenario:
-        """The scenario; ``random-corridors`` is the building of that seed.
-
-        Raises:
-            ConfigError: an unknown scenario or a broken one, a lidar that does not fit the format, or a wrong option,
-                which is named.
-        """
-        from moteslam.robot.formats.written import expect_classic_fan
-        from moteslam.sim.scenario import load_scenario, with_camera
-        from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
-
-        name = f"{self.scenario}-{seed or 0}" if self.scenario == RANDOM_CORRIDORS else self.scenario
-        try:
-            loaded = load_scenario(name, platform=self.platform, noise=self.noise, settings=self.settings)
-        except ConfigError as error:
-            field, problem = error.field, error.problem
-            if field == "settings":
-                option = "--set"
-            elif field and self._sets(field):
-                option = f"--set {field}"
-            elif field == "noise_class" and self.noise is not None:
-                option = "--noise"
-            elif self.platform is not None and error.file is None and field in (self.platform, "platform"):
-                option, problem = "--platform", f"{self.platform}: {problem}"
-            else:
-                raise
-            raise ConfigError(problem, field=option) from error
-        if self.file_format == "carmen":
-            scan = loaded.platform.lidar.scan
-            try:
-                expect_classic_fan(scan.beams, scan.angle_min, scan.angle_increment)
-            except ConfigError as error:
-                raise ConfigError(error.problem, field="--format") from error
-        if not self.camera:
-            return loaded
-        with named_in_errors(self.scenario):
-            return with_camera(loaded)
-
-    def _sets(self, field: str) -> bool:
-        """Whether a setting is of this dotted key, of one below it, or of a table above it."""
-        from moteslam.robot.tables import assigned, leaves
-
-        keys = (f"{key}." for key in leaves(assigned(self.settings)))
-        return any(key.startswith(f"{field}.") or f"{field}.".startswith(key) for key in keys)
-
-    def simulate(self, loaded: Scenario, seed: int | None, progress: Progress | None = None) -> Simulation:
-        """Simulate the scenario, as ``load(seed)`` gives it, and log it.
-
-        Raises:
-            ConfigError: a robot that gets stuck on its route.
-            InputError: no scans or no encoder readings are left to log.
-        """
-        from moteslam.sim.logged import logged
-        from moteslam.sim.simulate import simulate
-
-        simulation = simulate(loaded, seed, progress=progress)
-        return simulation if self.logging is None else logged(simulation, self.logging)
-
-
-@contextmanager
-def named_in_errors(scenario: str) -> Iterator[None]:
-    """Name the scenario, as the user wrote it, in errors that a run raises without a file."""
-    try:
-        yield
-    except ConfigError as error:
-        if error.file is not None:
-            raise
-        if error.field == "resolution":  # the only one that the command line sets
-            raise ConfigError(error.problem, field="--true-map") from error
-        raise ConfigError(error.problem, file=scenario, field=error.field) from error
-
-
-def _logging(
-    every: float | None, turn: float | None, noise: tuple[float, float] | None, file_format: str
-) -> Logging | None:
-    """What the command line asks to log; None: all that the sensors gave.
-
-    Raises:
-        ConfigError: a distance, turn or share out of bounds; the option is named.
-    """
-    if file_format == "ucsd" and every is None and turn is None and noise is None:
-        return None
-    from moteslam.sim.logged import Logging
-
-    try:
-        return Logging(every, turn, noise)
-    except ConfigError as error:
-        flags = {"every": "--log-every", "turn": "--log-turn", "noise": "--odometry-noise"}
-        raise ConfigError(error.problem, field=flags[error.field or ""]) from error
+    numbered = f"{name}-{seed or 0}" if name == RANDOM_CORRIDORS else name
+    flags = {"settings": "--set"}
+    if platform is not None:
+        flags |= dict.fromkeys(("platform", platform), f"--platform {platform}")
+    with options.named(**flags):
+        loaded = load_scenario(numbered, platform=platform, noise=noise, settings=settings)
+    if duration is None:
+        return loaded
+    return loaded.model_copy(update={"duration": min(duration, loaded.duration)})
 
 
 def about(simulation: Simulation) -> dict[str, Any]:
@@ -264,26 +217,20 @@ def about(simulation: Simulation) -> dict[str, Any]:
 class _Job:
     """One simulation of a batch, for a process of its own."""
 
-    wanted: Wanted
-    seed: int
+    scenario: str
+    recorded: Recorded
+    case: int
+    """The seed."""
     folder: str
-
-    @property
-    def case(self) -> int:
-        return self.seed
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
 
 
 def _make_batch(
-    wanted: Wanted, loaded: Scenario, first: int, count: int, folder: Path, processes: int | None
+    scenario: str, recorded: Recorded, loaded: Scenario, first: int, count: int, folder: Path, processes: int | None
 ) -> list[dict[str, Any]]:
-    """Make a number of simulations, with seeds from the first on; what ``about`` says of each, in their order.
-
-    Raises:
-        MoteslamError: the first that fails ends them all, and is named with its seed.
-    """
+    """Make simulations with seeds from the first on; what ``about`` says of each. One that fails ends them all."""
     from moteslam.eval.sweep.workers import make_all
     from moteslam.robot.values import processor_count
     from moteslam.sim.output import file_name
@@ -292,34 +239,28 @@ def _make_batch(
 
     if first > (last := MAX_SEED - (count - 1)):
         raise ConfigError(f"{first}, expected at most {last} for {count} of them", field="--seed")
-    name = file_name(wanted.scenario if wanted.scenario == RANDOM_CORRIDORS else loaded.name)
-    todo = [_Job(wanted, seed, str(folder / f"{name}-{seed}")) for seed in range(first, first + count)]
+    name = file_name(scenario if scenario == RANDOM_CORRIDORS else loaded.name)
+    seeds = range(first, first + count)
+    todo = [_Job(scenario, recorded, seed, str(folder / f"{name}-{seed}")) for seed in seeds]
     made: dict[int, dict[str, Any]] = {}
     outcomes = make_all(todo, workers=min(processes or processor_count(), count), module="moteslam.eval.cli.simulate")
     with closing(outcomes), progress_bar("batch", count, "runs") as update:
         for outcome in outcomes:
             if outcome.status != "ok":
-                raise MoteslamError(outcome.error, file=wanted.scenario, field=f"seed {outcome.run.seed}")
-            made[outcome.run.seed] = outcome.result
+                raise MoteslamError(outcome.error, file=scenario, field=f"seed {outcome.run.case}")
+            made[outcome.run.case] = outcome.result
             update(len(made))
-    return [made[job.seed] for job in todo]
+    return [made[seed] for seed in seeds]
 
 
 def make(job: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
-    """Simulate and write one of a batch, in a process of its own; what ``about`` says of it.
-
-    Raises:
-        MoteslamError: it cannot be simulated or written.
-    """
+    """Simulate and write one of a batch, in a process of its own; what ``about`` says of it."""
     from moteslam.robot.files import make_folder
-    from moteslam.sim.logged import Logging
     from moteslam.sim.output import write_simulation
 
     del timed
-    table, seed, folder = job["wanted"], job["seed"], Path(job["folder"])
-    logging = None if table["logging"] is None else Logging(**table["logging"])
-    wanted = Wanted(**{**table, "logging": logging})
-    simulation = wanted.simulate(wanted.load(seed), seed)
+    recorded, seed, folder = Recorded(**job["recorded"]), job["case"], Path(job["folder"])
+    simulation = recorded.simulate(recorded.scenario(job["scenario"], seed), seed)
     make_folder(folder)
-    write_simulation(folder, simulation, map_resolution=wanted.map_resolution, file_format=wanted.file_format)
+    write_simulation(folder, simulation, map_resolution=recorded.true_map, file_format=recorded.file_format)
     return about(simulation)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Iterator
+from itertools import chain
 from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,10 +13,11 @@ from typer.core import TyperGroup
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.compare import affordable, affordable_lines
 from moteslam.eval.cli.interrupt import Interrupted
-from moteslam.eval.cli.sweep_tables import MOST_SHOWN, metric_names, say_affordable, say_summaries
-from moteslam.eval.cli.text import note, progress_bar, say, say_json, table
-from moteslam.eval.literal import literal
+from moteslam.eval.cli.sweep_tables import metric_names, summary_lines, summed_up, total
+from moteslam.eval.cli.text import answer, note, progress_bar, say
+from moteslam.eval.tables import aligned, literal
 
 
 class RunByDefault(TyperGroup):
@@ -26,10 +28,6 @@ class RunByDefault(TyperGroup):
         given = bool(args) and args[0] not in (*self.commands, "--help", "-h")
         return super().parse_args(ctx, ["run", *args] if given else args)
 
-
-Metrics = Annotated[
-    list[str] | None, typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable.")
-]
 
 app = typer.Typer(
     cls=RunByDefault,
@@ -43,6 +41,8 @@ DIFFERENT = NOTHING = 1
 """Exit codes."""
 HASH_SHOWN = 16
 """Digits of a hash in a table."""
+MOST_SHOWN = 40
+"""Differences in the table that is printed."""
 File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam sweep` wrote.")]
 
 
@@ -86,8 +86,7 @@ def run(
     """  # noqa: D301
     from moteslam.eval.results import environment
     from moteslam.eval.sweep import workers as processes
-    from moteslam.eval.sweep.bundled import spec_file
-    from moteslam.eval.sweep.spec import read_spec
+    from moteslam.eval.sweep.spec import read_spec, spec_file
     from moteslam.eval.sweep.store import WHOLE, begin, opened
     from moteslam.robot.values import counted, processor_count
 
@@ -120,11 +119,10 @@ def run(
             except (Interrupted, KeyboardInterrupt) as error:
                 error.add_note(f"interrupted, {counted(done, 'run')} in {target}: the same command goes on")
                 raise
-        say_summaries(store, wanted, None, "json" if as_json else "text")
-        ends = {status for status, count in store.counts().items() if status and count}
-    if not as_json:
-        say(f"recorded in {literal(target)}")
-    if ends and "ok" not in ends:
+        found = summed_up(store, wanted, None)
+    lines = chain(summary_lines(found, "text"), [f"recorded in {literal(target)}"])
+    answer(found, lines, as_json=as_json)
+    if found["runs"].keys() - {"ok", "pending"} and "ok" not in found["runs"]:
         raise typer.Exit(NOTHING)
 
 
@@ -143,37 +141,31 @@ def list_specs(
       moteslam sweep list
       moteslam sweep list particles > mine.toml
     """  # noqa: D301
-    from moteslam.eval.sweep.bundled import bundled_specs, digest, spec_file
-    from moteslam.eval.sweep.plan import plan
-    from moteslam.eval.sweep.spec import read_spec
+    from moteslam.eval.sweep.plan import digest, plan
+    from moteslam.eval.sweep.spec import bundled_specs, read_spec, spec_file
 
     if name is not None:
         text = spec_file(name).read_text(encoding="utf-8")
-        say_json({"name": name, "toml": text}) if as_json else say(text.rstrip("\n"))
+        answer({"name": name, "toml": text}, [text.rstrip("\n")], as_json=as_json)
         return
     found: list[dict[str, Any]] = []
     for each, file in bundled_specs().items():
         spec = read_spec(file)
         runs = plan(spec, check=False)
         found.append({"name": each, "runs": len(runs), "hash": digest(runs), "description": spec.description})
-    if as_json:
-        say_json(found)
-        return
     rows = [("name", "runs", "hash", "what it is for")]
-    rows += [
-        (f"{one['name']}", f"{one['runs']}", f"{one['hash']}"[:HASH_SHOWN], f"{one['description']}") for one in found
-    ]
-    say(table(rows, right=(1,)))
+    rows += [(one["name"], str(one["runs"]), one["hash"][:HASH_SHOWN], one["description"]) for one in found]
+    answer(found, [aligned(rows)], as_json=as_json)
 
 
 @app.command("show")
 def show(
     file: File,
-    metrics: Metrics = None,
+    metrics: options.Metrics = None,
     budget: Annotated[
         str | None, typer.Option(metavar="TIME", help="The best configuration within this processor time a scan.")
     ] = None,
-    form: options.Format = None,
+    form: options.Format = "text",
     as_json: options.Json = False,
 ) -> None:
     """Sum up the runs recorded so far: median with its 95 % interval, quartiles, successes.
@@ -192,19 +184,22 @@ def show(
     from moteslam.eval.sweep.store import opened
 
     names = metric_names(metrics)
-    form = options.chosen_format(form, as_json=as_json)
     if budget is not None:
-        say_affordable(file, budget, names, form)
+        within = affordable(file, budget, names)
+        answer(within, affordable_lines(within, names[0], form), as_json=as_json)
         return
     with opened(file) as store:
-        say_summaries(store, SweepSpec.model_validate_json(store.spec), metrics, form)
+        found = summed_up(store, SweepSpec.model_validate_json(store.spec), metrics)
+    answer(found, summary_lines(found, form), as_json=as_json)
+    if not as_json and form != "text" and set(found["runs"]) != {"ok"}:
+        note(f"warning: {file}: {total(found)}")
 
 
 @app.command("plot")
 def plot(
     file: File,
     out: Annotated[Path, typer.Option(metavar="FILE.png", help="A new file.")],
-    metrics: Metrics = None,
+    metrics: options.Metrics = None,
     along: Annotated[
         str | None, typer.Option("--x", metavar="COLUMN", help="What it is drawn over [the key that varies].")
     ] = None,
@@ -234,7 +229,7 @@ def plot(
         found = summaries(store.rows(), names, dict(spec.success))
     if not found:
         raise InputError("no run was made yet, expected some", file=file)
-    known = varying(found)
+    known = varying([group.about for group in found])
     column = along or next(iter(spec.vary), None)
     if column not in known:
         problem = "needed where no key varies" if column is None else f"{column!r}"
@@ -281,27 +276,31 @@ def diff(
     Examples:
       moteslam sweep diff mine.sweep published.csv
     """  # noqa: D301
-    from moteslam.eval.sweep.export import differences, read_table
-    from moteslam.robot.values import counted
+    from moteslam.eval.sweep.tables import differences, read_table
 
     first, second = read_table(file), read_table(other)
-    common = [run for run in first if run in second]
+    common = first.keys() & second.keys()
     if not common:
         raise InputError("no run in common with it, expected a sweep of the same specification", file=other)
     alone = len(first) + len(second) - 2 * len(common)
-    found = [asdict(each) for each in differences(first, second)]
-    if as_json:
-        say_json({"runs": len(common), "in_one_alone": alone, "differences": found})
-    else:
-        if found:
-            shown = [("run", "column", str(file), str(other)), *(tuple(each.values()) for each in found[:MOST_SHOWN])]
-            say(table([tuple(map(literal, row)) for row in shown]))
-        if len(found) > MOST_SHOWN:
-            say(f"... and {len(found) - MOST_SHOWN} more: --json has all")
-        more = f", {alone} in one of the two alone" if alone else ""
-        say(f"{counted(len(found), 'difference')} in {counted(len(common), 'run')}{more}")
-    if found:
+    found = {"runs": len(common), "in_one_alone": alone, "differences": differences(first, second)}
+    answer(found, _difference_lines(found, file, other), as_json=as_json)
+    if found["differences"]:
         raise typer.Exit(DIFFERENT)
+
+
+def _difference_lines(found: dict[str, Any], file: Path, other: Path) -> Iterator[str]:
+    from moteslam.robot.values import counted
+
+    cells = found["differences"]
+    if cells:
+        yield aligned(
+            [("run", "column", str(file), str(other)), *(tuple(cell.values()) for cell in cells[:MOST_SHOWN])]
+        )
+    if len(cells) > MOST_SHOWN:
+        yield f"... and {len(cells) - MOST_SHOWN} more: --json has all"
+    more = f", {found['in_one_alone']} in one of the two alone" if found["in_one_alone"] else ""
+    yield f"{counted(len(cells), 'difference')} in {counted(found['runs'], 'run')}{more}"
 
 
 @app.command("export")
@@ -317,8 +316,8 @@ def export(
       moteslam sweep export particles.sweep --out particles.csv
       moteslam sweep export particles.sweep --out particles.parquet
     """  # noqa: D301
-    from moteslam.eval.sweep.export import as_csv, write_parquet
     from moteslam.eval.sweep.store import opened
+    from moteslam.eval.sweep.tables import as_csv, write_parquet
     from moteslam.robot.files import write_atomically
 
     options.expect_new(out, ".csv", ".parquet", force=force)

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-import io
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from moteslam.errors import OutputError
 from moteslam.eval.cli.interrupt import check_interrupt
-from moteslam.eval.literal import literal
+from moteslam.eval.tables import literal
 
 if TYPE_CHECKING:
     from moteslam.robot.values import Issue
 
-WIDEST = 10_000
-"""Characters of a table's line."""
 STDOUT = "stdout"
 """What errors call it."""
+
+
+def answer(found: Any, lines: Iterable[str], *, as_json: bool) -> None:
+    """The result of a command on stdout: lines for people, or JSON, where numbers that are not finite become null."""
+    if as_json:
+        finite = json.loads(json.dumps(found), parse_constant=lambda _: None)
+        lines = [json.dumps(finite, indent=2)]
+    for line in lines:
+        say(line)
 
 
 def say(text: str = "") -> None:
@@ -29,17 +34,8 @@ def say(text: str = "") -> None:
         sys.stdout.write(text + "\n")
 
 
-def say_json(value: Any) -> None:
-    """The result as JSON on stdout; numbers that are not finite become null."""
-    say(json.dumps(_plain(value), indent=2, allow_nan=False))
-
-
 def flush() -> None:
-    """Write out what was said.
-
-    Raises:
-        OutputError: nobody can take it, as ``say`` where much was said; but a closed pipe is a ``BrokenPipeError``.
-    """
+    """Write out what was said; ``OutputError`` where that fails, but a closed pipe is a ``BrokenPipeError``."""
     with _stdout_named():
         sys.stdout.flush()
 
@@ -54,11 +50,6 @@ def _stdout_named() -> Iterator[None]:
         raise OutputError(f"cannot be written: {error.strerror or error}", file=STDOUT) from error
 
 
-def bold(text: str) -> str:
-    """Text in bold where stdout is a terminal; as it is in a pipe."""
-    return f"\x1b[1m{text}\x1b[0m" if sys.stdout.isatty() else text
-
-
 def note(text: object) -> None:
     """A line about the run, on stderr: a warning or an error."""
     sys.stderr.write(f"moteslam: {literal(text)}\n")
@@ -70,40 +61,11 @@ def warn(issues: Iterable[Issue]) -> None:
         note(f"warning: {issue}")
 
 
-def table(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> str:
-    """Rows of text as columns, two spaces apart; the columns named in ``right`` are flush right."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    columns = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
-    for index in range(len(rows[0])):
-        columns.add_column(justify="right" if index in right else "left", no_wrap=True)
-    for row in rows:
-        columns.add_row(*map(Text, row))
-    # as wide as its text: what reads it from a pipe wants whole lines
-    console = Console(file=io.StringIO(), width=WIDEST, color_system=None)
-    with console.capture() as capture:
-        console.print(columns)
-    return "\n".join(line.rstrip() for line in capture.get().splitlines())
-
-
-def say_table(rows: Sequence[Sequence[str]], form: str = "text", *, right: Sequence[int] = ()) -> None:
-    """Rows of text, the first one the head, as columns on stdout, or in a format of ``moteslam.eval.tables``."""
-    from moteslam.eval.tables import FORMATS
-
-    rows = [[literal(cell) for cell in row] for row in rows]
-    say(table(rows, right=right) if form == "text" else FORMATS[form](rows, right=right))
-
-
 @contextmanager
 def progress_bar(what: str, total: float, unit: str = "") -> Iterator[Callable[[float], None]]:
     """A bar with rate and remaining time, if stderr is a terminal; what is yielded is called with how much is done.
 
-    Args:
-        what: is being done.
-        total: how much there is to do.
-        unit: of the total, ``scans``; empty shows a percentage alone.
+    Without a unit of the total, such as ``scans``, it shows a percentage alone.
     """
     if not sys.stderr.isatty():
         yield lambda _done: check_interrupt()
@@ -139,14 +101,3 @@ def simulation_bar() -> Iterator[Callable[[str, float], None]]:
     """A bar for a simulation's progress: first the drive, then the lidar."""
     with progress_bar("simulation", 2.0) as update:
         yield lambda what, share: update(share + (1.0 if what == "lidar" else 0.0))
-
-
-def _plain(value: Any) -> Any:
-    """The value with strings that JSON readers accept and without infinities."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not isfinite(value):
-        return None
-    return value

@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Any
 
-from moteslam.eval.literal import literal
 from moteslam.eval.page.material import ReportRun
 from moteslam.eval.statistics import Summary
 from moteslam.eval.sweep.tables import better
+from moteslam.eval.tables import literal
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#B8A700")
 """Of lines: the palette of Okabe and Ito, made for colour-blind readers, its black and yellow fit for both schemes."""

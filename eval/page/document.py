@@ -18,13 +18,13 @@ from jinja2 import BaseLoader, Environment, StrictUndefined
 from markupsafe import Markup, escape
 
 from moteslam.errors import ConfigError
-from moteslam.eval.literal import literal
 from moteslam.eval.metrics.registry import chosen, metric
 from moteslam.eval.page import charts
 from moteslam.eval.page.material import Material, ReportRun
 from moteslam.eval.page.player import Budget, playable
 from moteslam.eval.statistics import Comparison, Proportion, compare
 from moteslam.eval.sweep.tables import better
+from moteslam.eval.tables import literal
 from moteslam.robot.values import interval
 
 USUAL = (

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from moteslam.eval.report import style
 from moteslam.robot.formats.map_server import FREE
-from moteslam.sim.actors.doors import Door
+from moteslam.sim.actors.actors import Door
 from moteslam.sim.scenario import Scenario
 from moteslam.sim.world.layout import Layout
-from moteslam.sim.world.true_map import true_map
-from moteslam.sim.world.world import World
+from moteslam.sim.world.world import World, true_map
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -122,8 +121,8 @@ def _draw_furniture(axes: Axes, layout: Layout) -> None:
 
     furniture = {
         "shelf": [piece.polygon() for piece in layout.shelves],
-        "table": [piece.board() for piece in layout.tables],
-        "chair": [piece.board() for piece in layout.chairs],
+        "table": [piece.polygon() for piece in layout.tables],
+        "chair": [piece.polygon() for piece in layout.chairs],
         "box": [piece.polygon() for piece in layout.boxes],
         "pillar": [piece.polygon() for piece in layout.pillars],
     }

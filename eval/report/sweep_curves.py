@@ -104,7 +104,8 @@ def lines_of(groups: Sequence[GroupSummary], column: str, places: dict[Any, floa
     def text(group: GroupSummary, key: str) -> str:
         return str(group.about.get(key, ""))
 
-    others = [key for key in varying(groups) if key != column and len({text(group, key) for group in groups}) > 1]
+    keys = varying([group.about for group in groups])
+    others = [key for key in keys if key != column and len({text(group, key) for group in groups}) > 1]
     members: dict[tuple[tuple[str, ...], tuple[str, ...]], list[GroupSummary]] = {}
     for group in groups:
         where = tuple(text(group, key) for key in others if key in SETTINGS)

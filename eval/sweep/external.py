@@ -53,10 +53,6 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
 
     Nothing but the recording and its robot is given to it; what it prints is thrown away, but for the last line of one
     that fails.
-
-    Raises:
-        InputError: the recording cannot be written in that format; the command is not there, fails, or writes no
-            trajectory, or one that cannot be read.
     """
     with tempfile.TemporaryDirectory(prefix="moteslam-") as temporary:
         folder = Path(temporary)
@@ -66,7 +62,10 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
         try:
             if command.format == "carmen":
                 file = given / "recording.log"
-                write_carmen(file, _with_odometry_poses(recording))
+                lidar = recording.lidar
+                posed = recording.odometry is not None or (lidar is not None and lidar.odometry is not None)
+                # a log has odometry poses, as the base integrates them
+                write_carmen(file, recording if posed else with_odometry(recording, gyro=recording.imu is not None))
             else:
                 file = given
                 write_ucsd(given, recording, sequence=0)
@@ -76,7 +75,9 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
         robot = given / "platform.toml"
         write_platform(robot, recording.platform)
         names = {"recording": file, "platform": robot, "out": out, "seed": seed}
-        words = [_filled(word, names) for word in command.words]
+        words = list(command.words)
+        for name, value in names.items():
+            words = [word.replace(f"{{{name}}}", str(value)) for word in words]
         run_program(words, out)
         if not (out / command.trajectory).is_file():
             raise InputError(f"wrote no {command.trajectory}, expected its trajectory in {{out}}", file=words[0])
@@ -90,11 +91,7 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
 
 
 def run_program(words: Sequence[str], folder: Path | None = None) -> str:
-    """Run a program to its end, without input, in a folder; what it wrote to stdout.
-
-    Raises:
-        InputError: it is not there, or fails; with the last line that it printed.
-    """
+    """Run a program to its end, without input, in a folder; what it wrote to stdout."""
     try:
         done = subprocess.run(words, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, check=False)
     except OSError as error:
@@ -107,25 +104,8 @@ def run_program(words: Sequence[str], folder: Path | None = None) -> str:
 
 
 def version_of(words: Sequence[str]) -> str:
-    """The first line that a program prints.
-
-    Raises:
-        InputError: it is not there, fails, or prints none.
-    """
+    """The first line that a program prints."""
     line = next((line.strip() for line in run_program(words).splitlines() if line.strip()), "")
     if not line:
         raise InputError("printed nothing, expected a version", file=words[0])
     return line[:LONGEST_VERSION]
-
-
-def _filled(word: str, names: dict[str, object]) -> str:
-    for name, value in names.items():
-        word = word.replace(f"{{{name}}}", str(value))
-    return word
-
-
-def _with_odometry_poses(recording: Recording) -> Recording:
-    """With the odometry poses that a log has, as the base integrates them."""
-    if recording.odometry is not None or (recording.lidar is not None and recording.lidar.odometry is not None):
-        return recording
-    return with_odometry(recording, gyro=recording.imu is not None)

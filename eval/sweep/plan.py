@@ -1,57 +1,60 @@
-"""The runs of a specification, each with a name that is the same on every computer."""
+"""The runs of a specification, each with a name that is the same on every computer, and what identifies them all."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
 from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
+import tomli_w
+
 from moteslam.errors import ConfigError, InputError, MoteslamError
 from moteslam.eval.sweep.spec import MAX_RUNS, Configuration, Scalar, SweepSpec, numbers
+from moteslam.robot.formats import format_of
+from moteslam.robot.platforms import BASE, UCSD
+from moteslam.robot.platforms import FOLDER as PLATFORMS
+from moteslam.robot.tables import Section, read_toml
+from moteslam.sim.scenario import SCENARIOS, load_scenario
+from moteslam.slam.settings import resolve_config
+
+WORDS = ("description", "why")
+"""Keys of scenarios and robots from which no run follows."""
 
 
-@dataclass(frozen=True)
-class PlannedRun:
-    """One run of a sweep; two that are equal give the same result columns.
-
-    Attributes:
-        scenario: its name, or the path of its file; empty where a recording is replayed.
-        recording: path of it; empty where a scenario is simulated.
-        platform, noise: in place of the scenario's own; empty for that.
-        duration: the drive ends after this time [s]; None for the scenario's own.
-        seed: of simulation and SLAM.
-        configuration: its name.
-        preset: that it starts from.
-        settings: ``key=value`` over scenario, robot and preset, with their prefixes; sorted.
-        varied: keys and values of what varies, in the order of the specification.
-        metrics: what is measured.
-        command: an external SLAM in place of the preset: see ``Command``; empty for none.
-    """
+class PlannedRun(Section):
+    """One run of a sweep; two that are equal give the same result columns."""
 
     scenario: str
+    """Its name, or the path of its file; empty where a recording is replayed."""
     recording: str
+    """Path of it; empty where a scenario is simulated."""
     platform: str
     noise: str
+    """In place of the scenario's own; empty for that."""
     duration: float | None
+    """The drive ends after this time [s]; None for the scenario's own."""
     seed: int
+    """Of simulation and SLAM."""
     configuration: str
     preset: str
     settings: tuple[str, ...]
+    """``key=value`` over scenario, robot and preset, with their prefixes; sorted."""
     varied: tuple[tuple[str, Scalar], ...]
+    """Keys and values of what varies, in the order of the specification."""
     metrics: tuple[str, ...]
-    command: tuple[Any, ...] = ()
+    command: tuple[tuple[str, ...] | str, ...] = ()
+    """An external SLAM in place of the preset: see ``Command``; empty for none."""
 
     @property
     def id(self) -> str:
         """Sixteen hexadecimal digits that follow from all of it."""
-        text = json.dumps(asdict(self), sort_keys=True, allow_nan=False)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return _hash(self.model_dump(mode="json"))[:16]
 
     @property
     def case(self) -> tuple[Any, ...]:
@@ -85,27 +88,13 @@ class PlannedRun:
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON has it."""
-        return asdict(self)
-
-    @classmethod
-    def of(cls, table: dict[str, Any]) -> PlannedRun:
-        """From what ``as_dict`` gave."""
-        tuples = {name: tuple(table[name]) for name in ("settings", "metrics")}
-        tuples["command"] = tuple(tuple(part) if isinstance(part, list) else part for part in table["command"])
-        varied = tuple((key, value) for key, value in table["varied"])
-        return cls(**{**table, **tuples, "varied": varied})
+        return self.model_dump(mode="json")
 
 
 def plan(spec: SweepSpec, *, check: bool = True) -> list[PlannedRun]:
     """All runs of a sweep, those of one case together.
 
-    Args:
-        spec: of the sweep.
-        check: refuse what scenario, robot or configuration would refuse; where they are not on this computer, do not.
-
-    Raises:
-        ConfigError: more than ``MAX_RUNS``, two that are the same, or one of which a key or value is refused: by
-            scenario, robot or configuration.
+    What scenario, robot or configuration would refuse is refused, unless they are not on this computer (``check``).
     """
     if spec.recordings and (others := [key for key in spec.vary if not key.startswith("slam.")]):
         raise ConfigError("of a scenario, expected slam. keys alone where recordings are replayed", field=others[0])
@@ -129,36 +118,81 @@ def shard(runs: list[PlannedRun], number: int, of: int) -> list[PlannedRun]:
     return [run for run in runs if cases[run.case] % of == number - 1]
 
 
+def digest(runs: Iterable[PlannedRun]) -> str:
+    """SHA-256 of what runs are, as 64 hexadecimal digits; two sweeps of the same have the same runs.
+
+    Of the identities of the runs, and of the tables of their scenarios and robots, descriptions and comments left out.
+    The code is not in it, nor are the presets, random buildings and the contents of recordings.
+    """
+    ids, cases = set(), set()
+    for run in runs:
+        ids.add(run.id)
+        cases.add((run.scenario, run.platform))
+    scenarios = {name: _table(name, SCENARIOS) for name in sorted({scenario for scenario, _ in cases})}
+    robots: dict[str, Any] = {}
+
+    def add(robot: Any, beside: Path) -> None:
+        """The table of a robot, and of the one that it is based on; one within a scenario is in that already."""
+        if isinstance(robot, str):
+            name = str(beside / robot) if robot.endswith(".toml") else robot
+            if name not in robots:
+                robots[name] = _table(name, PLATFORMS)
+                add(robots[name], beside)
+        elif isinstance(robot, dict) and BASE in robot:
+            add(robot[BASE], beside)
+
+    for scenario, platform in sorted(cases):
+        if scenario:
+            add(platform or (scenarios[scenario] or {}).get("platform", UCSD.name), Path(scenario).parent)
+    return _hash({"runs": sorted(ids), "scenarios": scenarios, "platforms": robots})
+
+
+def _hash(value: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _table(name: str, folder: Path) -> dict[str, Any] | None:
+    """The table of a bundled name or of a file; None for a random building, which has no file."""
+    path = Path(name)
+    if path.suffix != ".toml" and path.name == name:
+        path = folder / f"{name}.toml"
+        if not path.is_file():
+            return None
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    else:
+        table = read_toml(path, "a .toml file")
+    return {key: value for key, value in table.items() if key not in WORDS}
+
+
 def _runs(spec: SweepSpec) -> Iterator[PlannedRun]:
     seeds = numbers(spec.seeds)
     simulated = product(spec.scenarios, ("",), spec.platforms or [""], spec.noise or [""], seeds)
     recorded = product(("",), spec.recordings, ("",), ("",), seeds)
-    combinations = list(product(*(spec.values(key) for key in spec.vary)))
-    outer = [k for k, key in enumerate(spec.vary) if key.startswith("slam.")]
+    combinations = [dict(zip(spec.vary, values, strict=True)) for values in product(*map(spec.values, spec.vary))]
     for cases in (simulated, recorded):
-        for scenario, recording, platform, noise, seed in cases:
+        for case in cases:
             runs = [
-                _run(spec, (scenario, recording, platform, noise, seed), name, one, values)
+                _run(spec, case, name, one, values)
                 for name, one in spec.configurations.items()
-                for values in combinations
-                # a command knows no keys of ours: it is run once for all of their values
-                if not one.command or all(values[k] == spec.values(list(spec.vary)[k])[0] for k in outer)
+                for values in (_apart(combinations) if one.command else combinations)
             ]
             yield from sorted(runs, key=lambda run: run.case)
 
 
+def _apart(combinations: list[dict[str, Scalar]]) -> list[dict[str, Scalar]]:
+    """Without keys of ours, which a command does not know: it is run once for all of their values."""
+    others = [{key: value for key, value in one.items() if not key.startswith("slam.")} for one in combinations]
+    return list({tuple(one.items()): one for one in others}.values())
+
+
 def _run(
-    spec: SweepSpec, case: tuple[str, str, str, str, int], name: str, one: Configuration, values: tuple[Scalar, ...]
+    spec: SweepSpec, case: tuple[str, str, str, str, int], name: str, one: Configuration, varied: dict[str, Scalar]
 ) -> PlannedRun:
     scenario, recording, platform, noise, seed = case
-    varied = tuple(
-        (key, value)
-        for key, value in zip(spec.vary, values, strict=True)
-        if not (one.command and key.startswith("slam."))
-    )
-    settings = {**one.set, **dict(varied)}
-    if recording:
-        settings = {key: value for key, value in settings.items() if key.startswith("slam.")}
+    settings = {key: value for key, value in (one.set | varied).items() if not recording or key.startswith("slam.")}
+    command: tuple[tuple[str, ...] | str, ...] = ()
+    if one.command:  # the version only where one was given: a run's name follows from these
+        command = one.command, one.format, one.trajectory, one.map, *([str(one.version)] if one.version else [])
     return PlannedRun(
         scenario=scenario,
         recording=recording,
@@ -169,48 +203,29 @@ def _run(
         configuration=name,
         preset=one.preset,
         settings=tuple(sorted(f"{key}={_literal(value)}" for key, value in settings.items())),
-        varied=varied,
-        metrics=tuple(spec.metrics),
-        command=_command(one),
+        varied=tuple(varied.items()),
+        metrics=spec.metrics,
+        command=command,
     )
-
-
-def _command(one: Configuration) -> tuple[Any, ...]:
-    """The fields of a ``Command``, the version only where one was given: a run's name follows from them."""
-    if not one.command:
-        return ()
-    fields = one.command, one.format, one.trajectory, one.map
-    return (*fields, one.version) if one.version else fields
 
 
 def _literal(value: Any) -> str:
     """A value as TOML writes it."""
-    import tomli_w
-
     return tomli_w.dumps({"value": value}).strip().partition("= ")[2]
 
 
 def _check(runs: list[PlannedRun]) -> None:
     """Refuse what a run would refuse, before the first begins."""
-    from moteslam.robot.formats import format_of
-    from moteslam.sim.scenario import load_scenario
-    from moteslam.slam.settings import resolve_config
-
     seen: set[Any] = set()
     for run in runs:
-        slam = run.preset, run.for_slam()
-        world = run.case[:4] + run.case[6:]
+        slam, world = (run.preset, run.for_slam()), run.case[:4] + run.case[6:]
         if slam not in seen:
             with _named(f"configurations.{run.configuration}", run):
                 resolve_config(run.preset, run.for_slam())
         if world not in seen and run.scenario:
+            platform, noise = run.platform or None, run.noise or None
             with _named(f"scenarios, {Path(run.scenario).name}", run):
-                load_scenario(
-                    run.scenario,
-                    platform=run.platform or None,
-                    noise=run.noise or None,
-                    settings=run.for_scenario(),
-                )
+                load_scenario(run.scenario, platform=platform, noise=noise, settings=run.for_scenario())
         if world not in seen and run.recording:
             if not Path(run.recording).exists():
                 raise ConfigError(f"{run.recording!r}, which there is not, expected a recording", field="recordings")
@@ -227,13 +242,13 @@ def _named(where: str, run: PlannedRun) -> Iterator[None]:
     try:
         yield
     except MoteslamError as error:
-        problem = error.problem
-        named = [key for key, _ in run.varied if error.field and key.partition(".")[2].endswith(error.field)]
-        if named:
-            field = f"vary.{named[0]}"
-        elif run.platform and error.field == run.platform:
-            field, problem = "platforms", f"{run.platform!r}, {problem}"
-        else:
-            field = f"{where}, {error.field}" if error.field and error.field not in where else where
+        problem, field = error.problem, error.field or ""
+        varied = [key for key, _ in run.varied if field and key.partition(".")[2].endswith(field)]
+        if varied:
+            where = f"vary.{varied[0]}"
+        elif run.platform and field == run.platform:
+            where, problem = "platforms", f"{run.platform!r}, {problem}"
+        elif field and field not in where:
+            where = f"{where}, {field}"
         file = error.file if error.file is not None and Path(error.file).exists() else None  # not a bundled one's name
-        raise ConfigError(problem, file=file, field=field) from error
+        raise ConfigError(problem, file=file, field=where) from error

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +11,8 @@ from typing import Any
 from moteslam.eval.metrics.catalogue import COSTS
 from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
 from moteslam.eval.metrics.registry import Value, measure
-from moteslam.eval.metrics.relations import Relations
-from moteslam.eval.scores import evidence_of, reference_file, relations_beside, true_map_beside, truth_file
+from moteslam.eval.metrics.relations import Relations, is_relations, read_relations
+from moteslam.eval.scores import beside, evidence_of, true_map_beside, truth_file
 from moteslam.eval.sweep.external import Command, estimate
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.robot.raster import Raster
@@ -39,18 +38,13 @@ class Case:
 
 
 def load_case(run: PlannedRun) -> Case:
-    """Simulate the scenario of a run, or read its recording.
-
-    Raises:
-        MoteslamError: it cannot be had.
-    """
+    """Simulate the scenario of a run, or read its recording."""
     if run.scenario:
         from moteslam.sim.scenario import load_scenario
         from moteslam.sim.simulate import simulate
 
-        scenario = load_scenario(
-            run.scenario, platform=run.platform or None, noise=run.noise or None, settings=run.for_scenario()
-        )
+        platform, noise = run.platform or None, run.noise or None
+        scenario = load_scenario(run.scenario, platform=platform, noise=noise, settings=run.for_scenario())
         if run.duration is not None:
             scenario = scenario.model_copy(update={"duration": min(run.duration, scenario.duration)})
         simulation = simulate(scenario, seed=run.seed)
@@ -58,9 +52,11 @@ def load_case(run: PlannedRun) -> Case:
     from moteslam.robot.formats import open_recording
 
     path = Path(run.recording)
-    file = reference_file(path) or truth_file(path)
+    file = beside(path, "{}.reference.tum") or truth_file(path)
     truth = None if file is None else read_tum(file)
-    return Case(open_recording(path), truth, None if truth is None else true_map_beside(path), relations_beside(path))
+    pairs = beside(path, "{}.relations")
+    relations = None if pairs is None or not is_relations(pairs) else read_relations(pairs)
+    return Case(open_recording(path), truth, None if truth is None else true_map_beside(path), relations)
 
 
 _latest: dict[Any, Case] = {}
@@ -68,26 +64,29 @@ _latest: dict[Any, Case] = {}
 
 
 def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
-    """Make a run.
-
-    Args:
-        table: the run, as ``PlannedRun.as_dict`` gave it.
-        timed: measure time and memory, of a process that has done nothing else.
+    """Make a run, given as ``PlannedRun.as_dict``; time and memory are those of a process that did nothing else.
 
     Returns:
         ``values`` of all metrics, scans and distance, each with ``value`` and ``unit`` or ``absent``; and ``issues``.
-
-    Raises:
-        MoteslamError: the recording cannot be had, or SLAM fails.
     """
-    run = PlannedRun.of(table)
+    run = PlannedRun.model_validate(table)
     if run.case not in _latest:
         _latest.clear()
         _latest[run.case] = load_case(run)
-    return (_external if run.command else _ours)(run, _latest[run.case], timed=timed)
+    case = _latest[run.case]
+    evidence, cost, issues = (_external if run.command else _ours)(run, case)
+    evidence = replace(evidence, relations=case.relations, cost=cost if timed else None)
+    final = evidence.trajectories[FINAL]
+    values = {"scans": Value(len(final), ""), "distance": Value(final.length, "m")}
+    costs = [name for name in COSTS if timed and name not in run.metrics]
+    values |= measure(evidence, (*run.metrics, *costs) if run.metrics else None)
+    return {
+        "values": {name: value.as_dict() for name, value in values.items()},
+        "issues": [issue.as_dict() for issue in (*case.recording.warnings, *issues)],
+    }
 
 
-def _ours(run: PlannedRun, case: Case, *, timed: bool) -> dict[str, Any]:
+def _ours(run: PlannedRun, case: Case) -> tuple[Evidence, Cost, tuple[Issue, ...]]:
     config = resolve_config(run.preset, run.for_slam())
     began, clock = time.process_time(), time.perf_counter()
     session = SlamSession(case.recording, config, seed=run.seed)
@@ -96,36 +95,21 @@ def _ours(run: PlannedRun, case: Case, *, timed: bool) -> dict[str, Any]:
     found = session.estimate()
     cpu, wall = time.process_time() - began, time.perf_counter() - clock
     evidence = evidence_of(found, case.truth, recording=case.recording, true_map=case.true_map)
-    evidence = replace(evidence, relations=case.relations)
-    if timed:
-        memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        evidence = replace(evidence, cost=Cost(cpu, wall, memory, tuple(found.diagnostics["seconds"].tolist())))
-    return _measured(run, evidence, (*case.recording.warnings, *found.warnings))
+    memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return evidence, Cost(cpu, wall, memory, tuple(found.diagnostics["seconds"].tolist())), found.warnings
 
 
-def _external(run: PlannedRun, case: Case, *, timed: bool) -> dict[str, Any]:
+def _external(run: PlannedRun, case: Case) -> tuple[Evidence, Cost, tuple[Issue, ...]]:
+    command = Command(*run.command)  # type: ignore[arg-type]  # its fields in their order
     clock, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    trajectory, occupancy = estimate(Command(*run.command), case.recording, run.seed)
+    trajectory, occupancy = estimate(command, case.recording, run.seed)
     wall, after = time.perf_counter() - clock, resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     evidence = Evidence(
         {FINAL: trajectory},
         truth=case.truth,
-        relations=case.relations,
         occupancy=occupancy,
         true_map=case.true_map,
         recording=case.recording,
-        cost=Cost(cpu, wall, 1024 * after.ru_maxrss) if timed else None,
     )
-    return _measured(run, evidence, (*case.recording.warnings, *trajectory.warnings))
-
-
-def _measured(run: PlannedRun, evidence: Evidence, issues: Iterable[Issue]) -> dict[str, Any]:
-    final = evidence.trajectories[FINAL]
-    about = {"scans": Value(len(final), ""), "distance": Value(final.length, "m")}
-    costs = () if evidence.cost is None else (name for name in COSTS if name not in run.metrics)
-    values = about | measure(evidence, (*run.metrics, *costs) if run.metrics else None)
-    return {
-        "values": {name: value.as_dict() for name, value in values.items()},
-        "issues": [issue.as_dict() for issue in issues],
-    }
+    return evidence, Cost(cpu, wall, 1024 * after.ru_maxrss), trajectory.warnings

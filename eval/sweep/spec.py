@@ -8,19 +8,21 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, ValidationError, field_validator, model_validator
+import numpy as np
+from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.evidence import TRACKS
 from moteslam.eval.metrics.registry import chosen, split
 from moteslam.eval.sweep.external import version_of
-from moteslam.robot.tables import NotNegative, Number, Positive, Section, Whole, read_toml
+from moteslam.robot.tables import NotNegative, Number, Positive, Section, Whole, read_toml, validated
 from moteslam.slam.settings import DEFAULT_PRESET
 
+FOLDER = Path(__file__).parent / "specs"
 MAX_RUNS = 1_000_000
 PREFIXES = ("slam.", "scenario.", "platform.")
 """What a key that varies, or that a configuration sets, begins with: whose key it is."""
-NAME = re.compile(r"[\w.+-]{1,80}")
+NAME = r"^[\w.+-]{1,80}$"
 SUCCESS_ATE = 0.5
 """A run succeeds, where nothing else is said, with a final ATE of at most this [m]."""
 
@@ -44,14 +46,9 @@ class Range(Section):
 
     def values(self) -> list[int] | list[float]:
         """The numbers; whole ones as such, for keys that take no others."""
-        shares = [k / (self.steps - 1) for k in range(self.steps)]
-        if self.spacing == "factor":
-            numbers = [self.first * (self.last / self.first) ** share for share in shares]
-        else:
-            numbers = [self.first + (self.last - self.first) * share for share in shares]
-        values = [float(f"{number:.12g}") for number in numbers]
-        whole = all(value.is_integer() for value in values)
-        return [int(value) for value in values] if whole else values
+        spaced = np.geomspace if self.spacing == "factor" else np.linspace
+        values = [float(f"{number:.12g}") for number in spaced(self.first, self.last, self.steps)]
+        return [int(value) for value in values] if all(value.is_integer() for value in values) else values
 
 
 Values = Annotated[
@@ -59,6 +56,22 @@ Values = Annotated[
     Discriminator(lambda value: "range" if isinstance(value, dict | Range) else "values"),
 ]
 """What a key takes: a list of values, or a range."""
+
+
+def _dotted(table: Any, prefix: str = "") -> Any:
+    """A table within tables as one of dotted keys; that of a range is a value."""
+    if not isinstance(table, dict):
+        return table
+    flat: dict[str, Any] = {}
+    for name, value in table.items():
+        key = f"{prefix}{name}"
+        if isinstance(value, dict) and value.keys().isdisjoint(Range.model_fields):
+            flat |= _dotted(value, f"{key}.")
+        elif key.startswith(PREFIXES) and not key.endswith("."):
+            flat[key] = value
+        else:
+            raise ValueError(f"{key!r}, expected a key that begins with {', '.join(PREFIXES)}")
+    return flat
 
 
 class Configuration(Section):
@@ -76,13 +89,8 @@ class Configuration(Section):
     """Which file in `{out}` is the command's trajectory."""
     map: FileName = "map.yaml"
     """Which file in `{out}` is its map, if it writes one."""
-    set: dict[str, Any] = Field(default_factory=dict)
+    set: Annotated[dict[str, Any], BeforeValidator(_dotted)] = Field(default_factory=dict)
     """Keys over it: `slam.` of the preset, `scenario.` of the scenario, `platform.` of its robot."""
-
-    @field_validator("set")
-    @classmethod
-    def _keys(cls, value: dict[str, Any]) -> dict[str, Any]:
-        return {_checked_key(key): one for key, one in _flat(value).items()}
 
     @model_validator(mode="after")
     def _either(self) -> Configuration:
@@ -99,7 +107,7 @@ class Configuration(Section):
 class SweepSpec(Section):
     """A sweep: every configuration, with every combination of what varies, on every case and every seed."""
 
-    name: Annotated[str, Field(pattern=NAME.pattern)] = "sweep"
+    name: Annotated[str, Field(pattern=NAME)] = "sweep"
     """Of the sweep."""
     description: str = ""
     """What it is for, one sentence; no run follows from it."""
@@ -118,9 +126,11 @@ class SweepSpec(Section):
     """The drives end after this time, if not before [s]."""
     seeds: str = "0-9"
     """Of the simulation and of SLAM: `0-9`, or `3,5,10-19`."""
-    configurations: dict[str, Configuration] = Field(default_factory=lambda: {"default": Configuration()})
+    configurations: dict[Annotated[str, Field(pattern=NAME)], Configuration] = Field(
+        default_factory=lambda: {"default": Configuration()}, min_length=1
+    )
     """By name."""
-    vary: dict[str, Values] = Field(default_factory=dict)
+    vary: Annotated[dict[str, Values], BeforeValidator(_dotted)] = Field(default_factory=dict)
     """Keys that take these values, in every combination."""
     metrics: tuple[str, ...] = ()
     """What is measured, by name; all metrics that are not costly by default."""
@@ -128,23 +138,6 @@ class SweepSpec(Section):
     """A run succeeds if each of these metrics is present and at most this large."""
     timeout: Positive = 1800.0
     """A run that takes longer has failed [s]."""
-
-    @field_validator("vary", mode="before")
-    @classmethod
-    def _keys(cls, value: Any) -> Any:
-        if not isinstance(value, dict):
-            return value
-        return {_checked_key(key): one for key, one in _flat(value).items()}
-
-    @field_validator("configurations")
-    @classmethod
-    def _named(cls, value: dict[str, Configuration]) -> dict[str, Configuration]:
-        if not value:
-            raise ValueError("no configuration, expected one or more")
-        for name in value:
-            if not NAME.fullmatch(name):
-                raise ValueError(f"{name!r}, expected letters, digits, and . _ + - in a name, at most 80")
-        return value
 
     @field_validator("seeds")
     @classmethod
@@ -164,78 +157,74 @@ class SweepSpec(Section):
         return list(given.values()) if isinstance(given, Range) else list(given)
 
 
-def read_spec(path: str | PathLike[str]) -> SweepSpec:
-    """Read a specification; paths in it are made absolute.
+def bundled_specs() -> dict[str, Path]:
+    """The files of the specifications that come with the package, by name."""
+    return {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
 
-    Raises:
-        ConfigError: it is not TOML, has an unknown key or a value out of bounds, an unknown metric, or a command
-            without the version; file and key are named.
-    """
+
+def spec_file(name_or_path: str | PathLike[str]) -> Path:
+    """The file of a specification: a bundled one by its name, or a path."""
+    text, path, bundled = str(name_or_path), Path(name_or_path), bundled_specs()
+    if text in bundled:
+        return bundled[text]
+    if path.suffix == ".toml" or path.is_file():
+        return path
+    expected = f"one of {', '.join(bundled)}, or a .toml file"
+    raise ConfigError(f"no specification of this name, expected {expected}", file=text)
+
+
+def read_spec(path: str | PathLike[str]) -> SweepSpec:
+    """Read a specification; paths in it are made absolute, and versions of commands are asked for."""
     path = Path(path)
-    table = read_toml(path, "a sweep's .toml file")
-    try:
-        spec = SweepSpec.model_validate(table)
-        for name in chosen([*spec.metrics, *spec.success]):
-            track, short = split(name)
-            if track and track not in TRACKS:
-                expected = ", ".join(f"{each}.{short}" for each in TRACKS)
-                raise ConfigError(f"{name!r}, expected one of {expected}", field="metrics")
-    except ConfigError as error:
-        raise ConfigError(error.problem, file=path, field=error.field) from error
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        problem = first["msg"].removeprefix("Value error, ")
-        raise ConfigError(problem, file=path, field=".".join(map(str, first["loc"])) or None) from error
+    spec = validated(SweepSpec, read_toml(path, "a sweep's .toml file"), file=path)
     beside = path.absolute().parent
 
     def seen(names: tuple[str, ...]) -> tuple[str, ...]:
         """Names as they are, paths of TOML files as seen from the folder of this one."""
         return tuple(str(beside / name) if name.endswith(".toml") or "/" in name else name for name in names)
 
-    return spec.model_copy(
-        update={
-            "scenarios": seen(spec.scenarios),
-            "platforms": seen(spec.platforms),
-            "recordings": tuple(str(beside / _filled(name, path)) for name in spec.recordings),
-            "configurations": {name: _placed(name, one, path) for name, one in spec.configurations.items()},
-        }
-    )
+    try:
+        for name in chosen([*spec.metrics, *spec.success]):
+            track, short = split(name)
+            if track and track not in TRACKS:
+                expected = ", ".join(f"{each}.{short}" for each in TRACKS)
+                raise ConfigError(f"{name!r}, expected one of {expected}", field="metrics")
+        return spec.model_copy(
+            update={
+                "scenarios": seen(spec.scenarios),
+                "platforms": seen(spec.platforms),
+                "recordings": tuple(str(beside / _expanded(name)) for name in spec.recordings),
+                "configurations": {name: _placed(name, one, beside) for name, one in spec.configurations.items()},
+            }
+        )
+    except ConfigError as error:
+        raise ConfigError(error.problem, file=path, field=error.field) from error
 
 
-def _filled(name: str, file: Path) -> str:
+def _expanded(name: str) -> str:
     """A path with the variables of the environment that it names, all of which must be set."""
     try:
         return re.sub(r"\$\{([A-Za-z_][A-Za-z0-9_]*)\}", lambda found: os.environ[found[1]], name)
     except KeyError as error:
         problem = f"{name!r}, expected the variable {error.args[0]} of the environment to be set"
-        raise ConfigError(problem, file=file, field="recordings") from None
+        raise ConfigError(problem, field="recordings") from None
 
 
-def _placed(name: str, one: Configuration, file: Path) -> Configuration:
+def _placed(name: str, one: Configuration, folder: Path) -> Configuration:
     """A configuration with the command and its version as they are on this computer."""
-    if not one.command:
-        return one
-    folder, version = file.absolute().parent, one.version
-    if not isinstance(version, str):
-        try:
-            version = version_of(_here(version, folder))
-        except InputError as error:
-            raise ConfigError(
-                f"{error.file}: {error.problem}", file=file, field=f"configurations.{name}.version"
-            ) from error
-    return one.model_copy(update={"command": _here(one.command, folder), "version": version})
 
+    def here(words: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(word.replace("{here}", str(folder)) for word in words)
 
-def _here(words: tuple[str, ...], folder: Path) -> tuple[str, ...]:
-    return tuple(word.replace("{here}", str(folder)) for word in words)
+    try:
+        version = one.version if isinstance(one.version, str) else version_of(here(one.version))
+    except InputError as error:
+        raise ConfigError(str(error), field=f"configurations.{name}.version") from error
+    return one.model_copy(update={"command": here(one.command), "version": version}) if one.command else one
 
 
 def numbers(text: str) -> list[int]:
-    """The seeds of a text such as ``0-9`` or ``3,5,10-19``, in its order, each once.
-
-    Raises:
-        ValueError: any other text.
-    """
+    """The seeds of a text such as ``0-9`` or ``3,5,10-19``, in its order, each once."""
     found: dict[int, None] = {}
     for part in text.split(","):
         match = re.fullmatch(r"\s*([0-9]{1,9})\s*(?:-\s*([0-9]{1,9})\s*)?", part)
@@ -246,20 +235,3 @@ def numbers(text: str) -> list[int]:
             raise ValueError(f"{text!r}, expected ranges that rise, of at most {MAX_RUNS} seeds")
         found |= dict.fromkeys(range(first, last + 1))
     return list(found)
-
-
-def _checked_key(key: str) -> str:
-    if not key.startswith(PREFIXES) or key.endswith("."):
-        raise ValueError(f"{key!r}, expected a key that begins with {', '.join(PREFIXES)}")
-    return key
-
-
-def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """A table within tables as one of dotted keys; that of a range is a value."""
-    flat: dict[str, Any] = {}
-    for key, value in table.items():
-        if isinstance(value, dict) and value.keys().isdisjoint(Range.model_fields):
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat

@@ -21,7 +21,7 @@ from collections.abc import Generator, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import wait
-from typing import Any, Generic, Protocol, TextIO, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from moteslam.errors import BackendError, MoteslamError
 from moteslam.eval.sweep.plan import PlannedRun
@@ -54,14 +54,7 @@ R = TypeVar("R", bound=Run)
 
 @dataclass(frozen=True)
 class Outcome(Generic[R]):
-    """What became of a run.
-
-    Attributes:
-        run: which.
-        status: ``ok``, ``failed``, ``crashed`` or ``timed out``.
-        error: why it is not ok, in one line.
-        result: what ``make`` returned, of a run that is ok.
-    """
+    """What became of a run: ``ok`` with what ``make`` returned, or ``failed``, ``crashed`` or ``timed out`` and why."""
 
     run: R
     status: str
@@ -122,23 +115,17 @@ class Worker(Generic[R]):
         with suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
-        self._output.close()
-        with suppress(BrokenPipeError):
-            self._input.close()
-        self._printed.close()
+        for stream in (self._output, self._input, self._printed):
+            with suppress(BrokenPipeError):
+                stream.close()
 
 
 def make_all(
     runs: Iterable[R], *, workers: int, timeout: float = float("inf"), timed: bool = False, module: str = RUNS
 ) -> Generator[Outcome[R], None, None]:
-    """Make runs in processes of their own, and give what became of each as it ends.
+    """Make runs in so many processes by the ``make`` of a module, and give what became of each as it ends.
 
-    Args:
-        runs: to make.
-        workers: how many processes.
-        timeout: of a run [s].
-        timed: measure time and memory: a new process for each run.
-        module: whose ``make(table, timed=...)`` makes a run.
+    A run that takes longer than ``timeout`` [s] is ended. Where time and memory are measured each has a new process.
     """
     waiting = deque(runs)
     deaths: Counter[int] = Counter()
@@ -159,8 +146,8 @@ def make_all(
         while waiting or alive:
             while waiting and len(alive) < workers:
                 alive.append(Worker(module, next_run(), timed=timed))
-            by_number = {worker.fileno(): worker for worker in alive}
-            for worker in [by_number[number] for number in wait(by_number, WAIT) if isinstance(number, int)]:
+            ready = wait([worker.fileno() for worker in alive], WAIT)
+            for worker in [each for each in alive if each.fileno() in ready]:
                 run, outcome = worker.run, worker.take()
                 if outcome is None:
                     words = worker.last_words()
@@ -189,16 +176,8 @@ def make_all_on(
     """As ``make_all``, on the workers of a cluster, which need moteslam and the recordings under the same paths.
 
     A run is made in a new process, since Taichi wants the main thread and a run may die. Where a worker of the cluster
-    dies the scheduler gives its runs to another one; a run with which several workers died has crashed.
-
-    Args:
-        address: of the scheduler, ``tcp://host:8786``.
-        runs: to make.
-        timeout: of a run [s].
-        timed: measure time and memory.
-
-    Raises:
-        BackendError: Dask is not installed, or the scheduler does not answer.
+    dies the scheduler, at ``tcp://host:8786``, gives its runs to another one; a run with which several workers died has
+    crashed.
     """
     try:
         from distributed import Client, as_completed
@@ -236,7 +215,13 @@ def main() -> None:
     outcomes = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what libraries print is no outcome
     jobs: queue.SimpleQueue[str] = queue.SimpleQueue()
-    threading.Thread(target=_read, args=(sys.stdin, jobs), daemon=True).start()
+
+    def read() -> None:
+        for line in sys.stdin:
+            jobs.put(line)
+        os.killpg(0, signal.SIGKILL)  # nobody is left to take an outcome: end with all that was begun
+
+    threading.Thread(target=read, daemon=True).start()
     from moteslam.kernels import runtime
 
     runtime.init("cpu", 1)
@@ -247,19 +232,10 @@ def main() -> None:
             outcome = make(job["run"], timed=job["timed"])
         except MoteslamError as error:
             outcome = {"error": str(error)}
-        except MemoryError:
-            outcome = {"error": "out of memory"}
         except Exception as error:  # one run's fault must not stop the others
             outcome = {"error": f"{type(error).__name__}: {error}"}
         outcomes.write(json.dumps(outcome, allow_nan=False) + "\n")
         outcomes.flush()
-
-
-def _read(lines: TextIO, jobs: queue.SimpleQueue[str]) -> None:
-    """Hand on the jobs; where the input ends, nobody is left to take an outcome: end with all that was begun."""
-    for line in lines:
-        jobs.put(line)
-    os.killpg(0, signal.SIGKILL)
 
 
 if __name__ == "__main__":

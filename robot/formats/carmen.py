@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
@@ -22,10 +21,9 @@ from moteslam.robot.formats.streams import (
     odometry_stream,
 )
 from moteslam.robot.formats.written import CLASSIC_STEPS, OWN_PARAMETERS, write_carmen
-from moteslam.robot.platform import LidarSpec, Platform
-from moteslam.robot.platforms import CARMEN, GivenRobot
+from moteslam.robot.platform import Platform
+from moteslam.robot.platforms import CARMEN, GivenRobot, platform_of
 from moteslam.robot.recording import Recording
-from moteslam.robot.tables import first_complaint
 from moteslam.robot.values import Issue, counted
 
 MAX_INTERLACE = 8
@@ -182,29 +180,25 @@ def _merged(log: dict[ScanKind, Scans], begins: dict[ScanKind, int], interlace: 
 def _platform(path: Path, log: CarmenLines, rows: NDArray[np.float64]) -> Platform:
     """The built-in robot, with the size and the lidar's pose that the log gives."""
     size = {key: log.params[f"robot_{key}"] for key in ("length", "width") if log.params.get(f"robot_{key}", 0) > 0}
-    try:
-        return Platform(**{**CARMEN.model_dump(), **size, "lidar": _mount(log.params, rows)})
-    except ValidationError as error:
-        field, problem = first_complaint(error)
-        raise InputError(problem, file=path, field=f"PARAM {field}") from error
+    return platform_of({"name": CARMEN.name, **size, "lidar": _mount(log.params, rows)}, file=path)
 
 
-def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> LidarSpec:
+def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> dict[str, float]:
     """The lidar's pose on the robot: from parameters; else from logged poses, where 99 % of them agree; else 0."""
     for prefix in ("robot_frontlaser", "frontlaser", "robot_front_laser", "front_laser"):
         if f"{prefix}_offset" in params:
             sideways, turned = (params.get(f"{prefix}_{key}_offset", 0.0) for key in ("side", "angular"))
             more = {field: params[name] for field, name in OWN_PARAMETERS.items() if name in params}
-            return LidarSpec(x=params[f"{prefix}_offset"], y=sideways, yaw=turned, **more)
+            return {"x": params[f"{prefix}_offset"], "y": sideways, "yaw": turned, **more}
     if not len(rows):
-        return LidarSpec()
+        return {}
     mounts = se2.between(rows[:, 3:6], rows[:, :3])
     middle = np.median(mounts, axis=0)
     apart = np.abs(np.column_stack((mounts[:, :2] - middle[:2], se2.wrap(mounts[:, 2] - middle[2]))))
     if np.quantile(apart.max(axis=1), 0.99) >= _SAME:
-        return LidarSpec()
+        return {}
     x, y, yaw = np.round(middle, 6).tolist()  # logs have six digits
-    return LidarSpec(x=x, y=y, yaw=yaw)
+    return {"x": x, "y": y, "yaw": yaw}
 
 
 FORMAT = Format(

@@ -125,7 +125,7 @@ class EncoderTable(CsvTable):
     def _two_or_four(self) -> EncoderTable:
         if tuple(self.wheels) not in (TWO_WHEELS, FOUR_WHEELS):
             raise ValueError(
-                "columns of some wheels, expected left and right, or front_right, front_left, rear_right and rear_left"
+                f"columns of some wheels, expected {' and '.join(TWO_WHEELS)}, or {', '.join(FOUR_WHEELS)}"
             )
         return self
 
@@ -153,7 +153,7 @@ class CsvDescription(Section):
 
     @model_validator(mode="after")
     def _has_a_stream(self) -> CsvDescription:
-        if all(getattr(self, name) is None for name in STREAMS):
+        if not any(getattr(self, name) for name in STREAMS):
             raise ValueError(f"no stream, expected a table [{'], ['.join(STREAMS)}]")
         return self
 
@@ -240,9 +240,10 @@ class _Reader:
         angular = np.stack([found.get(f"imu.{key}_rate", np.zeros(len(stamps))) for key in rates], axis=-1)
         linear = np.tile(AT_REST, (len(stamps), 1))
         if along:
-            linear = np.stack([found[f"imu.acceleration.{axis}"] for axis in "xyz"], axis=-1)
-            linear = linear * G[table.acceleration_unit]
-        angular = angular * RADIANS[table.rate_unit.removesuffix("/s")]
+            linear = G[table.acceleration_unit] * np.stack(
+                [found[f"imu.acceleration.{axis}"] for axis in "xyz"], axis=-1
+            )
+        angular *= RADIANS[table.rate_unit.removesuffix("/s")]
         return imu_stream(file, (str(table.stamp),) * 2, stamps, angular, linear, self.issues)
 
     def _columns(
@@ -298,9 +299,7 @@ class _Reader:
         increment = spec.angle_increment if table.angle_increment is None else table.angle_increment * unit
         range_max = spec.range_max if table.range_max is None else table.range_max
         if angle_min is None or not increment or range_max is None:
-            problem = (
-                "angle_min, angle_increment (not 0) or range_max missing, expected here or in the platform's lidar"
-            )
+            problem = "angle_min, angle_increment (not 0) or range_max missing, expected here or in the platform"
             raise ConfigError(problem, file=self.path, field="lidar")
         range_min = next((limit for limit in (table.range_min, spec.range_min) if limit is not None), 0.0)
         if range_min >= range_max:

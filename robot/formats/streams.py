@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.platform import Platform, too_wide
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream
-from moteslam.robot.tables import Table
 from moteslam.robot.values import Issue, counted, given_up
 
 Array = NDArray[Any]
@@ -60,7 +59,7 @@ class Fan(NamedTuple):
     beams: int = 0
     time_increment: float = 0.0
 
-    def over(self, given: Table, beams: int, *, file: Path, field: str) -> Fan:
+    def over(self, given: dict[str, Any], beams: int, *, file: Path, field: str) -> Fan:
         """The same with what a caller's ``platform.toml`` puts in place of angles and limits; refused where it goes
         round more than once (first and last beam may be the same direction) or its limits do not fit together.
         """
@@ -256,7 +255,7 @@ def lidar_stream(
     ranges: NDArray[np.float32],
     fan: Fan,
     robot: Platform,
-    given: Table,
+    given: dict[str, Any],
     issues: list[Issue],
     odometry: Array | None = None,
     interlace: int = 1,
@@ -268,7 +267,7 @@ def lidar_stream(
     scan, see `LidarStream` on ``interlace``.
     """
     beams = ranges.shape[1]
-    fan = fan.over(given, beams, file=path, field=f"{field} angular resolution")
+    fan = fan.over(given, beams, file=path, field="angle_increment")
     stamps, (order,) = sort_by_stamp(path, field, stamps, issues, np.arange(len(stamps)))
     sequence = None if odometry is None else _sequence(path, field, odometry, order, issues)
     clean = clean_ranges(ranges[order], fan, issues, f"{path.name}: {field}")

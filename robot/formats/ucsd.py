@@ -20,19 +20,12 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.files import make_folder, read_arrays, write_atomically
 from moteslam.robot.formats import Format, Robot
-from moteslam.robot.formats.streams import (
-    Fan,
-    clean_ranges,
-    encoder_stream,
-    imu_stream,
-    sort_by_stamp,
-)
+from moteslam.robot.formats.streams import Fan, encoder_stream, imu_stream, lidar_stream, sort_by_stamp
 from moteslam.robot.formats.written import SCAN_POSES, no_return_codes, not_written
 from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import UCSD, GivenRobot, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
-from moteslam.robot.tables import Table
-from moteslam.robot.values import Issue, counted, expect_type, given_up
+from moteslam.robot.values import Issue, counted, expect_type
 
 Array = NDArray[Any]
 
@@ -104,7 +97,7 @@ def _choose(folder: Path, sequence: str | int | None) -> str:
     raise InputError(f"{found}, expected one of {', '.join(known)}", file=folder, field="sequence")
 
 
-def _lidar(path: Path, platform: Platform, given: Table, issues: list[Issue]) -> LidarStream | None:
+def _lidar(path: Path, platform: Platform, given: dict[str, Any], issues: list[Issue]) -> LidarStream | None:
     """The scans; ``given`` are the figures that a caller's ``platform.toml`` puts in place of the file's."""
     if not path.exists():
         return None
@@ -130,12 +123,18 @@ def _lidar(path: Path, platform: Platform, given: Table, issues: list[Issue]) ->
     if abs(last - angle_max) > abs(increment):
         text = f"{path.name}: angle_max: {angle_max:.4f} rad, but {beams} beams end at {last:.4f}; the beams are used"
         issues.append(Issue("angle-max", text))
-    fan = Fan(angle_min, increment, range_min, range_max).over(given, beams, file=path, field="angle_increment")
-    stamps, (ranges,) = sort_by_stamp(path, "time_stamps", arrays["time_stamps"], issues, arrays["ranges"].T)
     with np.errstate(over="ignore"):  # beyond float32 is infinite: no return
-        ranges = np.ascontiguousarray(ranges, np.float32)
-    ranges = given_up(clean_ranges(ranges, fan, issues, f"{path.name}: ranges"))
-    return LidarStream(stamps, ranges, *fan[:4], platform.lidar.time_increment)
+        ranges = np.ascontiguousarray(arrays["ranges"].T, np.float32)
+    return lidar_stream(
+        path,
+        "ranges",
+        stamps=arrays["time_stamps"],
+        ranges=ranges,
+        fan=Fan(angle_min, increment, range_min, range_max),
+        robot=platform,
+        given=given,
+        issues=issues,
+    )
 
 
 def _is_its_lidar(stream: LidarStream, spec: LidarSpec) -> bool:
@@ -226,7 +225,7 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
     No return is written as ``range_max + 1`` and a reading that says nothing as 0.001 m (as NaN where that is not
     below ``range_min``). So ``read_ucsd`` gives the same recording back, bit for bit: float32 ranges, float64
     stamps. The same recording gives the same bytes. Streams without readings are left out, and so are odometry poses,
-    which have no place in this layout; images are written by `moteslam.sim.sensors.image_files`.
+    which have no place in this layout; images are written by `moteslam.sim.sensors.rgbd`.
 
     Args:
         folder: an existing folder.

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
-from moteslam.robot.platform import LidarSpec
+from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import platform_table
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording, chunks, phases
 from moteslam.robot.values import Issue, counted, expect_type
@@ -152,7 +152,7 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> tuple[Issue
         if poses is None and odometry is not None:
             poses = se2.interpolate(odometry.stamps, odometry.poses, lidar.stamps)
         assert poses is not None
-        entries += _scan_entries(lidar, poses, mount)
+        entries += _scan_entries(lidar, poses, recording.platform)
     entries.sort(key=lambda entry: entry[:2])  # stable: equal stamps stay in order
     head = ["# CARMEN log written by moteslam", *(f"PARAM {name} {value!r}" for name, value in params.items())]
     data = ("\n".join([*head, *(line for _, _, line in entries)]) + "\n").encode()
@@ -160,8 +160,8 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> tuple[Issue
     return (*issues, *not_written(recording, "a CARMEN log", "encoders", "imu", "rgbd"))
 
 
-def _scan_entries(lidar: LidarStream, poses: se2.Poses, mount: LidarSpec) -> list[tuple[float, int, str]]:
-    ranges, every = np.asarray(lidar.ranges), lidar.interlace
+def _scan_entries(lidar: LidarStream, poses: se2.Poses, platform: Platform) -> list[tuple[float, int, str]]:
+    ranges, every, mount = np.asarray(lidar.ranges), lidar.interlace, platform.lidar
     beams = ranges.shape[1]
     codes = no_return_codes(mount.no_return, lidar.range_max, lidar.range_max, beams)
     coded = np.where(np.isinf(ranges), codes, ranges)

@@ -67,8 +67,7 @@ def read_trajectory(path: str | PathLike[str]) -> Trajectory:
     """Read a trajectory in any format known here (`TRAJECTORY_FORMATS`): it is known by the content, not by the name.
 
     Poses are projected to the plane; those in space are kept in ``space``. What was assumed is in ``warnings``: stamps
-    that a file does not have, or in another unit; orientations that it does not have. The axes are those of the file;
-    `read_kitti` can turn those of a camera.
+    that a file does not have, or in another unit; orientations that it does not have. The axes are those of the file.
 
     Args:
         path: of the file; of a ROS bag ``BAG:TOPIC`` or ``BAG:tf:parent:child``.

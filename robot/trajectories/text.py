@@ -46,8 +46,6 @@ EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w []
 MAX_TURN = 6.3
 """Angles beyond this must have a unit."""
 KITTI = "r11 r12 r13 x r21 r22 r23 y r31 r32 r33 z"
-ROBOT_FROM_CAMERA = np.array([(0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)])
-"""Turns a camera's axes (right, down, ahead) to a robot's (ahead, left, up)."""
 
 
 @dataclass(frozen=True)
@@ -224,17 +222,11 @@ def stamps_beside(path: Path, count: int) -> tuple[Array, tuple[Issue, ...]]:
     return np.arange(count, dtype=np.float64), (Issue("no-stamps", text, count),)
 
 
-def read_kitti(path: str | PathLike[str], *, camera_axes: bool = False) -> Trajectory:
+def read_kitti(path: str | PathLike[str]) -> Trajectory:
     """Read a KITTI trajectory, projected to the plane.
 
     The stamps are those of ``NAME.times.txt`` or ``times.txt`` beside it, one a line; where there is neither, one a
     second, which its ``warnings`` say.
-
-    Args:
-        path: of the file.
-        camera_axes: the poses are of a camera (x right, y down, z ahead), in the frame of its first pose; the plane is
-            that of x and z, and the trajectory that of a robot whose x axis is the camera's z axis. Else the plane is
-            that of x and y.
     """
     path = Path(path)
     rows, lines = [], []
@@ -251,9 +243,6 @@ def read_kitti(path: str | PathLike[str], *, camera_axes: bool = False) -> Traje
     off = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max(axis=(1, 2))
     if (bad := (off > UNIT) | (np.linalg.det(rotation) <= 0)).any():
         raise InputError("expected a rotation matrix in columns 1 to 3", file=path, line=lines[int(np.argmax(bad))])
-    if camera_axes:
-        rotation = ROBOT_FROM_CAMERA @ rotation @ ROBOT_FROM_CAMERA.T
-        position = position @ ROBOT_FROM_CAMERA.T
     stamps, issues = stamps_beside(path, len(rows))
     found = trajectory_of(path, stamps, position, quaternions_of(rotation), lines=lines, warnings=issues)
     # as written, without a way through quaternions
@@ -261,16 +250,11 @@ def read_kitti(path: str | PathLike[str], *, camera_axes: bool = False) -> Traje
     return Trajectory(stamps, np.column_stack((position[:, :2], heading)), found.oriented, found.space, found.warnings)
 
 
-def write_kitti(path: str | PathLike[str], trajectory: Trajectory, *, camera_axes: bool = False) -> None:
+def write_kitti(path: str | PathLike[str], trajectory: Trajectory) -> None:
     """Write twelve numbers a line, and the stamps to ``NAME.times.txt`` beside.
 
     Both have the fewest digits that read back the same: stamps and positions bit for bit, the heading, which goes
     through its cosine and sine, to within an ulp or two.
-
-    Args:
-        path: of the file.
-        trajectory: to write.
-        camera_axes: write the poses of a camera, as `read_kitti` reads them with it.
     """
     expect_type(trajectory, Trajectory, "trajectory")
     path = Path(path)
@@ -279,9 +263,6 @@ def write_kitti(path: str | PathLike[str], trajectory: Trajectory, *, camera_axe
     rotation[:, 0, 0], rotation[:, 1, 1], rotation[:, 2, 2] = cos, cos, 1.0
     rotation[:, 1, 0], rotation[:, 0, 1] = sin, -sin
     position = np.column_stack((trajectory.poses[:, :2], np.zeros(len(trajectory))))
-    if camera_axes:
-        rotation = ROBOT_FROM_CAMERA.T @ rotation @ ROBOT_FROM_CAMERA
-        position = position @ ROBOT_FROM_CAMERA
     rows = np.dstack((rotation, position[:, :, None])).reshape(-1, 12) + 0.0  # + 0.0: no -0
     lines = [" ".join(map(_shortest, row)) for row in rows.tolist()]
     write_atomically(times_file(path), "".join(f"{stamp!r}\n" for stamp in trajectory.stamps.tolist()))

@@ -19,8 +19,7 @@ from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE
 from moteslam.robot.tables import Number, Positive, Section, Truth, Whole
 from moteslam.sim.world.pieces import Point
-from moteslam.sim.world.true_map import true_map
-from moteslam.sim.world.world import World
+from moteslam.sim.world.world import World, true_map
 
 if TYPE_CHECKING:
     import pymunk
@@ -225,15 +224,12 @@ def place_crowd(
         for place in some[world.is_free(some, CLEARANCE)]:
             near = [math.dist(place, other) < APART for other in taken]
             if len(found) < crowd.count and math.dist(place, start) >= crowd.away and not any(near):
-                found.append(_stroller(place, crowd, rng))
-                taken.append((float(place[0]), float(place[1])))
+                x, y = place.tolist()
+                speed, pause = float(rng.uniform(*crowd.speed)), float(rng.uniform(0.0, 3.0))
+                found.append(Person(waypoints=((x, y),), speed=speed, pause=pause))
+                taken.append((x, y))
         if len(found) == crowd.count:
             return found
     raise ConfigError(
         f"room for {len(found)} of {crowd.count} people, expected fewer, or more free space", field="crowd.count"
     )
-
-
-def _stroller(place: NDArray[np.float64], crowd: Crowd, rng: np.random.Generator) -> Person:
-    x, y = place.tolist()
-    return Person(waypoints=((x, y),), speed=float(rng.uniform(*crowd.speed)), pause=float(rng.uniform(0.0, 3.0)))

@@ -14,8 +14,7 @@ from moteslam.robot import se2
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised
 from moteslam.sim.actors.actors import TRUTH_RATE, Actors, Tracks
-from moteslam.sim.robot.driver import PATIENCE, Driver, pace
-from moteslam.sim.robot.limits import Limits
+from moteslam.sim.robot.driver import PATIENCE, Driver, Limits, pace
 from moteslam.sim.robot.mishaps import Carried, Mishap, carrying
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 
@@ -61,7 +60,7 @@ def drive(
     *,
     actors: Actors | None = None,
     faults: Sequence[object] = (),
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> Drive:
     """Rest, drive until the driver has arrived, is stuck or out of time, and rest again.
 
@@ -77,13 +76,14 @@ def drive(
     end, end_step = "out of time", round((duration - limits.rest_end) * PHYSICS_RATE)
     rest_steps, stuck_steps = round(limits.rest_start * PHYSICS_RATE), round(STUCK_AFTER * PHYSICS_RATE)
     stuck_check, stuck_pose, carried = rest_steps + stuck_steps, run.state, 0
-    mishaps = [_Held(fault, f"faults.{i}") for i, fault in enumerate(faults) if isinstance(fault, Mishap)]
+    mishaps = {_steps_of(fault): (fault, f"faults.{i}") for i, fault in enumerate(faults) if isinstance(fault, Mishap)}
     for step in range(end_step):
-        held = next((one for one in mishaps if one.first <= step < one.end), None) if mishaps else None
+        held = next((steps for steps in mishaps if step in steps), None)
         if held is not None:
             stuck_check, stuck_pose = max(step, rest_steps) + stuck_steps, run.state
-        if held is not None and isinstance(held.fault, Carried):
-            run.carry(held, step, driver)
+            fault, field = mishaps[held]
+        if held is not None and isinstance(fault, Carried):
+            run.carry(fault, step - held.start, len(held), driver, field)
             speed = turn_rate = 0.0
             carried += step >= rest_steps
             continue
@@ -107,7 +107,7 @@ def drive(
                     end = "stuck"
                     break
                 stuck_check, stuck_pose = step + stuck_steps, run.state
-            if progress is not None and step % PHYSICS_RATE == 0:
+            if step % PHYSICS_RATE == 0:
                 progress(driver.done)
         if held is not None:
             run.stand(speed, turn_rate)
@@ -123,15 +123,10 @@ def drive(
     return Drive(stamps, table[:, :3], table[:, 3:6], table[:, 6:], end, tracks)
 
 
-class _Held:
-    """A mishap in physics steps, from ``first`` to before ``end``; of a robot that is carried its poses and goal."""
-
-    def __init__(self, fault: Mishap, field: str) -> None:
-        self.fault, self.field = fault, field
-        self.first = round(fault.start * PHYSICS_RATE)
-        self.end = self.first + max(1, round(fault.duration * PHYSICS_RATE))
-        self.poses: NDArray[np.float64] | None = None
-        self.goal = 0
+def _steps_of(fault: Mishap) -> range:
+    """The physics steps of a mishap."""
+    first = round(fault.start * PHYSICS_RATE)
+    return range(first, first + max(1, round(fault.duration * PHYSICS_RATE)))
 
 
 class _Run:
@@ -156,21 +151,20 @@ class _Run:
         self._vehicle.spin(speed, turn_rate)
         self._advance((x, y, theta), (0.0, 0.0, 0.0))
 
-    def carry(self, held: _Held, step: int, driver: Driver) -> None:
-        """One physics step of being carried; the driver goes on from where the last of them ends."""
-        assert isinstance(held.fault, Carried)
-        vehicle, index = self._vehicle, step - held.first
-        if held.poses is None:
+    def carry(self, fault: Carried, index: int, count: int, driver: Driver, field: str) -> None:
+        """One of ``count`` physics steps of being carried; the driver goes on from where the last of them ends."""
+        vehicle = self._vehicle
+        if index == 0:
             pose = np.array(self.state[:3])
-            held.poses, held.goal = carrying(held.fault, pose, driver, PHYSICS_RATE, field=held.field)
+            self._carried, self._goal = carrying(fault, pose, driver, PHYSICS_RATE, field=field)
             vehicle.lift(up=True)
-        here, following = held.poses[index], held.poses[min(index + 1, len(held.poses) - 1)]
+        here, following = self._carried[index], self._carried[min(index + 1, count - 1)]
         vehicle.spin(0.0, 0.0)
         (x, y, theta), (vx, vy, turn) = here.tolist(), ((following - here) * PHYSICS_RATE).tolist()
         self._advance((x, y, theta), (vx, vy, turn))
-        if step == held.end - 1:
+        if index == count - 1:
             vehicle.lift(up=False)
-            driver.at = held.goal
+            driver.at = self._goal
 
     def _advance(
         self,

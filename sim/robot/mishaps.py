@@ -1,4 +1,4 @@
-"""What happens to a robot on its drive: its wheels spin while it stands, or it is lifted and carried elsewhere."""
+"""Intervals of a drive, and what happens to a robot in them: its wheels spin while it stands, or it is carried off."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ from pydantic import Field, model_validator
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
-from moteslam.robot.tables import Number
-from moteslam.sim.robot.driver import SPACING, Driver, sampled
-from moteslam.sim.robot.limits import Interval, Seconds, Spell
+from moteslam.robot.tables import Number, Section
+from moteslam.sim.robot.driver import MAX_DURATION, SPACING, Driver, Seconds, sampled
 from moteslam.sim.robot.task import Commands, Route, Task
 from moteslam.sim.world.world import World, check_place
 
@@ -27,6 +26,31 @@ CORNER = 0.3
 """Over which corners are rounded, before and after them [m]."""
 TURNS = 0.4
 """Over which turns are smoothed, before and after them [s]."""
+
+Duration = Annotated[Number, Field(gt=0, le=MAX_DURATION)]
+
+
+class Interval(Section):
+    """A part of a drive: from ``start`` after its first moment [s], for ``duration`` [s] or to its end."""
+
+    start: Seconds = 0.0
+    duration: Duration | None = None
+
+    @property
+    def end(self) -> float:
+        """When it ends [s], infinite where it lasts to the drive's end."""
+        return math.inf if self.duration is None else self.start + self.duration
+
+    def covers(self, times: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which times [...] since the drive's first moment [s] are in it, its start but not its end."""
+        return np.asarray((times >= self.start) & (times < self.end))
+
+
+class Spell(Interval):
+    """An interval of which both must be said."""
+
+    start: Seconds
+    duration: Duration
 
 
 class StuckWheels(Spell):
@@ -82,7 +106,7 @@ def check_mishaps(faults: Sequence[object], task: Task, world: World, platform: 
                 raise ConfigError("missing, expected where a robot with commands is set down", field=f"{field}.to")
             continue
         place = np.array(fault.to[:2])
-        check_place(world, place, platform.radius, field=f"{field}.to", what="the robot is set down")
+        check_place(world, place, platform.radius, field=f"{field}.to", what="the robot")
         if isinstance(task, Route):
             points, _ = sampled(task.path())
             nearest = points[np.argmin(np.hypot(*(points - place).T))]

@@ -11,8 +11,7 @@ from pydantic import Field, model_validator
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import Platform
 from moteslam.robot.tables import Number, Positive, Section, Truth
-from moteslam.sim.robot.driver import Driver, PathDriver
-from moteslam.sim.robot.limits import MAX_DURATION, Limits
+from moteslam.sim.robot.driver import MAX_DURATION, Driver, Limits, PathDriver
 from moteslam.sim.world.pieces import Point
 from moteslam.sim.world.world import World, check_legs, check_place
 
@@ -144,7 +143,7 @@ class BlindDriver:
     """Follows commands in order, whatever happens; see `Driver`."""
 
     looks = False
-    path = None
+    path: NDArray[np.float64] | None = None
 
     def __init__(self, commands: Commands) -> None:
         self.at = 0
@@ -180,34 +179,23 @@ def driver_for(task: Task, limits: Limits, world: World, rng: np.random.Generato
 
 def check_duration(task: Task, limits: Limits, duration: float) -> None:
     """Refuse a run [s] that is too short for its rests and its task."""
-    rests = limits.rest_start + limits.rest_end
-    if duration <= rests:
-        raise ConfigError(
-            f"{duration:g} s, expected more than the rests at start and end, {rests:g} s", field="duration"
-        )
     distance = 0.0
     if isinstance(task, Route):
         distance = float(np.hypot(*np.diff(task.path(), axis=0).T).sum())
     elif isinstance(task, Wander):
         distance = task.distance
-    needed = rests + distance / limits.speed
-    if duration < needed:
-        raise ConfigError(
-            f"{duration:g} s, expected at least the {needed:.0f} s that {distance:.0f} m at "
-            f"{limits.speed:g} m/s and the rests take",
-            field="duration",
-        )
+    rests, driving = limits.rest_start + limits.rest_end, distance / limits.speed
+    if duration <= rests or duration < rests + driving:
+        problem = f"{duration:g} s, expected more than {rests:g} s of rests and {driving:.0f} s for {distance:.0f} m"
+        raise ConfigError(problem, field="duration")
 
 
 def check_task(task: Task, world: World, platform: Platform) -> None:
     """Refuse a start, waypoint or leg in a wall, or too near to one for the robot."""
-    match task:
-        case Route():
-            for i, point in enumerate(task.waypoints):
-                what = "the robot starts" if i == 0 else "the waypoint is"
-                check_place(world, point, platform.radius, field=f"route.waypoints.{i}", what=what)
-            check_legs(world, task.corners, platform.width / 2, field="route.waypoints")
-        case Wander():
-            check_place(world, task.start, platform.radius, field="wander.start", what="the robot starts")
-        case Commands():
-            check_place(world, task.start[:2], platform.radius, field="commands.start", what="the robot starts")
+    if isinstance(task, Route):
+        for i, point in enumerate(task.waypoints):
+            check_place(world, point, platform.radius, field=f"route.waypoints.{i}", what="the robot")
+        check_legs(world, task.corners, platform.width / 2, field="route.waypoints")
+    else:
+        field = f"{type(task).__name__.lower()}.start"
+        check_place(world, task.start[:2], platform.radius, field=field, what="the robot")

@@ -106,7 +106,9 @@ class Vehicle:
             self._travel[i] += rim * dt
         if self._noise.mass_height > 0:
             self._shift_load(total_x / settings.mass, total_y / settings.mass)
-        total_x -= self._rolling_resistance(forward)
+        # constant, and in proportion below 1 cm/s so that nothing rolls back
+        share = min(max(forward / 0.01, -1.0), 1.0)
+        total_x -= share * self._noise.rolling_resistance * settings.mass * GRAVITY
         body.force = (cos * total_x - sin * total_y, sin * total_x + cos * total_y)
         body.torque = moment
 
@@ -137,11 +139,6 @@ class Vehicle:
             shifted = -height * (forward / px if px else 0.0) - height * left / py
             wanted = min(max(1.0 + shifted, 0.0), 2.0)
             self._loads[i] = keep * self._loads[i] + (1 - keep) * wanted
-
-    def _rolling_resistance(self, forward: float) -> float:
-        """The force [N] against a speed [m/s]: constant, and in proportion below 1 cm/s so that nothing rolls back."""
-        share = min(max(forward / 0.01, -1.0), 1.0)
-        return share * self._noise.rolling_resistance * self._settings.mass * GRAVITY
 
     def _grip_share(self, x: float, y: float) -> float:
         """The grip at a place over that of the floor: the least of the patches there."""

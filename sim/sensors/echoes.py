@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.noise import LidarNoise
 from moteslam.sim.actors.actors import Tracks
 from moteslam.sim.world.pieces import Material
 from moteslam.sim.world.world import World
@@ -29,6 +30,20 @@ BEYOND = 1e-3
 Floats = NDArray[np.float64]
 
 
+class Rays(NamedTuple):
+    """Beams as lines.
+
+    Attributes:
+        origins: [n, 2] where each begins [m].
+        angles: [n] its direction [rad].
+        times: [n] its moment since the drive's start [s].
+    """
+
+    origins: Floats
+    angles: Floats
+    times: Floats
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A world with what moves in it, ready for rays."""
@@ -41,32 +56,24 @@ class Scene:
         """Whether every surface gives an echo and nothing moves."""
         return self.tracks is None and self.world.surfaces is None
 
-    def exact(self, origins: Floats, angles: Floats, times: Floats, *, max_range: float) -> NDArray[np.float32]:
+    def exact(self, rays: Rays, *, max_range: float) -> NDArray[np.float32]:
         """The range [n] to the first thing of any kind [m], ``inf`` beyond max_range, as if nothing were glass."""
         from moteslam.kernels.raycast import cast_rays
 
-        ranges = cast_rays(self._buckets, origins, angles, max_range=max_range)
+        ranges = cast_rays(self._buckets, rays.origins, rays.angles, max_range=max_range)
         if self.tracks is not None:
-            self._meet(origins, angles, times, ranges)
+            self._meet(rays, ranges)
         return ranges
 
-    def echoes(
-        self, origins: Floats, angles: Floats, times: Floats, rng: np.random.Generator, *, max_range: float
-    ) -> NDArray[np.float32]:
-        """The range [n] of the first echo [m]: ``inf`` where none comes, ``nan`` where it is of no use.
-
-        Args:
-            origins: [n, 2] where each beam begins [m].
-            angles: [n] its direction [rad].
-            times: [n] its moment since the drive's start [s].
-        """
+    def echoes(self, rays: Rays, rng: np.random.Generator, *, max_range: float) -> NDArray[np.float32]:
+        """The range [n] of the first echo [m]: ``inf`` where none comes, ``nan`` where it is of no use."""
         if self.is_plain:
-            return self.exact(origins, angles, times, max_range=max_range)
+            return self.exact(rays, max_range=max_range)
+        origins, angles, times = rays
         measured = np.full(len(origins), np.inf, np.float32)
         index, before = np.arange(len(origins)), np.zeros(len(origins))
-        origins, angles = np.array(origins), np.array(angles)
         for _ in range(MAX_SURFACES):
-            ranges, surface, normal = self._first(origins, angles, times, max_range)
+            ranges, surface, normal = self._first(Rays(origins, angles, times), max_range)
             length = before + ranges
             fate = self._fate(surface, normal, angles, length, rng)
             measured[index[fate == SEEN]] = length[fate == SEEN]
@@ -84,36 +91,35 @@ class Scene:
         measured[measured > max_range] = np.inf
         return measured
 
-    def _first(
-        self, origins: Floats, angles: Floats, times: Floats, max_range: float
-    ) -> tuple[NDArray[np.float32], NDArray[np.int64], Floats]:
+    def _first(self, rays: Rays, max_range: float) -> tuple[NDArray[np.float32], NDArray[np.int64], Floats]:
         """Range, material and direction of the normal of the first surface of each beam; material -1 for none."""
         from moteslam.kernels.raycast import cast_surfaces
 
         world = self.world
-        ranges, segment = cast_surfaces(self._buckets, origins, angles, max_range=max_range)
+        ranges, segment = cast_surfaces(self._buckets, rays.origins, rays.angles, max_range=max_range)
         kinds = np.zeros(len(world.segments), np.int64) if world.surfaces is None else world.surfaces
         surface = np.where(segment >= 0, kinds[segment], -1)
         along = world.segments[:, 2:] - world.segments[:, :2]
         normal = (np.arctan2(along[:, 1], along[:, 0]) + np.pi / 2)[segment]
         tracks = self.tracks
         if tracks is not None:
-            met = self._meet(origins, angles, times, ranges)
+            met = self._meet(rays, ranges)
             surface = np.where(met >= 0, PERSON, surface)
             discs = tracks.discs.shape[1]
             leaf = np.flatnonzero(met >= discs)
             surface[leaf] = tracks.surfaces[met[leaf] - discs]
-            row = np.clip(np.round(times[leaf] * tracks.rate), 0, len(tracks.lines) - 1).astype(np.int64)
+            row = np.clip(np.round(rays.times[leaf] * tracks.rate), 0, len(tracks.lines) - 1).astype(np.int64)
             ends = tracks.lines[row, met[leaf] - discs]
             normal[leaf] = np.arctan2(ends[:, 3] - ends[:, 1], ends[:, 2] - ends[:, 0]) + np.pi / 2
         return ranges, surface.astype(np.int64), normal
 
-    def _meet(self, origins: Floats, angles: Floats, times: Floats, ranges: NDArray[np.float32]) -> NDArray[np.int32]:
-        from moteslam.kernels.movers import cast_movers
+    def _meet(self, rays: Rays, ranges: NDArray[np.float32]) -> NDArray[np.int32]:
+        """Shorten the ranges to what moves; which disc or leaf that is, or -1."""
+        from moteslam.kernels.raycast import cast_movers
 
         tracks = self.tracks
         assert tracks is not None
-        return cast_movers(tracks.discs, tracks.lines, tracks.rate, origins, angles, times, ranges)
+        return cast_movers(tracks.discs, tracks.lines, tracks.rate, *rays, ranges)
 
     def _fate(
         self, surface: NDArray[np.int64], normal: Floats, angles: Floats, length: Floats, rng: np.random.Generator
@@ -163,16 +169,14 @@ def mix_at_edges(
     ranges: NDArray[np.float32],
     middle: NDArray[np.float32],
     sides: NDArray[np.float32],
-    *,
-    mixed: float,
-    pulse: float,
+    noise: LidarNoise,
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
     """The ranges of beams, some of whose sides meet something else than their middle.
 
     On one flat surface the sides lie about as far before the middle as behind it; at an edge one of them does not.
-    There, with probability ``mixed``, the two echoes melt into one in between, if they are at most ``pulse`` [m] apart;
-    otherwise the range is that of one of them.
+    There, with probability ``noise.mixed``, the two echoes melt into one in between, if they are at most
+    ``noise.pulse`` [m] apart; otherwise the range is that of one of them.
 
     Args:
         ranges: [n] of the beams as lines [m].
@@ -190,19 +194,7 @@ def mix_at_edges(
     with np.errstate(invalid="ignore"):
         apart = np.abs(other - middle)
         melted = middle + share * (other - middle)
-        melts = (draw < mixed) & (apart <= pulse)
+        melts = (draw < noise.mixed) & (apart <= noise.pulse)
     # a quarter of the beam's width lies on the other side of the edge, on average
     alone = np.where((share < 0.25) & np.isfinite(other), other, ranges)
     return np.where(edge, np.where(melts, melted, alone), ranges).astype(np.float32)
-
-
-def add_false_returns(
-    ranges: NDArray[np.float32], *, share: float, nearest: float, scale: float, rng: np.random.Generator
-) -> NDArray[np.float32]:
-    """Ranges [n], a ``share`` cut short by what floats in the air (z_short of Probabilistic Robotics, table 6.1).
-
-    ``nearest`` is the least range of such an echo, ``scale`` the mean distance beyond it [m]; two numbers a beam.
-    """
-    met = rng.random(len(ranges), np.float32) < share
-    drop = nearest + rng.exponential(scale, len(ranges))
-    return np.where(met & ~(drop >= ranges), drop, ranges).astype(np.float32)

@@ -15,7 +15,7 @@ from moteslam.robot.recording import LidarStream
 from moteslam.robot.values import given_up
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.clock import readings
-from moteslam.sim.sensors.echoes import Floats, Scene, add_false_returns, mix_at_edges
+from moteslam.sim.sensors.echoes import Floats, Rays, Scene, mix_at_edges
 from moteslam.sim.sensors.lidar_faults import Cart, Tilt, carts_in_view, leaning
 
 
@@ -40,15 +40,8 @@ class LidarErrors:
     @classmethod
     def drawn(cls, noise: LidarNoise, rng: np.random.Generator) -> LidarErrors:
         """Those of one recording."""
-        spread = (
-            noise.range_bias,
-            noise.range_scale_error,
-            noise.mount_error,
-            noise.mount_error,
-            noise.mount_yaw_error,
-            noise.mount_tilt_error,
-            noise.mount_tilt_error,
-        )
+        x, yaw, tilt = noise.mount_error, noise.mount_yaw_error, noise.mount_tilt_error
+        spread = np.array((noise.range_bias, noise.range_scale_error, x, x, yaw, tilt, tilt))
         return cls(*(rng.standard_normal(len(spread)) * spread).tolist())
 
 
@@ -67,8 +60,8 @@ def simulate_lidar(
     errors: LidarErrors = LidarErrors(),
     tilt: Floats | None = None,
     faults: Sequence[object] = (),
-    effects: np.random.Generator | None = None,
-    progress: Callable[[float], None] | None = None,
+    effects: np.random.Generator,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> LidarStream:
     """The scans of a lidar: beam b of a scan at time t is cast from where the lidar truly is at t + b * time_increment.
 
@@ -84,7 +77,6 @@ def simulate_lidar(
     """
     scan = lidar.scan
     times, stamps = readings(scan.rate, *span, noise.clock, rng)
-    effects = np.random.default_rng(0) if effects is None else effects
     offsets = lidar.time_increment * np.arange(scan.beams)
     angles = scan.angle_min + scan.angle_increment * np.arange(scan.beams)
     ranges = np.empty((len(times), scan.beams), np.float32)
@@ -99,8 +91,8 @@ def simulate_lidar(
         rows = slice(start, start + at_a_time)
         moments = times[rows, None] + offsets
         poses = _poses_at(drive, moments, true_mount)
-        origins, directions = poses[..., :2].reshape(-1, 2), (poses[..., 2] + angles).reshape(-1)
-        exact = beam_ranges(scene, origins, directions, moments.reshape(-1), scan, noise, effects)
+        rays = Rays(poses[..., :2].reshape(-1, 2), (poses[..., 2] + angles).reshape(-1), moments.reshape(-1))
+        exact = beam_ranges(scene, rays, scan, noise, effects)
         if not is_level:
             leans = np.array((errors.roll, errors.pitch)) + (0.0 if tilt is None else _at(drive, moments, tilt))
             leans, height, grazing = leaning(leans, lidar.z, aslant, moments)
@@ -113,8 +105,7 @@ def simulate_lidar(
         if errors.scale or errors.bias:
             exact = (exact * (1 + errors.scale) + errors.bias).astype(np.float32)
         ranges[rows] = measured(exact.reshape(-1, scan.beams), scan, noise, rng)
-        if progress is not None:
-            progress(min(1.0, (start + at_a_time) / len(times)))
+        progress(min(1.0, (start + at_a_time) / len(times)))
     return LidarStream(
         stamps=stamps,
         ranges=given_up(ranges),
@@ -127,32 +118,24 @@ def simulate_lidar(
 
 
 def beam_ranges(
-    scene: Scene,
-    origins: Floats,
-    angles: Floats,
-    times: Floats,
-    scan: ScanFigures,
-    noise: LidarNoise,
-    rng: np.random.Generator,
+    scene: Scene, rays: Rays, scan: ScanFigures, noise: LidarNoise, rng: np.random.Generator
 ) -> NDArray[np.float32]:
     """Ranges float32 [n] [m] of beams before the sensor's noise: ``inf`` for no echo, ``nan`` for one of no use.
 
-    A beam of some divergence is three rays, its middle and its two sides (see `mix_at_edges`).
-
-    Args:
-        origins: [n, 2] [m]; angles: [n] [rad]; times: [n] [s], of the beams.
-        rng: drawn from only where something is random.
+    A beam of some divergence is three rays, its middle and its two sides (see `mix_at_edges`). ``rng`` is drawn from
+    only where something is random.
     """
-    ranges = scene.echoes(origins, angles, times, rng, max_range=scan.range_max)
+    ranges = scene.echoes(rays, rng, max_range=scan.range_max)
     if noise.divergence > 0:
         half = noise.divergence / 2
-        sides = [scene.exact(origins, angles + off, times, max_range=scan.range_max) for off in (-half, half)]
-        middle = ranges if scene.is_plain else scene.exact(origins, angles, times, max_range=scan.range_max)
-        ranges = mix_at_edges(ranges, middle, np.stack(sides), mixed=noise.mixed, pulse=noise.pulse, rng=rng)
-    if noise.false_return > 0:
-        ranges = add_false_returns(
-            ranges, share=noise.false_return, nearest=scan.range_min, scale=noise.false_scale, rng=rng
-        )
+        turned = [rays._replace(angles=rays.angles + off) for off in (-half, half)]
+        sides = [scene.exact(each, max_range=scan.range_max) for each in turned]
+        middle = ranges if scene.is_plain else scene.exact(rays, max_range=scan.range_max)
+        ranges = mix_at_edges(ranges, middle, np.stack(sides), noise, rng)
+    if noise.false_return > 0:  # what floats in the air (z_short of Probabilistic Robotics, table 6.1)
+        met = rng.random(len(ranges), np.float32) < noise.false_return
+        drop = scan.range_min + rng.exponential(noise.false_scale, len(ranges))
+        ranges = np.where(met & ~(drop >= ranges), drop, ranges).astype(np.float32)
     return ranges
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import rgbd
 from moteslam.robot.platform import CameraSettings, CameraSpec
 from moteslam.robot.se2 import transform_points
-from moteslam.sim.sensors.echoes import Scene
+from moteslam.robot.values import Summarised
+from moteslam.sim.sensors.echoes import Rays, Scene
 from moteslam.sim.world.floor import FloorSettings, rasterise
 
 FLOOR_CELL = 0.01
@@ -24,6 +28,26 @@ _NOISE_LENGTH = 1 << 20
 """Normal numbers drawn once; every frame reads them from a place of its own on."""
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Shots(Summarised):
+    """What one camera takes.
+
+    Attributes:
+        stamps: [n] as the host stamps them [s].
+        poses: [n, 3] the robot's true poses when they are taken.
+        times: [n] when they are taken, from the drive's first moment [s].
+        numbers: [n] of each among all that reached the host, whose noise it has.
+    """
+
+    stamps: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    times: NDArray[np.float64]
+    numbers: NDArray[np.intp]
+
+    def __getitem__(self, chosen: NDArray[Any]) -> Shots:
+        return Shots(self.stamps[chosen], self.poses[chosen], self.times[chosen], self.numbers[chosen])
+
+
 class Renderer:
     """Draws frames of a run.
 
@@ -31,6 +55,10 @@ class Renderer:
         path: [m, 2] where the robot is when the colour camera fires [m]: the floor is drawn around it.
         frames: how many colour and disparity images there are; each has noise of its own.
         seed: of the noise.
+
+    Attributes:
+        mount, settings: as given.
+        views: of the depth camera, False, and of the colour camera, True.
     """
 
     def __init__(
@@ -47,15 +75,15 @@ class Renderer:
         from moteslam.kernels.camera import depth_view_of, view_of  # imports Taichi
 
         rotation = rgbd.mount_rotation(mount)
-        self._scene = scene
+        self.mount, self.settings, self._scene = mount, settings, scene
         # each camera's place in the robot's frame: the colour camera stands to the right of the depth camera
         place = np.array((mount.x, mount.y, mount.z))
         self._places = {False: place, True: place + rotation @ np.array((rgbd.RGB_OFFSET, 0.0, 0.0))}
-        self._views = {}
+        self.views = {}
         for colour in (False, True):
             optical = rgbd.optical_rays(colour=colour)
             directions = np.concatenate((optical @ rotation.T, optical[..., 2:]), axis=-1)
-            self._views[colour] = view_of(directions, height=float(self._places[colour][2]))
+            self.views[colour] = view_of(directions, height=float(self._places[colour][2]))
         ground = _bounds(scene, path, settings.farthest + 2.0)
         width, height = ground[2] - ground[0], ground[3] - ground[1]
         cell = max(FLOOR_CELL, float(np.sqrt(width * height / FLOOR_PIXELS)))
@@ -69,7 +97,7 @@ class Renderer:
         self._disparity_noise = np.where(lost, np.float32(np.inf), np.float32(settings.disparity_noise) * normal)
         self._rgb_starts, self._disparity_starts = (rng.integers(_NOISE_LENGTH, size=count) for count in frames)
         self._depth_view = depth_view_of(
-            self._views[False],
+            self.views[False],
             scale=rgbd.DEPTH_SCALE,
             offset=rgbd.DISPARITY_OFFSET,
             slope=rgbd.DISPARITY_SLOPE,
@@ -79,58 +107,46 @@ class Renderer:
             grazing=settings.grazing,
         )
 
-    def rgb(
-        self, indices: NDArray[np.intp], poses: NDArray[np.float64], times: NDArray[np.float64]
-    ) -> NDArray[np.uint8]:
-        """The colour images [k, 480, 640, 3] (RGB) of frames [k], with the robot at poses [k, 3] at times [k]."""
+    def rgb(self, shots: Shots) -> NDArray[np.uint8]:
+        """The colour images [k, 480, 640, 3] (RGB) of k shots."""
         import cv2
 
         from moteslam.kernels.camera import render_colour
 
-        cameras, reaches = self._reaches(poses, times, colour=True)
+        cameras, reaches = self.reaches(shots, colour=True)
         packed = render_colour(
-            self._views[True],
+            self.views[True],
             cameras,
             reaches,
             self._packed,
             corner=self._ground.origin[:2],
             cell_size=self._ground.cell_size,
             noise=self._colour_noise,
-            starts=self._rgb_starts[indices],
+            starts=self._rgb_starts[shots.numbers],
         )
         bytes_ = packed.astype("<i4", copy=False).view(np.uint8).reshape(-1, rgbd.WIDTH, 4)
         images = cv2.cvtColor(bytes_, cv2.COLOR_RGBA2RGB) if len(bytes_) else bytes_[..., :3]
         return np.asarray(images, np.uint8).reshape(-1, rgbd.HEIGHT, rgbd.WIDTH, 3)
 
-    def disparity(
-        self, indices: NDArray[np.intp], poses: NDArray[np.float64], times: NDArray[np.float64]
-    ) -> NDArray[np.uint16]:
-        """The raw disparity images [k, 480, 640] of frames; see ``rgb``."""
+    def disparity(self, shots: Shots) -> NDArray[np.uint16]:
+        """The raw disparity images [k, 480, 640] of k shots."""
         from moteslam.kernels.camera import render_disparity
 
-        _, reaches = self._reaches(poses, times, colour=False)
-        starts = self._disparity_starts[indices]
+        _, reaches = self.reaches(shots, colour=False)
+        starts = self._disparity_starts[shots.numbers]
         images = render_disparity(self._depth_view, reaches, noise=self._disparity_noise, starts=starts)
         return images.reshape(-1, rgbd.HEIGHT, rgbd.WIDTH)
 
-    def depth_reaches(
-        self, pose: NDArray[np.float64], time: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float64]]:
-        """The pose [3] of the depth camera, and how far [b] [m] the floor reaches at bearings [b] from its heading."""
-        cameras, reaches = self._reaches(pose[None], np.array([time]), colour=False)
-        return cameras[0], reaches[0], self._views[False].bearings
-
-    def _reaches(
-        self, poses: NDArray[np.float64], times: NDArray[np.float64], *, colour: bool
-    ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Where the camera is with the robot at poses [k, 3], and how far it sees at each bearing [k, b]."""
-        place, bearings = self._places[colour], self._views[colour].bearings
-        cameras = np.array(poses)
+    def reaches(self, shots: Shots, *, colour: bool) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """The camera's poses [k, 3] at k shots, and how far [k, b] [m] it sees at the bearings [b] of its view."""
+        place, bearings = self._places[colour], self.views[colour].bearings
+        cameras = np.array(shots.poses)
         for camera in cameras:
             camera[:2] = transform_points(camera, place[:2])
         angles = (cameras[:, 2:] + bearings).reshape(-1)
         origins = np.repeat(cameras[:, :2], len(bearings), axis=0)
-        ranges = self._scene.exact(origins, angles, np.repeat(times, len(bearings)), max_range=FARTHEST)
+        rays = Rays(origins, angles, np.repeat(shots.times, len(bearings)))
+        ranges = self._scene.exact(rays, max_range=FARTHEST)
         return cameras, ranges.reshape(len(cameras), len(bearings))
 
 

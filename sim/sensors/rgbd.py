@@ -1,4 +1,4 @@
-"""The Kinect: when its two cameras fire, and what they see.
+"""The Kinect: when its two cameras fire, what they see, and their images as PNG files of the UCSD layout.
 
 Two minutes of frames are gigabytes, so nothing is drawn until it is asked for: ``schedule_frames`` settles when and
 from where every frame is taken, and `CameraFrames` draws the images of some of them.
@@ -6,31 +6,40 @@ from where every frame is taken, and `CameraFrames` draws the images of some of 
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError
-from moteslam.robot.formats.ucsd import DISPARITY, RGB
+from moteslam.errors import ConfigError, OutputError
+from moteslam.robot.formats.ucsd import DISPARITY, RGB, image_path
+from moteslam.robot.pictures import encode_png
 from moteslam.robot.platform import CameraSettings, CameraSpec
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.se2 import interpolate
-from moteslam.robot.values import Summarised
+from moteslam.robot.values import Summarised, processor_count
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.robot.limits import Interval
+from moteslam.sim.robot.mishaps import Interval
 from moteslam.sim.sensors.clock import EPOCH, readings
 from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.sensors.image_files import Draw, check_space, estimate_bytes, size_in_words, write_images
-from moteslam.sim.sensors.renderer import Renderer
+from moteslam.sim.sensors.renderer import Renderer, Shots
 from moteslam.sim.world.floor import FloorSettings
 
 MAX_HEIGHT = 10.0
 """Of the camera above the floor [m]."""
+SAMPLE = 6
+"""Images of each kind that are drawn to estimate the space that all will take."""
+BATCH = 8
+"""Images that are drawn at a time."""
+
+Draw = Callable[[NDArray[np.intp]], NDArray[Any]]
+"""Draws the images [k, ...] of these frames [k]."""
 
 
 def check_camera(camera: CameraSpec | None) -> CameraSpec:
@@ -43,42 +52,16 @@ def check_camera(camera: CameraSpec | None) -> CameraSpec:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Shots(Summarised):
-    """What one camera takes.
-
-    Attributes:
-        stamps: [n] as the host stamps them [s].
-        poses: [n, 3] the robot's true poses when they are taken.
-        times: [n] when they are taken, from the drive's first moment [s].
-        numbers: [n] of each among all that reached the host, whose noise it has.
-    """
-
-    stamps: NDArray[np.float64]
-    poses: NDArray[np.float64]
-    times: NDArray[np.float64]
-    numbers: NDArray[np.intp]
-
-    def __getitem__(self, chosen: NDArray[Any]) -> Shots:
-        return Shots(self.stamps[chosen], self.poses[chosen], self.times[chosen], self.numbers[chosen])
-
-
-@dataclass(frozen=True, eq=False, repr=False)
 class CameraFrames(Summarised):
-    """All the frames of a run, drawn when they are asked for. It knows the truth, and is never part of a recording.
+    """All the frames of a run. It knows the truth, and is never part of a recording.
 
     Attributes:
-        seed: of the images' noise.
-        reached: how many colour and disparity images reached the host.
+        renderer: draws them; made when it is first called.
     """
 
     rgb: Shots
     disparity: Shots
-    mount: CameraSpec
-    settings: CameraSettings
-    scene: Scene = field(repr=False)
-    floor: FloorSettings
-    seed: tuple[int, ...]
-    reached: tuple[int, int]
+    renderer: Callable[[], Renderer]
 
     def without(self, gap: Interval) -> CameraFrames:
         """The frames whose stamps are not in an interval; they look as they did."""
@@ -90,23 +73,13 @@ class CameraFrames(Summarised):
         """What a recording holds of them: the stamps."""
         return RgbdStream(self.rgb.stamps, self.disparity.stamps)
 
-    @cached_property
-    def renderer(self) -> Renderer:
-        """Draws them; made when first asked for."""
-        path = self.rgb.poses[:, :2]
-        return Renderer(
-            self.mount, self.settings, self.scene, self.floor, path=path, frames=self.reached, seed=self.seed
-        )
-
     def draw_rgb(self, indices: NDArray[np.intp]) -> NDArray[np.uint8]:
         """The colour images [k, 480, 640, 3] (red, green, blue) of frames [k]."""
-        chosen = self.rgb[indices]
-        return self.renderer.rgb(chosen.numbers, chosen.poses, chosen.times)
+        return self.renderer().rgb(self.rgb[indices])
 
     def draw_disparity(self, indices: NDArray[np.intp]) -> NDArray[np.uint16]:
         """The raw disparity images [k, 480, 640] of frames [k]."""
-        chosen = self.disparity[indices]
-        return self.renderer.disparity(chosen.numbers, chosen.poses, chosen.times)
+        return self.renderer().disparity(self.disparity[indices])
 
 
 def schedule_frames(
@@ -131,41 +104,10 @@ def schedule_frames(
         taken.append(Shots(EPOCH + stamps[kept], poses, times[kept], np.arange(len(kept))))
     rgb, disparity = taken
     words = tuple(int(word) for word in images.generate_state(2))
-    reached = len(rgb.stamps), len(disparity.stamps)
-    return CameraFrames(rgb, disparity, mount, settings, scene, floor, words, reached)
-
-
-def write_frames(
-    folder: Path,
-    frames: CameraFrames,
-    sequence: str,
-    *,
-    announce: Callable[[str], None] | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> int:
-    """Draw all frames and write them as ``dataRGBD/`` of the UCSD layout; the bytes written.
-
-    ``announce`` is called, before the first is written, with a line on how many and how large they will be.
-    """
-    kinds: list[tuple[str, Draw, int]] = [
-        (RGB, frames.draw_rgb, len(frames.rgb.stamps)),
-        (DISPARITY, frames.draw_disparity, len(frames.disparity.stamps)),
-    ]
-    total = sum(count for _, _, count in kinds)
-    wanted = sum(estimate_bytes(draw, count) for _, draw, count in kinds)
-    if announce is not None:
-        announce(f"{total} images of about {size_in_words(wanted)} are to be written")
-    check_space(folder, wanted)
-    written, before = 0, 0
-    for kind, draw, count in kinds:
-
-        def report(done: int, before: int = before) -> None:
-            if progress is not None:
-                progress((before + done) / total)
-
-        written += write_images(folder, kind, sequence, draw, count, progress=report)
-        before += count
-    return written
+    counts, path = (len(rgb.stamps), len(disparity.stamps)), rgb.poses[:, :2]
+    return CameraFrames(
+        rgb, disparity, cache(partial(Renderer, mount, settings, scene, floor, path=path, frames=counts, seed=words))
+    )
 
 
 def _kept(count: int, settings: CameraSettings, rng: np.random.Generator) -> NDArray[np.intp]:
@@ -176,3 +118,101 @@ def _kept(count: int, settings: CameraSettings, rng: np.random.Generator) -> NDA
         kept.append(i)
         i += 1 + (settings.gap_frames if gaps[i] else 0)
     return np.asarray(kept, np.intp)
+
+
+def write_frames(
+    folder: Path,
+    frames: CameraFrames,
+    sequence: str,
+    *,
+    announce: Callable[[str], None] | None = None,
+    progress: Callable[[float], None] = lambda _: None,
+) -> None:
+    """Draw all frames and write them as ``dataRGBD/`` of the UCSD layout.
+
+    ``announce`` is called, before the first is written, with a line on how many and how large they will be.
+    """
+    kinds: tuple[tuple[str, Draw, int], ...] = (
+        (RGB, frames.draw_rgb, len(frames.rgb.stamps)),
+        (DISPARITY, frames.draw_disparity, len(frames.disparity.stamps)),
+    )
+    total = sum(count for _, _, count in kinds)
+    wanted = sum(estimate_bytes(draw, count) for _, draw, count in kinds)
+    if announce is not None:
+        announce(f"{total} images of about {_in_words(wanted)} are to be written")
+    check_space(folder, wanted)
+    before = 0
+    for kind, draw, count in kinds:
+
+        def report(done: int, before: int = before) -> None:
+            progress((before + done) / total)
+
+        write_images(folder, kind, sequence, draw, count, progress=report)
+        before += count
+
+
+def estimate_bytes(draw: Draw, count: int) -> int:
+    """About what ``count`` images will take as PNG files [bytes], from a few of them, with a tenth to spare."""
+    if not count:
+        return 0
+    chosen = np.unique(np.linspace(0, count - 1, min(count, SAMPLE)).astype(np.intp))
+    sizes = [len(encode_png(image, fast=True)) for image in draw(chosen)]
+    return int(1.1 * count * (sum(sizes) / len(sizes) + 2048))  # and half a block of the disk each
+
+
+def _in_words(size: float) -> str:
+    """Bytes as megabytes, or gigabytes where they are one or more."""
+    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.1f} MB"
+
+
+def check_space(folder: Path, wanted: int) -> None:
+    """Refuse to begin where fewer bytes than ``wanted`` are free."""
+    free = shutil.disk_usage(folder).free
+    if wanted > free:
+        raise OutputError(f"{_in_words(free)} free, expected {_in_words(wanted)} for the images", file=folder)
+
+
+def write_images(
+    folder: Path, kind: str, sequence: str, draw: Draw, count: int, *, progress: Callable[[int], None] = lambda _: None
+) -> None:
+    """Draw images and write them, encoding on all cores while the next are drawn; few are held at a time.
+
+    Args:
+        folder: of the recording; it exists.
+        kind: ``RGB`` or ``DISPARITY``.
+        sequence: the number in the file names.
+        count: of frames.
+        progress: called with the number already written.
+
+    Raises:
+        OutputError: the folder cannot be made, or the disk is full.
+    """
+    place = image_path(folder, kind, sequence, 0).parent
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot be made: {error.strerror or error}", file=place) from error
+
+    def write(index: int, image: NDArray[Any]) -> None:
+        path, data = image_path(folder, kind, sequence, index), encode_png(image, fast=True)
+        try:
+            path.write_bytes(data)
+        except OSError as error:
+            raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
+
+    with ThreadPoolExecutor(processor_count()) as pool:
+        waiting: list[Future[None]] = []
+        try:
+            for start in range(0, count, BATCH):
+                frames = np.arange(start, min(start + BATCH, count))
+                images = draw(frames)
+                for future in waiting:
+                    future.result()
+                progress(start)
+                waiting = [pool.submit(write, int(i), image) for i, image in zip(frames, images, strict=True)]
+            for future in waiting:
+                future.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    progress(count)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Literal
 
@@ -63,21 +62,6 @@ JOINT = 0.005
 """Half a joint between tiles [m]."""
 
 
-@dataclass(frozen=True)
-class Pattern:
-    """A material of a floor.
-
-    Attributes:
-        draw: ``draw(x, y, size, palette, seed)``: colours [n, 3] (0 to 255, not clipped) at x, y [n] [m], from a
-            palette [k, 3].
-        size: usual size of a tile, blotch or plank [m].
-    """
-
-    draw: Callable[[Array, Array, float, Array, int], Array]
-    size: float
-    palette: tuple[Rgb, ...]
-
-
 def _tiles(x: Array, y: Array, size: float, palette: Array, seed: int) -> Array:
     col, row = np.floor(x / size), np.floor(y / size)
     colours = _pick(palette, col, row, seed, 1)
@@ -117,15 +101,16 @@ def _pick(palette: Array, col: Array, row: Array, seed: int, layer: int) -> Arra
     return np.asarray(palette[(cell_noise(col, row, seed, layer) * len(palette)).astype(np.int64)])
 
 
-PATTERNS = {
-    "tiles": Pattern(
+PATTERNS: dict[str, tuple[Callable[[Array, Array, float, Array, int], Array], float, tuple[Rgb, ...]]] = {
+    "tiles": (
         _tiles, 0.5, ((238, 232, 218), (176, 92, 66), (52, 60, 74), (128, 146, 112), (24, 24, 28), (208, 178, 120))
     ),
-    "carpet": Pattern(_carpet, 0.8, ((34, 52, 96), (196, 176, 140), (122, 30, 40))),
-    "wood": Pattern(_wood, 0.14, ((150, 98, 54), (110, 66, 34), (186, 136, 84), (84, 50, 28), (206, 168, 118))),
-    "plain": Pattern(_plain, 1.0, ((128, 126, 122),)),
-}
-"""The patterns by name."""
+    "carpet": (_carpet, 0.8, ((34, 52, 96), (196, 176, 140), (122, 30, 40))),
+    "wood": (_wood, 0.14, ((150, 98, 54), (110, 66, 34), (186, 136, 84), (84, 50, 28), (206, 168, 118))),
+    "plain": (_plain, 1.0, ((128, 126, 122),)),
+}  # fmt: skip
+"""By name: ``draw(x, y, size, palette, seed)``, which gives colours [n, 3] (0 to 255, not clipped) at x, y [n] [m], and
+the usual size of a tile, blotch or plank [m] and palette [k, 3]."""
 
 
 def stain_shade(x: Array, y: Array, share: float, seed: int) -> Array:
@@ -194,9 +179,8 @@ class FloorSettings(Section):
         return np.rint(np.clip(colours, 0, 255)).astype(np.uint8).reshape(*points.shape[:-1], 3)
 
     def _pattern_at(self, x: Array, y: Array) -> Array:
-        pattern = PATTERNS[self.material]
-        palette = np.asarray(self.colours or pattern.palette, np.float64)
-        return pattern.draw(x, y, self.size or pattern.size, palette, self.seed)
+        draw, size, palette = PATTERNS[self.material]
+        return draw(x, y, self.size or size, np.asarray(self.colours or palette, np.float64), self.seed)
 
     def _picture_at(self, x: Array, y: Array) -> Array:
         assert self.image is not None

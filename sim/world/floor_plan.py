@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
@@ -59,13 +60,9 @@ class FloorPlan(Section):
 
 def read_floor_plan(plan: FloorPlan) -> Raster:
     """The solid cells of a floor plan, as bools; read once until the file changes."""
-    try:
+    stamp = 0
+    with suppress(OSError, ValueError):  # reading the file says what is wrong with it
         stamp = Path(plan.file).stat().st_mtime_ns
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(
-            f"{reason}, expected a map_server .yaml file or an .npz of log-odds", file=plan.file
-        ) from error
     return _read(plan, stamp)
 
 

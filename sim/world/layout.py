@@ -190,6 +190,14 @@ class Layout(Section):
     materials: dict[str, Material] = Field(default_factory=dict)
 
     @property
+    def pieces(self) -> dict[str, tuple[Wall | Room | Box | Pillar | Table | Shelf, ...]]:
+        """All that stands in it, by kind."""
+        return {
+            "walls": self.walls, "rooms": self.rooms, "boxes": self.boxes, "pillars": self.pillars,
+            "tables": self.tables, "chairs": self.chairs, "shelves": self.shelves,
+        }  # fmt: skip
+
+    @property
     def palette(self) -> dict[str, Material]:
         """All the materials that a piece may name."""
         return {**MATERIALS, **self.materials}
@@ -197,8 +205,8 @@ class Layout(Section):
     @model_validator(mode="after")
     def _materials_are_known(self) -> Layout:
         known = self.palette
-        for kind in ("walls", "rooms", "boxes", "pillars", "tables", "chairs", "shelves"):
-            for i, piece in enumerate(getattr(self, kind)):
+        for kind, pieces in self.pieces.items():
+            for i, piece in enumerate(pieces):
                 if piece.material not in known:
                     raise ValueError(
                         f"{kind}.{i}.material is {piece.material!r}, expected one of {', '.join(known)} "

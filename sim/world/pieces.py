@@ -72,7 +72,23 @@ MATERIALS = {
 """The materials that need no table of their own."""
 
 
-class Box(Section):
+class Block(Section):
+    """Something that stands in the world."""
+
+    def polygon(self) -> Polygon:
+        """What it takes on the floor, counterclockwise [k, 2] [m]."""
+        raise NotImplementedError
+
+    def solids(self) -> list[Polygon]:
+        """What of it is solid."""
+        return [self.polygon()]
+
+    def segments(self) -> Segments:
+        """What a lidar sees of it."""
+        return np.concatenate([outline(solid) for solid in self.solids()])
+
+
+class Box(Block):
     """A solid rectangle: its centre and size [m], turned by ``angle`` [rad]."""
 
     centre: Point
@@ -81,11 +97,11 @@ class Box(Section):
     material: str = PLAIN
 
     def polygon(self) -> Polygon:
-        """The corners [4, 2], counterclockwise [m]."""
+        """The corners [4, 2]."""
         return rectangle(self.centre, self.size, self.angle)
 
 
-class Pillar(Section):
+class Pillar(Block):
     """A solid regular polygon in place of a round pillar: its centre and radius [m] and number of sides."""
 
     centre: Point
@@ -94,7 +110,7 @@ class Pillar(Section):
     material: str = PLAIN
 
     def polygon(self) -> Polygon:
-        """The corners [sides, 2], counterclockwise [m]."""
+        """The corners [sides, 2]."""
         angle = 2 * np.pi * np.arange(self.sides) / self.sides
         return self.centre + self.radius * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
 
@@ -102,7 +118,7 @@ class Pillar(Section):
 Leg = Annotated[Number, Field(gt=0.005, le=0.5)]
 
 
-class Table(Section):
+class Table(Block):
     """Four square legs under the corners of a board that the lidar looks under: centre, size [m], angle [rad]."""
 
     centre: Point
@@ -111,11 +127,11 @@ class Table(Section):
     leg: Leg = 0.06
     material: str = PLAIN
 
-    def board(self) -> Polygon:
-        """The corners [4, 2] of the board, counterclockwise [m]."""
+    def polygon(self) -> Polygon:
+        """The corners [4, 2]."""
         return rectangle(self.centre, self.size, self.angle)
 
-    def polygons(self) -> list[Polygon]:
+    def solids(self) -> list[Polygon]:
         """The legs."""
         inset = (max(self.size[0] - self.leg, 0.0), max(self.size[1] - self.leg, 0.0))
         return [
@@ -130,7 +146,7 @@ class Chair(Table):
     leg: Leg = 0.03
 
 
-class Shelf(Section):
+class Shelf(Block):
     """An open shelf: its back and sides are boards, uprights divide it; its front is open to the left of ``angle``.
 
     ``size`` is along the back and deep [m], ``angle`` of the back [rad], ``bay`` the largest distance between uprights.
@@ -143,8 +159,12 @@ class Shelf(Section):
     material: str = PLAIN
 
     def polygon(self) -> Polygon:
-        """The rectangle [4, 2] [m] that nothing else may stand in."""
+        """The corners [4, 2]."""
         return rectangle(self.centre, self.size, self.angle)
+
+    def solids(self) -> list[Polygon]:
+        """None: beams see into it."""
+        return []
 
     def segments(self) -> Segments:
         """The back and the uprights."""

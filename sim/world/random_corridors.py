@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError
 from moteslam.sim.world.floor_plan import trace_sides
-from moteslam.sim.world.pieces import Box, Chair, Pillar, Polygon, Table
+from moteslam.sim.world.pieces import Block, Box, Chair, Pillar, Table
 
 if TYPE_CHECKING:
     from shapely import Geometry
@@ -24,6 +23,10 @@ CELL = 0.1
 """Of the raster [m]."""
 WIDTHS = (1.6, 2.0, 2.4, 3.0)
 """Of corridors [m]."""
+DISTANCE = 90.0
+"""To drive at least [m]."""
+ROOMS = 0.35
+"""Share of the corridors' ends and crossings that widen to a room, and of corridors with a side room."""
 RING_SHARE = 0.25
 """Of the corridors that the spanning tree does without, the share that is built: each closes a ring."""
 NAME = "random-corridors"
@@ -60,33 +63,20 @@ class _Building:
         self.rectangles.append((x0, y0, x1, y1, free))
 
 
-def random_corridors(
-    seed: int, *, distance: float = 90.0, rooms: float = 0.35, clutter: float = 1.0, people: int = 0
-) -> dict[str, Any]:
-    """A building of corridors and a route through it, as the table of a scenario for ``parse_scenario``.
-
-    Args:
-        seed: of everything; the same seed gives the same building.
-        distance: to drive, about [m].
-        rooms: share of the corridors' ends and crossings that widen to a room, and of corridors with a side room.
-        clutter: density of furniture: 1 is a piece in 12 square metres, or fewer where there is no room; 0 is none.
-        people: how many stroll about.
-    """
-    for key, value, low, high in (
-        ("seed", seed, 0, 2**63 - 1), ("distance", distance, 10.0, 1000.0), ("rooms", rooms, 0.0, 1.0),
-        ("clutter", clutter, 0.0, 5.0), ("people", people, 0, 30),
-    ):  # fmt: skip
-        if not low <= value <= high:
-            raise ConfigError(f"{value}, expected {low:g} to {high:g}", field=key)
+def random_corridors(seed: int) -> dict[str, Any]:
+    """A building of corridors and a route through it, as the table of a scenario for ``parse_scenario``."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x5EED,)))
-    building = _lattice(rng, distance)
+    columns, rows = int(rng.integers(3, 6)), int(rng.integers(2, 5))
+    gaps = [rng.uniform(6.0, 11.0, count - 1).round(1) for count in (columns, rows)]
+    x, y = (np.concatenate(([0.0], np.cumsum(gap))).round(1) for gap in gaps)
+    building = _Building(x, y)
     _connect(building, rng)
-    _furnish(building, rng, rooms)
-    route = _route(building, rng, distance)
+    _carve_all(building, rng)
+    route = _route(building, rng)
     free, corner = _raster(building)
     walls = trace_sides(free) * CELL + np.tile(corner, 2)
     legs = float(np.hypot(*np.diff(route, axis=0).T).sum())
-    table: dict[str, Any] = {
+    return {
         "name": f"{NAME}-{seed}",
         "description": f"A random building of {len(building.edges)} corridors, number {seed}.",
         "why": "Corridors of several widths, crossings, rooms and clutter, all by the seed: nothing was tuned on them.",
@@ -94,22 +84,10 @@ def random_corridors(
         "duration": min(1800.0, 60.0 + 2.5 * legs),
         "world": {
             "walls": [{"points": [line[:2], line[2:]]} for line in walls.round(3).tolist()],
-            **place_clutter(free, corner, CELL, route, rng, clutter),
+            **_furniture(free, corner, route, rng),
         },
         "route": {"waypoints": route.round(3).tolist()},
     }
-    if people:
-        table["crowd"] = {"count": people}
-    return table
-
-
-def _lattice(rng: np.random.Generator, distance: float) -> _Building:
-    """The lines of the lattice: more of them for a longer route."""
-    larger = int(distance > 150) + int(distance > 400)
-    columns, rows = int(rng.integers(3, 6)) + 2 * larger, int(rng.integers(2, 5)) + larger
-    gaps = [rng.uniform(6.0, 11.0, count - 1).round(1) for count in (columns, rows)]
-    x, y = (np.concatenate(([0.0], np.cumsum(gap))).round(1) for gap in gaps)
-    return _Building(x, y)
 
 
 def _connect(building: _Building, rng: np.random.Generator) -> None:
@@ -117,26 +95,21 @@ def _connect(building: _Building, rng: np.random.Generator) -> None:
     columns, rows = len(building.x), len(building.y)
     edges = [((i, j), (i + 1, j)) for i in range(columns - 1) for j in range(rows)]
     edges += [((i, j), (i, j + 1)) for i in range(columns) for j in range(rows - 1)]
-    order = rng.permutation(len(edges))
-    tree = _spanning_tree([edges[k] for k in order])
-    for k in order:
-        if edges[k] in tree or rng.random() < RING_SHARE:
+    roots = {node: node for edge in edges for node in edge}
+
+    def root(node: Node) -> Node:
+        while roots[node] != node:
+            node = roots[node]
+        return node
+
+    for k in rng.permutation(len(edges)):  # Kruskal's algorithm
+        a, b = (root(node) for node in edges[k])
+        if a != b or rng.random() < RING_SHARE:
+            roots[a] = b
             building.edges[edges[k]] = float(rng.choice(WIDTHS))
 
 
-def _spanning_tree(edges: list[Edge]) -> set[Edge]:
-    """The spanning tree that prefers edges early in the list (Kruskal's, with their places as weights)."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import minimum_spanning_tree
-
-    number = {node: k for k, node in enumerate(sorted({node for edge in edges for node in edge}))}
-    a, b = np.array([(number[a], number[b]) for a, b in edges]).T
-    weights = np.arange(1, len(edges) + 1)  # 0 would be no edge
-    tree = minimum_spanning_tree(coo_array((weights, (a, b)), shape=(len(number), len(number))))
-    return {edges[int(weight) - 1] for weight in tree.data}
-
-
-def _furnish(building: _Building, rng: np.random.Generator, rooms: float) -> None:
+def _carve_all(building: _Building, rng: np.random.Generator) -> None:
     """Carve the corridors, crossings, rooms, niches and side rooms; fill pilasters."""
     pilasters = []
     for (a, b), width in building.edges.items():
@@ -160,7 +133,7 @@ def _furnish(building: _Building, rng: np.random.Generator, rooms: float) -> Non
             else:
                 low, high = sorted((side * (half - 0.1), side * (half + rng.uniform(0.2, 0.7))))
                 building.carve(*piece(begin, span, low, high))
-        if rng.random() < rooms:
+        if rng.random() < ROOMS:
             side, depth = (1.0 if rng.random() < 0.5 else -1.0), rng.uniform(2.4, 4.0)
             begin, span = rng.uniform(0.5, 1.5), rng.uniform(2.4, 4.0)
             low, high = sorted((side * (half + 0.2), side * (half + 0.2 + depth)))
@@ -171,34 +144,30 @@ def _furnish(building: _Building, rng: np.random.Generator, rooms: float) -> Non
         for j in range(len(building.y)):
             x, y = building.place((i, j))
             dead_end = len(building.at((i, j))) == 1
-            if rng.random() < rooms or dead_end:
+            if rng.random() < ROOMS or dead_end:
                 west, south, east, north = rng.uniform(1.2, 1.6 if dead_end else 3.0, 4)
                 building.carve(x - west, y - south, x + east, y + north)
     for x0, y0, x1, y1 in pilasters:
         building.carve(x0, y0, x1, y1, free=False)
 
 
-def _route(building: _Building, rng: np.random.Generator, distance: float) -> NDArray[np.float64]:
+def _route(building: _Building, rng: np.random.Generator) -> NDArray[np.float64]:
     """A walk along the corridors [k, 2] [m] that prefers those least walked, and turns back only at dead ends."""
     nodes = sorted({node for edge in building.edges for node in edge})
     here = nodes[int(rng.integers(len(nodes)))]
     walk, walked, length = [here], dict.fromkeys(building.edges, 0), 0.0
-    while length < distance:
+    while length < DISTANCE:
         options = building.at(here)
         if len(options) > 1 and len(walk) > 1:
             options = [node for node in options if node != walk[-2]]
-        least = min(walked[_edge(here, node)] for node in options)
-        options = [node for node in options if walked[_edge(here, node)] == least]
+        times = [walked[min(here, node), max(here, node)] for node in options]
+        options = [node for node, count in zip(options, times, strict=True) if count == min(times)]
         there = options[int(rng.integers(len(options)))]
-        walked[_edge(here, there)] += 1
+        walked[min(here, there), max(here, there)] += 1
         length += float(np.hypot(*(building.place(there) - building.place(here))))
         walk.append(there)
         here = there
     return np.array([building.place(node) for node in walk])
-
-
-def _edge(a: Node, b: Node) -> Edge:
-    return (a, b) if a < b else (b, a)
 
 
 def _raster(building: _Building) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
@@ -214,7 +183,7 @@ def _raster(building: _Building) -> tuple[NDArray[np.bool_], NDArray[np.float64]
 
 
 AREA_PER_PIECE = 12.0
-"""Free area for which one piece is placed at density 1 [m^2]."""
+"""Free area for which one piece of furniture is placed, if there is room [m^2]."""
 ATTEMPTS = 8
 """Places tried for a piece before it is left out."""
 CLEAR_OF_ROUTE = 0.65
@@ -226,36 +195,30 @@ KINDS = ("boxes", "boxes", "pillars", "tables", "chairs")
 """Drawn from with equal probability: every second piece or so is a box."""
 
 
-def place_clutter(
-    free: NDArray[np.bool_],
-    corner: NDArray[np.float64],
-    cell: float,
-    route: NDArray[np.float64],
-    rng: np.random.Generator,
-    density: float,
+def _furniture(
+    free: NDArray[np.bool_], corner: NDArray[np.float64], route: NDArray[np.float64], rng: np.random.Generator
 ) -> dict[str, list[dict[str, Any]]]:
     """Furniture that overlaps neither walls, nor the route's clearance, nor other furniture, as the tables of a world.
 
     Args:
         free: [rows, columns] which cells are free space.
-        corner: [2] of cell [0, 0] [m]; cell: side of a cell [m].
+        corner: [2] of cell [0, 0] [m].
         route: [k, 2] waypoints [m].
-        density: 1 is a piece in 12 square metres of free space; fewer where there is no room for them.
     """
     import shapely
 
-    room = _free_space(free, corner, cell).difference(_swept(route))
+    room = _free_space(free, corner).difference(_swept(route))
     shapely.prepare(room)
     pieces: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
     standing: list[Geometry] = []
     cells = np.argwhere(free)
-    for _ in range(round(density * len(cells) * cell**2 / AREA_PER_PIECE)):
+    for _ in range(round(len(cells) * CELL**2 / AREA_PER_PIECE)):
         for _ in range(ATTEMPTS):
             row, column = cells[int(rng.integers(len(cells)))]
-            kind, piece = _draw_piece(corner + (np.array((column, row)) + 0.5) * cell, rng)
-            outline = shapely.Polygon(_outline(kind, piece))
+            kind, piece = _draw_piece(corner + (np.array((column, row)) + 0.5) * CELL, rng)
+            outline = shapely.Polygon(piece.polygon())
             if room.covers(outline) and not any(outline.intersects(other) for other in standing):
-                pieces[kind].append(piece)
+                pieces[kind].append(piece.model_dump(exclude_unset=True))
                 standing.append(outline)
                 break
     return pieces
@@ -273,38 +236,30 @@ def _swept(route: NDArray[np.float64]) -> Geometry:
     return shapely.union_all([line.buffer(CLEAR_OF_ROUTE), *turns])
 
 
-def _free_space(free: NDArray[np.bool_], corner: NDArray[np.float64], cell: float) -> Geometry:
+def _free_space(free: NDArray[np.bool_], corner: NDArray[np.float64]) -> Geometry:
     """The free cells as one polygon [m]: the union of the runs of free cells in each row."""
     import shapely
 
     steps = np.diff(np.pad(free.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     rows, begin = np.nonzero(steps == 1)
     _, end = np.nonzero(steps == -1)
-    x, y = corner
+    (x, y), cell = corner, CELL
     return shapely.union_all(
         shapely.box(x + begin * cell, y + rows * cell, x + end * cell, y + (rows + 1) * cell), grid_size=cell / 1000
     )
 
 
-def _draw_piece(centre: NDArray[np.float64], rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
-    """The kind of a piece and its table, with a random size and angle."""
+def _draw_piece(centre: NDArray[np.float64], rng: np.random.Generator) -> tuple[str, Block]:
+    """A piece of a random kind, size and angle, and its kind."""
     kind = KINDS[int(rng.integers(len(KINDS)))]
     size = rng.uniform(0.25, 1.0, 2).round(2)
     angle = round(float(rng.choice((0.0, 0.0, rng.uniform(-1.5, 1.5)))), 3)
-    place = {"centre": centre.round(3).tolist()}
-    if kind == "pillars":
-        return kind, {**place, "radius": round(float(size[0]) / 2, 3)}
-    if kind == "chairs":
-        return kind, {**place, "angle": angle}
-    if kind == "tables":
-        size = size + 0.5
-    return kind, {**place, "angle": angle, "size": size.round(2).tolist()}
-
-
-def _outline(kind: str, piece: dict[str, Any]) -> Polygon:
-    """The area [k, 2] [m] that a piece takes on the floor; of tables and chairs, the area between their legs too."""
-    if kind == "pillars":
-        return Pillar.model_validate(piece).polygon()
-    if kind == "boxes":
-        return Box.model_validate(piece).polygon()
-    return (Chair if kind == "chairs" else Table).model_validate(piece).board()
+    place = tuple(centre.round(3).tolist())
+    match kind:
+        case "pillars":
+            return kind, Pillar(centre=place, radius=round(float(size[0]) / 2, 3))
+        case "chairs":
+            return kind, Chair(centre=place, angle=angle)
+        case "tables":
+            return kind, Table(centre=place, angle=angle, size=tuple((size + 0.5).round(2).tolist()))
+    return kind, Box(centre=place, angle=angle, size=tuple(size.tolist()))

@@ -50,46 +50,40 @@ def resample(
     Returns:
         parents [M], rising: indices into ``weights``, none of them of weight 0.
     """
-    return SCHEMES[scheme](weights, generator, count)
+    return SCHEMES[scheme](weights, generator, len(weights) if count is None else count)
 
 
-def systematic(weights: Weights, generator: np.random.Generator, count: int | None = None) -> Parents:
+def systematic(weights: Weights, generator: np.random.Generator, count: int) -> Parents:
     """Low-variance resampling with one random number (Probabilistic Robotics, table 4.4).
 
-    A particle of weight w is drawn floor(M w) or ceil(M w) times. Arguments and result as in ``resample``.
+    A particle of weight w is drawn floor(M w) or ceil(M w) times.
     """
-    m = len(weights) if count is None else count
-    return _at((np.arange(m) + generator.random()) / m, weights)
+    return _at((np.arange(count) + generator.random()) / count, weights)
 
 
-def stratified(weights: Weights, generator: np.random.Generator, count: int | None = None) -> Parents:
+def stratified(weights: Weights, generator: np.random.Generator, count: int) -> Parents:
     """One number drawn in each of M equal strata (Kitagawa 1996).
 
     Unlike the numbers of ``systematic`` they are independent; a particle of weight w is drawn less than 2 times off
-    M w. Arguments and result as in ``resample``.
+    M w.
     """
-    m = len(weights) if count is None else count
-    return _at((np.arange(m) + generator.random(m)) / m, weights)
+    return _at((np.arange(count) + generator.random(count)) / count, weights)
 
 
-def residual(weights: Weights, generator: np.random.Generator, count: int | None = None) -> Parents:
-    """floor(M w) times for certain, the rest drawn independently from what the floors leave (Liu and Chen 1998).
-
-    Arguments and result as in ``resample``.
-    """
-    m = len(weights) if count is None else count
-    expected = m * weights / weights.sum()
+def residual(weights: Weights, generator: np.random.Generator, count: int) -> Parents:
+    """floor(M w) times for certain, the rest drawn independently from what the floors leave (Liu and Chen 1998)."""
+    expected = count * weights / weights.sum()
     # equal weights must not lose one of their copies to rounding
     certain = np.floor(expected + 1e-9).astype(np.int64)
-    copies = np.repeat(np.arange(len(weights)), certain)[:m]
-    left = m - len(copies)
+    copies = np.repeat(np.arange(len(weights)), certain)[:count]
+    left = count - len(copies)
     if left:
         rest = np.maximum(expected - certain, 0.0)
         copies = np.sort(np.concatenate((copies, _at(generator.random(left), rest))))
     return copies.astype(np.int64)
 
 
-SCHEMES: dict[str, Callable[[Weights, np.random.Generator, int | None], Parents]] = {
+SCHEMES: dict[str, Callable[[Weights, np.random.Generator, int], Parents]] = {
     "systematic": systematic,
     "stratified": stratified,
     "residual": residual,

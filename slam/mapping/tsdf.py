@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.scans import ThinnedScan
-from moteslam.kernels.tile_store import tile_store
-from moteslam.kernels.tiles import CELLS, SIDE, Tiles
+from moteslam.kernels.tiles import CELLS, SIDE, Tiles, tile_store
 from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
 from moteslam.robot.se2 import Pose, as_pose
 from moteslam.slam.mapping.config import TsdfConfig
@@ -110,7 +109,7 @@ class TsdfMaps:
         c = self._config
         farthest = max(float(np.hypot(*scan.points.T).max()) for scan in scans)
         self._cover(poses, farthest + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size)
-        while not integrate_scans(self._store, self.all().frames(poses), scans, options=self._options, trusted=True):
+        while not integrate_scans(self._store, self.all().frames(poses), scans, options=self._options):
             self._make_room()
 
     def _cover(self, poses: Array, reach: float) -> None:

@@ -15,22 +15,9 @@ from moteslam.slam.paper.config import MatchConfig
 Array = NDArray[np.float64]
 
 
-def predict(
-    poses: NDArray[np.float64],
-    motion: NDArray[np.float64],
-    travelled: Travelled,
-    noise: MotionNoise,
-    *,
-    seed: int,
-    step: int,
-) -> None:
-    """Move the particles in place.
-
-    Args:
-        poses: [N, 3]; written to.
-        motion: [3] since the last update.
-    """
-    spread = prediction_noise(noise, travelled.distance, travelled.rotation, travelled.elapsed)
+def predict(poses: Array, motion: Array, travelled: Travelled, noise: MotionNoise, *, seed: int, step: int) -> None:
+    """Move the particles [N, 3] in place by the motion [3] since the last update."""
+    spread = prediction_noise(noise, *travelled)
     sample_motion(poses, motion, spread, seed=seed, step=step)
 
 

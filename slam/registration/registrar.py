@@ -24,7 +24,6 @@ from moteslam.kernels.registration import (
     QUERY,
     START,
     RegistrationOptions,
-    register_scan,
     register_scans,
 )
 from moteslam.robot.se2 import Pose, as_pose
@@ -128,7 +127,6 @@ def register(
         options=options_of(maps.config, config),
         coarse=coarse,
         kept=kept_by(x, config) if keep else None,
-        finite=True,
     )
     information = found[:, INFORMATION][:, FULL].reshape(-1, 3, 3)
     known = found[:, KNOWN]
@@ -184,9 +182,9 @@ def register_one(
     x, y, theta = spread
     weight = config.prior_weight
     prior = weight / x**2, weight / y**2, weight / theta**2, 0.0, 0.0, 0.0
-    query = *maps.frame(predicted), 0.0, 0.0, 0.0, *prior
+    queries = np.array(((*maps.frame(predicted), 0.0, 0.0, 0.0, *prior),))
     kept = kept_by(x, config)
-    found = register_scan(maps.tiles, query, points, origin, options=options, kept=kept, finite=True)
+    found = register_scans(maps.tiles, queries, points, origin, options=options, kept=kept)[0].tolist()
     x, y, theta, xx, xy, xt, yy, yt, tt, cost, known, likelihood, crossed = found[: CROSSED + 1]
     free_x, free_y, free_turn = found[FREE]
     offset, information, free = (x, y, theta), (xx, xy, xt, yy, yt, tt), (free_x, free_y, free_turn)

@@ -95,6 +95,12 @@ def assert_no_circle(graph: dict[str, set[str]] | dict[str, frozenset[str]]) -> 
         pytest.fail(" <- ".join(error.args[1]))
 
 
+def test_the_robot_is_few_files_that_need_few_others():
+    graph = {module(file): {name for name in imported(file) if ".robot" in name} for file in files("robot")}
+    assert len(graph) <= 38
+    assert sum(map(len, graph.values())) <= 164
+
+
 @pytest.mark.parametrize("package", QUIET)
 def test_no_message_names_an_option_of_the_command_line(package: str):
     for file in files(package):
@@ -136,7 +142,7 @@ def test_every_package_folder_is_built():
     assert sorted(PROJECT["tool"]["setuptools"]["packages"]) == sorted(found)
 
 
-@pytest.mark.parametrize("package", ["sim.scenarios", "slam.presets", "robot.platforms", "eval.sweep.specs"])
+@pytest.mark.parametrize("package", ["sim.scenarios", "robot.platforms", "eval.sweep.specs"])
 def test_the_bundled_files_are_built(package: str):
     patterns = PROJECT["tool"]["setuptools"]["package-data"][f"moteslam.{package}"]
     folder = ROOT.joinpath(*package.split("."))

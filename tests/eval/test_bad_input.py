@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -15,98 +14,7 @@ import pytest
 from command_lines import refused
 
 from moteslam.eval.cli import interrupt, main
-from moteslam.eval.literal import literal
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("bogus", "No such command 'bogus'"),
-        ("demo --bogus", "--bogus"),
-        ("demo --seed -1", "--seed"),
-        ("demo --seed 99999999999999999999", "--seed"),
-        ("demo --duration 1", "--duration"),
-        ("demo --scenario full.tml", "full.tml: no scenario of this name, expected one of"),
-        ("demo --set particles=0", "--set particles: "),
-        ("replay x --preset none", "--preset none: "),
-        ("demo --set map.size=1", "--set map.size: unknown key"),
-        ("demo --threads 0", "--threads"),
-        ("demo --arch abacus", "abacus"),
-        ("demo --config absent.toml", "absent.toml: No such file"),
-        ("simulate corridor", "--out"),
-        ("simulate random-corridors --out x --batch 2 --seed 9223372036854775807", "--seed: 9223372036854775807"),
-        ("simulate random-corridors-9223372036854775808 --out x", "no such building, expected a number up to"),
-        ("simulate absent.toml --out x", "absent.toml: No such file"),
-        ("replay", "PATH"),
-        ("replay absent --out x", "absent: No such file or directory, expected a recording"),
-        ("replay . --out x", "expected a folder of one of ucsd"),
-        ("inspect absent", "absent: No such file"),
-        ("evaluate", "EST... [REF]"),
-    ],
-)
-def test_one_line_and_exit_code_2(line: str, words: str, tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert words in refused(capsys, *line.split())
-    assert not list(tmp_path.iterdir())
-
-
-CROWD = "[crowd]\ncount = 1\naway = 100.0\n"
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "simulate my.toml --out new/and/x",
-        "demo --scenario my.toml --out x",
-        "scenarios animate my.toml --out new/and/x.gif",
-    ],
-)
-def test_what_a_run_finds_names_the_scenario(
-    line: str, scenario_file: Path, tmp_path: Path, monkeypatch, capsys
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("my.toml").write_text(scenario_file.read_text() + CROWD)
-    assert refused(capsys, *line.split()).startswith("moteslam: my.toml: crowd.count: ")
-    assert [entry.name for entry in tmp_path.iterdir()] == ["my.toml"]
-
-
-def test_cells_that_are_too_many_name_the_option(scenario_file: Path, tmp_path: Path, capsys) -> None:
-    wide = tmp_path / "wide.toml"
-    wide.write_text(scenario_file.read_text() + "[[world.walls]]\npoints = [[-90.0, -90.0], [-90.0, 90.0]]\n")
-    line = refused(capsys, "simulate", wide, "--true-map", 0.001, "--out", tmp_path / "x")
-    assert line.startswith("moteslam: --true-map: ")
-    assert not (tmp_path / "x").exists()
-
-
-def test_an_existing_out_is_refused_and_kept(tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "demo").mkdir()
-    (tmp_path / "demo/mine").write_text("precious")
-    for line in ("demo", "simulate corridor --out demo"):
-        assert "demo: exists already" in refused(capsys, *line.split())
-    (tmp_path / "file").write_text("precious")
-    assert "is not a folder" in refused(capsys, "simulate", "corridor", "--out", "file", "--force")
-    assert (tmp_path / "demo/mine").read_text() == (tmp_path / "file").read_text() == "precious"
-    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["demo", "file"]
-
-
-def test_evaluate_names_its_options(tmp_path: Path, capsys) -> None:
-    good = tmp_path / "good"
-    good.write_text("".join(f"{t} {t} 0 0 0 0 0 1\n" for t in range(10)))
-    for options, words in (
-        ((good,), "one file, expected trajectories"),
-        ((good, good, "--unit", "feet"), "--unit: 'feet', expected one of m, s, frames"),
-        ((good, good, "--delta", "nan"), "--delta: nan m"),
-    ):
-        assert words in refused(capsys, "evaluate", *options)
-
-
-def test_a_folder_of_recordings_names_one_of_them(simulated_folder: Path, tmp_path: Path, capsys) -> None:
-    (tmp_path / "many").mkdir()
-    (tmp_path / "many" / "room-1").symlink_to(simulated_folder)
-    (tmp_path / "many" / "empty").mkdir()
-    line = refused(capsys, "inspect", tmp_path / "many")
-    assert f"many: a folder with recordings in it, expected one of them, as {tmp_path / 'many' / 'room-1'}" in line
+from moteslam.eval.tables import literal
 
 
 @pytest.mark.parametrize(
@@ -147,34 +55,6 @@ def test_a_name_that_is_no_text(tmp_path: Path) -> None:
 def test_literal_leaves_words_alone() -> None:
     assert literal("Zürich 東京 [x] $a$ \\d") == "Zürich 東京 [x] $a$ \\d"
     assert literal("a\u202eb\u2028\x9b") == "a\\u202eb\\u2028\\x9b"
-
-
-@pytest.mark.slow
-def test_a_full_disk(tmp_path: Path) -> None:
-    """A limit on the size of files stands for the full disk."""
-    done = subprocess.run(
-        [sys.executable, "-m", "moteslam", "simulate", "corridor", "--out", "robot"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)),
-    )
-    assert done.returncode == 2
-    assert done.stderr.startswith("moteslam: ")
-    assert "cannot be written: File too large" in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
-def test_the_option_that_helps_is_named(tmp_path: Path, capsys) -> None:
-    for number in (9, 20):
-        (tmp_path / f"Encoders{number}.npz").touch()
-    line = refused(capsys, "inspect", tmp_path)
-    assert line.startswith(f"moteslam: {tmp_path}: sequence: ")
-    assert line.endswith(" (option --sequence)\n")
-    line = refused(capsys, "simulate", "corridor", "--out", tmp_path)
-    assert line == f"moteslam: {tmp_path}: exists already; name a new folder, or replace it with --force\n"
 
 
 STOPPED = "moteslam: interrupted, nothing was left behind\n"

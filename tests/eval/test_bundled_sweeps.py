@@ -7,14 +7,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from command_lines import printed, refused
 
-from moteslam.eval.cli import main
-from moteslam.eval.sweep import bundled
-from moteslam.eval.sweep.bundled import bundled_specs, digest
-from moteslam.eval.sweep.export import read_table
-from moteslam.eval.sweep.plan import PlannedRun, plan
-from moteslam.eval.sweep.spec import read_spec
+from moteslam.eval.sweep.plan import PLATFORMS, SCENARIOS, PlannedRun, digest, plan
+from moteslam.eval.sweep.spec import bundled_specs, read_spec
 from moteslam.eval.sweep.store import opened
+from moteslam.eval.sweep.tables import read_table
 
 SUITE_1 = "e6250b323c16c3c3ba468dcda1f89303fe1a35ee901fcc90a598da2345b8b252"
 """The whole hash of corridor-suite-1."""
@@ -46,9 +44,9 @@ def test_the_suite_is_what_it_was() -> None:
 
 
 def test_the_hash_follows_from_scenarios_and_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("SCENARIOS", "PLATFORMS"):
-        shutil.copytree(getattr(bundled, name), tmp_path / name)
-        monkeypatch.setattr(bundled, name, tmp_path / name)
+    for name, folder in (("SCENARIOS", SCENARIOS), ("PLATFORMS", PLATFORMS)):
+        shutil.copytree(folder, tmp_path / name)
+        monkeypatch.setattr(f"moteslam.eval.sweep.plan.{name}", tmp_path / name)
     runs = runs_of("corridor-suite-1")
     before = digest(runs)
 
@@ -71,7 +69,7 @@ def test_the_hash_follows_from_scenarios_and_robots(tmp_path: Path, monkeypatch:
 
 def test_the_hash_follows_from_robots_that_scenarios_name(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text('base = "rplidar_a1"\nwidth = 0.3\n', encoding="utf-8")
-    scenario = (bundled.SCENARIOS / "corridor.toml").read_text(encoding="utf-8")
+    scenario = (SCENARIOS / "corridor.toml").read_text(encoding="utf-8")
     (tmp_path / "here.toml").write_text(f'platform = "mine.toml"\n{scenario}', encoding="utf-8")
     (tmp_path / "spec.toml").write_text(ONE.replace('"corridor"', '"here.toml"'), encoding="utf-8")
     runs = plan(read_spec(tmp_path / "spec.toml"))
@@ -86,19 +84,11 @@ def test_the_hash_is_recorded_and_other_runs_of_the_same_names_are_refused(
     spec = tmp_path / "spec.toml"
     spec.write_text(ONE, encoding="utf-8")
     monkeypatch.setattr("moteslam.eval.sweep.workers.make_all", lambda *_, **__: iter(()))
-    assert main.run(["sweep", str(spec)]) == 0
-    expected = digest(plan(read_spec(spec)))
-    with opened(tmp_path / "spec.sweep") as store:
-        assert store.digest == expected
-    capsys.readouterr()
-    assert main.run(["sweep", "show", str(tmp_path / "spec.sweep"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["hash"] == expected
+    assert json.loads(printed(capsys, "sweep", spec, "--json"))["hash"] == digest(plan(read_spec(spec)))
     spec.write_text(f'description = "What it is for."\n{ONE}', encoding="utf-8")
-    assert main.run(["sweep", str(spec)]) == 0  # words are no other sweep
-    monkeypatch.setattr("moteslam.eval.sweep.bundled.digest", lambda _: "0" * 64)
-    capsys.readouterr()
-    assert main.run(["sweep", str(spec)]) == 2
-    assert "has runs of other scenarios or robots of these names" in capsys.readouterr().err
+    printed(capsys, "sweep", spec)  # words are no other sweep
+    monkeypatch.setattr("moteslam.eval.sweep.store.digest", lambda _: "0" * 64)
+    assert "has runs of other scenarios or robots of these names" in refused(capsys, "sweep", spec)
 
 
 def test_a_bundled_one_is_run_by_its_name(
@@ -107,33 +97,21 @@ def test_a_bundled_one_is_run_by_its_name(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "particles").mkdir()  # the name is no path
     monkeypatch.setattr("moteslam.eval.sweep.workers.make_all", lambda *_, **__: iter(()))
-    assert main.run(["sweep", "particles"]) == 0
-    assert "recorded in particles.sweep" in capsys.readouterr().out
+    assert "recorded in particles.sweep" in printed(capsys, "sweep", "particles")
     with opened(tmp_path / "particles.sweep") as store:
         assert store.counts() == {"": len(runs_of("particles"))}
 
 
 def test_they_are_listed_and_printed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    assert main.run(["sweep", "list"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = printed(capsys, "sweep", "list").splitlines()
     assert [line.split()[0] for line in lines[1:]] == sorted(bundled_specs())
     suite = next(line for line in lines if line.startswith("corridor-suite-1"))
     assert suite.split()[1:3] == ["200", SUITE_1[:16]]
-    assert main.run(["sweep", "list", "--json"]) == 0
-    found = {one["name"]: one for one in json.loads(capsys.readouterr().out)}
+    found = {one["name"]: one for one in json.loads(printed(capsys, "sweep", "list", "--json"))}
     assert found["corridor-suite-1"]["hash"] == SUITE_1
-    assert main.run(["sweep", "list", "people"]) == 0
-    (tmp_path / "mine.toml").write_text(capsys.readouterr().out, encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(printed(capsys, "sweep", "list", "people"), encoding="utf-8")
     assert plan(read_spec(tmp_path / "mine.toml")) == runs_of("people")
-    assert main.run(["sweep", "list", "people", "--json"]) == 0
-    assert 'name = "people"' in json.loads(capsys.readouterr().out)["toml"]
-
-
-@pytest.mark.parametrize("command", [["sweep"], ["sweep", "list"]])
-def test_a_name_that_there_is_not(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main.run([*command, "particle"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "particle: no specification of this name, expected one of corridor-suite-1, " in line
+    assert 'name = "people"' in json.loads(printed(capsys, "sweep", "list", "people", "--json"))["toml"]
 
 
 def test_the_published_results_of_the_suite_are_of_its_runs() -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_lines import refused
 
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.ate import absolute_trajectory_error
@@ -59,8 +58,3 @@ def test_replay_warns_and_mends(reversed_beams: Path, tmp_path: Path, capsys: py
         for name in ("as_is", "mended")
     )
     assert mended < 0.1 < as_is
-
-
-def test_another_side_is_refused(reversed_beams: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    err = refused(capsys, "replay", reversed_beams, "--out", tmp_path / "out", "--calibrate", "both")
-    assert "expected lidar or odometry" in err

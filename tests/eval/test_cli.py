@@ -9,10 +9,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from command_lines import printed
 from figures import legend_of
 from matplotlib.figure import Figure
 
-from moteslam.eval.cli.main import run as run_program
 from moteslam.robot.trajectories.text import read_tum
 
 HEAVY = {"numpy", "scipy", "matplotlib", "taichi", "cv2", "pymunk", "rich"}  # Typer itself loads some of Pydantic
@@ -42,19 +42,15 @@ def test_help_is_instant_and_has_examples(command: str) -> None:
 
 @pytest.mark.parametrize("command", ["demo", "replay"])
 def test_print_config_reads_back(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = tmp_path / "mine.toml"
+    file, again = tmp_path / "mine.toml", tmp_path / "again.toml"
     file.write_text("particles = 7\n[map]\ncell_size = 0.1\n")
-    arguments = [command, "--preset", "paper", "--config", str(file), "--set", "particles=8", "--print-config"]
-    assert run_program(arguments) == 0
-    printed = capsys.readouterr().out
-    values = tomllib.loads(printed)
+    first = (command, "--preset", "paper", "--config", file, "--set", "particles=8", "--print-config")
+    again.write_text(printed(capsys, *first))
+    values = tomllib.loads(again.read_text())
     assert (values["particles"], values["map"]["cell_size"]) == (8, 0.1)  # flag over file over preset
-    (tmp_path / "again.toml").write_text(printed)
-    again = [command, "--config", str(tmp_path / "again.toml"), "--print-config", "--set", "particles=9"]
-    assert run_program(again) == 0
-    assert tomllib.loads(capsys.readouterr().out) == {**values, "particles": 9}
-    assert run_program([*arguments, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == values
+    found = printed(capsys, command, "--config", again, "--print-config", "--set", "particles=9")
+    assert tomllib.loads(found) == {**values, "particles": 9}
+    assert json.loads(printed(capsys, *first, "--json")) == values
 
 
 @pytest.mark.slow
@@ -110,42 +106,35 @@ def test_the_same_bytes_on_one_thread_and_on_two(program, simulated_folder: Path
         assert (tmp_path / "on1" / name).read_bytes() == (tmp_path / "on2" / name).read_bytes()
 
 
-def test_dead_reckoning_of_the_real_encoders(data_folder: Path, tmp_path: Path, capsys) -> None:
-    for sequence, distance in (("20", 95.9), ("21", 91.8)):
-        arguments = ["replay", str(data_folder / "ucsd"), "--sequence", sequence, "--dead-reckoning", "--json"]
-        assert run_program([*arguments, "--out", str(tmp_path / sequence)]) == 0
-        said = json.loads(capsys.readouterr().out)
-        assert said["distance_m"] == pytest.approx(distance, abs=0.5)
-        if sequence == "20":
-            assert (said["end"]["x_m"], said["end"]["y_m"]) == pytest.approx((-2.1, -1.9), abs=1.0)
-            assert said["end"]["heading_deg"] == pytest.approx(2.4, abs=5)
-        else:
-            assert said["end"]["heading_deg"] == pytest.approx(-53, abs=5)
-        assert len(read_tum(tmp_path / sequence / "dead_reckoning.tum")) == said["poses"]
-        assert (tmp_path / sequence / "dead_reckoning.png").exists()
+@pytest.mark.parametrize(("sequence", "distance"), [("20", 95.9), ("21", 91.8)])
+def test_dead_reckoning_of_the_real_encoders(
+    sequence: str, distance: float, data_folder: Path, tmp_path: Path, capsys
+) -> None:
+    replay = ("replay", data_folder / "ucsd", "--sequence", sequence, "--dead-reckoning")
+    found = json.loads(printed(capsys, *replay, "--json", "--out", tmp_path / "out"))
+    assert found["distance_m"] == pytest.approx(distance, abs=0.5)
+    assert found["end"]["heading_deg"] == pytest.approx(2.4 if sequence == "20" else -53, abs=5)
+    if sequence == "20":
+        assert (found["end"]["x_m"], found["end"]["y_m"]) == pytest.approx((-2.1, -1.9), abs=1.0)
+        assert "ends at x " in printed(capsys, *replay)
+    assert len(read_tum(tmp_path / "out" / "dead_reckoning.tum")) == found["poses"]
+    assert (tmp_path / "out" / "dead_reckoning.png").exists()
 
 
 def test_dead_reckoning_is_drawn_with_the_truth_beside_the_recording(
-    simulated_folder: Path, tmp_path: Path, drawn: list[Figure]
+    simulated_folder: Path, tmp_path: Path, drawn: list[Figure], capsys
 ) -> None:
-    arguments = ["replay", str(simulated_folder), "--dead-reckoning", "--out", str(tmp_path / "out")]
-    assert run_program(arguments) == 0
+    printed(capsys, "replay", simulated_folder, "--dead-reckoning", "--out", tmp_path / "out")
     assert [legend_of(figure) for figure in drawn] == [
         ["endpoints of scans", "truth", "dead reckoning", "start", "end"]
     ]
 
 
-def test_dead_reckoning_needs_no_out(data_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_program(["replay", str(data_folder / "ucsd"), "--sequence", "20", "--dead-reckoning"]) == 0
-    assert "ends at x " in capsys.readouterr().out
-
-
 def test_inspect(simulated_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_program(["inspect", str(simulated_folder)]) == 0
-    rows = {
-        line.partition("  ")[0]: line.split("  ", 1)[-1].split("  ") for line in capsys.readouterr().out.splitlines()
-    }
-    found = {name: [cell.strip() for cell in cells if cell.strip()] for name, cells in rows.items()}
+    found = {}
+    for line in printed(capsys, "inspect", simulated_folder).splitlines():
+        name, *cells = [cell.strip() for cell in line.split("  ") if cell.strip()]
+        found[name] = cells
     assert found["sensors"] == ["measured", "platform"]
     assert found["lidar beams"] == ["1081", "1081"]
     assert found["first beam"] == ["-135 deg", "-135 deg"]
@@ -153,8 +142,7 @@ def test_inspect(simulated_folder: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert found["range resolution"] == ["1 mm", "1 mm"]
     assert found["encoder rate"] == ["40.0 Hz", "40 Hz"]
     assert found["gyro at rest, noise"][1] == "0.00400 rad/s"
-    assert run_program(["inspect", str(simulated_folder), "--json"]) == 0
-    lidar = json.loads(capsys.readouterr().out)["lidar"]
+    lidar = json.loads(printed(capsys, "inspect", simulated_folder, "--json"))["lidar"]
     assert lidar["resolution"] == pytest.approx(0.001)
     assert lidar["noise_at_rest"]["deviation"] == pytest.approx(0.009, abs=0.002)
 
@@ -163,11 +151,9 @@ def test_evaluate_knows_relations_by_their_content(data_folder: Path, tmp_path: 
     relations = tmp_path / "truth.tum"  # the name says nothing
     relations.write_bytes((data_folder / "intel/intel_raw_part.relations").read_bytes())
     trajectory = data_folder / "intel/intel_key_scans.reference.tum"
-    code = run_program(["evaluate", str(trajectory), str(relations), "--max-difference", "2", "--json"])
-    assert code == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["kind"] == "relations"
-    assert said["all"]["translation_m"]["count"] == said["used"] > 100
+    found = json.loads(printed(capsys, "evaluate", trajectory, relations, "--max-difference", "2", "--json"))
+    assert found["kind"] == "relations"
+    assert found["all"]["translation_m"]["count"] == found["used"] > 100
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_lines import refused
 
 from moteslam.eval.cli import main
 from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, write_trajectory
@@ -48,7 +47,7 @@ def test_every_format_becomes_every_other(source: str, target: str, capsys) -> N
 def test_a_format_that_is_named_and_json(capsys) -> None:
     assert convert("tum.tum", "path.txt", "--to", "euroc", "--json") == 0
     said = json.loads(capsys.readouterr().out)
-    assert said == {"out": "path.txt", "format": "euroc", "poses": 40, "warnings": []}
+    assert said == {"out": "path.txt", "format": "euroc", "poses": 40, "distance_m": PATH.length, "warnings": []}
     assert Path("path.txt").read_text().startswith("#timestamp [ns]")
 
 
@@ -69,24 +68,6 @@ def test_edges_that_are_lost_are_printed(capsys) -> None:
     assert convert("graph.g2o", "b.g2o", "--json") == 0
     [issue] = json.loads(capsys.readouterr().out)["warnings"]
     assert (issue["code"], issue["count"]) == ("not-written", 2)
-
-
-@pytest.mark.parametrize(
-    ("words", "line"),
-    [
-        ("tum.tum a.bag", "--to: tum.tum is a trajectory: expected a name that ends in .csv, .g2o, .kitti, "),
-        ("tum.tum a --to carmen", "--to: tum.tum is a trajectory: 'carmen', expected one of euroc, g2o, kitti, tum"),
-        ("tum.tum a.g2o --start 3", "--start: of a recording, expected none for a trajectory"),
-        ("bad.tum a.g2o", "bad.tum:1: no line of a trajectory"),
-        ("early.tum a.csv", "stamps: stamps below 0 or beyond 1e11 s, expected seconds between"),
-    ],
-)
-def test_what_is_refused(words: str, line: str, capsys) -> None:
-    Path("bad.tum").write_text("some words\n")
-    Path("early.tum").write_text("-1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n")
-    before = sorted(Path().iterdir())
-    assert line in refused(capsys, "convert", *words.split())
-    assert sorted(Path().iterdir()) == before
 
 
 def test_the_poses_are_in_the_plane() -> None:

@@ -9,9 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_lines import refused
+from command_lines import printed, refused
 
-from moteslam.eval.cli import main
 from moteslam.robot.formats import open_recording
 from moteslam.robot.trajectories.text import read_tum
 
@@ -62,12 +61,6 @@ def test_devices_and_pipes_are_refused_at_once(line: str, strange: str, kind: st
     assert sorted(Path().iterdir()) == before
 
 
-def bomb(name: str) -> None:
-    """A gzip of some 4 MB that unpacks to a short log and 1.1 GB of comments."""
-    member = gzip.compress(b"# a comment of a log that goes on and on\n" * 25_000)
-    Path(name).write_bytes(gzip.compress(CARMEN.encode()) + member * 1075)
-
-
 PEAK = """
 import sys
 from moteslam.eval.cli.main import run
@@ -82,13 +75,13 @@ sys.exit(code)
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory as Linux counts it")
 def test_a_gzip_that_unpacks_to_a_gigabyte_of_comments_is_refused_in_little_memory() -> None:
-    bomb("bomb.log.gz")
-    done = subprocess.run(
-        [sys.executable, "-c", PEAK, "inspect", "bomb.log.gz"], capture_output=True, text=True, check=False, timeout=300
-    )
+    """Some 4 MB that unpack to a short log and 1.1 GB of comments."""
+    member = gzip.compress(b"# a comment of a log that goes on and on\n" * 25_000)
+    Path("bomb.log.gz").write_bytes(gzip.compress(CARMEN.encode()) + member * 1075)
+    command = [sys.executable, "-c", PEAK, "inspect", "bomb.log.gz"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 2
     assert done.stderr.startswith("moteslam: bomb.log.gz: over")
-    assert done.stderr.count("\n") == 1
     assert int(done.stdout) * 1024 < 300e6
 
 
@@ -105,6 +98,9 @@ def test_a_gzip_that_unpacks_to_a_gigabyte_of_comments_is_refused_in_little_memo
         ("a.log", FLASER.format(DIGITS), "inspect a.log", "a.log"),
         ("map.yaml", PLAN.format(DIGITS), "simulate plan.toml --out x", "map.yaml"),
         ("map.yaml", PLAN.format(BRACKETS), "simulate plan.toml --out x", "map.yaml"),
+        ("a", "", f"replay ok.log --out x --set particles={DIGITS}", "--set particles"),
+        ("a", "", f"replay ok.log --out x --set particles={BRACKETS}", "--set particles"),
+        ("a", "", "replay ok.log --out x --set tsdf.cell_size=1e300", "--set tsdf.cell_size: "),
     ],
     ids=lambda value: value[:20] if isinstance(value, str) else None,
 )
@@ -119,28 +115,8 @@ def test_long_numbers_and_deep_brackets(name: str, content: str, line: str, word
 
 
 @pytest.mark.parametrize(
-    ("option", "words"),
-    [
-        (f"particles={DIGITS}", "--set particles"),
-        (f"particles={BRACKETS}", "--set particles"),
-        ("tsdf.cell_size=1e300", "--set tsdf.cell_size: "),
-    ],
-    ids=lambda value: value[:30],
-)
-def test_values_beyond_reason(option: str, words: str, capsys) -> None:
-    said = refused(capsys, "replay", "ok.log", "--out", "x", "--set", option)
-    assert words in said
-    assert len(said) < 1000
-    assert not Path("x").exists()
-
-
-@pytest.mark.parametrize(
     ("content", "words"),
-    [
-        ("time_increment = 10.0", "time_increment"),
-        ("yaw = 1e300", "yaw"),
-        ("x = 1e200", "x"),
-    ],
+    [("time_increment = 10.0", "time_increment"), ("yaw = 1e300", "yaw"), ("x = 1e200", "x")],
 )
 def test_absurd_platforms_are_refused(content: str, words: str, capsys, recwarn: pytest.WarningsRecorder) -> None:
     Path("absurd.toml").write_text(f"[lidar]\n{content}\n")
@@ -148,22 +124,14 @@ def test_absurd_platforms_are_refused(content: str, words: str, capsys, recwarn:
     assert not recwarn.list
 
 
-def written(name: str, text: str) -> Path:
-    file = Path(name)
-    file.write_bytes(b"\xef\xbb\xbf" + text.encode())
-    return file
-
-
 def test_a_byte_order_mark_changes_nothing(capsys) -> None:
     """Editors of Windows put one before the text."""
-    marked = written("marked.tum", TUM)
-    assert read_tum(marked).poses.tobytes() == read_tum("ok.tum").poses.tobytes()
-    with_mark, without = open_recording(written("marked.log", CARMEN)), open_recording("ok.log")
-    assert with_mark.lidar is not None
-    assert without.lidar is not None
-    assert with_mark.lidar.ranges.tobytes() == without.lidar.ranges.tobytes()
-    written("marked.toml", "particles = 7\n")
-    assert main.run(["demo", "--config", "marked.toml", "--print-config"]) == 0
-    assert "particles = 7\n" in capsys.readouterr().out
-    written("marked.relations", "0 1 1 0 0 0 0 0\n")
-    assert main.run(["evaluate", "ok.tum", "marked.relations"]) == 0
+    for name in ("ok.tum", "ok.log"):
+        Path(f"marked.{name}").write_bytes(b"\xef\xbb\xbf" + Path(name).read_bytes())
+    assert read_tum("marked.ok.tum").poses.tobytes() == read_tum("ok.tum").poses.tobytes()
+    with_mark, without = (open_recording(name).lidar for name in ("marked.ok.log", "ok.log"))
+    assert with_mark is not None
+    assert without is not None
+    assert with_mark.ranges.tobytes() == without.ranges.tobytes()
+    Path("marked.toml").write_bytes(b"\xef\xbb\xbfparticles = 7\n")
+    assert "particles = 7\n" in printed(capsys, "demo", "--config", "marked.toml", "--print-config")

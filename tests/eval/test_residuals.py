@@ -288,7 +288,7 @@ def test_the_command_scores_by_both_and_warns_of_a_small_part(folder: Path, caps
     assert main.run(["evaluate", "part.tum", "--recording", "wall.log"]) == 0
     assert "warning: part.tum: 10 of 30 scans or poses have a partner" in capsys.readouterr().err
     assert main.run(["evaluate", "other.tum", "--recording", "wall.log"]) == 2
-    assert "other.tum: poses at 0 of 30 scans" in capsys.readouterr().err
+    assert "other.tum: trajectory: poses at 0 of 30 scans" in capsys.readouterr().err
 
 
 @pytest.mark.slow

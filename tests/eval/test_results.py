@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from moteslam.errors import InputError
-from moteslam.eval.results import draw_figures, hardware, read_result_folder, write_results
+from moteslam.eval.results import draw_figures, read_result_folder, write_results
 from moteslam.eval.scores import evidence_of, number, score_estimate
 from moteslam.robot import se2
 from moteslam.robot.raster import read_map_arrays
@@ -106,13 +106,6 @@ def _leaves(value: object) -> list[object]:
     if isinstance(value, dict):
         return [leaf for below in value.values() for leaf in _leaves(below)]
     return [leaf for below in value for leaf in _leaves(below)] if isinstance(value, list) else [value]
-
-
-def test_hardware_is_told() -> None:
-    found = hardware()
-    assert found["cpu"]
-    assert found["cores"] >= 1
-    assert found["memory_gib"] > 0
 
 
 def test_an_estimate_holds_the_particles_ancestry_and_spread(run) -> None:

@@ -89,3 +89,9 @@ def test_the_sign_test_is_that_of_a_fair_coin() -> None:
     first = dict.fromkeys(range(10), 1.0)
     second = {k: 0.5 if k < 9 else 2.0 for k in range(10)}
     assert compare(first, second).p == pytest.approx(2 * 11 / 1024)
+
+
+def test_rounding_is_no_difference() -> None:
+    """Of 1e-17 m neither is better."""
+    found = compare({0: 0.1, 1: 0.1, 2: 0.1}, {0: 0.1 + 1e-16, 1: 0.1 - 1e-16, 2: 0.0999})
+    assert (found.wins, found.losses, found.ties) == (1, 0, 2)

@@ -11,7 +11,7 @@ import pytest
 from loop_candidates import candidate
 
 from moteslam.errors import InputError
-from moteslam.eval.cli.running import Run, say_run, score_table
+from moteslam.eval.cli.running import described, run_lines, score_lines
 from moteslam.eval.results import write_results
 from moteslam.eval.run_tables import (
     DIAGNOSTICS_COLUMNS,
@@ -24,7 +24,6 @@ from moteslam.eval.run_tables import (
     write_loops,
 )
 from moteslam.eval.scores import score_estimate
-from moteslam.robot.files import result_folder
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.none import NoBackendConfig
 from moteslam.slam.backend.protocol import BackendConfig
@@ -94,11 +93,9 @@ def test_loops_read_back_bit_for_bit(tmp_path: Path) -> None:
     ("change", "line", "field"),
     [
         (lambda text: "", 1, None),
-        (lambda text: text.replace("share,", ""), 1, None),
         (lambda text: text.replace(",weak", "", 1), 3, None),
         (lambda text: text.replace("weak", "lost", 1), 3, "verdict"),
         (lambda text: text.replace("\n4,", "\n4.5,", 1), 3, "earlier"),
-        (lambda text: text.replace("\n4,171", "\n4,-171", 1), 3, "later"),
         (lambda text: text.replace("\n4,", f"\n{9 * '9999'},", 1), 3, "earlier"),
         (lambda text: text.replace("0.95", "nan", 1), 2, "known"),
         (lambda text: text.replace("1543234.3", "soon", 1), 2, "earlier_stamp"),
@@ -119,7 +116,6 @@ def test_a_broken_table_of_loops_is_refused_with_its_line(tmp_path: Path, change
     [
         (("nan", "inf"), 2, "degenerate"),
         (("sure", "happy"), 2, "state"),
-        (("1.5", "noon"), 2, "stamp"),
         (("1.5", "nan"), 2, "stamp"),
     ],
 )
@@ -131,7 +127,7 @@ def test_a_broken_table_of_diagnostics_is_refused_with_its_line(tmp_path: Path, 
     assert (caught.value.file, caught.value.line, caught.value.field) == (str(file), line, field)
 
 
-def test_states_in_the_figures_and_in_a_line(lost: Estimate, run, simulation, tmp_path: Path, capsys):
+def test_states_in_the_figures_and_in_a_line(lost: Estimate, run, simulation, tmp_path: Path):
     figures = write_results(tmp_path, lost, simulation.truth, figures=False)
     found = json.loads((tmp_path / "metrics.json").read_text())["localisation"]
     assert found["states"] == {"sure": len(lost.trajectory) - 3, "doubtful": 1, "lost": 2}
@@ -139,10 +135,10 @@ def test_states_in_the_figures_and_in_a_line(lost: Estimate, run, simulation, tm
     assert found["compared"]["wrong"] == 0
     assert figures["metrics"]["lost_precision"]["value"] == 0
     seconds = lost.trajectory.stamps[5] - lost.trajectory.stamps[0]
-    say_run(Run(lost, figures, ()), tmp_path, "room", as_json=False)
-    assert f"lost at 2 scans, first after {seconds:.1f} s: see diagnostics.csv\n" in capsys.readouterr().out
-    say_run(Run(run[0], score_estimate(run[0]), ()), tmp_path, "room", as_json=False)
-    assert "lost" not in capsys.readouterr().out
+    lines = list(run_lines({"out": "x", **described(lost, figures)}, "room"))
+    assert lines[1] == f"lost at 2 scans, first after {seconds:.1f} s: see diagnostics.csv"
+    found = {"out": "x", **described(run[0], score_estimate(run[0]))}
+    assert not any("lost" in line for line in run_lines(found, "room"))
 
 
 def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Path) -> None:
@@ -153,11 +149,11 @@ def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Pa
     assert counts == {"candidates": 4, "accepted": 1, **dict.fromkeys(VERDICTS[1:], 0), "weak": 2, "contradicted": 1}
     assert json.loads((tmp_path / "metrics.json").read_text()) == figures
     assert (figures["loops"]["accepted"], figures["loops"]["possible"]) == (0, 0)
-    assert score_table(figures).splitlines()[-2:] == [
+    assert list(score_lines(figures))[-2:] == [
         "no precision of the loops: the truth covers no accepted loop",
         "no recall of the loops: no key scan has a possible loop",
     ]
-    assert "loop" not in score_table(score_estimate(alone(run[0]), simulation.truth))
+    assert "loop" not in "".join(score_lines(score_estimate(alone(run[0]), simulation.truth)))
 
 
 def test_without_a_candidate_there_is_the_header_alone_and_no_figure(run, tmp_path: Path) -> None:
@@ -165,13 +161,3 @@ def test_without_a_candidate_there_is_the_header_alone_and_no_figure(run, tmp_pa
     assert (tmp_path / "loops.csv").read_text() == ",".join(LOOP_COLUMNS) + "\n"
     assert not (tmp_path / "loops.png").exists()
     assert (tmp_path / "trajectories.png").exists()
-
-
-def test_a_folder_replaced_by_a_run_without_back_end_keeps_no_ledger(run, simulation, tmp_path: Path) -> None:
-    for estimate in (looking(run[0]), alone(run[0])):
-        with result_folder(tmp_path / "result", force=True) as folder:
-            write_results(folder, estimate, simulation.truth)
-            assert (folder / "loops.csv").exists() == (folder / "loops.png").exists() == bool(estimate.loops)
-    assert not list((tmp_path / "result").glob("loops*"))
-    for name in ("run.json", "metrics.json"):
-        assert "loops" not in json.loads((tmp_path / "result" / name).read_text())

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 import pytest
-from command_lines import refused
+from command_lines import printed
 from made_sweeps import swept
 
 from moteslam.eval.cli import main
@@ -19,7 +19,7 @@ HEAD = ("name", "value")
 
 
 def test_markdown_marks_nothing_up() -> None:
-    lines = markdown([HEAD, (NASTY, "1.5")], right=(1,)).splitlines()
+    lines = markdown([HEAD, (NASTY, "1.5")]).splitlines()
     assert lines[:2] == ["| name | value |", "|---|---:|"]
     assert lines[2] == (r"| a\|b \\ \`c\` \<d\> \*e\* \_f\_ \[g\] \~h\~ \$i\$ \& \#j 100 % \{k\} ^l | 1.5 |")
 
@@ -52,7 +52,7 @@ def test_latex_prints_what_it_is_given(text: str, expected: str) -> None:
 
 
 def test_latex_is_a_whole_tabular() -> None:
-    assert latex([HEAD, ("a", "1")], right=(1,)) == "\n".join(
+    assert latex([HEAD, ("a", "1")]) == "\n".join(
         [r"\begin{tabular}{lr}", r"\hline", r"name & value \\", r"\hline", r"a & 1 \\", r"\hline", r"\end{tabular}"]
     )
 
@@ -61,11 +61,6 @@ def test_csv_reads_back() -> None:
     rows = [list(HEAD), [NASTY, 'say "1,5"'], ["two\nlines", ""]]
     assert list(csv.reader(comma_separated(rows).split("\n"))) != rows  # a cell of two lines is one of the file, too
     assert list(csv.reader(comma_separated(rows).splitlines(keepends=True))) == rows
-
-
-def printed(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    assert main.run([*map(str, arguments)]) == 0
-    return capsys.readouterr().out
 
 
 def test_a_sweep_in_every_format(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -104,18 +99,3 @@ def test_configurations_compared_in_every_format(tmp_path: Path, capsys: pytest.
     by_name = {row["configuration"]: row for row in table}
     assert float(by_name["plain, slam.tracking.window=2.0"]["median"]) == pytest.approx(0.1)
     assert by_name["a_b, slam.tracking.window=2.0"]["failed"] == "3"
-
-
-def test_a_format_that_there_is_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = swept(tmp_path)
-    for command in (["sweep", "show"], ["compare"]):
-        assert "--format: 'html', " in refused(capsys, *command, file, "--format", "html")
-        assert "--format: 'csv' with --json" in refused(capsys, *command, file, "--format", "csv", "--json")
-
-
-def test_a_metric_that_was_not_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Those of the same name, of one trajectory each, are named in its place."""
-    file = str(swept(tmp_path))
-    said = refused(capsys, "sweep", "show", file, "--metric", "ate")
-    assert "--metric: 'ate', which was not measured, expected one of final.ate" in said
-    assert "expected one of final.ate" in refused(capsys, "sweep", "show", file, "--metric", "map_f1")

@@ -13,18 +13,16 @@ PAPER = (-0.1, -0.05, 0.0, 0.05, 0.1)
 ORIGIN = (-2.3, -1.9)
 
 
-def random_case(
-    seed: int, *, beams: int, particles: int, highest: int = 1
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def random_case(seed: int, *, beams: int, particles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     generator = np.random.default_rng(seed)
     grid = np.zeros((61, 88), np.uint8)
-    grid[1:-1, 1:-1] = generator.integers(1, highest + 1, (59, 86)) * (generator.random((59, 86)) < 0.2)
+    grid[1:-1, 1:-1] = generator.random((59, 86)) < 0.2
     points = generator.normal(0, 0.8, (beams, 2)).astype(np.float32)
     poses = np.column_stack((generator.uniform(-3, 3, (particles, 2)), generator.uniform(-7, 7, particles)))
     return grid, poses, points
 
 
-@pytest.mark.parametrize(("beams", "highest"), [(0, 1), (1, 3), (57, 1), (57, 3), (600, 1)])
+@pytest.mark.parametrize("beams", [0, 1, 57, 600])
 @pytest.mark.parametrize(
     ("offsets_xy", "offsets_theta"),
     [
@@ -35,10 +33,8 @@ def random_case(
         ((-0.07, 0.0, 0.03), (-0.2, 0.0)),  # no whole cells
     ],
 )
-def test_equals_the_twin(
-    beams: int, highest: int, offsets_xy: tuple[float, ...], offsets_theta: tuple[float, ...]
-) -> None:
-    grid, poses, points = random_case(beams, beams=beams, particles=3, highest=highest)
+def test_equals_the_twin(beams: int, offsets_xy: tuple[float, ...], offsets_theta: tuple[float, ...]) -> None:
+    grid, poses, points = random_case(beams, beams=beams, particles=3)
     offsets = {"offsets_xy": offsets_xy, "offsets_theta": offsets_theta}
     scores, indices = grids.match_poses(grid, ORIGIN, CELL, poses, points, **offsets)
     found = match_poses(grid, ORIGIN, CELL, poses, points, **offsets)

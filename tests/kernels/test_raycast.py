@@ -5,8 +5,7 @@ import pytest
 from twins import rays
 
 from moteslam.kernels import buckets as bucketing
-from moteslam.kernels.movers import cast_movers
-from moteslam.kernels.raycast import SegmentBuckets, build_buckets, cast_rays, cast_surfaces, cos_sin
+from moteslam.kernels.raycast import SegmentBuckets, build_buckets, cast_movers, cast_rays, cast_surfaces, cos_sin
 from moteslam.kernels.types import F64_1D, F64_2D, kernel
 
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -18,7 +18,6 @@ from tile_pools import (
 )
 from twins import tsdf
 
-from moteslam.errors import InputError
 from moteslam.kernels.gauss_newton import CONVERGED_SHIFT, CONVERGED_TURN, solve
 from moteslam.kernels.registration import (
     COST,
@@ -33,7 +32,6 @@ from moteslam.kernels.registration import (
     QUERY,
     START,
     RegistrationOptions,
-    register_scan,
     register_scans,
 )
 from moteslam.kernels.runtime import ti
@@ -242,16 +240,10 @@ def test_it_ends_within_the_bounds_of_where_it_would_go(room: Pool) -> None:
     assert left[:, 2].max() < CONVERGED_TURN
 
 
-def test_one_scan_in_plain_numbers_is_a_row_of_many(room: Pool) -> None:
+def test_one_scan_alone_is_a_row_of_many(room: Pool) -> None:
     points, prior = thinned(room_scan((0.2, 0.1, 0.3))).points, (1e3, 2e3, 3e3, 0.01, 0.0, -0.01)
     options, start = RegistrationOptions(**REGISTRATION), (0.02, -0.01, 0.01)  # type: ignore[arg-type]
-    asked, tiles = queries([moved(MIDDLE, (0.23, 0.08, 0.32))], start, prior), room.tiles
-    (many,) = register_scans(tiles, asked, points, (0.1, 0.0), options=options).tolist()
-    query = asked[0].tolist()
-    for finite in (False, True):
-        assert register_scan(tiles, query, points, (0.1, 0.0), options=options, finite=finite) == many
-    for wrong in (query[:-1], [*query[:7], 0.0, *query[8:]], [np.nan, *query[1:]]):
-        with pytest.raises(InputError, match=r"^query: "):
-            register_scan(tiles, wrong, points, (0.0, 0.0), options=options)
-    with pytest.raises(InputError, match=r"^origin: "):
-        register_scan(tiles, query, points, (np.inf, 0.0), options=options)
+    asked = queries([moved(MIDDLE, (0.23, 0.08, 0.32))], start, prior)
+    alone = register_scans(room.tiles, asked, points, (0.1, 0.0), options=options)
+    many = register_scans(room.tiles, np.repeat(asked, 3, axis=0), points, (0.1, 0.0), options=options)
+    np.testing.assert_array_equal(many, np.repeat(alone, 3, axis=0))

@@ -1,5 +1,8 @@
 """Cells and tiles: packing, interpolation across seams, copies on writing; in NumPy's memory and in Taichi's own."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -7,8 +10,7 @@ from tile_pools import MIDDLE, OPTIONS, Pool, frames, room_scan, thinned
 from twins import tsdf
 
 from moteslam.kernels import tiles
-from moteslam.kernels.tile_store import DeviceTileStore, TileStore
-from moteslam.kernels.tiles import CELLS, EMPTY, MAX_WEIGHT, SIDE, STEPS
+from moteslam.kernels.tiles import CELLS, EMPTY, MAX_WEIGHT, SIDE, STEPS, TileStore
 from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
 from moteslam.kernels.types import F32_1D, F32_2D, I16_1D, I32, I32_1D, kernel, template
 
@@ -117,7 +119,8 @@ def test_a_pool_that_is_exhausted_writes_nothing_and_loses_nothing() -> None:
     np.testing.assert_array_equal(roomy.all_words(), ample.all_words())
 
 
-KINDS = [TileStore, DeviceTileStore]
+Kind = Callable[..., TileStore]
+KINDS: list[Kind] = [TileStore, partial(TileStore, on_device=True)]
 MAPS = IntegrationOptions(**OPTIONS)  # type: ignore[arg-type]
 
 
@@ -132,7 +135,7 @@ def cells(store: TileStore) -> NDArray[np.generic]:
     return host(t.pool).reshape(-1, CELLS)[host(t.table).reshape(t.maps, t.size)]
 
 
-def mapped(kind: type[TileStore], tiles: int = 400) -> TileStore:
+def mapped(kind: Kind, tiles: int = 400) -> TileStore:
     """Three maps, of which two were written to from places of their own."""
     store = kind(9, 10, tiles)
     assert integrate_scans(store, frames([MIDDLE]), [thinned(room_scan())], options=MAPS)
@@ -171,7 +174,7 @@ def test_both_hold_the_same_maps_through_all_that_happens_to_them() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_children_have_their_parents_map_and_nobody_writes_to_anothers(kind: type[TileStore]) -> None:
+def test_children_have_their_parents_map_and_nobody_writes_to_anothers(kind: Kind) -> None:
     store = mapped(kind)
     parents = cells(store)
     assert (parents[0] != parents[1]).any()

@@ -1,7 +1,5 @@
 """Camera images of the UCSD layout: read a frame at a time, and what becomes of the missing and the broken."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any
@@ -10,6 +8,8 @@ import cv2
 import numpy as np
 import pytest
 from issues import messages
+from twins.camera import optical_to_robot
+from ucsd_robot import CAMERA
 
 from moteslam.errors import InputError, OutputError
 from moteslam.robot import rgbd
@@ -17,7 +17,7 @@ from moteslam.robot.formats.ucsd import DISPARITY, RGB, read_ucsd, write_ucsd
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import Recording, RgbdStream
 from moteslam.robot.rgbd import FrameCount, camera_frames, has_images, pairs
-from moteslam.sim.sensors import image_files
+from moteslam.sim.sensors import rgbd as image_files
 
 N = 8
 RGB_STAMPS = 1.3e9 + np.arange(N) / 30
@@ -55,7 +55,6 @@ def folder(original: Path, tmp_path: Path) -> Path:
 
 def frames(folder: Path, **settings: Any) -> tuple[list[Any], FrameCount, tuple[str, ...]]:
     recording, count = read_ucsd(folder), FrameCount()
-    assert recording.rgbd is not None
     return list(camera_frames(recording.rgbd, count=count, **settings)), count, messages(recording.warnings)
 
 
@@ -158,7 +157,6 @@ def test_images_out_of_order_are_sorted_by_stamp(folder: Path) -> None:
 def test_without_images_there_are_only_stamps(folder: Path) -> None:
     shutil.rmtree(folder / "dataRGBD")
     recording = read_ucsd(folder)
-    assert recording.rgbd is not None
     assert not has_images(recording.rgbd)
     assert not has_images(None)
     found, count, warnings = frames(folder)
@@ -182,7 +180,6 @@ def test_reading_holds_few_frames_at_a_time(folder: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(rgbd, "decode_rgb", lambda content: read.append(1) or real(content))
     monkeypatch.setattr("moteslam.robot.rgbd.processor_count", lambda: 1)
     recording = read_ucsd(folder)
-    assert recording.rgbd is not None
     stream = camera_frames(recording.rgbd)
     next(stream)
     stream.close()
@@ -193,15 +190,9 @@ def test_too_little_space_is_told_before_anything_is_written(tmp_path: Path, mon
     wanted = image_files.estimate_bytes(lambda chosen: np.stack([rgb_image(int(i)) for i in chosen]), 1000)
     assert 1000 * 2048 < wanted < 1000 * 200_000
     image_files.check_space(tmp_path, wanted)
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10, 9, wanted - 1))  # type: ignore[attr-defined]
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10, 9, wanted - 1))
     with pytest.raises(OutputError, match=r"[1-9][0-9.]* [MG]B free, expected [1-9][0-9.]* [MG]B for the images"):
         image_files.check_space(tmp_path, wanted)
-
-
-def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
-    (tmp_path / "dataRGBD").write_text("a file")
-    with pytest.raises(OutputError, match=r"dataRGBD/RGB20: cannot be made"):
-        image_files.write_images(tmp_path, "RGB", "20", black, 2)
 
 
 def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
@@ -231,3 +222,29 @@ def test_images_may_come_from_memory_in_place_of_files() -> None:
     np.testing.assert_array_equal(found[3].rgb, rgb_image(3))
     np.testing.assert_array_equal(found[3].disparity, disparity_image(3))
     assert (found[3].stamp, found[3].rgb_stamp) == (DISPARITY_STAMPS[3], RGB_STAMPS[3])
+
+
+def test_the_alignment_is_a_camera_26_mm_to_the_right() -> None:
+    point = np.array((0.3, -0.2, 1.7))
+    i, j = rgbd.FOCAL * point[:2] / point[2] + rgbd.CENTRE
+    dd = 1.03 / point[2]
+    published = ((526.37 * i - 4.5 * 1750.46 * dd + 19276) / 585.051, (526.37 * j + 16662) / 585.051)
+    seen = rgbd.RGB_FOCAL * (point[:2] - (rgbd.RGB_OFFSET, 0)) / point[2] + rgbd.RGB_CENTRE
+    assert seen == pytest.approx(published, abs=1e-9)
+    assert pytest.approx(0.0263, abs=1e-4) == rgbd.RGB_OFFSET
+
+
+def test_the_mount_turns_as_the_twin_does() -> None:
+    points = np.random.default_rng(0).normal(size=(20, 3))
+    mount = CAMERA
+    turned = points @ rgbd.mount_rotation(mount).T + (mount.x, mount.y, mount.z)
+    assert turned == pytest.approx(optical_to_robot(points), abs=1e-12)
+    assert np.linalg.det(rgbd.mount_rotation(mount)) == pytest.approx(1.0)
+
+
+def test_the_camera_looks_ahead_and_down() -> None:
+    ahead = rgbd.mount_rotation(CAMERA) @ (0, 0, 1)
+    assert np.arctan2(-ahead[2], np.hypot(*ahead[:2])) == pytest.approx(0.36)
+    assert np.arctan2(ahead[1], ahead[0]) == pytest.approx(0.021)
+    right = rgbd.mount_rotation(CAMERA.model_copy(update={"yaw": 0.0})) @ (1, 0, 0)
+    assert right == pytest.approx((0, -1, 0), abs=1e-12)

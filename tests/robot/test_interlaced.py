@@ -1,7 +1,5 @@
 """Interlaced lidars: logs whose scans begin at another quarter of a degree each time."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +10,7 @@ from robot_logs import flaser, robotlaser, write_log
 from moteslam.errors import InputError
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.written import write_carmen
-from moteslam.robot.recording import LidarStream, Recording, measured, phases
+from moteslam.robot.recording import LidarStream, measured, phases
 from moteslam.robot.sensor_reports import lidar_report
 from moteslam.slam.inputs.scans import Scans
 
@@ -34,26 +32,20 @@ def line(number: int, quarter: int, *, beams: int = 180, start: float = -90.0, *
         [range_at(bearing) for bearing in bearings],
         angle_min=round(float(np.radians(bearings[0])), 6),
         step=0.017453,
-        **options,  # type: ignore[arg-type]
+        **options,
     )
 
 
 def log(scans: int = 40, **changes: object) -> list[str]:
-    return [line(number, QUARTERS[number % 4], **changes) for number in range(scans)]  # type: ignore[arg-type]
-
-
-def lidar_of(recording: Recording) -> LidarStream:
-    assert recording.lidar is not None
-    return recording.lidar
+    return [line(number, QUARTERS[number % 4], **changes) for number in range(scans)]
 
 
 def test_every_scan_has_its_own_bearings(tmp_path: Path) -> None:
     recording = open_recording(write_log(tmp_path / "x.log", log()))
-    lidar = lidar_of(recording)
+    lidar = recording.lidar
     assert messages(recording.warnings) == ()
     assert str(lidar) == "LidarStream(40 scans of 181 beams (4 interlaced), 39.0 s)"
     assert (lidar.ranges.shape, lidar.interlace, lidar.angle_min) == ((40, 721), 4, -1.570796)
-    assert lidar.odometry is not None
     np.testing.assert_allclose(lidar.odometry[:, 0], 0.1 * np.arange(40))
     bearings = np.linspace(-90, 90, 721)
     np.testing.assert_allclose(lidar.angles, np.radians(bearings), atol=6e-5)
@@ -68,7 +60,7 @@ def test_every_scan_has_its_own_bearings(tmp_path: Path) -> None:
 
 def test_what_a_scan_did_not_measure_is_no_endpoint_and_no_error(tmp_path: Path) -> None:
     recording = open_recording(write_log(tmp_path / "x.log", log()))
-    lidar = lidar_of(recording)
+    lidar = recording.lidar
     scans = Scans(lidar, recording.platform.lidar)
     assert [len(scans.points(number)) for number in range(4)] == [180, 180, 179, 180]
     report = lidar_report(lidar, [])
@@ -80,7 +72,7 @@ def test_what_a_scan_did_not_measure_is_no_endpoint_and_no_error(tmp_path: Path)
 @pytest.mark.parametrize("quarters", [(0, 2), (1, 3), (3, 1, 2)])
 def test_other_grids(tmp_path: Path, quarters: tuple[int, ...]) -> None:
     lines = [line(number, quarters[number % len(quarters)]) for number in range(30)]
-    lidar = lidar_of(open_recording(write_log(tmp_path / "x.log", lines)))
+    lidar = open_recording(write_log(tmp_path / "x.log", lines)).lidar
     assert lidar.interlace == (4 if len(quarters) == 3 else 2)
     assert np.degrees(lidar.angle_min) == pytest.approx(-90 + min(quarters) / 4, abs=1e-4)
 
@@ -88,7 +80,7 @@ def test_other_grids(tmp_path: Path, quarters: tuple[int, ...]) -> None:
 def test_a_few_scans_of_another_bearing_are_strays(tmp_path: Path) -> None:
     lines = [*(line(number, 0) for number in range(20)), line(20, 2)]
     recording = open_recording(write_log(tmp_path / "x.log", lines))
-    assert lidar_of(recording).ranges.shape == (20, 181)
+    assert recording.lidar.ranges.shape == (20, 181)
     assert messages(recording.warnings) == ("x.log: 1 ROBOTLASER1 scan of 180 beams left aside, the first is line 21",)
 
 
@@ -110,7 +102,7 @@ def test_two_lasers_in_one_log_are_refused(tmp_path: Path, others: list[str]) ->
 def test_interlaced_scans_are_read_in_place_of_their_flaser_lines(tmp_path: Path) -> None:
     lines = [*log(24), *(flaser([1.0] * 180, stamp=100.0 + number) for number in range(24))]
     recording = open_recording(write_log(tmp_path / "x.log", lines))
-    assert lidar_of(recording).interlace == 4
+    assert recording.lidar.interlace == 4
     assert messages(recording.warnings) == ("x.log: 24 FLASER scans of 180 beams left aside, the first is line 25",)
 
 
@@ -118,12 +110,12 @@ def test_interlaced_scans_are_read_in_place_of_their_flaser_lines(tmp_path: Path
 def test_what_is_written_reads_back_the_same(tmp_path: Path, scans: int) -> None:
     (tmp_path / "p.toml").write_text("[lidar]\ntime_increment = 1e-4\n")
     recording = open_recording(write_log(tmp_path / "x.log", log(scans)), platform=tmp_path / "p.toml")
-    assert lidar_of(recording).time_increment == pytest.approx(2.5e-5)
+    assert recording.lidar.time_increment == pytest.approx(2.5e-5)
     write_carmen(tmp_path / "y.log", recording)
     again = open_recording(tmp_path / "y.log")
     assert messages(again.warnings) == ()
-    for key, value in vars(lidar_of(recording)).items():
-        other = getattr(lidar_of(again), key)
+    for key, value in vars(recording.lidar).items():
+        other = getattr(again.lidar, key)
         assert value.tobytes() == other.tobytes() if isinstance(value, np.ndarray) else value == other, key
 
 
@@ -135,7 +127,7 @@ def test_an_interlace_that_is_none_is_refused(interlace: int) -> None:
 
 def test_the_clinic(data_folder: Path) -> None:
     recording = open_recording(data_folder / "radish/fr-clinic_robotlaser.log.gz")
-    lidar = lidar_of(recording)
+    lidar = recording.lidar
     assert (lidar.ranges.shape, lidar.interlace) == ((6917, 721), 4)
     np.testing.assert_array_equal(np.bincount(phases(np.asarray(lidar.ranges), 4)), [1748, 1709, 1725, 1735])
     assert messages(recording.warnings) == ()

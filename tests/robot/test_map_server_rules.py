@@ -1,7 +1,5 @@
 """Maps of map_server, cell by cell as its rules have them: every mode, threshold, channel and kind of image."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 from pathlib import Path
@@ -46,9 +44,7 @@ def numbers(largest: int) -> st.SearchStrategy[int]:
 
 def image(channels: int, largest: int) -> st.SearchStrategy[NDArray[np.uint16]]:
     """[H, W, C]."""
-    return SIZES.flatmap(
-        lambda size: arrays(np.uint16, (*size, channels), elements=numbers(largest))  # type: ignore[no-any-return]
-    )
+    return SIZES.flatmap(lambda size: arrays(np.uint16, (*size, channels), elements=numbers(largest)))
 
 
 def png(pixels: NDArray[np.uint16], largest: int) -> bytes:

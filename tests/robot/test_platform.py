@@ -1,7 +1,5 @@
 """Platforms and their TOML."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +27,6 @@ def test_toml_reads_back_equal(tmp_path: Path, platform: Platform) -> None:
 
 
 def test_the_ucsd_robot_is_that_of_the_drawing() -> None:
-    assert UCSD.wheels is not None
     assert UCSD.lidar.x == pytest.approx(0.1367, abs=5e-5)
     assert UCSD.wheels.metres_per_count == pytest.approx(np.pi * UCSD.wheels.diameter / 360, rel=0.01)
     assert CAMERA.model_dump(exclude={"sensor"}) == {
@@ -81,7 +78,6 @@ def test_a_file_overrides_a_base_key_by_key_and_one_that_was_written_overrides_a
     path = tmp_path / "platform.toml"
     path.write_text('name = "heavy"\n[wheels]\ntrack = 0.4\n')
     read = read_platform(path, base=UCSD)
-    assert UCSD.wheels is not None
     assert read == UCSD.model_copy(update={"name": "heavy", "wheels": UCSD.wheels.model_copy(update={"track": 0.4})})
     for platform in (CARMEN, UCSD):
         write_platform(path, platform)
@@ -133,7 +129,6 @@ def test_an_unknown_name_is_refused_with_those_there_are() -> None:
 def test_figures_as_recorded_lie_over_those_of_the_data_sheet() -> None:
     noise = {"lidar": {"range_noise": 0.01, "dropout": 0.2}}
     platform = Platform.model_validate({"noise": noise, "as_recorded": {"lidar": {"dropout": 0.5}}})
-    assert platform.as_recorded is not None
     assert platform.as_recorded.lidar.range_noise == 0.01
     assert platform.as_recorded.lidar.dropout == 0.5
     assert platform.noise.lidar.dropout == 0.2

@@ -1,7 +1,5 @@
 """Values that hold arrays are shown in one line, without their numbers."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import pkgutil

@@ -1,7 +1,5 @@
 """The UCSD layout: what is written reads back the same, and what is broken is refused in one line."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -81,7 +79,6 @@ def test_what_ranges_mean(tmp_path: Path) -> None:
     ranges[:, 0] = [30.0, 29.999, np.inf, 0.1, 0.0999, 0.001, 0.0]
     ranges[:3, 1] = [np.nan, -1.0, -np.inf]
     recording = read_ucsd(written(tmp_path, Hokuyo_ranges=ranges))
-    assert recording.lidar is not None
     row = recording.lidar.ranges[0]
     np.testing.assert_array_equal(row[[0, 2]], np.inf)
     np.testing.assert_array_equal(row[[1, 3]], np.float32([29.999, 0.1]))
@@ -130,14 +127,10 @@ def test_an_angle_max_that_disagrees_is_told(tmp_path: Path) -> None:
 
 def test_rates_and_counts_that_no_robot_has_are_dropped_and_counted(tmp_path: Path) -> None:
     original = make_recording()
-    assert original.imu is not None
-    assert original.encoders is not None
     rates, counts = original.imu.angular_velocity.T.copy(), original.encoders.counts.T.copy()
     rates[2, 3], rates[0, 7], rates[2, 8] = 1e30, -101, 99.9
     counts[1, 6] = -32_000
     recording = read_ucsd(written(tmp_path, Imu_angular_velocity=rates, Encoders_counts=counts))
-    assert recording.imu is not None
-    assert recording.encoders is not None
     np.testing.assert_array_equal(recording.imu.angular_velocity, np.delete(rates.T, [3, 7], axis=0))
     np.testing.assert_array_equal(recording.imu.stamps, np.delete(original.imu.stamps, [3, 7]))
     np.testing.assert_array_equal(recording.encoders.counts, np.delete(counts.T, 6, axis=0))
@@ -170,7 +163,6 @@ def test_the_platform_comes_from_the_caller_then_the_folder_then_the_format(tmp_
     write_ucsd(tmp_path, make_recording().replace(platform=mine), sequence=20)
     recording = read_ucsd(tmp_path)
     assert recording.platform == mine
-    assert recording.lidar is not None
     assert recording.lidar.time_increment == 1e-4
     assert read_ucsd(tmp_path, platform=UCSD).platform == UCSD
     (tmp_path / "platform.toml").write_text("nmae = 'x'")
@@ -197,17 +189,12 @@ def test_a_platform_file_lies_over_what_the_recording_states(tmp_path: Path) -> 
     over.write_text("")
     plain, empty = read_ucsd(folder), read_ucsd(folder, platform=over)
     assert empty.platform == plain.platform == stated
-    assert plain.lidar is not None
-    assert empty.lidar is not None
     assert empty.lidar.ranges.tobytes() == plain.lidar.ranges.tobytes()
     assert empty.warnings == plain.warnings == ()
     over.write_text("[wheels]\ntrack = 0.5\n[lidar]\nangle_min = -1.0\nrange_max = 2.0\n")
     changed = read_ucsd(folder, platform=over)
     assert changed.platform.lidar.x == 0.7
-    assert changed.platform.wheels is not None
-    assert UCSD.wheels is not None
     assert changed.platform.wheels == UCSD.wheels.model_copy(update={"track": 0.5})
-    assert changed.lidar is not None
     assert changed.lidar.angle_min == -1.0
     assert changed.lidar.angle_increment == plain.lidar.angle_increment
     far = plain.lidar.ranges >= 2.0
@@ -225,7 +212,6 @@ def test_a_platform_file_lies_over_what_the_recording_states(tmp_path: Path) -> 
 
 def test_a_lidar_that_turns_clockwise_reads_back_and_its_codes_are_written(tmp_path: Path) -> None:
     lidar = make_recording().lidar
-    assert lidar is not None
     ranges = lidar.ranges.copy()
     ranges[0, :3] = np.inf
     clockwise = replace(lidar, angle_min=2.356, angle_increment=-0.7853, ranges=ranges)
@@ -234,7 +220,6 @@ def test_a_lidar_that_turns_clockwise_reads_back_and_its_codes_are_written(tmp_p
     with np.load(tmp_path / "Hokuyo20.npz") as arrays:
         np.testing.assert_array_equal(arrays["ranges"][:3, 0], [31.0, 32.5, 31.0])
     read = read_ucsd(tmp_path).lidar
-    assert read is not None
     assert read.angles.tobytes() == clockwise.angles.tobytes()
     np.testing.assert_array_equal(read.ranges, ranges)
 
@@ -242,9 +227,6 @@ def test_a_lidar_that_turns_clockwise_reads_back_and_its_codes_are_written(tmp_p
 def test_streams_without_readings_are_not_written(tmp_path: Path) -> None:
     whole = make_recording()
     lidar, imu, rgbd = whole.lidar, whole.imu, whole.rgbd
-    assert lidar is not None
-    assert imu is not None
-    assert rgbd is not None
     silent = whole.replace(
         lidar=replace(lidar, stamps=lidar.stamps[:0], ranges=lidar.ranges[:0]),
         imu=ImuStream(*(values[:0] for values in (imu.stamps, imu.angular_velocity, imu.linear_acceleration_g))),
@@ -263,7 +245,6 @@ def test_images_are_listed_in_numeric_order_and_missing_ones_counted(tmp_path: P
     for index in (1, 2, 3, 4):
         (folder / f"disparity20_{index}.png").touch()
     rgbd = read_ucsd(tmp_path).rgbd
-    assert rgbd is not None
     assert rgbd.disparity_files == tuple(folder / f"disparity20_{k}.png" for k in (1, 2, 3, 4))
     assert rgbd.rgb_files == ()
     assert messages(read_ucsd(tmp_path).warnings) == ("RGB20: no such folder, 6 images missing",)
@@ -271,7 +252,6 @@ def test_images_are_listed_in_numeric_order_and_missing_ones_counted(tmp_path: P
     (folder.parent / "RGB20" / "rgb20_1.png").touch()
     (folder / "disparity20_3.png").rename(folder / "disparity20_5.png")
     recording = read_ucsd(tmp_path)
-    assert recording.rgbd is not None
     assert recording.rgbd.disparity_files == (*rgbd.disparity_files[:2], None, rgbd.disparity_files[3])
     assert messages(recording.warnings) == (
         "RGB20: 5 of 6 images missing, the first rgb20_2.png",
@@ -281,7 +261,6 @@ def test_images_are_listed_in_numeric_order_and_missing_ones_counted(tmp_path: P
     for path in folder.iterdir():
         path.unlink()
     recording = read_ucsd(tmp_path)
-    assert recording.rgbd is not None
     assert recording.rgbd.disparity_files == ()
     assert messages(recording.warnings[1:]) == ("Disparity20: 0 images, none of them for one of the 4 stamps",)
 
@@ -292,7 +271,6 @@ def test_counts_beyond_int16_are_written_as_int32(tmp_path: Path) -> None:
     with np.load(tmp_path / "Encoders1.npz", allow_pickle=False) as file:
         assert file["counts"].dtype == np.int32
     again = read_ucsd(tmp_path).encoders
-    assert again is not None
     np.testing.assert_array_equal(again.counts, encoders.counts)
 
 
@@ -312,9 +290,6 @@ def test_real_counts_and_gyro_give_the_known_dead_reckoning(
     """Gyro integrated by trapezoids and read off at the encoder stamps; wheels averaged a side."""
     recording = open_recording(data_folder / "ucsd", sequence=sequence)
     encoders, imu = recording.encoders, recording.imu
-    assert encoders is not None
-    assert imu is not None
-    assert recording.platform.wheels is not None
     assert recording.lidar is None
     assert recording.rgbd is not None
     assert messages(recording.warnings) == ()
@@ -343,6 +318,5 @@ def test_a_real_scan_of_the_utm_30lx(data_folder: Path, tmp_path: Path) -> None:
     )
     recording = read_ucsd(tmp_path)
     assert messages(recording.warnings) == ()
-    assert recording.lidar is not None
     assert np.isnan(recording.lidar.ranges).sum() == 5
     assert np.isfinite(recording.lidar.ranges).sum() == 1076

@@ -5,7 +5,7 @@ import pytest
 from sim_logs import START, winding
 from ucsd_robot import WHEELS
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.platform import Wheels
 from moteslam.robot.platforms import UCSD
@@ -160,19 +160,12 @@ def test_the_same_seed_gives_the_same_bytes_and_no_noise_changes_nothing() -> No
 
 
 def test_what_cannot_be_logged_is_refused() -> None:
-    dense = with_odometry(winding())
-    apart = EncoderStream(dense.encoders.stamps + 1, dense.encoders.counts)
-    for error, field, make in (
-        (InputError, "encoders", lambda: with_odometry(winding().replace(encoders=None))),
-        (InputError, None, lambda: with_odometry(winding().replace(platform=WITHOUT_WHEELS))),
-        (InputError, "imu", lambda: with_odometry(winding().replace(imu=None), gyro=True)),
-        (ConfigError, "turn", lambda: key_scans(dense, turn=0.0)),
-        (InputError, "odometry", lambda: key_scans(winding())),
-        (InputError, "lidar", lambda: key_scans(winding().replace(lidar=None))),
-        (ConfigError, "rotation", lambda: noisy(dense, 0.1, -0.1)),
-        (InputError, "odometry", lambda: noisy(winding(), 0.1, 0.1)),
-        (InputError, "stamps", lambda: noisy(dense.replace(encoders=apart), 0.1, 0.1)),
+    for field, make in (
+        ("encoders", lambda: with_odometry(winding().replace(encoders=None))),
+        (None, lambda: with_odometry(winding().replace(platform=WITHOUT_WHEELS))),
+        ("imu", lambda: with_odometry(winding().replace(imu=None), gyro=True)),
+        ("lidar", lambda: key_scans(winding().replace(lidar=None))),
     ):
-        with pytest.raises(error) as caught:
+        with pytest.raises(InputError) as caught:
             make()
         assert caught.value.field == field

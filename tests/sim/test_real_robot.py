@@ -8,16 +8,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from sim_drives import steady
-from ucsd_robot import ENCODERS, IMU, WHEELS
+from ucsd_robot import IMU
 
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import load_scenario
-from moteslam.sim.sensors.encoders import simulate_encoders
-from moteslam.sim.sensors.imu import simulate_imu
-from moteslam.sim.simulate import drive_scenario
-from moteslam.sim.world.world import World
+from moteslam.sim.sensors.wheels_and_gyro import simulate_encoders, simulate_imu
+from moteslam.sim.simulate import true_drive
 
 FACTOR = 1.5
 SEEDS = range(6)
@@ -31,12 +29,14 @@ def within(value: float, low: float, high: float, factor: float = FACTOR) -> boo
 @pytest.fixture(scope="module")
 def corridor() -> Drive:
     scenario = load_scenario("corridor")
-    return drive_scenario(scenario, World.of(scenario.world), np.random.default_rng(0))
+    return true_drive(scenario, 0)
 
 
 def encoders(run: Drive, seed: int, scale: float = 1.0) -> EncoderStream:
     span = (0.1, float(run.stamps[-1]))
-    return simulate_encoders(run, WHEELS, ENCODERS, UCSD.noise.encoders, scale, span, np.random.default_rng(seed))
+    return simulate_encoders(
+        run, UCSD, UCSD.noise.encoders, scale, span, np.random.default_rng(seed), effects=np.random.default_rng(0)
+    )
 
 
 def imu(run: Drive, seed: int, scale: float = 1.0) -> ImuStream:
@@ -55,9 +55,12 @@ def effective_track(encoders: EncoderStream, imu: ImuStream) -> tuple[float, flo
     return track, float((difference - turn * track).std())
 
 
-def test_the_gyro_steady() -> None:
+def test_the_imu_steady() -> None:
     for seed in SEEDS:
         stream = imu(steady(900.0), seed)
+        mean, spread = stream.linear_acceleration_g.mean(0), stream.linear_acceleration_g.std(0)
+        assert mean == pytest.approx((0, 0, 1), abs=0.04)
+        assert all(within(value, 0.0002, 0.0013) for value in spread)
         yaw_rate = stream.angular_velocity[:, 2]
         assert within(yaw_rate.std(), 0.0038, 0.0045)
         # a mean over 900 s: over a few seconds of rest the noise alone moves it by about 1 degree a minute

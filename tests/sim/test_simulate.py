@@ -14,6 +14,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import Scenario, load_scenario, parse_scenario
+from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import Simulation, simulate
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -60,6 +61,15 @@ def test_the_seed_is_the_scenarios_where_none_is_given(scenario: Scenario, simul
     with pytest.raises(ConfigError) as caught:
         simulate(scenario, seed=-1)
     assert caught.value.field == "seed"
+
+
+def test_streams_start_and_end_as_on_the_real_robot(simulation: Simulation) -> None:
+    lidar, encoders, imu = (getattr(simulation.recording, name) for name in ("lidar", "encoders", "imu"))
+    assert simulation.truth.stamps[0] == EPOCH
+    assert 0.28 < imu.stamps[0] - encoders.stamps[0] < 0.52
+    assert 1.3 < encoders.stamps[-1] - imu.stamps[-1] < 1.7
+    assert encoders.stamps[0] < lidar.stamps[0]
+    assert lidar.stamps[-1] < encoders.stamps[-1] < simulation.truth.stamps[-1]
 
 
 def test_scans_seen_from_the_truth_end_on_the_walls(simulation: Simulation) -> None:

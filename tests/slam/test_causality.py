@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from slam_faults import jumping_odometry
+from slam_rooms import jumping_odometry
 
 from moteslam.robot.formats import open_recording
 from moteslam.robot.recording import OdometryStream, Recording

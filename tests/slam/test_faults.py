@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from issues import messages
-from slam_faults import blind, jumping_odometry, stopped_wheels, without_odometry
-from slam_rooms import circled_room
+from slam_rooms import blind, circled_room, jumping_odometry, stopped_wheels, without_odometry
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error

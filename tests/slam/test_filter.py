@@ -6,8 +6,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
-from slam_faults import blind
-from slam_rooms import circled_room
+from slam_rooms import blind, circled_room
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from moteslam.errors import InputError
 from moteslam.robot.formats import Format, Robot, Topics
@@ -38,11 +37,10 @@ from moteslam.robot.formats.bags.scans import (
     laser_scans,
     merged_scans,
 )
-from moteslam.robot.formats.bags.write import read_manifest, write_mcap, write_rosbag1, write_rosbag2
-from moteslam.robot.platform import CameraSpec, LidarSpec, Platform
-from moteslam.robot.platforms import GivenRobot
+from moteslam.robot.formats.bags.write import read_manifest, write_bag
+from moteslam.robot.platform import CameraSpec, Platform
+from moteslam.robot.platforms import GivenRobot, platform_of
 from moteslam.robot.recording import ChunkedRanges, LidarStream, Recording
-from moteslam.robot.tables import first_complaint
 from moteslam.robot.values import Issue, counted
 
 KINDS: Mapping[str, tuple[str, ...]] = {
@@ -241,13 +239,9 @@ class _Reading:
             return self.manifest.platform
         if scans is None:
             return Platform(camera=camera)
-        try:
-            step = scans.fan.time_increment
-            spec = LidarSpec(x=mount.x, y=mount.y, z=mount.z, yaw=mount.yaw, time_increment=step)
-        except ValidationError as error:
-            field, problem = first_complaint(error)
-            raise InputError(problem, file=self.bag.path, field=f"{scans.topic}: {field}") from error
-        return Platform(lidar=spec, camera=camera)
+        place = {"x": mount.x, "y": mount.y, "z": mount.z, "yaw": mount.yaw}
+        table = {"lidar": {**place, "time_increment": scans.fan.time_increment}}
+        return platform_of(table, file=self.bag.path).model_copy(update={"camera": camera})
 
     def _lidar(self, scans: Scans, mount: Mount, robot: Platform) -> LidarStream:
         fan = self.manifest.sharpened(scans.fan) if self.manifest is not None else scans.fan
@@ -262,7 +256,19 @@ class _Reading:
 
 _format = partial(Format, is_folder=False, read=read_bag, read_topics=read_bag)
 
-ROSBAG1 = _format("ROS 1 bag", recognise=partial(is_bag, kind="bag"), write=write_rosbag1, endings=(".bag",))
-MCAP = _format("MCAP file of ROS", recognise=partial(is_bag, kind="mcap"), write=write_mcap, endings=(".mcap",))
+ROSBAG1 = _format(
+    "ROS 1 bag", recognise=partial(is_bag, kind="bag"), write=partial(write_bag, kind="bag"), endings=(".bag",)
+)
+MCAP = _format(
+    "MCAP file of ROS",
+    recognise=partial(is_bag, kind="mcap"),
+    write=partial(write_bag, kind="mcap"),
+    endings=(".mcap",),
+)
 DB3 = _format("SQLite file of ROS 2", recognise=partial(is_bag, kind="db3"))
-ROSBAG2 = _format("ROS 2 bag (a folder with metadata.yaml)", is_folder=True, recognise=is_bag, write=write_rosbag2)
+ROSBAG2 = _format(
+    "ROS 2 bag (a folder with metadata.yaml)",
+    is_folder=True,
+    recognise=is_bag,
+    write=partial(write_bag, kind="rosbag2"),
+)

@@ -14,11 +14,11 @@ import heapq
 import sqlite3
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import tomli_w
@@ -64,6 +64,8 @@ LATEST = 2.0**31
 _METADATA_VERSION = 8
 """Of ``metadata.yaml``: ROS 2 Iron writes it, and releases from Humble on read it."""
 
+
+Kind = Literal["bag", "mcap", "rosbag2"]
 
 MANIFEST = ("/moteslam/recording", "std_msgs/String")
 MAX_LETTERS = 1 << 20
@@ -114,61 +116,54 @@ def read_manifest(bag: Bag) -> Manifest | None:
         raise InputError(problem, file=bag.path, field=MANIFEST[0]) from error
 
 
-def write_rosbag1(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:
-    """Write a recording as a new ROS 1 ``.bag``; topics and what comes back equal: ``docs/reference/formats.md``.
+def write_bag(path: str | PathLike[str], recording: Recording, *, kind: Kind) -> tuple[Issue, ...]:
+    """Write a recording as a new bag; topics and what comes back equal: ``docs/reference/formats.md``.
 
     The same recording gives the same bytes. What the bag does not hold is an issue each.
+
+    Args:
+        path: of a new file or, of the kind ``rosbag2``, a folder for a SQLite file and its ``metadata.yaml``.
+        recording: what to write.
+        kind: a file of ROS 1, or of ROS 2 a single MCAP file or a folder.
     """
-
-    def write(events: Iterator[Event]) -> None:
-        from rosbags.rosbag1 import Writer
-
-        with Writer(path) as writer:
-            write_events(writer, events, ros1=True)
-
-    return _written(Path(path), recording, write)
-
-
-def write_mcap(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:
-    """Write a recording as a single new ``.mcap`` file of ROS 2; else as `write_rosbag1`."""
-    return _written(Path(path), recording, lambda events: _ros2("MCAP", {"written.mcap": Path(path)}, events))
-
-
-def write_rosbag2(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:
-    """Write a recording as a ROS 2 bag: a new or empty folder of a SQLite file, ``metadata.yaml``; else as
-    `write_rosbag1`.
-    """
-    make_folder(path)
-    names = {name: Path(path) / name for name in ("recording.db3", "metadata.yaml")}
-    return _written(Path(path), recording, lambda events: _ros2("SQLITE3", names, events))
-
-
-def _ros2(storage: str, names: dict[str, Path], events: Iterator[Event]) -> None:
-    """Write a folder, as rosbags does, beside those places that some of its files are moved to."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    first, target = next(iter(names.items()))
-    with tempfile.TemporaryDirectory(prefix=".moteslam-", dir=target.absolute().parent) as place:
-        folder = Path(place) / Path(first).stem
-        with Writer(folder, version=_METADATA_VERSION, storage_plugin=StoragePlugin[storage]) as writer:
-            write_events(writer, events, ros1=False)
-        for name, target in names.items():
-            (folder / name).replace(target)
-
-
-def _written(path: Path, recording: Recording, write: Callable[[Iterator[Event]], None]) -> tuple[Issue, ...]:
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+    path = Path(path)
     for name, stamps in recording.stamps().items():
         if len(stamps) and not (stamps[0] >= 0 and stamps[-1] < LATEST - 1):
             worst = float(stamps[0] if stamps[0] < 0 else stamps[-1])
             problem = f"stamp of {worst:.6g} s, expected 0 to 2^31 s, as ROS messages hold them"
             raise InputError(problem, file=recording.name, field=name)
     odometry, missing = odometry_of(recording), list[int]()
+    events = events_of(recording, odometry, missing)
     try:
-        write(events_of(recording, odometry, missing))
+        if kind == "bag":
+            from rosbags.rosbag1 import Writer
+
+            with Writer(path) as writer:
+                write_events(writer, events, ros1=True)
+        else:
+            _write_ros2(path, kind, events)
     except (OSError, sqlite3.Error) as error:
         raise OutputError(f"cannot be written: {getattr(error, 'strerror', None) or error}", file=path) from error
     return (*odometry.issues, *_left_out(recording, len(missing)))
+
+
+def _write_ros2(path: Path, kind: Kind, events: Iterator[Event]) -> None:
+    """Write a folder beside the target, as rosbags does, and move its files to their place."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    storage = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+    if kind == "rosbag2":
+        make_folder(path)
+    with tempfile.TemporaryDirectory(prefix=".moteslam-", dir=path.absolute().parent) as place:
+        folder = Path(place) / ("written" if kind == "mcap" else "recording")
+        with Writer(folder, version=_METADATA_VERSION, storage_plugin=storage) as writer:
+            write_events(writer, events, ros1=False)
+        if kind == "mcap":
+            (folder / "written.mcap").replace(path)
+            return
+        for file in folder.iterdir():
+            file.replace(path / file.name)
 
 
 def _left_out(recording: Recording, missing: int) -> Iterator[Issue]:

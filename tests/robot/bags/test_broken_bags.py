@@ -1,7 +1,5 @@
 """Bags that are cut short, damaged or made to do harm: one line, or what is left of them."""
 
-from __future__ import annotations
-
 import bz2
 import shutil
 import sqlite3
@@ -10,7 +8,6 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
-import made_bags
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -103,7 +100,6 @@ def test_what_was_not_closed_is_gone_through(
     path = tmp_path / "x"
     path.write_bytes(change(long_bag(tmp_path, kind)))
     recording = open_recording(path)
-    assert recording.lidar is not None
     assert abs(len(recording.lidar) - scans) <= 2
     assert recording.lidar.ranges[len(recording.lidar) - 1, 0] == 1.0
     assert [issue.code for issue in recording.warnings] == ["damaged-bag", "no-mount"]
@@ -132,7 +128,7 @@ def test_what_cannot_be_read_is_refused(
     path = tmp_path / FILES[kind]
     path.write_bytes(change(contents[kind]))
     with pytest.raises(InputError, match=problem):
-        np.asarray(open_recording(path).lidar.ranges)  # type: ignore[union-attr]
+        np.asarray(open_recording(path).lidar.ranges)
 
 
 @pytest.mark.parametrize("compression", ["bz2", "lz4", "zstd"])
@@ -198,7 +194,6 @@ def test_a_scan_that_lies_about_its_length_is_dropped(tmp_path: Path) -> None:
     content = path.read_bytes()
     path.write_bytes(content.replace(struct.pack("<If", 51, 1.0), struct.pack("<If", 60, 1.0)))
     recording = open_recording(path)
-    assert recording.lidar is not None
     assert len(recording.lidar) == 2
     assert "broken-messages" in [issue.code for issue in recording.warnings]
 
@@ -209,12 +204,6 @@ def test_another_definition_of_a_type_is_left_aside(tmp_path: Path) -> None:
     recording = open_recording(path)
     assert recording.imu is None
     assert [issue.code for issue in recording.warnings] == ["other-definition"]
-
-
-@pytest.mark.parametrize("kind", made_bags.KINDS)
-def test_an_empty_bag_is_refused(tmp_path: Path, kind: str) -> None:
-    with pytest.raises(InputError):
-        open_recording(make_bag(tmp_path, [], kind))
 
 
 @pytest.mark.parametrize(("kind", "header"), [("bag", struct.pack("<I", 38)), ("mcap", b"\x05")])
@@ -228,6 +217,5 @@ def test_messages_behind_a_damaged_record_are_counted(tmp_path: Path, kind: str,
     content[size : size + 4] = struct.pack("<I", 900_000)
     path.write_bytes(content)
     recording = open_recording(path)
-    assert recording.lidar is not None
     assert len(recording.lidar) == 4
     assert (recording.warnings[0].code, recording.warnings[0].count) == ("damaged-bag", 5)

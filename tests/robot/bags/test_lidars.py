@@ -1,7 +1,5 @@
 """Several lidars as one."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
@@ -22,9 +20,7 @@ BEAMS = 720
 
 
 def lidar_of(path: Path, **options: Any) -> LidarStream:
-    lidar = open_recording(path, **options).lidar
-    assert lidar is not None
-    return lidar
+    return open_recording(path, **options).lidar
 
 
 def room_ranges(x: float, y: float, angles: np.ndarray) -> np.ndarray:
@@ -64,7 +60,6 @@ def test_two_lidars_are_merged_about_the_robot(tmp_path: Path, upside_down: bool
     path = make_bag(tmp_path, two_lidars(upside_down))
     recording = open_recording(path, topics={"lidar": ("/front", "/back")})
     lidar = recording.lidar
-    assert lidar is not None
     assert recording.warnings == ()
     assert recording.platform.lidar.pose == (0.0, 0.0, 0.0)
     assert lidar.ranges.shape == (4, BEAMS)

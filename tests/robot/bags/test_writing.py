@@ -1,14 +1,12 @@
 """Recordings written as bags: what comes back, and what others read."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from moteslam import open_recording, write_recording
@@ -74,12 +72,10 @@ def test_what_is_written_reads_back_the_same(tmp_path: Path, name: str) -> None:
         for field in fields:
             ours, theirs = (np.asarray(getattr(getattr(one, stream), field)) for one in (again, recording))
             np.testing.assert_array_equal(ours, theirs, err_msg=f"{stream}.{field}")
-    assert again.odometry is not None
-    assert again.imu is not None
     # through a quaternion, and through m/s^2: an ulp or two
-    np.testing.assert_array_equal(again.odometry.poses[:, :2], recording.odometry.poses[:, :2])  # type: ignore[union-attr]
-    np.testing.assert_allclose(again.odometry.poses[:, 2], recording.odometry.poses[:, 2], rtol=0, atol=2e-15)  # type: ignore[union-attr]
-    np.testing.assert_allclose(again.imu.linear_acceleration_g, recording.imu.linear_acceleration_g, rtol=4e-16)  # type: ignore[union-attr]
+    np.testing.assert_array_equal(again.odometry.poses[:, :2], recording.odometry.poses[:, :2])
+    np.testing.assert_allclose(again.odometry.poses[:, 2], recording.odometry.poses[:, 2], rtol=0, atol=2e-15)
+    np.testing.assert_allclose(again.imu.linear_acceleration_g, recording.imu.linear_acceleration_g, rtol=4e-16)
 
 
 @every_kind
@@ -88,8 +84,7 @@ def test_wheels_give_an_odometry_that_does_not_come_back_as_a_stream(tmp_path: P
     path = written(tmp_path, name, recording)
     again = open_recording(path)
     assert again.odometry is None
-    assert again.encoders is not None
-    np.testing.assert_array_equal(again.encoders.counts, recording.encoders.counts)  # type: ignore[union-attr]
+    np.testing.assert_array_equal(again.encoders.counts, recording.encoders.counts)
     messages = read_by_rosbags(path)
     poses = np.array(
         [
@@ -111,7 +106,7 @@ def test_rosbags_reads_what_is_written(tmp_path: Path, name: str) -> None:
     recording = recording_of(odometry=True)
     messages = read_by_rosbags(written(tmp_path, name, recording))
     counts = {topic: len(found) for topic, found in messages.items()}
-    assert counts.pop("/clock") == len(np.unique(np.concatenate((recording.lidar.stamps, recording.odometry.stamps))))  # type: ignore[union-attr]
+    assert counts.pop("/clock") == len(np.unique(np.concatenate((recording.lidar.stamps, recording.odometry.stamps))))
     assert counts == {
         "/moteslam/recording": 1,
         "/tf_static": 1,
@@ -122,7 +117,7 @@ def test_rosbags_reads_what_is_written(tmp_path: Path, name: str) -> None:
         "/imu": 800,
     }
     scan = messages["/scan"][7]
-    np.testing.assert_array_equal(scan.ranges, recording.lidar.ranges[7])  # type: ignore[union-attr]
+    np.testing.assert_array_equal(scan.ranges, recording.lidar.ranges[7])
     assert scan.header.frame_id == "laser"
     assert scan.angle_max == pytest.approx(-2.1 + 30 * 0.0123)
     mount = messages["/tf_static"][0].transforms[0]
@@ -152,26 +147,6 @@ def read_by_rosbags(path: Path) -> dict[str, list[Any]]:
         for connection, _, data in reader.messages():
             found.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
     return found
-
-
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    st.lists(st.floats(2**23, 2**31 - 2, width=64), min_size=1, max_size=20),
-    st.integers(1, 40),
-    st.integers(0, 2**32),
-)
-def test_any_scans_read_back_the_same(tmp_path: Path, times: list[float], beams: int, seed: int) -> None:
-    stamps = np.sort(times)
-    if len(stamps) > 1 and np.diff(stamps).max() > 86_000:
-        stamps = stamps[0] + np.arange(len(stamps)) * 0.1
-    random = np.random.default_rng(seed)
-    ranges = random.choice([np.inf, np.nan, 0.1, 24.99, 1.5], (len(stamps), beams))
-    ranges[:, 0] = 1 + np.arange(len(stamps))  # the same scan twice at one time is one
-    recording = Recording("x", Platform(), lidar=lidar_of(ranges, stamps))
-    again = open_recording(written(tmp_path, "x.bag", recording)).lidar
-    assert again is not None
-    np.testing.assert_array_equal(again.stamps, stamps)
-    np.testing.assert_array_equal(again.ranges[:], ranges.astype(np.float32))
 
 
 @given(st.floats(0, 2**31, allow_subnormal=False))
@@ -212,7 +187,6 @@ def test_poses_of_scans_become_odometry(tmp_path: Path) -> None:
     issues = write_recording(tmp_path / "x.bag", Recording("x", Platform(), lidar=with_poses))
     assert [issue.code for issue in issues] == ["scan-poses"]
     again = open_recording(tmp_path / "x.bag")
-    assert again.odometry is not None
     np.testing.assert_allclose(again.odometry.poses, poses, atol=1e-15)
 
 
@@ -227,10 +201,9 @@ def test_a_robot_that_is_given_lies_over_the_one_in_the_bag(tmp_path: Path) -> N
     path = written(tmp_path, "x.bag", recording_of())
     (tmp_path / "robot.toml").write_text("[lidar]\nx = 0.7\nrange_max = 5.0\n")
     again = open_recording(path, platform=tmp_path / "robot.toml")
-    assert again.lidar is not None
     assert again.platform.lidar.pose == (0.7, -0.2, 0.4)
     assert again.platform.wheels == UCSD.wheels
-    assert np.isinf(again.lidar.ranges[:][recording_of().lidar.ranges >= 5.0]).all()  # type: ignore[union-attr]
+    assert np.isinf(again.lidar.ranges[:][recording_of().lidar.ranges >= 5.0]).all()
 
 
 def test_counts_are_those_that_were_written_whatever_wheels_are_given(tmp_path: Path) -> None:
@@ -239,5 +212,4 @@ def test_counts_are_those_that_were_written_whatever_wheels_are_given(tmp_path: 
     (tmp_path / "robot.toml").write_text("[wheels]\nmetres_per_count = 0.05\n")
     for robot in (tmp_path / "robot.toml", Platform()):
         again = open_recording(path, platform=robot)
-        assert again.encoders is not None
-        np.testing.assert_array_equal(again.encoders.counts, recording.encoders.counts)  # type: ignore[union-attr]
+        np.testing.assert_array_equal(again.encoders.counts, recording.encoders.counts)

@@ -1,7 +1,5 @@
 """Trajectories in ROS bags, written by rosbags; topics of poses are those that evo reads, too."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

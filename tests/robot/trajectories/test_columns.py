@@ -1,7 +1,5 @@
 """CSV and other tables of poses: columns by their names, stamps by their unit, refused where it is not clear."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """g2o files: pose graphs that read back, and lines that are refused."""
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -11,10 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from trajectory_cases import made
 
 from moteslam.errors import InputError, MoteslamWarning
-from moteslam.robot import se2
 from moteslam.robot.trajectories import read_trajectory
 from moteslam.robot.trajectories.g2o import read_g2o, write_g2o
 from moteslam.robot.trajectory import PoseGraph
@@ -130,13 +126,3 @@ def test_a_graph_that_is_none_is_refused(changes: dict[str, Any]) -> None:
     with pytest.raises(InputError) as caught:
         replace(a_graph(0), **changes)
     assert [caught.value.field] == list(changes)
-
-
-def test_a_trajectory_as_a_graph_has_no_edges(tmp_path: Path) -> None:
-    from moteslam.robot.trajectories.g2o import write_trajectory
-
-    trajectory = made()
-    write_trajectory(tmp_path / "t.g2o", trajectory)
-    graph = read_g2o(tmp_path / "t.g2o")
-    assert (len(graph), len(graph.first), graph.fixed.tolist()) == (20, 0, [0])
-    np.testing.assert_array_equal(graph.poses, se2.wrap(trajectory.poses))

@@ -8,12 +8,12 @@ import pytest
 from moteslam.errors import ConfigError
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import Scenario, parse_scenario
-from moteslam.sim.simulate import drive_scenario, simulate
+from moteslam.sim.simulate import simulate, true_drive
 from moteslam.sim.world.world import World
 
 
 def driven(scenario: Scenario, seed: int = 0) -> Drive:
-    return drive_scenario(scenario, World.of(scenario.world), np.random.default_rng(seed))
+    return true_drive(scenario, seed)
 
 
 def commanded(table: dict[str, Any], *steps: dict[str, float], start: tuple[float, float, float]) -> Scenario:

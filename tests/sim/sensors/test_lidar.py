@@ -13,7 +13,7 @@ from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import LidarStream
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import parse_scenario
-from moteslam.sim.sensors.echoes import Scene
+from moteslam.sim.sensors.echoes import Rays, Scene
 from moteslam.sim.sensors.lidar import LidarErrors, beam_ranges, measured, simulate_lidar, tilt_of, tilted
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.sim.world.layout import Layout, Room, Wall
@@ -33,7 +33,8 @@ def moving(start: tuple[float, float, float], velocity: tuple[float, float, floa
 
 
 def scan(run: Drive, noise: LidarNoise, seed: int = 0, world: World = ROOM) -> LidarStream:
-    return simulate_lidar(run, Scene(world), MOUNT, noise, (0.1, run.stamps[-1] - 0.1), np.random.default_rng(seed))
+    rng, effects = np.random.default_rng(seed), np.random.default_rng(0)
+    return simulate_lidar(run, Scene(world), MOUNT, noise, (0.1, run.stamps[-1] - 0.1), rng, effects=effects)
 
 
 def endpoints(run: Drive, stream: LidarStream, swept: bool) -> np.ndarray:
@@ -109,7 +110,7 @@ BOX = Scene(
 
 def beams(noise: LidarNoise, angles: np.ndarray, scene: Scene = BOX) -> np.ndarray:
     n = len(angles)
-    return beam_ranges(scene, np.zeros((n, 2)), angles, np.zeros(n), MOUNT.scan, noise, np.random.default_rng(2))
+    return beam_ranges(scene, Rays(np.zeros((n, 2)), angles, np.zeros(n)), MOUNT.scan, noise, np.random.default_rng(2))
 
 
 @pytest.mark.usefixtures("taichi")
@@ -242,7 +243,7 @@ def pane(material: str, **tables: Material) -> Scene:
 def echoes(scene: Scene, angle: float, x: float = 0.0) -> np.ndarray:
     """What N beams from (x, 0) in one direction measure [m]."""
     origins = np.tile((x, 0.0), (N, 1))
-    return scene.echoes(origins, np.full(N, angle), np.zeros(N), np.random.default_rng(1), max_range=30.0)
+    return scene.echoes(Rays(origins, np.full(N, angle), np.zeros(N)), np.random.default_rng(1), max_range=30.0)
 
 
 @pytest.mark.parametrize(("angle", "share"), [(0.0, 0.2), (0.6, 0.92), (-1.0, 0.92)])

@@ -84,6 +84,17 @@ def test_noise_is_as_large_as_its_setting() -> None:
 
 
 @pytest.mark.usefixtures("taichi")
+def test_people_stand_before_the_floor() -> None:
+    spot = np.array((4.2, 3.37))  # ahead
+    discs = np.tile(np.array((*spot, 0.15), np.float32), (500, 1, 1))
+    nothing = np.zeros((500, 0, 4), np.float32)
+    person = Tracks(100.0, discs, nothing, np.zeros(0, np.int16), np.tile(spot, (500, 1, 1)))
+    without = frames_of(run=moving((0, 0, 0), 3.0)).draw_disparity(np.array([0]))[0]
+    withal = frames_of(run=moving((0, 0, 0), 3.0, person)).draw_disparity(np.array([0]))[0]
+    assert (withal < without).mean() > 0.02
+
+
+@pytest.mark.usefixtures("taichi")
 def test_same_seed_same_images() -> None:
     index = np.array((0, 5))
     first, again, other = (frames_of(KINECT, seed) for seed in (1, 1, 2))

@@ -8,15 +8,17 @@ from sim_drives import steady
 from ucsd_robot import ENCODERS, IMU, WHEELS
 
 from moteslam.robot.noise import EncoderNoise, ImuNoise
+from moteslam.robot.platforms import UCSD
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.sensors.encoders import simulate_encoders
-from moteslam.sim.sensors.imu import simulate_imu
+from moteslam.sim.sensors.wheels_and_gyro import simulate_encoders, simulate_imu
 
 
 def travel(drive: Drive, seed: int = 0, **errors: Any) -> np.ndarray:
     """The travel [n, 4] [m] of the FR, FL, RR, RL wheel between readings as counted, with these errors alone."""
     noise, span = EncoderNoise(**errors), (0.0, float(drive.stamps[-1]))
-    stream = simulate_encoders(drive, WHEELS, ENCODERS, noise, 1.0, span, np.random.default_rng(seed))
+    stream = simulate_encoders(
+        drive, UCSD, noise, 1.0, span, np.random.default_rng(seed), effects=np.random.default_rng(0)
+    )
     return stream.counts[1:] * WHEELS.metres_per_count
 
 
@@ -67,6 +69,7 @@ def test_the_scale_error_is_one_factor_a_recording() -> None:
     turning = steady(1.0, turn_rate=1.0)
     rates = np.array([angular_velocity(turning, seed, gyro_scale_error=0.02)[:, 2] for seed in range(200)])
     assert np.ptp(rates, axis=1).max() < 1e-9
+    assert rates.mean() == pytest.approx(1.0, abs=0.01)
     assert (rates[:, 0] - 1).std() == pytest.approx(0.02, rel=0.15)
     assert not angular_velocity(steady(1.0), gyro_scale_error=0.02).any()
 

@@ -8,8 +8,7 @@ from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster
 from moteslam.sim.world.layout import Doorway, Layout, Recess, Room, RoomDoorway, Wall
 from moteslam.sim.world.pieces import Box, Pillar, Shelf
-from moteslam.sim.world.true_map import true_map
-from moteslam.sim.world.world import World
+from moteslam.sim.world.world import World, true_map
 
 
 def total(segments: np.ndarray) -> float:
@@ -89,6 +88,8 @@ def values(true: Raster, points: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("resolution", [0.2, 0.05, 0.013])
 def test_walls_are_occupied_rooms_free_and_the_rest_unknown(resolution: float) -> None:
     true = true_map(ROOM, resolution, seen_from=[(0.5, 0.5)])
+    corner = np.array(true.origin[:2]) / resolution  # whole cells, as of every map of this world
+    np.testing.assert_allclose(corner, np.round(corner), atol=1e-9)
     share = np.random.default_rng(0).random((4000, 1))
     segments = ROOM.segments[np.random.default_rng(1).integers(0, len(ROOM.segments), 4000)]
     on_walls = segments[:, :2] + share * (segments[:, 2:] - segments[:, :2])

@@ -167,6 +167,14 @@ def test_a_pose_that_is_stale_after_a_gap_does_not_bend_the_building(data_folder
     assert evaluate_relations(found.trajectory_final, relations).all.translation.mean < 0.040
 
 
+def test_with_every_stage_switched_off_the_filters_path_remains(doors: Case, alone: Estimate):
+    off = ("backend.loops.enabled=false", "backend.joint.enabled=false", "backend.graduated=false")
+    found = estimate(doors, *off)
+    assert found.loops == ()
+    np.testing.assert_array_equal(found.trajectory.poses, alone.trajectory.poses)  # what was estimated online
+    assert np.isfinite(found.trajectory_final.poses).all()
+
+
 def test_an_estimate_in_the_middle_of_a_run_changes_nothing(doors: Case, behind: Estimate):
     session = SlamSession(doors.recording, resolve_config("default"))
     for update in session:

@@ -1,5 +1,7 @@
 """The maps of all particles: growing, sharing, and refusing to take all memory."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from slam_rooms import circled_room
@@ -7,8 +9,7 @@ from tile_pools import room_scan, thinned
 
 from moteslam.errors import InputError
 from moteslam.kernels.scans import ThinnedScan
-from moteslam.kernels.tile_store import DeviceTileStore, TileStore
-from moteslam.kernels.tiles import CELLS, FINE_CELLS, SIDE
+from moteslam.kernels.tiles import CELLS, FINE_CELLS, SIDE, TileStore
 from moteslam.slam.mapping import tsdf
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps
@@ -148,7 +149,7 @@ def test_a_run_with_maps_in_taichis_memory_is_the_same_to_the_byte(monkeypatch: 
     monkeypatch.setattr(tsdf, "FIRST_TILES", 2)
     recording, _ = circled_room(scans=40)
     runs = []
-    for store in (TileStore, DeviceTileStore):
+    for store in (TileStore, partial(TileStore, on_device=True)):
         monkeypatch.setattr(tsdf, "tile_store", store)
         estimate = run_slam(recording, resolve_config("default", ["particles=20", "resample_below=1"]), seed=1)
         assert estimate.diagnostics["resampled"].any()

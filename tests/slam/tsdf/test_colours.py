@@ -231,7 +231,7 @@ def of_broken_files(recording: Recording, folder: Path) -> Recording:
     assert stream is not None
     broken = folder / "broken.png"
     broken.write_bytes(b"no image")
-    colours = tuple(None if k % 2 else broken for k in range(len(stream.rgb_stamps)))
+    colours = (broken, *[None] * (len(stream.rgb_stamps) - 1))
     disparities = tuple(broken if k % 3 else None for k in range(len(stream.disparity_stamps)))
     return recording.replace(rgbd=replace(stream, images=None, rgb_files=colours, disparity_files=disparities))
 

@@ -1,1 +1,0 @@
-"""The bundled presets, one TOML file each."""

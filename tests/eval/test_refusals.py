@@ -1,0 +1,173 @@
+"""What command lines refuse: one line on stderr that names it, exit code 2, nothing written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from command_lines import refused
+from made_sweeps import swept
+
+TUM = "".join(f"{t} {t} 0 0 0 0 0 1\n" for t in range(10))
+CROWD = "[crowd]\ncount = 1\naway = 100.0\n"
+FAR_WALL = "[[world.walls]]\npoints = [[-90.0, -90.0], [-90.0, 90.0]]\n"
+TRACKS = "EST... [REF]"
+
+LINES = {
+    "": [
+        ("bogus", "No such command 'bogus'"),
+        ("demo --bogus", "--bogus"),
+        ("demo --seed 99999999999999999999", "--seed"),
+        ("demo --duration 1", "--duration"),
+        ("demo --scenario full.tml", "full.tml: no scenario of this name, expected one of"),
+        ("demo --scenario crowd.toml --out x", "moteslam: crowd.toml: crowd.count: "),
+        ("demo --set particles=0", "--set particles: "),
+        ("demo --set map.size=1", "--set map.size: unknown key"),
+        ("demo --arch abacus", "abacus"),
+        ("demo --config absent.toml", "absent.toml: No such file"),
+        ("replay", "PATH"),
+        ("replay x --preset none", "--preset none: "),
+        ("replay absent --out x", "absent: No such file or directory, expected a recording"),
+        ("replay empty --out x", "expected a folder of one of ucsd"),
+        ("replay robot --every 0 --out x", "--every: 0, expected at least 1"),
+        ("replay robot --calibrate both --out x", "'--calibrate': 'both' is not one of"),
+        ("platforms nobody", "nobody: no robot of this name"),
+    ],
+    "simulate ": [
+        ("corridor", "--out"),
+        ("random-corridors --out x --batch 2 --seed 9223372036854775807", "--seed: 9223372036854775807"),
+        ("random-corridors-9223372036854775808 --out x", "no such building, expected a number up to"),
+        ("crowd.toml --out new/and/x", "moteslam: crowd.toml: crowd.count: "),
+        ("wide.toml --true-map 0.001 --out x", "moteslam: --true-map: "),
+        ("corridor --out robot", "robot: exists already; name a new folder, or replace it with --force\n"),
+    ],
+    "simulate room.toml --out new/and/x ": [
+        ("--platform nobody", "--platform nobody: no robot of this name, expected one of lms200, rplidar_a1, "),
+        ("--platform part.toml", "part.toml: length, width, "),
+        ("--noise loud", "'--noise': 'loud' is not one of"),
+        ("--platform plain.toml --noise as_recorded", "room.toml: noise_class: "),
+        ("--set noise.lidar.dropout=2", "room.toml: noise.lidar.dropout: "),
+        ("--set noise.lidar.dropout", "--set: expected key=value, found 'noise.lidar.dropout'"),
+        ("--set platform.lidar.rate=100", "room.toml: platform.lidar.time_increment: 1081 beams take 0.01875 s"),
+        ("--log-every nan", "--log-every: nan, expected a finite number above 0"),
+        ("--odometry-noise 0.1 2", "--odometry-noise: 0.1 2, expected 0 to 1"),
+        ("--format rosbag", "'--format': 'rosbag' is not one of 'ucsd', 'carmen'."),
+        ("--format carmen", "--format: 1081 beams over 270 degrees from -135, expected for a CARMEN log 180 or "),
+        ("--platform turtlebot3 --camera", "room.toml: platform.camera: none, expected a camera to simulate"),
+    ],
+    "scenarios ": [
+        ("show lab --out there.png", "there.png: exists already"),
+        ("show lab --out x.jpg", "x.jpg: expected a name"),
+        ("show lap --out x.png", "lap: no scenario of this name"),
+        ("show hall --out there.png/no/x.png", "there.png/no: cannot be made"),
+        ("animate lab --out x.avi", "x.avi: expected a name"),
+        ("animate crowd.toml --out new/and/x.gif", "moteslam: crowd.toml: crowd.count: "),
+        ("animate lab --out x.gif --fps 51", "--fps: 51, expected"),
+        ("animate lab --out x.gif --speed inf", "--speed: inf, expected"),
+    ],
+    "convert robot ": [
+        ("a.log --start -1", "--start: -1 s, expected a finite time of at least 0"),
+        ("a.log --start 5 --end 4", "--end: 4 s, expected more than start, 5 s"),
+        ("a.log --start 60", "no reading from 60 to inf s, expected times within its "),
+        ("a.log --streams laser", "--streams: 'laser', expected some of lidar, encoders, odometry, imu, rgbd"),
+        ("a.log --streams rgbd", "no rgbd, expected one of the streams it has: lidar, encoders"),
+        ("a.log --streams imu", "no odometry poses, expected them for a CARMEN log"),
+        ("a.log --topics lidar", "--topics: 'lidar', expected STREAM=TOPIC with a stream of lidar, odometry, "),
+        ("a.log --topics lidar=/a --topics lidar=/b", "--topics: lidar twice, expected lidars to merge as "),
+        ("a.log --topics lidar=/scan", "has no topics, expected none to be named"),
+        ("a.log --sequence 7", " (option --sequence)\n"),
+        ("a.xyz", "--to: 'a.xyz' has the ending of no format, expected one of .log, .log.gz, .clf, "),
+        ("a.log --to nothing", "--to: 'nothing', expected one of ucsd, carmen, csv, bag, rosbag2, mcap"),
+        ("a.log --to db3", "--to: 'db3' is only read, expected one of ucsd, carmen, csv, bag, rosbag2, mcap"),
+        ("a.csv --to csv", "a.csv: expected a name that ends in .toml"),
+    ],
+    "convert ": [
+        ("good.tum a.bag", "--to: good.tum is a trajectory: expected a name that ends in .csv, .g2o, .kitti, "),
+        ("good.tum a --to carmen", "--to: good.tum is a trajectory: 'carmen', expected one of euroc, g2o, kitti, tum"),
+        ("good.tum a.g2o --start 3", "--start: of a recording, expected none for a trajectory"),
+        ("bad.tum a.g2o", "bad.tum:1: no line of a trajectory"),
+        ("early.tum a.csv", "stamps: stamps below 0 or beyond 1e11 s, expected seconds between"),
+    ],
+    "evaluate good.tum ": [
+        ("", f"'{TRACKS}': one file, expected trajectories and, last, their reference"),
+        ("some.relations --no-align", "'--no-align': given without a reference trajectory"),
+        ("--recording any.log --delta 1.0", "'--delta': given without a reference trajectory, "),
+        ("truth.tum --no-interpolate", "'--no-interpolate': given without a .relations reference"),
+        ("--recording any.log --max-difference 0.1", "'--max-difference': given without a reference, "),
+        ("truth.tum --sequence 20", "'--sequence': given without a recording"),
+        ("truth.tum --scale --no-align", "'--scale': given with --no-align"),
+        ("truth.tum --map mine.yaml", "'--map': given without --true-map"),
+        ("truth.tum --true-map mine.yaml", "'--true-map': given without a --map"),
+        ("good.tum truth.tum --map a.yaml --true-map b.yaml", "'--map': given with several EST"),
+        ("truth.tum --map a.yaml --true-map b.yaml", "a.yaml: "),
+        ("truth.tum --metric nothing", "--metric: 'nothing'"),
+        ("truth.tum --loops no.csv", "no.csv: "),
+        ("truth.tum --delta nan", "--delta: nan m"),
+        ("truth.tum --unit feet", "'--unit': 'feet' is not one of"),
+    ],
+    "sweep ": [
+        ("spec.toml --shard 3/2", "--shard: "),
+        ("spec.toml --time --workers 2", "--time: "),
+        ("spec.toml --scheduler tcp://127.0.0.1:9 --workers 2", "--workers: "),
+        ("particle", "particle: no specification of this name, expected one of corridor-suite-1, "),
+        ("list particle", "particle: no specification of this name, expected one of corridor-suite-1, "),
+        ("show spec.toml", "spec.toml: no file of a sweep"),
+        ("show a.sweep --format html", "'--format': 'html' is not one of"),
+        ("show a.sweep --metric ate", "--metric: 'ate', which was not measured, expected one of final.ate"),
+        ("show a.sweep --budget ten", "--budget: 'ten', expected a time above 0"),
+        ("show a.sweep --budget 1s", "expected a sweep that was made with --time"),
+        ("merge no.sweep --out y.sweep", "no.sweep: there is no such file"),
+        ("export empty.sweep --out y.csv", "empty.sweep: is empty"),
+        ("export empty.sweep --out x.txt", "x.txt: expected a name"),
+        ("export a.sweep --out x.csv", "x.csv: exists already"),
+        ("diff a.sweep x.csv", "expected a table that `moteslam sweep export` wrote"),
+    ],
+    "compare ": [
+        ("a.sweep --baseline best", "'best', expected one of 'plain, slam.tracking.window=1.0', "),
+        ("a.sweep --metric final.aet", "expected one of ate"),
+        ("no.sweep", "there is no such file"),
+        ("a.sweep empty", "metrics.json"),
+        ("one", "1 configuration, expected two"),
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def here(simulated_folder: Path, scenario_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what the lines name."""
+    folder = tmp_path_factory.mktemp("here")
+    room = scenario_file.read_text()
+    (folder / "robot").symlink_to(simulated_folder)
+    for name in ("empty", "one"):
+        (folder / name).mkdir()
+    swept(folder)
+    for name, text in {
+        "room.toml": room,
+        "crowd.toml": room + CROWD,
+        "wide.toml": room + FAR_WALL,
+        "part.toml": "[lidar]\nrange_max = 3.0\n",
+        "plain.toml": 'base = "ucsd"\nname = "mine"\nas_recorded = false\n',
+        "there.png": "",
+        "good.tum": TUM,
+        "truth.tum": TUM,
+        "bad.tum": "some words\n",
+        "early.tum": "-1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n",
+        "some.relations": "1 2 1 0 0 0 0 0\n",
+        "spec.toml": 'scenarios = ["corridor"]\n',
+        "empty.sweep": "",
+        "x.csv": "a,b\n1,2\n",
+        "one/metrics.json": '{"metrics": {}}',
+        "one/run.json": "{}",
+    }.items():
+        (folder / name).write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("line", "words"), [(command + line, words) for command, lines in LINES.items() for line, words in lines]
+)
+def test_one_line_and_exit_code_2(line: str, words: str, here: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.chdir(here)
+    before = sorted(here.rglob("*"))
+    assert words in refused(capsys, *line.split())
+    assert sorted(here.rglob("*")) == before
