@@ -13,12 +13,13 @@ from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.hand_eye import CLOCKS, Fit, Pairs, Parameter, Path, clock, covariances, fit
-from moteslam.slam.calibration.scan_pairs import Beams, Motions, refine, register
+from moteslam.slam.calibration.scan_pairs import Beams, refine, register
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
 from moteslam.slam.inputs.synchronise import in_order, sweep_seconds
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 PAIRS = 300
 """Of a recording."""
@@ -116,7 +117,10 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
     path = odometry_path(recording, SyncConfig()) if poses is None else OdometryPath(lidar.stamps, poses)
     if path is None:
         return None
-    scans = _RegisteredPairs(recording, lidar, path, pairs)
+    before, after = _pairs(lidar, path.at(lidar.stamps), pairs)
+    if len(before) < FEWEST:
+        return None
+    scans = _RegisteredPairs(recording, lidar, before, after)
     if not scans.enough(GOOD / 2) or scans.pairs.motions[:, 2].std() < TURNING:
         return None
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
@@ -222,30 +226,25 @@ class _RegisteredPairs:
         first, last: [k] times of the scans, in the middle of their sweeps [s].
     """
 
-    def __init__(self, recording: Recording, lidar: LidarStream, path: OdometryPath, count: int) -> None:
-        total = lidar.ranges.shape[1]
-        sweep = sweep_seconds(recording, lidar)
-        before, after = _pairs(lidar, path.at(lidar.stamps), count)
+    def __init__(self, recording: Recording, lidar: LidarStream, before: Indices, after: Indices) -> None:
+        total, sweep = lidar.ranges.shape[1], sweep_seconds(recording, lidar)
         self.first, self.last = lidar.stamps[before] + sweep / 2, lidar.stamps[after] + sweep / 2
         self._seconds = self.last - self.first
         beams = np.arange(0, total, max(1, round(total / BEAMS)))
         self._beams = Beams(lidar.angles[beams], beams / max(total - 1, 1), sweep)
         scans = np.unique(np.concatenate((before, after)))
-        ranges = np.asarray(lidar.ranges[scans], np.float64)[:, beams] if len(scans) else np.zeros((0, len(beams)))
+        ranges = np.asarray(lidar.ranges[scans], np.float64)[:, beams]
         ranges[~np.isfinite(ranges)] = np.nan
         self._ranges = ranges[np.searchsorted(scans, before)], ranges[np.searchsorted(scans, after)]
-        self._found: Motions | None = None
-        if len(before) >= FEWEST:
-            self._found = register(*self._ranges, self._beams, self._seconds, TURNS)
+        self._found = register(*self._ranges, self._beams, self._seconds, TURNS)
 
     def enough(self, share: float) -> bool:
         """Whether enough pairs are registered, and this share of all."""
-        return self._found is not None and bool(self._found.good.sum() >= FEWEST and self._found.good.mean() >= share)
+        return bool(self._found.good.sum() >= FEWEST and self._found.good.mean() >= share)
 
     @property
     def pairs(self) -> Pairs:
         """Those that are."""
-        assert self._found is not None
         good = self._found.good
         about = covariances(self._found.information[good], self._found.deviation[good])
         return Pairs(self.first[good], self.last[good], self._found.motions[good], about)
@@ -264,7 +263,6 @@ class _RegisteredPairs:
 
     def mirror(self, lidar: LidarStream) -> bool:
         """Take the beams the other way round; whether they are measured in the other order, too."""
-        assert self._found is not None
         beams, motions = self._beams, self._found.motions * (1, -1, -1)
         turned = beams._replace(angles=-beams.angles)
         backwards = beams._replace(angles=lidar.angles[0] + lidar.angles[-1] - beams.angles, shares=1 - beams.shares)
@@ -284,7 +282,6 @@ class _RegisteredPairs:
         self._stated = self._beams
         scale, offset, deviation, stated = 1.0, 0.0, 1.0, self._beams.angles
         for _ in range(ROUNDS):
-            assert self._found is not None
             good = self._found.good
             weight = 1 / np.maximum(self._found.deviation[good], 0.003) ** 2
             gradient = self._found.gradients[good] * weight[:, None]
@@ -309,7 +306,7 @@ class _RegisteredPairs:
         return float(scale), deviation
 
 
-def _pairs(lidar: LidarStream, odometry: Array, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _pairs(lidar: LidarStream, odometry: Array, count: int) -> tuple[Indices, Indices]:
     """Pairs of scans all over a recording: a third of them evenly by scans, by the way, and by turns of the odometry.
 
     Those by odometry begin a scan after the step that they are chosen by, or before: its noise is in none of them.

@@ -41,5 +41,5 @@ def test_noise_of_the_odometry_is_no_scale_of_its_turns(turns: float, noise: flo
 
 def test_wheels_that_slip_aside_in_turns_do_not_move_the_mount() -> None:
     found = fitted(slip=0.1)
-    assert found.values[Parameter.SLIP] == pytest.approx(0.1, rel=0.02)
+    assert found.values[Parameter.SLIP] == pytest.approx(0.1, rel=0.05)
     assert found.values[: Parameter.LENGTHS] == pytest.approx(MOUNT, abs=0.002)
