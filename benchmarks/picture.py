@@ -30,7 +30,8 @@ def main() -> None:
         "without back end": run_slam(recording, resolve_config("default", FILTER_ALONE)),
         "with back end": run_slam(recording, resolve_config("default")),
     }
-    with style.saved_figure(options.out, size=(12.0, 6.0)) as figure:
+    title = f"{recording.name}: map and final path"
+    with style.saved_figure(options.out, size=(12.0, 6.0), title=title) as figure:
         panels = figure.subplots(1, 2, sharex=True, sharey=True)
         for axes, (title, estimate) in zip(panels, estimates.items(), strict=True):
             poses = estimate.trajectory_final.poses
@@ -41,8 +42,6 @@ def main() -> None:
             style.plan(axes)
             axes.set_title(title, fontsize="medium")
         style.show_everything(panels[0], *(map_corners(estimate.map) for estimate in estimates.values()), margin=0.5)
-        style.legend_below(figure, *panels)
-        style.heading(figure, f"{recording.name}: map and final path")
 
 
 if __name__ == "__main__":

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, in_plane, oriented, spatial
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, in_words, lever_arm, on_another_clock
-from moteslam.eval.metrics.evidence import FINAL, Evidence, oriented
+from moteslam.eval.metrics.evidence import FINAL, Evidence
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import (
     TOLERANCE,
@@ -24,7 +24,6 @@ from moteslam.eval.metrics.relations import (
 )
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import Unit, relative_pose_error
-from moteslam.eval.metrics.space import in_plane, spatial
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectories import read_trajectory

@@ -22,7 +22,9 @@ from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Eviden
 from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops, write_particles
 from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
 from moteslam.robot.files import make_folder, read_text, write_atomically
-from moteslam.robot.raster import Raster, write_map_arrays
+from moteslam.robot.formats.map_server import map_image, trinary, write_map, write_picture
+from moteslam.robot.pictures import encode_png
+from moteslam.robot.raster import MapArrays, Raster, write_map_arrays
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Poses, between, compose
 from moteslam.robot.tables import first_complaint
@@ -33,7 +35,7 @@ from moteslam.robot.values import expect_type, processor_count
 from moteslam.slam.estimate import Estimate
 
 if TYPE_CHECKING:
-    from moteslam.eval.report.stages import Snapshot
+    from moteslam.eval.report.maps import Snapshot
     from moteslam.slam.texture.floor_map import TextureMap
 
 PACKAGES = ("moteslam", "taichi", "numpy")
@@ -77,8 +79,7 @@ def write_results(
         what ``metrics.json`` holds. A truth without stamps in common with the run is an ``InputError``, before anything
         is written.
     """
-    from moteslam.eval.report.maps import log_odds_arrays, write_map_png, write_map_server
-    from moteslam.eval.report.stages import draw_texture_over_time, texture_arrays, write_texture
+    from moteslam.eval.report.maps import draw_texture_over_time
 
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     folder = Path(folder)
@@ -90,12 +91,7 @@ def write_results(
     for name, path in paths.items():
         write_tum(folder / f"{name}.tum", path)
     write_diagnostics(folder / "diagnostics.csv", estimate)
-    write_map_png(folder / "map.png", estimate.map)
-    write_map_server(folder / "map.pgm", estimate.map)
-    write_map_arrays(folder / "map.npz", log_odds_arrays(estimate.map))
-    if estimate.texture is not None:
-        write_texture(folder / "texture.png", estimate.texture)
-        write_map_arrays(folder / "texture.npz", texture_arrays(estimate.texture))
+    write_map_files(folder, estimate.map, estimate.texture)
     if len(estimate.particle_stamps):
         write_particles(folder / "particles.npz", estimate)
     looked = looks_for_loops(estimate.config)
@@ -128,6 +124,25 @@ def write_results(
     return scores
 
 
+def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None = None) -> None:
+    """Write a map, and the coloured floor, as pictures, as map_server and nav2 read them (trinary), and as arrays.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    cells: dict[str, Any] = {"cell_size": occupancy.cell_size, "origin": occupancy.origin}
+    write_atomically(folder / "map.png", encode_png(map_image(occupancy.values)))
+    write_map(folder / "map.pgm", Raster(trinary(occupancy.values), **cells))
+    write_map_arrays(folder / "map.npz", MapArrays(kind="log_odds", arrays={"log_odds": occupancy.values}, **cells))
+    if texture is not None:
+        from moteslam.eval.report.maps import with_opacity
+
+        cells = {"cell_size": texture.cell_size, "origin": texture.origin}
+        write_picture(folder / "texture.png", Raster(with_opacity(texture), **cells), {"frames": texture.frames})
+        arrays = {"colours": texture.values, "points": texture.points}
+        write_map_arrays(folder / "texture.npz", MapArrays(kind="texture", arrays=arrays, **cells))
+
+
 def draw_figures(
     folder: Path,
     estimate: Estimate,
@@ -136,7 +151,7 @@ def draw_figures(
     snapshots: Sequence[Snapshot] = (),
 ) -> None:
     """Draw the figures of a run into a folder, with what is known of it."""
-    from moteslam.eval.report import curves, maps, particles, stages
+    from moteslam.eval.report import curves, maps, particles
 
     name, truth = estimate.name, run.truth
     maps.draw_trajectories(
@@ -148,7 +163,7 @@ def draw_figures(
         title=f"{name}: the map and the paths on it",
     )
     if snapshots:
-        stages.draw_over_time(
+        maps.draw_over_time(
             folder / "over_time.png",
             snapshots,
             trajectory=estimate.trajectory,

@@ -232,9 +232,10 @@ def relation_figures(trajectories: dict[str, Trajectory]) -> dict[str, float]:
     for which, file in (("clear", reference_file(RELATIONS)), ("all", DATA / "intel" / "intel.relations")):
         relations = read_relations(file)
         for key, trajectory in trajectories.items():
-            score = evaluate_relations(trajectory, relations, interpolate=False).all
+            score = evaluate_relations(trajectory, relations, interpolate=False)
             figures[f"{key}_{which}"] = score.translation.mean
-            figures[f"{key}_{which}_deg"] = score.rotation.mean
+            assert score.rotation_deg is not None
+            figures[f"{key}_{which}_deg"] = score.rotation_deg.mean
             figures[f"relations_{which}"] = score.translation.count
     return figures
 

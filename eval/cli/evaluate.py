@@ -117,7 +117,7 @@ def evaluate(
       moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
     """  # noqa: D301
     from moteslam.eval.evaluation import against, measured, read_reference, under_recording
-    from moteslam.eval.metrics.evidence import oriented
+    from moteslam.eval.metrics.association import oriented
     from moteslam.eval.metrics.loops import score_loops
     from moteslam.eval.metrics.relations import is_relations
     from moteslam.eval.run_tables import read_loops

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from moteslam.eval.cli.evaluate import loop_lines
 from moteslam.eval.cli.text import progress_bar, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
-from moteslam.eval.report.stages import Snapshots, TextureStages
+from moteslam.eval.report.maps import Snapshots, TextureStages
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import Figures, number
 from moteslam.eval.tables import aligned, literal

@@ -96,8 +96,7 @@ def animate(
       moteslam scenarios animate corridor --duration 60 --speed 5 --fps 25 --out corridor.mp4
     """  # noqa: D301
     from moteslam.eval.cli.simulate import scenario_of
-    from moteslam.eval.report.animation import Pace, film
-    from moteslam.eval.report.video import check_film, write_film
+    from moteslam.eval.report.film import Pace, check_film, film, write_film
     from moteslam.robot.files import folder_for
     from moteslam.sim.simulate import simulate
     from moteslam.slam.run import SlamSession
@@ -105,7 +104,7 @@ def animate(
     check_film(out)
     options.expect_new(out, force=force)
     with options.named(fps="--fps", speed="--speed"):
-        Pace(fps, 1.0 if speed is None else speed)  # before the simulation, whose duration is not known yet
+        Pace.of(0.0, fps=fps, speed=speed)  # before the simulation, whose duration is not known yet
     config = options.SlamOptions(preset=preset, settings=settings).resolved()
     chosen = scenario_of(scenario, seed, platform=platform, noise=noise, duration=duration)
     with folder_for(out):

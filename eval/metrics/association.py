@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.space import in_space, space_at, spatial
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording, nearest_stamp
-from moteslam.robot.se2 import Poses
-from moteslam.robot.trajectory import Space, Trajectory
+from moteslam.robot.se2 import Poses, wrap
+from moteslam.robot.trajectory import (
+    FARTHEST,
+    TILT,
+    Space,
+    Trajectory,
+    interpolated,
+    normal_of,
+    quaternions_of,
+    rotations_of,
+    tilt_of,
+)
 from moteslam.robot.values import Summarised, counted, expect_type
 from moteslam.slam.inputs.synchronise import require_lidar
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 MAX_DIFFERENCE = 0.01
 """Stamps further apart than this [s] do not belong together, as evo has it."""
@@ -27,13 +37,9 @@ MAX_GAP = 1.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Matched(Summarised):
-    """Poses of two trajectories that belong together.
+    """Poses [n, 3] of two trajectories that belong together, at stamps [n] of one of the two [s].
 
-    Attributes:
-        stamps: [n] of the estimate, or of the reference where the estimate is interpolated [s].
-        estimate, reference: [n, 3] poses.
-        oriented: whether both have headings.
-        space: the same poses in space, where they must be compared there.
+    ``space`` has the same poses in space, where they must be compared there.
     """
 
     stamps: Array
@@ -41,9 +47,6 @@ class Matched(Summarised):
     reference: Poses
     oriented: bool = True
     space: tuple[Space, Space] | None = None
-
-    def __len__(self) -> int:
-        return len(self.stamps)
 
 
 def match(
@@ -53,17 +56,12 @@ def match(
     max_difference: float = MAX_DIFFERENCE,
     interpolate: bool | None = None,
 ) -> Matched:
-    """Pair the poses of two trajectories.
+    """Pair the poses of two trajectories, in rising order of stamps.
 
     By nearest stamp, each pose of the shorter trajectory takes the pose of the longer one nearest in time, at most
-    ``max_difference`` away (evo's rule). Interpolated, the one is evaluated at the stamps of the other, wherever two of
-    its poses at most ``MAX_GAP`` apart enclose the stamp or one lies within ``max_difference``.
-
-    Args:
-        estimate, reference: in rising order of stamps.
-        max_difference: between stamps that belong together [s].
-        interpolate: the reference (True) or neither (False); by default the one with more poses, and neither where
-            they have as many, most of them at the same stamps.
+    ``max_difference`` [s] away (evo's rule). Interpolated, the one is evaluated at the stamps of the other, see
+    ``covered``: the reference (True), neither (False), by default the one with more poses, and neither where they have
+    as many, most of them at the same stamps.
 
     Raises:
         InputError: a trajectory is empty, or no pose has a partner.
@@ -74,24 +72,22 @@ def match(
         raise InputError("a trajectory without poses, expected at least one in each")
     space = in_space(estimate, reference)
     dense = _denser(estimate, reference, max_difference) if interpolate is None else reference if interpolate else None
+    which: list[Indices | None]  # poses of estimate and reference; None where they are interpolated
     if dense is not None:
         sparse = estimate if dense is reference else reference
-        keep = covered(sparse.stamps, dense.stamps, max_difference)
-        stamps = sparse.stamps[keep]
-        pair = [_at(sparse, stamps, keep, space), _at(dense, stamps, None, space)]
-        there, true = pair if dense is reference else reversed(pair)
+        keep = np.flatnonzero(covered(sparse.stamps, dense.stamps, max_difference))
+        stamps, which = sparse.stamps[keep], [keep, None] if dense is reference else [None, keep]
     else:
-        if len(reference) < len(estimate):
-            in_reference, in_estimate = within(reference.stamps, estimate.stamps, max_difference)
-        else:
-            in_estimate, in_reference = within(estimate.stamps, reference.stamps, max_difference)
-        stamps = estimate.stamps[in_estimate]
-        there, true = _at(estimate, stamps, in_estimate, space), _at(reference, stamps, in_reference, space)
+        shorter, longer = sorted((estimate, reference), key=len)
+        pair = within(shorter.stamps, longer.stamps, max_difference)
+        which = [*(pair if shorter is estimate else pair[::-1])]
+        stamps = estimate.stamps[which[0]]
     if not len(stamps):
         raise InputError(
             f"no stamps in common: the estimate covers {from_to(estimate.stamps)}, the reference "
             f"{from_to(reference.stamps)}, expected stamps within {max_difference:g} s of each other"
         )
+    there, true = (_at(one, stamps, index, space) for one, index in zip((estimate, reference), which, strict=True))
     spaces = None if there[1] is None or true[1] is None else (there[1], true[1])
     return Matched(stamps, there[0], true[0], estimate.oriented and reference.oriented, spaces)
 
@@ -116,26 +112,32 @@ def _at(trajectory: Trajectory, stamps: Array, index: NDArray[Any] | None, space
     return poses, space_at(trajectory, stamps) if space else None
 
 
-def within(stamps: Array, among: Array, max_difference: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def oriented(*trajectories: Trajectory, field: str | None = None) -> tuple[Trajectory, ...]:
+    """The trajectories; ``InputError`` of the field if one of them has no headings."""
+    if not all(trajectory.oriented for trajectory in trajectories):
+        raise InputError("a trajectory without orientation, expected headings", field=field)
+    return trajectories
+
+
+def within(stamps: Array, among: Array, max_difference: float) -> tuple[Indices, Indices]:
     """Indices [k] of stamps [n] and of the nearest to each among others [m, rising] within ``max_difference`` [s].
 
     Of two equally near the earlier is taken, and of equal stamps the last, as evo does.
     """
     nearest = nearest_stamp(among, stamps, side="right")
-    found = np.flatnonzero(np.abs(among[nearest] - stamps) <= max_difference)
-    return found, nearest[found]
+    near = np.flatnonzero(np.abs(among[nearest] - stamps) <= max_difference)
+    return near, nearest[near]
 
 
 def covered(stamps: Array, reference: Array, max_difference: float = MAX_DIFFERENCE) -> NDArray[np.bool_]:
-    """Which stamps [n] a reference [m] can be interpolated at.
+    """Which stamps [...] a reference [m] can be interpolated at.
 
     Those that two of its stamps at most ``MAX_GAP`` apart enclose, and those within ``max_difference`` of one [s].
     """
     if not len(reference):
-        return np.zeros(len(stamps), np.bool_)
+        return np.zeros(np.shape(stamps), np.bool_)
     after = np.searchsorted(reference, stamps, side="left")
-    last = len(reference) - 1
-    upper, lower = reference[np.minimum(after, last)], reference[np.maximum(after - 1, 0)]
+    upper, lower = reference[np.minimum(after, len(reference) - 1)], reference[np.maximum(after - 1, 0)]
     enclosed = (lower <= stamps) & (stamps <= upper) & (upper - lower <= MAX_GAP)
     near = np.minimum(np.abs(upper - stamps), np.abs(stamps - lower)) <= max_difference
     return np.asarray(enclosed | near)
@@ -146,35 +148,26 @@ def from_to(stamps: Array) -> str:
     return f"{stamps[0]:.3f} to {stamps[-1]:.3f} s"
 
 
-def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStream, NDArray[np.intp], Poses]:
+def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStream, Indices, Poses]:
     """The lidar of a recording, the indices [k] of its scans that have a pose, and the poses [k, 3].
-
-    Raises:
-        InputError: something of another type, no scans, poses that are not finite, or fewer than two scans with one.
-    """
-    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
-    expect_type(trajectory, Trajectory, "trajectory", "read_trajectory(path) reads one")
-    lidar = require_lidar(recording)
-    if not np.isfinite(trajectory.poses).all():
-        raise InputError("poses that are not finite, expected x, y and theta", field="trajectory")
-    return lidar, *poses_of_scans(lidar.stamps, trajectory)
-
-
-def poses_of_scans(stamps: Array, trajectory: Trajectory) -> tuple[NDArray[np.intp], Poses]:
-    """The scans that have a pose: their indices [k] among the stamps [n] of all, and the poses [k, 3].
 
     Where the trajectory has a pose for every scan, in order, these are taken; else poses are interpolated at the scans'
     stamps: if it has more poses than there are scans wherever it covers them, if not at the scans within
     ``MAX_DIFFERENCE`` of a pose.
 
     Raises:
-        InputError: a trajectory without poses, or fewer than two scans with one.
+        InputError: no scans, or fewer than two with a pose; poses that are not finite.
     """
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+    expect_type(trajectory, Trajectory, "trajectory", "read_trajectory(path) reads one")
+    lidar = require_lidar(recording)
     if not len(trajectory):
         raise InputError("a trajectory without poses, expected one for every scan", field="trajectory")
-    times = trajectory.stamps
+    if not np.isfinite(trajectory.poses).all():
+        raise InputError("poses that are not finite, expected x, y and theta", field="trajectory")
+    stamps, times = lidar.stamps, trajectory.stamps
     if len(times) == len(stamps) and np.abs(times - stamps).max() <= MAX_DIFFERENCE:
-        return np.arange(len(stamps)), trajectory.poses  # scans that share a stamp keep a pose of their own
+        return lidar, np.arange(len(stamps)), trajectory.poses  # scans that share a stamp keep a pose of their own
     if len(times) > len(stamps):
         index = np.flatnonzero(covered(stamps, times))
     else:
@@ -185,7 +178,7 @@ def poses_of_scans(stamps: Array, trajectory: Trajectory) -> tuple[NDArray[np.in
             f"{from_to(stamps)}, the trajectory {from_to(times)}",
             field="trajectory",
         )
-    return index, se2.interpolate(times, trajectory.poses, stamps[index])
+    return lidar, index, se2.interpolate(times, trajectory.poses, stamps[index])
 
 
 def travelled(poses: Poses) -> tuple[Array, Array]:
@@ -196,6 +189,90 @@ def travelled(poses: Poses) -> tuple[Array, Array]:
     return path, turned
 
 
-def evenly(some: NDArray[np.intp], most: int) -> NDArray[np.intp]:
+def evenly(some: Indices, most: int) -> Indices:
     """Those [n], or ``most`` of them where there are more: evenly spread, the first and the last among them."""
     return some if len(some) <= most else some[np.linspace(0, len(some) - 1, most).round().astype(np.intp)]
+
+
+def in_space(estimate: Trajectory, reference: Trajectory) -> bool:
+    """Whether two trajectories are compared in space: both are in space, or one moves in another plane than x and y."""
+    spaces = [one.space for one in (estimate, reference) if one.space is not None]
+    return len(spaces) == 2 or any(tilt_of(space.positions) > TILT for space in spaces)
+
+
+def spatial(trajectory: Trajectory) -> Space:
+    """The poses of a trajectory in space; of one in the plane upright at height 0."""
+    if trajectory.space is not None:
+        return trajectory.space
+    x, y, heading = trajectory.poses.T
+    zeros = np.zeros_like(x)
+    quaternions = np.stack((zeros, zeros, np.sin(heading / 2), np.cos(heading / 2)), axis=-1)
+    return Space(np.stack((x, y, zeros), axis=-1), rotations_of(quaternions))
+
+
+def space_at(trajectory: Trajectory, stamps: Array) -> Space:
+    """The poses in space interpolated at other stamps [m], held beyond the ends."""
+    space = spatial(trajectory)
+    where, turns = interpolated(trajectory.stamps, space.positions, quaternions_of(space.rotations), stamps)
+    return Space(where, rotations_of(turns))
+
+
+def laid(source: Array, target: Array, *, scale: bool = False) -> tuple[Array, Array, float]:
+    """The rotation [3, 3], translation [3] and scale that lay points on points [n, 3] (Umeyama 1991, eq. 38 to 43)."""
+    if max(np.abs(source).max(), np.abs(target).max()) > FARTHEST:  # their squares overflow
+        raise InputError(f"positions beyond {FARTHEST:g} m, expected metres")
+    centre, goal = source.mean(axis=0), target.mean(axis=0)
+    rotation, size = nearest_rotation((target - goal).T @ (source - centre) / len(source))
+    variance = float(np.square(source - centre).sum(axis=1).mean())
+    factor = size / variance if scale and variance > 0 else 1.0
+    return rotation, goal - factor * rotation @ centre, factor
+
+
+def nearest_rotation(matrix: Array) -> tuple[Array, float]:
+    """The rotation R [3, 3] for which trace(R^T M) is the largest, and that trace."""
+    u, size, v = np.linalg.svd(matrix)
+    mirror = np.array((1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(v))))
+    return u * mirror @ v, float((size * mirror).sum())
+
+
+def angles(rotations: Array) -> Array:
+    """The angle [n] of rotation matrices [n, 3, 3]."""
+    quaternions = quaternions_of(rotations)
+    return np.asarray(2 * np.arctan2(np.linalg.norm(quaternions[:, :3], axis=1), np.abs(quaternions[:, 3])))
+
+
+def heading_of(rotations: Array) -> Array:
+    """The angle about z [...] that is nearest to rotation matrices [..., 3, 3]."""
+    return wrap(np.arctan2(rotations[..., 1, 0] - rotations[..., 0, 1], rotations[..., 0, 0] + rotations[..., 1, 1]))
+
+
+def upright(positions: Array) -> Array:
+    """The rotation [3, 3], the smallest, that turns the plane of a path [n, 3] into that of x and y."""
+    x, y, z = normal_of(positions)  # z from 0 to 1
+    return np.asarray(rotations_of(np.array(((y, -x, 0.0, 1.0 + z),)))[0])
+
+
+def planar(space: Space, turn: Array, first: Array) -> Array:
+    """The poses [n, 3] in the plane that a rotation turns into x and y; headings since that of ``first``."""
+    headings = heading_of(turn @ space.rotations @ (turn @ first).T)
+    return np.column_stack(((space.positions @ turn.T)[:, :2], headings))
+
+
+def in_plane(
+    estimate: Trajectory, reference: Trajectory, rotation: Array, translation: Array
+) -> tuple[Trajectory, Trajectory]:
+    """Two trajectories with their plane of motion turned into x and y.
+
+    Args:
+        estimate, reference: of which one moves in another plane.
+        rotation, translation: that lay the estimate on the reference.
+    """
+    there, on = spatial(estimate), spatial(reference)
+    turn = upright(on.positions)
+
+    def turned(trajectory: Trajectory, space: Space) -> Trajectory:
+        poses = planar(space, turn, on.rotations[0])
+        return replace(trajectory, poses=poses, space=Space(space.positions @ turn.T, turn @ space.rotations))
+
+    laid_on = Space(there.positions @ rotation.T + translation, rotation @ there.rotations)
+    return turned(estimate, laid_on), turned(reference, on)

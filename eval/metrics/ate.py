@@ -4,18 +4,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
-from moteslam.eval.metrics.space import angles, laid, planar, upright
+from moteslam.eval.metrics.association import (
+    MAX_DIFFERENCE,
+    Matched,
+    angles,
+    heading_of,
+    laid,
+    match,
+    nearest_rotation,
+    planar,
+    upright,
+)
 from moteslam.eval.statistics import Statistics
 from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, umeyama, umeyama_scale, wrap
 from moteslam.robot.trajectory import Space, Trajectory
 from moteslam.robot.values import Summarised, counted
+
+Array = NDArray[np.float64]
 
 STANDING = 0.01
 """A reference whose positions are within this root mean square distance of their mean [m] stands still."""
@@ -31,9 +42,10 @@ class PoseErrors(Summarised):
         rotation_errors: [n] of the rotation [rad], from 0; None where one of the two trajectories has none.
     """
 
-    stamps: NDArray[np.float64]
-    errors: NDArray[np.float64]
-    rotation_errors: NDArray[np.float64] | None
+    stamps: Array
+    errors: Array
+    rotation_errors: Array | None
+    _what: ClassVar[str] = "pose"
 
     @cached_property
     def translation(self) -> Statistics:
@@ -58,7 +70,7 @@ class PoseErrors(Summarised):
     @property
     def pairs(self) -> int:
         """How many were compared."""
-        return self.translation.count
+        return len(self.errors)
 
     def as_dict(self) -> dict[str, Any]:
         """The statistics, fit for JSON."""
@@ -70,7 +82,7 @@ class PoseErrors(Summarised):
 
     def _summary(self) -> str:
         turn = "" if self.rotation is None else f" and {np.rad2deg(self.rotation.rmse):.2f} deg"
-        return f"RMSE {self.rmse:.3f} m{turn}"
+        return f"{counted(self.pairs, self._what)}, RMSE {self.rmse:.3f} m{turn}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,14 +102,11 @@ class AteResult(PoseErrors):
     reference: Poses
     transform: Poses
     scale: float
-    motion: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+    motion: tuple[Array, Array] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """The statistics, fit for JSON."""
         return {**super().as_dict(), "transform": self.transform.tolist(), "scale": self.scale}
-
-    def _summary(self) -> str:
-        return f"{counted(self.pairs, 'pose')}, {super()._summary()}"
 
 
 def absolute_trajectory_error(
@@ -113,14 +122,12 @@ def absolute_trajectory_error(
     """The absolute trajectory error (Sturm et al. 2012), as evo computes it.
 
     Args:
-        estimate, reference: the trajectories; equal stamps are distinct poses.
+        estimate, reference, max_difference, interpolate: see ``match``.
         align: lay the estimate on the reference first, by the rigid motion of least squares. Where the reference
             stands still (``STANDING``) its positions leave the rotation open: there it is the mean difference of the
             headings.
         from_start: lay only the first poses on each other, in place of that.
         scale: with the alignment, multiply the estimate by the scale of least squares.
-        max_difference: between stamps that belong together [s].
-        interpolate: evaluate the reference at the estimate's stamps rather than take its nearest pose; see ``match``.
 
     Raises:
         InputError: no poses, or no stamps in common; or a scale from the start alone.
@@ -128,9 +135,8 @@ def absolute_trajectory_error(
     if from_start and scale:
         raise InputError("given with from_start, expected one of the two", field="scale")
     matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
-    if matched.space is not None:
-        return _in_space(matched, align=align, from_start=from_start, scale=scale)
-    return _in_plane(matched, align=align, from_start=from_start, scale=scale)
+    compare = _in_plane if matched.space is None else _in_space
+    return compare(matched, align=align, from_start=from_start, scale=scale)
 
 
 def _in_plane(matched: Matched, *, align: bool, from_start: bool, scale: bool) -> AteResult:
@@ -169,15 +175,12 @@ def _in_space(matched: Matched, *, align: bool, from_start: bool, scale: bool) -
     elif align and true.positions.std(axis=0).max() >= STANDING:
         rotation, translation, factor = laid(there.positions, true.positions, scale=scale)
     elif align:
-        u, _, v = np.linalg.svd((true.rotations @ np.swapaxes(there.rotations, 1, 2)).sum(axis=0))
-        rotation = u @ np.diag((1, 1, np.linalg.det(u @ v))) @ v
+        rotation, _ = nearest_rotation((true.rotations @ np.swapaxes(there.rotations, 1, 2)).sum(axis=0))
         translation = true.positions.mean(axis=0) - rotation @ there.positions.mean(axis=0)
     laid_on = Space(factor * there.positions @ rotation.T + translation, rotation @ there.rotations)
     errors = np.linalg.norm(laid_on.positions - true.positions, axis=1)
     turns = angles(np.swapaxes(true.rotations, 1, 2) @ laid_on.rotations) if matched.oriented else None
     turn = upright(true.positions)
     aligned, reference = (planar(space, turn, true.rotations[0]) for space in (laid_on, true))
-    heading = float(np.arctan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1]))
-    transform = np.array((translation[0], translation[1], heading))
-    motion = (rotation, translation)
-    return AteResult(matched.stamps, errors, turns, aligned, reference, transform, factor, motion)
+    transform = np.array((translation[0], translation[1], float(heading_of(rotation))))
+    return AteResult(matched.stamps, errors, turns, aligned, reference, transform, factor, (rotation, translation))

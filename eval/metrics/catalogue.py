@@ -10,11 +10,10 @@ import numpy as np
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.ate import PoseErrors, absolute_trajectory_error
-from moteslam.eval.metrics.consistency import share_within_spread
-from moteslam.eval.metrics.evidence import FINAL, ONLINE, Cost, Evidence, Track, needed, oriented
-from moteslam.eval.metrics.rpe import Unit
+from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence, Track, needed
+from moteslam.eval.metrics.residuals import scan_residuals
+from moteslam.eval.metrics.rpe import Unit, drift, loop_closing_error, relative_pose_error
 from moteslam.eval.statistics import Better, Statistics
-from moteslam.robot.se2 import between, compose, inverse
 from moteslam.slam.filter.certainty import LocalisationState
 
 Found = float | None | tuple[float | None, Mapping[str, Any]]
@@ -59,12 +58,14 @@ class Metric:
 def relative_error(delta: float, unit: Unit, *, rotation: bool = False) -> Metric:
     """The relative error over a distance [m], a time [s], or a number of poses."""
     over = {"m": f"{delta:g} m of path", "s": f"{delta:g} s", "frames": f"{delta:g} poses"}[unit]
-
-    if rotation:
-        meaning = f"RMSE of the rotation between poses {over} apart."
-        return Metric("deg", meaning, STURM, lambda track: _rotation(track.rpe(delta, unit)))
-    meaning = f"RMSE of the motion between poses {over} apart."
-    return Metric("m", meaning, STURM, lambda track: _translation(track.rpe(delta, unit)))
+    meaning = f"RMSE of the {'rotation' if rotation else 'motion'} between poses {over} apart."
+    figure = _rotation if rotation else _translation
+    return Metric(
+        "deg" if rotation else "m",
+        meaning,
+        STURM,
+        lambda track: figure(track.once(relative_pose_error, delta=delta, unit=unit)),
+    )
 
 
 def _translation(errors: PoseErrors) -> Found:
@@ -108,15 +109,6 @@ def _within_95(run: Evidence) -> Found:
     return None if found is None else float(found["within_95"])
 
 
-def _within_spread(run: Evidence) -> float:
-    known = needed(run.certainty, "spread of the particles")
-    spread, updated = needed(known.spread, "spread of the particles"), known.updated > 0
-    poses, truth = oriented(run.track(ONLINE).trajectory, needed(run.truth, "truth"))
-    true = truth.at(poses.stamps).poses
-    laid = compose(compose(true[0], inverse(poses.poses[0])), poses.poses)
-    return share_within_spread(np.asarray(between(true, laid))[updated], spread)
-
-
 def _of_map(name: str, meaning: str, unit: str = "", better: Better = "higher") -> Metric:
     return Metric(unit, meaning, OURS, of_run=lambda run: getattr(run.map_accuracy, name), better=better)
 
@@ -129,6 +121,11 @@ def _consistency(name: str, unit: str, meaning: str) -> Metric:
 
 def _share(meaning: str, value: Callable[[Evidence], float | None]) -> Metric:
     return Metric("", meaning, OURS, of_run=value, better="higher")
+
+
+def _of_filter(meaning: str, value: Callable[[Evidence], Found], source: str = BAR_SHALOM) -> Metric:
+    """A figure of which neither higher nor lower values are better."""
+    return Metric("", meaning, source, of_run=value, better=None)
 
 
 def _cost(unit: str, meaning: str, value: Callable[[Cost, Evidence], float | None], better: Better = "lower") -> Metric:
@@ -163,13 +160,13 @@ BUNDLED = {
         "m",
         "RMSE of the positions after an alignment that fits the scale, too: ranges or wheels may be off.",
         STURM,
-        lambda track: absolute_trajectory_error(_moved(track).trajectory, track.truth, scale=True).rmse,
+        lambda track: _moved(track).once(absolute_trajectory_error, scale=True).rmse,
     ),
     "ate_from_start": Metric(
         "m",
         "RMSE of the positions where the first poses are laid on each other.",
         STURM,
-        lambda track: absolute_trajectory_error(track.trajectory, track.truth, from_start=True).rmse,
+        lambda track: track.once(absolute_trajectory_error, from_start=True).rmse,
     ),
     "heading": Metric(
         "deg", "RMSE of the headings after rigid alignment.", STURM, lambda track: _rotation(_moved(track).ate)
@@ -184,43 +181,43 @@ BUNDLED = {
         "m/m",
         "Error of the position per metre of path, mean over parts of 5 to 100 m.",
         GEIGER,
-        lambda track: float(track.drift.translation.mean()),
+        lambda track: float(track.once(drift).translation.mean()),
     ),
     "drift_rotation": Metric(
         "deg/m",
         "Error of the heading per metre of path, mean over parts of 5 to 100 m.",
         GEIGER,
-        lambda track: _degrees(track.drift.rotation.mean()),
+        lambda track: _degrees(track.once(drift).rotation.mean()),
     ),
     "loop_closing": Metric(
         "m",
         "RMSE of where a place lies when the robot comes back to it, seen from the first visit.",
         OURS,
-        lambda track: track.returns.translation.rmse,
+        lambda track: track.once(loop_closing_error).rmse,
     ),
     "loop_closing_rotation": Metric(
         "deg",
         "RMSE of the heading when the robot comes back to a place, seen from the first visit.",
         OURS,
-        lambda track: _degrees(needed(track.returns.rotation, "orientation").rmse),
+        lambda track: _degrees(needed(track.once(loop_closing_error).rotation, "orientation").rmse),
     ),
     "relations": Metric(
         "m",
         "Mean error of the translation of hand-checked relations.",
         KUEMMERLE,
-        lambda track: track.relations.all.translation.mean,
+        lambda track: track.relations.translation.mean,
     ),
     "relations_rotation": Metric(
         "deg",
         "Mean error of the rotation of hand-checked relations.",
         KUEMMERLE,
-        lambda track: track.relations.all.rotation.mean,
+        lambda track: needed(track.relations.rotation_deg, "orientation").mean,
     ),
     "residual": Metric(
         "m",
         "Median distance of endpoints to the lines of scans less than 2 m of path away; no truth needed.",
         "Censi 2008",
-        lambda track: track.residuals.median,
+        lambda track: scan_residuals(*track.under_scans(), scans=track.run.scans).median,
         costly=True,
     ),
     "map_cells": _consistency("cells", "", "Cells of 5 cm that hold an endpoint: fewer are sharper"),
@@ -246,45 +243,27 @@ BUNDLED = {
     ),
     "map_free_iou": _of_map("free_iou", "Intersection over union of free space, among the cells that both maps know."),
     "map_known": _of_map("known", "Share of the true free space that the map knows."),
-    "nees": Metric(
-        "",
-        "Mean NEES of the online poses relative to the map around the robot; 3 if the covariances are right.",
-        BAR_SHALOM,
-        of_run=_nees,
-        better=None,
+    "nees": _of_filter(
+        "Mean NEES of the online poses relative to the map around the robot; 3 if the covariances are right.", _nees
     ),
-    "nees_within_95": Metric(
-        "",
-        "Share of these poses within their 95 % ellipsoid; 0.95 is right.",
-        BAR_SHALOM,
-        of_run=_within_95,
-        better=None,
-    ),
-    "nees_from_start": Metric(
-        "",
+    "nees_within_95": _of_filter("Share of these poses within their 95 % ellipsoid; 0.95 is right.", _within_95),
+    "nees_from_start": _of_filter(
         "Mean NEES of the online poses anchored at the start; 3 if the covariances are right and hold what has "
         "drifted.",
-        BAR_SHALOM,
-        of_run=lambda run: run.nees_from_start.mean,
-        better=None,
+        lambda run: run.nees_from_start.mean,
     ),
-    "nees_end": Metric(
-        "",
+    "nees_end": _of_filter(
         "NEES of the last online pose, anchored at the start: in 95 of 100 runs from 0.22 to 9.35.",
-        BAR_SHALOM,
-        of_run=lambda run: run.nees_from_start.end,
-        better=None,
+        lambda run: run.nees_from_start.end,
     ),
     "within_spread": _share(
         "Share of the updates at which the true pose, anchored at the start, lies in the particles' 95 % ellipsoid.",
-        _within_spread,
+        lambda run: run.within_spread,
     ),
-    "effective_particles": Metric(
-        "",
+    "effective_particles": _of_filter(
         "Mean effective number of particles over the scans.",
+        lambda run: float(needed(run.certainty, "diagnostics").effective.mean()),
         "Thrun, Burgard and Fox 2005",
-        of_run=lambda run: float(needed(run.certainty, "diagnostics").effective.mean()),
-        better=None,
     ),
     "lost_precision": _share(
         "Share of the scans called lost whose pose is wrong.",

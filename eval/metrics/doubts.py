@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.eval.metrics.association import evenly, in_space, spatial
 from moteslam.eval.metrics.ate import AteResult
-from moteslam.eval.metrics.space import in_space, spatial
 from moteslam.robot.se2 import transform_points, umeyama
 from moteslam.robot.trajectory import FARTHEST, TILT, Trajectory, tilt_of
 from moteslam.robot.values import Issue
@@ -19,8 +18,8 @@ Array = NDArray[np.float64]
 
 LONGEST = 120.0
 """Offsets up to this are tried [s]; of clocks without a common time all."""
-STEP = 0.1
-"""The search begins with offsets this far apart [s]."""
+STEP, PRECISION = 0.1, 1e-4
+"""The search begins with offsets the first apart [s], and ends with the second."""
 TRIES = 1200
 """Offsets that are tried at most; farther apart where there would be more."""
 COARSE, FINE = 200, 5000
@@ -54,12 +53,8 @@ FEW = 0.5
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """An offset that fits much better than none.
-
-    Attributes:
-        seconds: to add to the estimate's stamps [s].
-        rmse: distance to the reference with it, after alignment [m].
-        before: the same without it; None where the two have no time in common.
+    """An offset to add to the estimate's stamps [s] that fits much better than none, the RMSE after alignment with it
+    [m], and the one before, without it: None where the two have no time in common.
     """
 
     seconds: float
@@ -71,8 +66,8 @@ def clock_offset(estimate: Trajectory, reference: Trajectory) -> ClockOffset | N
     """The offset of the estimate's clock that lays it on its reference best, where it helps much: see ``GAIN``.
 
     The RMSE after rigid alignment is least there, among offsets that leave most of the shorter drive in common; with
-    and without the offset the same positions are compared. The distances moved in some metres of path
-    must fit better, too.
+    and without the offset the same positions are compared. The distances moved in some metres of path must fit
+    better, too.
     """
     if min(len(estimate), len(reference)) < LEAST:
         return None
@@ -80,39 +75,41 @@ def clock_offset(estimate: Trajectory, reference: Trajectory) -> ClockOffset | N
     paths = [spatial(one).positions if space else one.poses[:, :2] for one in (estimate, reference)]
     clocks = [estimate.stamps, reference.stamps]
     swapped = float(np.median(np.diff(clocks[0]))) > float(np.median(np.diff(clocks[1])))
-    found = _offset(clocks[swapped], paths[swapped], clocks[not swapped], paths[not swapped])
+    if min(map(np.ptp, clocks)) <= 0 or max(np.abs(path).max() for path in paths) > FARTHEST:
+        return None
+    found = _offset(_Search(clocks[swapped], paths[swapped], clocks[not swapped], paths[not swapped]))
     return replace(found, seconds=-found.seconds) if found is not None and swapped else found
 
 
-def _offset(stamps: Array, positions: Array, times: Array, goal: Array) -> ClockOffset | None:
-    """The offset to add to stamps [n] of positions [n, d], so that they fit those [m, d] at times [m], the sparser."""
-    search = _Search(stamps, positions, times, goal)
-    if search.shorter <= 0 or max(np.abs(positions).max(), np.abs(goal).max()) > FARTHEST:
-        return None
+def _offset(search: _Search) -> ClockOffset | None:
     common = search.common(0.0) > 0
     if common and search.rmse(0.0, FINE) < GAIN_METRES:
         return None
-    middle = 0.0 if common else float(times[0] - stamps[0])
+    middle = 0.0 if common else float(search.times[0] - search.stamps[0])
     reach = min(LONGEST, search.shorter) if common else search.shorter
     if not common:  # the longer one may have begun before
-        reach += abs(float(np.ptp(times) - np.ptp(stamps)))
+        reach += abs(float(np.ptp(search.times) - np.ptp(search.stamps)))
     step = max(STEP, 2 * reach / TRIES)
     offsets = middle + step * np.arange(-np.floor(reach / step), np.floor(reach / step) + 1)
-    errors = np.array([search.rmse(offset, COARSE) for offset in offsets])
+    errors = search.errors(offsets, COARSE)
     if not np.isfinite(errors).any():
         return None
     good = offsets[errors <= ALIKE * np.nanmin(errors) + 1e-9]
-    nearest = float(good[np.argmin(np.abs(good - middle))])
-    around = offsets[np.abs(offsets - nearest) <= 5 * step]
-    start = float(around[np.nanargmin([search.rmse(offset, COARSE) for offset in around])])
-    best = _least(lambda offset: search.rmse(offset, FINE), start - step, start + step)
+    nearest = np.abs(offsets - good[np.argmin(np.abs(good - middle))]) <= 5 * step
+    best = float(offsets[nearest][np.nanargmin(errors[nearest])])
+    while step > PRECISION:
+        around = best + np.linspace(-step, step, 11)
+        errors = search.errors(around, FINE)
+        if not np.isfinite(errors).any():
+            return None
+        best, step = float(around[np.nanargmin(errors)]), step / 5
     rmse = search.rmse(best, FINE)
     before, after = search.rmse(0.0, FINE, also=best), search.rmse(best, FINE, also=0.0)
-    left = search.common(best) / search.shorter
+    share = (search.common(best) / search.shorter - OVERLAP) / (1 - OVERLAP)
     if np.isnan(before):  # hardly a time in common
-        fits = rmse < FITS * search.spread * (left - OVERLAP) / (1 - OVERLAP) and rmse + GAIN_METRES < search.spread
+        fits = rmse < FITS * search.spread * share and rmse + GAIN_METRES < search.spread
         return ClockOffset(best, rmse, None) if fits else None
-    if not (after < GAIN * before * (left - OVERLAP) / (1 - OVERLAP) and before - after > GAIN_METRES):
+    if not (after < GAIN * before * share and before - after > GAIN_METRES):
         return None
     if not search.chords(best, also=0.0) < CHORDS * search.chords(0.0, also=best):
         return None  # a fit of another shape, not of another time
@@ -224,7 +221,7 @@ def _of_shape(ate: AteResult) -> tuple[Issue, ...]:
 
 
 class _Search:
-    """Positions [n, d] and [m, d] of two drives at stamps [n] and [m]."""
+    """Positions [n, d] and [m, d] of two drives at stamps [n] and, sparser, [m]; an offset is added to the former."""
 
     def __init__(self, stamps: Array, positions: Array, times: Array, goal: Array) -> None:
         self.stamps, self.positions, self.times, self.goal = stamps, positions, times, goal
@@ -235,25 +232,26 @@ class _Search:
             at = np.linspace(times[0], times[-1], FINE)
             after = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
             self.at = at[times[after] - times[after - 1] < DENSE]
-            self.there = np.column_stack([np.interp(self.at, times, column) for column in goal.T])
+            self.there = _at(self.at, times, goal)
+
+    def errors(self, offsets: Array, most: int) -> Array:
+        """``rmse`` [k] of offsets [k]."""
+        return np.array([self.rmse(float(offset), most) for offset in offsets])
 
     def rmse(self, offset: float, most: int, *, also: float | None = None) -> float:
-        """After rigid alignment, of at most this many positions; NaN where too little of the shorter drive is left.
+        """After rigid alignment, of at most this many positions, to be had with the offset ``also``, too.
 
-        Args:
-            offset: to add to the stamps.
-            most: positions to compare.
-            also: another offset at which the same positions are to be had.
+        NaN where too little of the shorter drive is left, or what is left stands still.
         """
-        chosen = np.unique(np.linspace(0, len(self.at) - 1, min(most, len(self.at))).astype(np.intp))
-        keep = chosen[self._inside(self.at[chosen], offset)]
-        keep = keep if also is None else keep[self._inside(self.at[keep], also)]
+        keep = evenly(np.arange(len(self.at)), most)
+        for each in (offset, also):
+            keep = keep if each is None else keep[self._inside(self.at[keep], each)]
         if len(keep) < LEAST or np.ptp(self.at[keep]) < OVERLAP * self.shorter:
             return float("nan")
-        a, b = self._at(self.at[keep] - offset), self.there[keep]
+        a, b = _at(self.at[keep] - offset, self.stamps, self.positions), self.there[keep]
         a, b = a - a.mean(axis=0), b - b.mean(axis=0)
         if np.linalg.norm(b.std(axis=0)) < 0.5 * self.spread:
-            return float("nan")  # what is left stands still
+            return float("nan")
         cross = b.T @ a
         size = np.linalg.svd(cross, compute_uv=False)
         size[-1] *= np.sign(np.linalg.det(cross))
@@ -266,10 +264,9 @@ class _Search:
         begin = np.linspace(self.times[0], self.times[-1] - window, 1200)
         inside = [self._inside(at, one) for at in (begin, begin + window) for one in (offset, also)]
         begin = begin[np.logical_and.reduce(inside)]
-        true = np.column_stack([np.interp(begin + window, self.times, column) for column in self.goal.T])
-        true -= np.column_stack([np.interp(begin, self.times, column) for column in self.goal.T])
-        there = self._at(begin + window - offset) - self._at(begin - offset)
-        off = np.linalg.norm(true, axis=1) - np.linalg.norm(there, axis=1)
+        drives = ((begin, self.times, self.goal), (begin - offset, self.stamps, self.positions))
+        moved = [_at(at + window, *drive) - _at(at, *drive) for at, *drive in drives]
+        off = np.subtract(*(np.linalg.norm(one, axis=1) for one in moved))
         return float(np.sqrt(np.square(off).mean())) if len(off) else float("nan")
 
     def common(self, offset: float) -> float:
@@ -280,22 +277,7 @@ class _Search:
     def _inside(self, times: Array, offset: float) -> NDArray[np.bool_]:
         return np.asarray((times - offset >= self.stamps[0]) & (times - offset <= self.stamps[-1]))
 
-    def _at(self, stamps: Array) -> Array:
-        return np.column_stack([np.interp(stamps, self.stamps, column) for column in self.positions.T])
 
-
-def _least(error: Callable[[float], float], low: float, high: float, within: float = 1e-4) -> float:
-    """Where an error with one minimum between two values has it: the golden section (Kiefer 1953)."""
-    golden = (5**0.5 - 1) / 2
-    a, b = high - golden * (high - low), low + golden * (high - low)
-    at_a, at_b = error(a), error(b)
-    while high - low > within:
-        if at_a <= at_b or np.isnan(at_b):
-            high, b, at_b = b, a, at_a
-            a = high - golden * (high - low)
-            at_a = error(a)
-        else:
-            low, a, at_a = a, b, at_b
-            b = low + golden * (high - low)
-            at_b = error(b)
-    return (low + high) / 2
+def _at(times: Array, stamps: Array, positions: Array) -> Array:
+    """Positions [k, d] at times [k] of a drive through positions [n, d] at stamps [n]."""
+    return np.column_stack([np.interp(times, stamps, column) for column in positions.T])

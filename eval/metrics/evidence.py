@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import covered, evenly
+from moteslam.eval.metrics.association import covered, evenly, oriented
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.consistency import NeesResult, nees_from_start
-from moteslam.eval.metrics.localisation import LocalisationResult, score_localisation
-from moteslam.eval.metrics.loops import LoopResult, score_loops
-from moteslam.eval.metrics.map_accuracy import MapAccuracy, map_accuracy
-from moteslam.eval.metrics.map_consistency import MapConsistency, map_consistency
-from moteslam.eval.metrics.relations import RelationResult, Relations, evaluate_relations
-from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
-from moteslam.eval.metrics.rpe import (
-    DriftResult,
-    ReturnResult,
-    RpeResult,
-    Unit,
-    drift,
-    loop_closing_error,
-    relative_pose_error,
+from moteslam.eval.metrics.localisation import (
+    LocalisationResult,
+    NeesResult,
+    nees_from_start,
+    score_localisation,
+    share_within_spread,
 )
+from moteslam.eval.metrics.loops import LoopResult, score_loops
+from moteslam.eval.metrics.map_quality import MapAccuracy, MapConsistency, map_accuracy, map_consistency
+from moteslam.eval.metrics.relations import RelationResult, Relations, evaluate_relations
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
@@ -53,13 +47,9 @@ class Certainty:
     """What a filter knew of itself at every scan of the online trajectory.
 
     Attributes:
-        covariances: [n, 3, 3] of the online poses.
-        states: [n] as of ``LocalisationState``.
-        updated: [n] above 0 where the scan went into the map.
+        covariances, states, updated, corrections: as of ``score_localisation``.
         effective: [n] effective number of particles.
-        spread: [u, 3] standard deviation of the particles at every update, along, across [m], heading [rad]; None where
-            it was not kept.
-        corrections: of the path, by a back end while the robot drove.
+        spread: [u, 3] standard deviation of the particles at every update, along, across [m], heading [rad].
     """
 
     covariances: Array
@@ -72,13 +62,8 @@ class Certainty:
 
 @dataclass(frozen=True)
 class Cost:
-    """What a run took.
-
-    Attributes:
-        cpu_seconds: processor time of all threads, in filter and back end.
-        wall_seconds: the same by the clock.
-        memory: most memory of the process [bytes].
-        per_scan: [n] by the clock, of each scan [s]; empty where it was not kept.
+    """What a run took: seconds in filter and back end, of all threads and by the clock, for each scan by the clock, and
+    the most memory of the process [bytes].
     """
 
     cpu_seconds: float
@@ -93,14 +78,9 @@ class Evidence:
 
     Attributes:
         trajectories: the estimates by name; ``FINAL`` is the one that the map was drawn along.
-        truth: on the clock of the recording.
-        relations: of the recording.
-        occupancy: the map, trinary.
-        true_map: in the frame of the truth, trinary.
-        recording: what the sensors saw.
-        certainty: of the online trajectory.
+        truth, relations: on the clock of the recording.
+        occupancy, true_map: trinary, the latter in the frame of the truth.
         loops: the candidates of the back end; None where it looks for none.
-        cost: of the run.
     """
 
     trajectories: Mapping[str, Trajectory]
@@ -114,24 +94,28 @@ class Evidence:
     cost: Cost | None = None
 
     @cached_property
-    def tracks(self) -> dict[str, Track]:
-        """The trajectories, with what is known about them."""
+    def _tracks(self) -> dict[str, Track]:
         return {name: Track(trajectory, self) for name, trajectory in self.trajectories.items()}
 
     def track(self, name: str) -> Track:
-        """One of them; ``InputError`` without."""
-        return needed(self.tracks.get(name), f"{name} trajectory")
+        """The trajectory of that name, with what is known about it; ``InputError`` without."""
+        return needed(self._tracks.get(name), f"{name} trajectory")
 
     @cached_property
     def scans(self) -> Scans:
         """The scans of the recording, synchronised once."""
         return synchronise(needed(self.recording, "recording")).scans
 
+    def _known(self) -> tuple[Certainty, Trajectory, Trajectory]:
+        """What the filter knew of itself, the online trajectory, and the truth, both with headings."""
+        known, truth = needed(self.certainty, "covariances"), needed(self.truth, "truth")
+        online, truth = oriented(self.track(ONLINE).trajectory, truth, field="truth")
+        return known, online, truth
+
     @cached_property
     def localisation(self) -> LocalisationResult:
         """Covariances and states of the online trajectory against the truth."""
-        known, truth = needed(self.certainty, "covariances"), needed(self.truth, "truth")
-        online = oriented(self.track(ONLINE).trajectory, truth, field="truth")[0]
+        known, online, truth = self._known()
         return score_localisation(
             online, known.covariances, known.states, known.updated, truth, corrections=known.corrections
         )
@@ -139,8 +123,17 @@ class Evidence:
     @cached_property
     def nees_from_start(self) -> NeesResult:
         """The NEES of the online trajectory, anchored at the start."""
-        known, truth = needed(self.certainty, "covariances"), needed(self.truth, "truth")
-        return nees_from_start(oriented(self.track(ONLINE).trajectory, truth)[0], known.covariances, truth)
+        known, online, truth = self._known()
+        return nees_from_start(online, known.covariances, truth)
+
+    @property
+    def within_spread(self) -> float:
+        """How often the true pose, anchored at the start, lies in the particles' 95 % ellipsoid at an update."""
+        known, online, truth = self._known()
+        true = truth.at(online.stamps).poses
+        laid = se2.compose(se2.compose(true[0], se2.inverse(online.poses[0])), online.poses)
+        spread = needed(known.spread, "spread of the particles")
+        return share_within_spread(se2.between(true, laid)[known.updated > 0], spread)
 
     @cached_property
     def loop_result(self) -> LoopResult:
@@ -170,36 +163,29 @@ class Evidence:
 
 
 class Track:
-    """A trajectory with what is known about it; results are computed once.
-
-    Args:
-        trajectory: the estimate.
-        run: what is known of its run.
-    """
+    """A trajectory of a run with what is known about it; ``once`` computes a result once."""
 
     def __init__(self, trajectory: Trajectory, run: Evidence) -> None:
         self.trajectory, self.run = trajectory, run
-        self._rpe: dict[tuple[float, Unit], RpeResult] = {}
+        self._results: dict[Any, Any] = {}
 
     @property
     def truth(self) -> Trajectory:
         """Of the run; ``InputError`` without."""
         return needed(self.run.truth, "truth")
 
-    @cached_property
+    def once(self, compare: Callable[..., T], **options: Any) -> T:
+        """``compare(trajectory, truth, **options)``."""
+        key = (compare, *options.items())
+        if key not in self._results:
+            self._results[key] = compare(self.trajectory, self.truth, **options)
+        found: T = self._results[key]
+        return found
+
+    @property
     def ate(self) -> AteResult:
         """After rigid alignment."""
-        return absolute_trajectory_error(self.trajectory, self.truth)
-
-    @cached_property
-    def drift(self) -> DriftResult:
-        """Per metre of path."""
-        return drift(*oriented(self.trajectory, self.truth))
-
-    @cached_property
-    def returns(self) -> ReturnResult:
-        """Where the robot comes back to a place."""
-        return loop_closing_error(*oriented(self.trajectory, self.truth))
+        return self.once(absolute_trajectory_error)
 
     @cached_property
     def relations(self) -> RelationResult:
@@ -207,30 +193,13 @@ class Track:
         return evaluate_relations(oriented(self.trajectory)[0], needed(self.run.relations, "relations"))
 
     @cached_property
-    def residuals(self) -> ResidualResult:
-        """Of the recording's scans."""
-        (trajectory,) = oriented(self.trajectory)
-        return scan_residuals(needed(self.run.recording, "recording"), trajectory, scans=self.run.scans)
-
-    @cached_property
     def consistency(self) -> MapConsistency:
         """Of the map that the recording's scans draw."""
-        (trajectory,) = oriented(self.trajectory)
-        return map_consistency(needed(self.run.recording, "recording"), trajectory, scans=self.run.scans)
+        return map_consistency(*self.under_scans(), scans=self.run.scans)
 
-    def rpe(self, delta: float, unit: Unit) -> RpeResult:
-        """Over a distance, a time, or a number of poses."""
-        key = delta, unit
-        if key not in self._rpe:
-            self._rpe[key] = relative_pose_error(self.trajectory, self.truth, delta=delta, unit=unit)
-        return self._rpe[key]
-
-
-def oriented(*trajectories: Trajectory, field: str | None = None) -> tuple[Trajectory, ...]:
-    """The trajectories; ``InputError`` of the field if one of them has no headings."""
-    if not all(trajectory.oriented for trajectory in trajectories):
-        raise InputError("a trajectory without orientation, expected headings", field=field)
-    return trajectories
+    def under_scans(self) -> tuple[Recording, Trajectory]:
+        """The recording, and the trajectory with headings along which its scans are laid; ``InputError`` without."""
+        return needed(self.run.recording, "recording"), oriented(self.trajectory)[0]
 
 
 def needed(value: T | None, name: str) -> T:

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import covered, evenly, poses_of_scans, travelled
-from moteslam.eval.statistics import Statistics
+from moteslam.eval.metrics.association import Indices, covered, evenly, placed_scans, travelled
+from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import Issue, Summarised, counted, expect_type
+from moteslam.robot.values import Issue, Summarised, expect_type
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.inputs.scans import Scans
-from moteslam.slam.inputs.synchronise import require_lidar, synchronise
+from moteslam.slam.inputs.synchronise import synchronise
 
 Array = NDArray[np.float64]
 
@@ -43,12 +43,10 @@ BOUND_PATH = 2.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LoopResult(Summarised):
-    """The accepted loops of a run against the truth.
+class LoopResult(PoseErrors):
+    """The accepted loops [n] of a run whose scans, at the stamps [n, 2], the truth covers, against it.
 
     Attributes:
-        translation_errors: [a] distance of each accepted loop's relative pose to the true one [m].
-        rotation_errors: [a] absolute difference of their headings [rad].
         possible: how many later key scans have a possible loop; None without a recording.
         bound: how many of those a loop binds that was accepted and is not false.
         overruled: how many loops were edges of the graph, but not confirmed by the final path.
@@ -56,7 +54,6 @@ class LoopResult(Summarised):
         issues: why precision or recall cannot be had.
     """
 
-    translation_errors: Array
     rotation_errors: Array
     possible: int | None
     bound: int
@@ -65,19 +62,19 @@ class LoopResult(Summarised):
     issues: tuple[Issue, ...] = ()
 
     @property
-    def accepted(self) -> int:
-        """How many accepted loops were compared: those whose scans the truth covers."""
-        return len(self.translation_errors)
+    def is_false(self) -> NDArray[np.bool_]:
+        """[n] which loops are false."""
+        return np.asarray((self.errors > MAX_TRANSLATION) | (self.rotation_errors > MAX_ROTATION))
 
     @property
     def false(self) -> int:
-        """How many of those are false."""
-        return int(np.count_nonzero(_is_false(self.translation_errors, self.rotation_errors)))
+        """How many loops are false."""
+        return int(self.is_false.sum())
 
     @property
     def precision(self) -> float | None:
         """Share of the accepted loops that are not false, if there are any."""
-        return 1 - self.false / self.accepted if self.accepted else None
+        return 1 - self.false / self.pairs if self.pairs else None
 
     @property
     def recall(self) -> float | None:
@@ -86,25 +83,21 @@ class LoopResult(Summarised):
 
     def as_dict(self) -> dict[str, Any]:
         """Fit for JSON: metres and degrees, shares from 0 to 1."""
-        in_degrees = np.rad2deg(self.rotation_errors)
         return {
             "precision": self.precision,
-            "accepted": self.accepted,
+            "accepted": self.pairs,
             "false": self.false,
             "recall": self.recall,
             "possible": self.possible,
             "bound": self.bound,
             "overruled": self.overruled,
             "overruled_false": self.overruled_false,
-            "translation_m": Statistics.of(self.translation_errors).as_dict() if self.accepted else None,
-            "rotation_deg": Statistics.of(in_degrees).as_dict() if self.accepted else None,
+            **(super().as_dict() if self.pairs else {"translation_m": None, "rotation_deg": None}),
             "warnings": [issue.as_dict() for issue in self.issues],
         }
 
     def _summary(self) -> str:
-        shares = {"precision": self.precision, "recall": self.recall}
-        shown = (f"{name} {'-' if share is None else f'{share:.3f}'}" for name, share in shares.items())
-        return f"{counted(self.accepted, 'accepted loop')}, {', '.join(shown)}"
+        return f"{self.pairs} accepted, {self.false} false, {self.bound} of {self.possible} possible ones bound"
 
 
 def score_loops(
@@ -123,8 +116,7 @@ def score_loops(
     Args:
         loops: the candidates, whatever became of them.
         truth: on the clock of the recording; accepted loops outside of it are left out.
-        recording: whose endpoints show which loops are possible; without it there is no recall.
-        scans: the recording's as ``synchronise(recording)`` gives them; made here by default.
+        recording, scans: as of ``scan_residuals``; their endpoints show which loops are possible: no recall without.
 
     Raises:
         InputError: something of another type, a truth without poses, or a recording without scans.
@@ -133,15 +125,14 @@ def score_loops(
     if not len(truth):
         raise InputError("a trajectory without poses, expected the true ones", field="truth")
     accepted = [loop for loop in loops if loop.accepted]
-    stamps, translation, rotation = _errors(accepted, truth)
-    _, *overruled = _errors([loop for loop in loops if loop.verdict == "overruled"], truth)
-    issues: tuple[Issue, ...] = ()
-    if not len(stamps):
+    overruled = LoopResult(*_errors([loop for loop in loops if loop.verdict == "overruled"], truth), None, 0)
+    found = LoopResult(*_errors(accepted, truth), None, 0)
+    issues: list[Issue] = []
+    if not found.pairs:
         why = "no loop was accepted" if not accepted else "the truth covers no accepted loop"
-        issues = (Issue("no-loop-precision", f"no precision of the loops: {why}"),)
+        issues.append(Issue("no-loop-precision", f"no precision of the loops: {why}"))
     possible, bound, why = None, 0, "there is no recording whose endpoints show which loops are possible"
     if recording is not None:
-        expect_type(recording, Recording, "recording", "open_recording(path) reads one")
         try:
             among = possible_loops(recording, truth, scans=scans)
         except InputError as error:
@@ -149,19 +140,18 @@ def score_loops(
                 raise
             why = error.problem
         else:
-            good = stamps[~_is_false(translation, rotation)]
-            possible, bound = len(np.unique(among.later)), among.bound_by(good)
+            possible, bound = len(np.unique(among.later)), among.bound_by(found.stamps[~found.is_false])
             why = "no key scan has a possible loop"
     if not possible:
-        issues += (Issue("no-loop-recall", f"no recall of the loops: {why}"),)
-    false = int(np.count_nonzero(_is_false(*overruled)))
-    return LoopResult(translation, rotation, possible, bound, len(overruled[0]), false, issues)
+        issues.append(Issue("no-loop-recall", f"no recall of the loops: {why}"))
+    errors = found.stamps, found.errors, found.rotation_errors
+    return LoopResult(*errors, possible, bound, overruled.pairs, overruled.false, tuple(issues))
 
 
 def _errors(loops: Sequence[LoopCandidate], truth: Trajectory) -> tuple[Array, Array, Array]:
     """Of the loops that the truth covers: stamps [a, 2], errors of translation [a] and of rotation [a]."""
     stamps = np.array([loop.stamps for loop in loops]).reshape(-1, 2)
-    there = covered(stamps.ravel(), truth.stamps).reshape(-1, 2).all(axis=1)
+    there = covered(stamps, truth.stamps).all(axis=1)
     stamps, found = stamps[there], np.array([loop.found for loop in loops]).reshape(-1, 3)[there]
     earlier, later = (se2.interpolate(truth.stamps, truth.poses, column) for column in stamps.T)
     true = se2.between(earlier, later)
@@ -179,18 +169,14 @@ class PossibleLoops(Summarised):
         places: [p, 2] driven up to the earlier and the later scan of each pair [m].
     """
 
-    earlier: NDArray[np.intp]
-    later: NDArray[np.intp]
+    earlier: Indices
+    later: Indices
     stamps: Array
     path: Array
     places: Array
 
     def bound_by(self, stamps: Array) -> int:
-        """How many of the later scans are bound by loops.
-
-        Args:
-            stamps: [a, 2] of the earlier and the later scan of each loop [s].
-        """
+        """How many of the later scans are bound by loops whose earlier and later scans have stamps [a, 2] [s]."""
         from scipy.spatial import cKDTree
 
         if not len(stamps) or not len(self.places):
@@ -201,24 +187,18 @@ class PossibleLoops(Summarised):
 
 
 def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | None = None) -> PossibleLoops:
-    """The loops that a search could have found.
+    """The loops that a search could have found; arguments as of ``score_loops``.
 
     Key scans are the first within each ``SPACING`` of true path or turn, whatever the run took for its own. A loop is
     possible between two of them that are more than ``MIN_PATH`` of path apart, at most ``MAX_DISTANCE`` apart, and
     share at least ``MIN_SHARED`` of their endpoints, laid at the true poses.
-
-    Args:
-        recording: with a lidar.
-        truth: on its clock.
-        scans: as for ``score_loops``.
 
     Raises:
         InputError: no scans; or, of the field ``trajectory``, fewer than two of them with a true pose.
     """
     from scipy.spatial import cKDTree
 
-    lidar = require_lidar(recording)
-    index, poses = poses_of_scans(lidar.stamps, truth)
+    lidar, index, poses = placed_scans(recording, truth)
     path, turned = travelled(poses)
     keys = evenly(np.unique(np.floor((path + turned) / SPACING), return_index=True)[1], MAX_KEY_SCANS)
     pairs = cKDTree(poses[keys, :2]).query_pairs(MAX_DISTANCE, output_type="ndarray")
@@ -232,9 +212,9 @@ def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | No
     }
     few = {scan: cloud[evenly(np.arange(len(cloud)), MAX_ENDPOINTS)] for scan, cloud in clouds.items()}
     shared = np.zeros(len(pairs))
-    starts = np.flatnonzero(np.diff(pairs[:, 0], prepend=-1))
-    for block in np.split(np.arange(len(pairs)), starts[1:]) if len(pairs) else ():
-        shared[block] = _shared(clouds[int(pairs[block[0], 0])], [few[scan] for scan in pairs[block, 1].tolist()])
+    for earlier in np.unique(pairs[:, 0]).tolist():
+        some = pairs[:, 0] == earlier
+        shared[some] = _shared(clouds[earlier], [few[scan] for scan in pairs[some, 1].tolist()])
     pairs = pairs[shared >= MIN_SHARED]
     return PossibleLoops(index[pairs[:, 0]], index[pairs[:, 1]], lidar.stamps[index], path, path[pairs])
 
@@ -249,8 +229,3 @@ def _shared(cloud: Array, others: list[Array]) -> Array:
     distances = cKDTree(cloud).query(np.concatenate(others), distance_upper_bound=SAME_PLACE)[0]
     scan = np.repeat(np.arange(len(others)), counts)
     return np.asarray(np.bincount(scan[np.isfinite(distances)], minlength=len(others)) / np.maximum(counts, 1))
-
-
-def _is_false(translation: Array, rotation: Array) -> NDArray[np.bool_]:
-    """Which loops [a] are false, by their errors [a] in [m] and [rad]."""
-    return np.asarray((translation > MAX_TRANSLATION) | (rotation > MAX_ROTATION))

@@ -7,14 +7,13 @@ its reason, never zero.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from math import isfinite
 from typing import Any, get_args
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.eval.metrics.catalogue import BUNDLED, Found, Metric, relative_error
+from moteslam.eval.metrics.catalogue import BUNDLED, Metric, relative_error
 from moteslam.eval.metrics.evidence import Evidence
 from moteslam.eval.metrics.rpe import Unit
 from moteslam.plugins import Plugins
@@ -28,13 +27,9 @@ RPE = re.compile(r"rpe_(?P<delta>[0-9]+(?:\.[0-9]+)?)(?P<unit>m|s|frames)(?P<rot
 
 @dataclass(frozen=True)
 class Value:
-    """The value of a metric: a finite number, or why there is none.
+    """The value of a metric: a finite number, or the reason why there is none.
 
-    Attributes:
-        number: in the unit.
-        unit: as of ``Metric``.
-        reason: why there is no number.
-        more: further figures of the same errors, such as their ``median``, ``max`` and ``count``.
+    ``more`` has further figures of the same errors, such as their ``median``, ``max`` and ``count``.
     """
 
     number: float | None
@@ -52,11 +47,7 @@ class Value:
 def metric(name: str) -> Metric:
     """The metric of that name: one of ``METRICS``, or a relative error as ``rpe_2.5m`` or ``rpe_10frames_rotation``.
 
-    Args:
-        name: with or without a trajectory, ``final.ate`` or ``ate``.
-
-    Raises:
-        ConfigError: there is none.
+    With or without a trajectory, ``final.ate`` or ``ate``; ``ConfigError`` if there is none.
     """
     short = split(name)[1]
     if short in METRICS.names():
@@ -72,29 +63,18 @@ def metric(name: str) -> Metric:
 
 
 def measure(evidence: Evidence, names: Iterable[str] | None = None) -> dict[str, Value]:
-    """Measure a run.
+    """The values of a run by name, as ``final.ate`` and ``map_f1``, in the order of the names.
 
-    Args:
-        evidence: what is known of it.
-        names: of the metrics, by default all that are not costly. Those of trajectories are measured of each, and
-            named by it: ``final.ate``; such a name measures it of that one alone.
-
-    Returns:
-        the values by name, as ``final.ate`` and ``map_f1``, in the order of the names.
-
-    Raises:
-        ConfigError: a name that is no metric's.
+    By default all that are not costly. Metrics of trajectories are measured of each, and named by it: ``final.ate``;
+    such a name measures it of that one alone. ``ConfigError``: a name that is no metric's.
     """
     values: dict[str, Value] = {}
     for name, one in chosen(names).items():
         track, short = split(name)
-        if one.of_run is not None:
-            if track:
-                raise ConfigError(f"{name!r}, expected {short!r}: a metric of the run", field="metrics")
-            values[name] = _value(short, one, partial(one.of_run, evidence))
-            continue
-        for which in [track] if track else list(evidence.trajectories):
-            values[f"{which}.{short}"] = _value(short, one, partial(_of_track, one, evidence, which))
+        if track and one.of_run is not None:
+            raise ConfigError(f"{name!r}, expected {short!r}: a metric of the run", field="metrics")
+        for which in [""] if one.of_run is not None else [track] if track else list(evidence.trajectories):
+            values[f"{which}.{short}" if which else name] = _value(short, one, evidence, which)
     return values
 
 
@@ -113,16 +93,18 @@ def split(name: str) -> tuple[str, str]:
     return (track, short) if dot else ("", name)
 
 
-def _of_track(one: Metric, evidence: Evidence, which: str) -> Found:
-    assert one.of_trajectory is not None  # or it is of the run
-    return one.of_trajectory(evidence.track(which))
-
-
-def _value(name: str, one: Metric, compute: Callable[[], Found]) -> Value:
+def _value(name: str, one: Metric, evidence: Evidence, track: str) -> Value:
+    """A metric of a run, or of its trajectory of that name."""
     try:
-        found = compute()
+        if one.of_trajectory is not None:
+            found = one.of_trajectory(evidence.track(track))
+        else:
+            assert one.of_run is not None
+            found = one.of_run(evidence)
         number, more = found if isinstance(found, tuple) else (found, {})
-        finite = number is not None and isfinite(number)
+        if number is None or not isfinite(number):
+            return Value(None, one.unit, "nothing to measure" if number is None else "not a finite number")
+        return Value(float(number), one.unit, more=more)
     except InputError as error:
         return Value(None, one.unit, error.problem)
     except Exception as error:  # a plug-in's fault must not cost the run
@@ -131,6 +113,3 @@ def _value(name: str, one: Metric, compute: Callable[[], Found]) -> Value:
         problem = f"{type(error).__name__}: {error}"
         METRICS.warn(name, problem)
         return Value(None, one.unit, problem)
-    if number is None or not finite:
-        return Value(None, one.unit, "nothing to measure" if number is None else "not a finite number")
-    return Value(float(number), one.unit, more=more)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +18,6 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised, counted
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import synchronise
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 
@@ -51,17 +47,14 @@ class ResidualResult(Summarised):
     """The residuals of a recording's scans under a trajectory.
 
     Attributes:
-        median: of the residuals [m].
-        quantile_90: nine of ten residuals are below it [m].
-        beyond_3_cm: share of the residuals above 3 cm.
+        median, quantile_90, beyond_3_cm: of the residuals [m], [m], and the share of those above 3 cm.
         unseen: share of the endpoints compared that have no residual against any other scan.
         no_return: share of all beams of the recording without a return (``inf``); those without a usable reading
             (``nan``) are not among them.
-        residuals: how many there are.
-        endpoints: how many endpoints were compared.
+        residuals, endpoints: how many there are, and how many endpoints were compared.
         matched: how many scans have a pose.
-        stamps: [n] of the scans whose endpoints were compared [s].
-        medians: [n] median residual of each of them [m]; NaN for a scan without any.
+        stamps, medians: [n] of the scans whose endpoints were compared [s], and their median residuals [m]; NaN for a
+            scan without any.
     """
 
     median: float
@@ -89,10 +82,6 @@ class ResidualResult(Summarised):
             "matched": self.matched,
         }
 
-    def _summary(self) -> str:
-        figures = f"median {1000 * self.median:.1f} mm, 90 % below {1000 * self.quantile_90:.1f} mm"
-        return f"{counted(self.residuals, 'residual')} of {counted(len(self.stamps), 'scan')}, {figures}"
-
 
 def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans | None = None) -> ResidualResult:
     """How noisy the scans of a recording are, and how well a trajectory lays them on each other.
@@ -106,7 +95,7 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
 
     Args:
         recording: with a lidar.
-        trajectory: of the robot, on the recording's clock; which poses are taken: ``poses_of_scans``.
+        trajectory: of the robot, on the recording's clock; which poses are taken: ``placed_scans``.
         scans: the recording's as ``synchronise(recording)`` gives them; made here by default.
 
     Raises:
@@ -126,10 +115,13 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
 
     @lru_cache(maxsize=64)  # those within reach of a scan and of the next
     def lines(scan: int) -> _Lines:
-        return _Lines.of(synchronised, lidar, int(index[scan]), poses[scan])
+        return _Lines(synchronised, lidar, int(index[scan]), poses[scan])
 
     compared, residuals, endpoints, unseen = [], [], 0, 0
-    for scan, others in _pairs(path, used):
+    for place in evenly(np.arange(0, len(used), 2), MAX_SCANS):
+        first = np.searchsorted(path[used], path[used[place]] - PATH_REACH, side="right")
+        last = np.searchsorted(path[used], path[used[place]] + PATH_REACH, side="left")
+        scan, others = used[place], evenly(np.concatenate((used[first:place], used[place + 1 : last])), MAX_NEIGHBOURS)
         points = lines(scan).points
         distances = [lines(other).distances(points) for other in others] or [np.full(len(points), np.inf)]
         found = np.isfinite(distances)
@@ -160,21 +152,6 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
     )
 
 
-def _pairs(path: Array, used: NDArray[np.intp]) -> Iterator[tuple[int, list[int]]]:
-    """The scans to compare, in order, and those that each is compared with.
-
-    Args:
-        path: [n] driven up to each scan [m].
-        used: [k] the scans to choose from, rising.
-    """
-    at = path[used]
-    for place in evenly(np.arange(0, len(used), 2), MAX_SCANS):
-        first = np.searchsorted(at, at[place] - PATH_REACH, side="right")
-        last = np.searchsorted(at, at[place] + PATH_REACH, side="left")
-        others = np.concatenate((used[first:place], used[place + 1 : last]))
-        yield int(used[place]), evenly(others, MAX_NEIGHBOURS).tolist()
-
-
 def surface_points(
     scans: Scans, lidar: LidarStream, index: int, pose: Poses, *, longest: float = np.inf
 ) -> tuple[Array, NDArray[np.bool_]]:
@@ -192,43 +169,30 @@ def surface_points(
     return points, np.asarray(joined)
 
 
-@dataclass(frozen=True, eq=False)
 class _Lines:
-    """The endpoints of a scan, and the lines between adjacent ones on one surface.
+    """The endpoints of a scan, its index in the recording, taken at a pose [3], and the lines that join adjacent ones.
 
     Attributes:
         points: [k, 2] the endpoints in the frame of the trajectory [m].
-        along: [2, k, 2] from each endpoint along its line to the next one and to the one before [m]; zeros where
-            there is no line.
+        along: [2, k, 2] from each along its line to the next one and to the one before [m]; zeros where there is none.
         inner: [k] whether an endpoint has both lines.
-        tree: of the points; None where there are none.
     """
 
-    points: Array
-    along: Array
-    inner: NDArray[np.bool_]
-    tree: cKDTree | None
-
-    @classmethod
-    def of(cls, scans: Scans, lidar: LidarStream, index: int, pose: Poses) -> _Lines:
-        """The lines of a scan, its index in the recording, taken at a pose [3]."""
+    def __init__(self, scans: Scans, lidar: LidarStream, index: int, pose: Poses) -> None:
         from scipy.spatial import cKDTree
 
-        points, joined = surface_points(scans, lidar, index, pose, longest=MAX_JOINED)
-        steps = np.diff(points, axis=0)
-        along = np.zeros((2, *points.shape))
-        along[0, :-1][joined] = steps[joined]
-        along[1, 1:][joined] = -steps[joined]
-        inner = np.zeros(len(points), np.bool_)
-        inner[1:-1] = joined[:-1] & joined[1:]
-        return cls(points, along, inner, cKDTree(points) if len(points) else None)
+        self.points, joined = surface_points(scans, lidar, index, pose, longest=MAX_JOINED)
+        steps, none = np.diff(self.points, axis=0) * joined[:, None], np.zeros((1, 2))
+        self.along = np.stack((np.vstack((steps, none)), np.vstack((none, -steps))))
+        self.inner = np.append(joined, False) & np.append(False, joined)
+        self._tree = cKDTree(self.points) if len(self.points) else None
 
     def distances(self, points: Array) -> Array:
         """The residuals [n] of points [n, 2] against these lines [m]; infinite where there is none."""
         distances = np.full(len(points), np.inf)
-        if self.tree is None:
+        if self._tree is None:
             return distances
-        found = np.asarray(self.tree.query(points, distance_upper_bound=REACH)[1])
+        found = np.asarray(self._tree.query(points, distance_upper_bound=REACH)[1])
         near = np.flatnonzero(found < len(self.points))
         nearest = found[near]
         offsets = points[near] - self.points[nearest]

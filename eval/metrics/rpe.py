@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, evenly, match, travelled
+from moteslam.eval.metrics.association import (
+    MAX_DIFFERENCE,
+    Indices,
+    Matched,
+    angles,
+    evenly,
+    match,
+    oriented,
+    travelled,
+)
 from moteslam.eval.metrics.ate import PoseErrors
-from moteslam.eval.metrics.space import angles
 from moteslam.robot.se2 import Poses, between
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import Summarised, counted
+from moteslam.robot.values import Summarised
 
 Array = NDArray[np.float64]
 Unit = Literal["m", "s", "frames"]
-Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
+Pairs = tuple[Indices, Indices]
 
 RELATIVE_TOLERANCE = 0.1
 """With all pairs, a pair may be farther apart or nearer than asked for by this share of it, as evo has it."""
@@ -34,21 +41,15 @@ MAX_RETURNS = 2000
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RpeResult(PoseErrors):
-    """The relative pose error of pairs that begin at the stamps; without headings that of the distances of their poses.
-
-    Attributes:
-        delta, unit: how far apart the poses of a pair are.
-    """
+    """The relative pose error of pairs ``delta`` apart that begin at the stamps; without headings that of distances."""
 
     delta: float
     unit: Unit
+    _what: ClassVar[str] = "pair"
 
     def as_dict(self) -> dict[str, Any]:
         """The statistics, fit for JSON."""
         return {"delta": self.delta, "unit": self.unit, **super().as_dict()}
-
-    def _summary(self) -> str:
-        return f"{counted(self.pairs, 'pair')} {self.delta:g} {self.unit} apart, {super()._summary()}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,17 +65,6 @@ class DriftResult(Summarised):
     lengths: Array
     translation: Array
     rotation: Array
-
-    def _summary(self) -> str:
-        turn = np.rad2deg(self.rotation.mean())
-        return f"{100 * self.translation.mean():.2f} % of the path, {turn:.3f} deg/m over {len(self.lengths)} parts"
-
-
-class ReturnResult(PoseErrors):
-    """Errors of relative poses between visits of the same place, at the stamps [n, 2] of both."""
-
-    def _summary(self) -> str:
-        return f"{counted(self.pairs, 'return')}, {super()._summary()}"
 
 
 def relative_pose_error(
@@ -93,11 +83,9 @@ def relative_pose_error(
     every pose and ends where its length is nearest to ``delta``, within ten per cent.
 
     Args:
-        estimate, reference: the trajectories.
-        delta: how far apart the poses of a pair are.
-        unit: of delta: metres of path, seconds, or poses (then a whole number).
+        estimate, reference, max_difference, interpolate: see ``match``.
+        delta, unit: how far apart the poses of a pair are: metres of path, seconds, or poses (a whole number).
         all_pairs: a pair from every pose on, rather than one after another.
-        max_difference, interpolate: as in ``absolute_trajectory_error``.
 
     Raises:
         InputError: no stamps in common, a delta that is no length, or a trajectory shorter than delta.
@@ -112,7 +100,7 @@ def relative_pose_error(
     first, last = _pairs(matched.stamps, positions, delta, unit, all_pairs=all_pairs)
     if not len(first):
         raise InputError(
-            f"no pair {delta:g} {unit} apart among {len(matched)} matched poses, expected a shorter delta",
+            f"no pair {delta:g} {unit} apart among {len(matched.stamps)} matched poses, expected a shorter delta",
             field="pairs",
         )
     return RpeResult(matched.stamps[first], *_errors(matched, first, last), delta, unit)
@@ -127,7 +115,7 @@ def drift(estimate: Trajectory, reference: Trajectory) -> DriftResult:
     Raises:
         InputError: no stamps in common, or a drive shorter than the shortest length.
     """
-    matched = match(estimate, reference)
+    matched = match(*oriented(estimate, reference))
     path, _ = travelled(matched.reference)
     parts = []
     for length in LENGTHS:
@@ -142,8 +130,8 @@ def drift(estimate: Trajectory, reference: Trajectory) -> DriftResult:
     return DriftResult(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> ReturnResult:
-    """How far apart an estimate puts two visits of the same place, against how far apart they are.
+def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> PoseErrors:
+    """How far apart an estimate puts two visits of the same place, at the stamps [n, 2] of both, against the truth.
 
     Each pose is compared with the earliest one within ``SAME_PLACE`` of it by the reference that lies more than
     ``LEAST_PATH`` of path before it.
@@ -153,8 +141,8 @@ def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> ReturnRes
     """
     from scipy.spatial import cKDTree
 
-    matched = match(estimate, reference)
-    chosen = evenly(np.arange(len(matched)), MAX_RETURNS)
+    matched = match(*oriented(estimate, reference))
+    chosen = evenly(np.arange(len(matched.stamps)), MAX_RETURNS)
     true, path = matched.reference[chosen], travelled(matched.reference)[0][chosen]
     pairs = cKDTree(true[:, :2]).query_pairs(SAME_PLACE, output_type="ndarray")
     earliest = np.arange(len(true))
@@ -166,18 +154,16 @@ def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> ReturnRes
             "path before it",
             field="path",
         )
-    shift, turn = planar_errors(true, matched.estimate[chosen], earliest[later], later)
     stamps = matched.stamps[chosen]
     visits = np.column_stack((stamps[earliest[later]], stamps[later]))
-    return ReturnResult(visits, shift, turn)
+    return PoseErrors(visits, *planar_errors(true, matched.estimate[chosen], earliest[later], later))
 
 
-def _errors(matched: Matched, first: NDArray[np.intp], last: NDArray[np.intp]) -> tuple[Array, Array | None]:
+def _errors(matched: Matched, first: Indices, last: Indices) -> tuple[Array, Array | None]:
     """Of pairs [k] the errors of translation [m] and rotation [rad]; of positions alone that of their distance."""
     if not matched.oriented:
-        pair = (matched.estimate[:, :2], matched.reference[:, :2])
-        if matched.space is not None:
-            pair = (matched.space[0].positions, matched.space[1].positions)
+        flat = (matched.estimate[:, :2], matched.reference[:, :2])
+        pair = flat if matched.space is None else tuple(space.positions for space in matched.space)
         there, true = (np.linalg.norm(points[last] - points[first], axis=1) for points in pair)
         return np.abs(there - true), None
     if matched.space is None:
@@ -190,9 +176,7 @@ def _errors(matched: Matched, first: NDArray[np.intp], last: NDArray[np.intp]) -
     return np.linalg.norm(moved[0] - moved[1], axis=1), angles(np.swapaxes(turned[1], 1, 2) @ turned[0])
 
 
-def planar_errors(
-    true: Poses, estimated: Poses, first: NDArray[np.intp], last: NDArray[np.intp]
-) -> tuple[Array, Array]:
+def planar_errors(true: Poses, estimated: Poses, first: Indices, last: Indices) -> tuple[Array, Array]:
     """Errors [k] of translation [m] and rotation [rad] of the poses ``last`` [k] seen from the poses ``first`` [k]."""
     errors = between(between(true[first], true[last]), between(estimated[first], estimated[last]))
     return np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
@@ -206,7 +190,7 @@ def _pairs(stamps: Array, positions: Array, delta: float, unit: Unit, *, all_pai
         last = ids + step
         return ids[last < len(positions)], last[last < len(positions)]
     steps = np.diff(stamps) if unit == "s" else np.sqrt((np.diff(positions, axis=0) ** 2).sum(axis=1))
-    choose: Callable[[Array, float], Pairs] = _every if all_pairs else _end_to_end
+    choose = _every if all_pairs else _end_to_end
     # Unix stamps are known to a microsecond: ten times 0.1 s is a second, whichever way it rounds
     return choose(steps, delta - 1e-6 if unit == "s" else delta)
 

@@ -34,11 +34,6 @@ def label(text: object) -> str:
     return html.escape(literal(text), quote=False)
 
 
-def axis(name: str, unit: str) -> str:
-    """A metric with its unit."""
-    return label(f"{name} [{unit}]" if unit else name)
-
-
 def summary_of(runs: Sequence[ReportRun], metric: str) -> Summary:
     """The values of a metric over runs; those that failed count as the worst."""
     good = [run for run in runs if run.status == "ok"]
@@ -69,33 +64,19 @@ def curves(runs: Sequence[ReportRun], key: str, metric: str, unit: str) -> Figur
         return tuple(filter(None, (run.place, run.platform, run.noise, run.base, *others)))
 
     lines = grouped(having, rest)
-    common = set.intersection(*(set(name) for name in lines)) if len(lines) > 1 else set()
-    traces, everything = [], []
+    common = set.intersection(*map(set, lines)) if len(lines) > 1 else set()
+    traces: list[Figure] = []
     for number, (name, members) in enumerate(list(lines.items())[:MOST_LINES]):
         at = grouped(members, lambda run: dict(run.varied)[key])
         summaries = {value: summary_of(at[value], metric) for value in values if value in at}
-        shown = {value: one for value, one in summaries.items() if one.median is not None and isfinite(one.median)}
         title = ", ".join(part for part in name if part not in common) or ", ".join(name)
-        texts = [
-            f"{title}; {key}={value}: median {one.median:.4g}, 95 % {one.low:.4g} to {one.high:.4g}, "
-            f"{one.runs} runs, {one.failed} failed"
-            for value, one in shown.items()
+        points = [
+            (value if numeric else label(value), f"{title}; {key}={value}", one) for value, one in summaries.items()
         ]
-        medians = [one.median or 0.0 for one in shown.values()]
-        everything += medians
-        traces.append(
-            {
-                **_points("lines+markers", list(shown) if numeric else list(map(label, shown)), medians, texts),
-                "name": label(title),
-                "error_y": _bars(list(shown.values()), 1.5),
-                "line": {
-                    "color": COLOURS[number % len(COLOURS)],
-                    "width": 2,
-                    "dash": DASHES[(number // len(COLOURS)) % len(DASHES)],
-                },
-                "marker": _marker(number),
-            }
-        )
+        dash = DASHES[(number // len(COLOURS)) % len(DASHES)]
+        look = {"line": {"color": COLOURS[number % len(COLOURS)], "width": 2, "dash": dash}, "marker": _marker(number)}
+        traces.append({**_medians(points, mode="lines+markers", thickness=1.5), "name": label(title), **look})
+    everything = [value for trace in traces for value in trace["y"]]
     if len(values) < 2 or not everything:
         return None
     x_axis = {"title": {"text": label(key)}, "type": "category", **(_axis(values) if numeric else {})}
@@ -107,31 +88,24 @@ def spread(runs: Sequence[ReportRun], metric: str, unit: str) -> Figure | None:
 
     None of fewer than two runs with a value.
     """
-    traces: list[dict[str, Any]] = []
+    traces: list[Figure] = []
     everything: list[float] = []
     columns = grouped(runs, lambda run: run.configuration)
-    for number, (name, members) in enumerate(list(columns.items())[:MOST_LINES]):
-        having = [run for run in members if run.status == "ok" and metric in run.values]
+    names = list(columns)[:MOST_LINES]
+    for number, name in enumerate(names):
+        having = [run for run in columns[name] if run.status == "ok" and metric in run.values]
         if not having:
             continue
         values = [run.values[metric] for run in having]
         everything += values
         places = [number + 0.5 * (((7 * k) % 23) / 23 - 0.5) for k in range(len(values))]  # apart, the same each time
         texts = [f"{run.configuration}; {run.name}: {run.values[metric]:.4g}" for run in having]
-        colour = COLOURS[number % len(COLOURS)]
-        marker = {"color": colour, "size": 5, "opacity": 0.5}
-        points = _points("markers", places, values, texts)
-        traces.append({**points, "name": label(name), "showlegend": False, "marker": marker})
-        one = summary_of(members, metric)
-        if one.median is not None and isfinite(one.median):
-            low, high = _finite(one.low, one.median), _finite(one.high, one.median)
-            text = f"{name}: median {one.median:.4g}, 95 % {low:.4g} to {high:.4g}"
-            marker = {"color": colour, "size": 9, "symbol": "diamond"}
-            points = _points("markers", [number + 0.36], [one.median], [text])
-            traces.append({**points, "error_y": _bars([one], 2), "showlegend": False, "marker": marker})
+        look = {"color": COLOURS[number % len(COLOURS)], "size": 5, "opacity": 0.5}
+        traces.append({**_points("markers", places, values, texts), "name": label(name), "marker": look})
+        median = _medians([(number + 0.36, name, summary_of(columns[name], metric))], mode="markers", thickness=2.0)
+        traces.append({**median, "marker": {**look, "size": 9, "opacity": 1.0, "symbol": "diamond"}})
     if len(everything) < 2:
         return None
-    names = list(columns)[:MOST_LINES]
     x_axis = {
         "tickvals": list(range(len(names))),
         "ticktext": [label(name if len(name) <= 40 else f"{name[:39]}…") for name in names],
@@ -139,6 +113,7 @@ def spread(runs: Sequence[ReportRun], metric: str, unit: str) -> Figure | None:
         "ticklabeloverflow": "allow",
         "range": [-0.6, len(names) - 0.4],
     }
+    traces = [{**trace, "showlegend": False} for trace in traces]
     return _figure(traces, x_axis, _y(metric, unit, everything), len(columns), "configurations")
 
 
@@ -146,7 +121,7 @@ def paired(runs: Sequence[ReportRun], baseline: str, metric: str, unit: str) -> 
     """A point for each pair of runs of a configuration and the baseline on the same case. None without any."""
     by_name = grouped([run for run in runs if run.status == "ok" and metric in run.values], lambda r: r.configuration)
     first = {run.case: run for run in by_name.get(baseline, ())}
-    traces: list[dict[str, Any]] = []
+    traces: list[Figure] = []
     everything: list[float] = []
     others = [name for name in grouped(runs, lambda run: run.configuration) if name != baseline]
     for number, name in enumerate(others[:MOST_LINES]):
@@ -163,36 +138,50 @@ def paired(runs: Sequence[ReportRun], baseline: str, metric: str, unit: str) -> 
     ends = [min(everything), max(everything)]
     look = {"hoverinfo": "skip", "line": {"color": "#7F7F7F", "width": 1, "dash": "dot"}}
     line = {"type": "scatter", "mode": "lines", "name": "equal", "x": ends, "y": ends, **look}
-    x_axis = {"title": {"text": axis(f"{metric} of the baseline", unit)}, **_axis(everything)}
-    y_axis = {"title": {"text": axis(f"{metric} of the others", unit)}, **_axis(everything)}
+    x_axis, y_axis = ({**_axis(everything), **_title(f"{metric} of the {of}", unit)} for of in ("baseline", "others"))
     return _figure([line, *traces], x_axis, y_axis, len(others), "configurations")
 
 
-def _figure(traces: list[dict[str, Any]], x_axis: Figure, y_axis: Figure, count: int, what: str) -> Figure:
+def _figure(traces: list[Figure], x_axis: Figure, y_axis: Figure, count: int, what: str) -> Figure:
     note = f"{count - MOST_LINES} more {what} are left out" if count > MOST_LINES else ""
     return {"data": traces, "layout": {"xaxis": x_axis, "yaxis": y_axis}, "note": note}
 
 
-def _points(mode: str, x: Sequence[Any], y: Sequence[float], texts: Sequence[str]) -> dict[str, Any]:
+def _points(mode: str, x: Sequence[Any], y: Sequence[float], texts: Sequence[str]) -> Figure:
     hover = {"text": list(map(label, texts)), "hovertemplate": "%{text}<extra></extra>"}
     return {"type": "scatter", "mode": mode, "x": list(x), "y": list(y), **hover}
 
 
-def _bars(summaries: Sequence[Summary], thickness: float) -> dict[str, Any]:
-    """The 95 % intervals of medians; none to a side where it goes on to infinity."""
-    medians = [one.median or 0.0 for one in summaries]
-    highs = [max(_finite(one.high, middle) - middle, 0.0) for one, middle in zip(summaries, medians, strict=True)]
-    lows = [max(middle - _finite(one.low, middle), 0.0) for one, middle in zip(summaries, medians, strict=True)]
-    return {"type": "data", "symmetric": False, "array": highs, "arrayminus": lows, "thickness": thickness}
+def _medians(points: Sequence[tuple[Any, str, Summary]], *, mode: str, thickness: float) -> Figure:
+    """Medians with their 95 % intervals at places of x, each with its name; to a side where an interval goes on to
+    infinity it has no bar, and a median that is infinite is left out.
+    """
+    shown = [(x, name, one) for x, name, one in points if one.median is not None and isfinite(one.median)]
+    medians = [one.median or 0.0 for _, _, one in shown]
+    ends = [(_finite(one.low, y), _finite(one.high, y)) for (_, _, one), y in zip(shown, medians, strict=True)]
+    texts = [
+        f"{name}: median {one.median:.4g}, 95 % {one.low:.4g} to {one.high:.4g}, {one.runs} runs, {one.failed} failed"
+        for _, name, one in shown
+    ]
+    bars = {
+        "array": [max(high - y, 0.0) for (_, high), y in zip(ends, medians, strict=True)],
+        "arrayminus": [max(y - low, 0.0) for (low, _), y in zip(ends, medians, strict=True)],
+    }
+    error = {"type": "data", "symmetric": False, "thickness": thickness, **bars}
+    return {**_points(mode, [x for x, _, _ in shown], medians, texts), "error_y": error}
 
 
-def _marker(number: int) -> dict[str, Any]:
+def _marker(number: int) -> Figure:
     return {"color": COLOURS[number % len(COLOURS)], "size": 8, "symbol": SYMBOLS[number % len(SYMBOLS)]}
+
+
+def _title(name: str, unit: str) -> Figure:
+    return {"title": {"text": label(f"{name} [{unit}]" if unit else name)}}
 
 
 def _y(metric: str, unit: str, values: Sequence[float]) -> Figure:
     look = _axis(values)
-    return {"title": {"text": axis(metric, unit)}, **look} | ({} if look["type"] == "log" else {"rangemode": "tozero"})
+    return {**_title(metric, unit), **look} | ({} if look["type"] == "log" else {"rangemode": "tozero"})
 
 
 def _axis(values: Sequence[float]) -> Figure:

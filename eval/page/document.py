@@ -7,9 +7,10 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
+from importlib.metadata import distribution
 from importlib.resources import files
-from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -20,9 +21,9 @@ from markupsafe import Markup, escape
 from moteslam.errors import ConfigError
 from moteslam.eval.metrics.registry import chosen, metric
 from moteslam.eval.page import charts
-from moteslam.eval.page.material import Material, ReportRun
+from moteslam.eval.page.material import Key, Material, ReportRun
 from moteslam.eval.page.player import Budget, playable
-from moteslam.eval.statistics import Comparison, Proportion, compare
+from moteslam.eval.statistics import Proportion, compare
 from moteslam.eval.sweep.tables import better
 from moteslam.eval.tables import literal
 from moteslam.robot.values import interval
@@ -46,18 +47,11 @@ def page(
     baseline: str | None = None,
     progress: Callable[[float], None] = lambda _read: None,
 ) -> str:
-    """The report.
+    """The report, as HTML.
 
-    Args:
-        material: what was run.
-        title: of the page.
-        metrics: names; none for those that the specifications name, else the usual ones.
-        baseline: name of the configuration that the others are compared with; None for the first.
-        progress: called with how many runs were read.
-
-    Raises:
-        ConfigError: an unknown metric or baseline.
-        InputError: a result folder that is damaged.
+    Without metrics it has those that the specifications name, else the usual ones; without a baseline the others are
+    compared with the first configuration. ``progress`` is called with how many runs were read. ``ConfigError``: an
+    unknown metric or baseline.
     """
     runs, names = material.runs, _metrics(material, metrics)
     by_configuration = charts.grouped(runs, lambda run: run.configuration)
@@ -65,17 +59,16 @@ def page(
         expected = ", ".join(map(repr, list(by_configuration)[:8]))
         raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
     first = baseline or next(iter(by_configuration))
-    units, meanings = {}, {}
+    units, meanings = dict.fromkeys(names, ""), dict.fromkeys(names, "")
     for name in names:
-        try:
-            known = metric(name)
-            units[name], meanings[name] = material.units.get(name) or known.unit, known.meaning
-        except ConfigError:  # of a plug-in that is not here
-            units[name], meanings[name] = material.units.get(name, ""), ""
-    played = {id(run): number for number, run in enumerate(run for run in runs if run.folder is not None)}
-    budget = Budget.of(max(len(played), 1))
+        with suppress(ConfigError):  # of a plug-in that is not here
+            units[name], meanings[name] = metric(name).unit, metric(name).meaning
+        units[name] = material.units.get(name) or units[name]
+    player_of: dict[int, int | None] = {}
     players: list[tuple[str, Markup]] = []
-    for run in runs:
+    budget = Budget.of(max(sum(run.folder is not None for run in runs), 1))
+    for number, run in enumerate(runs):
+        player_of[number] = None if run.folder is None else len(players)
         if run.folder is not None:
             players.append((f"{run.configuration}: {run.name}", data_block(playable(run.folder, budget))))
             progress(len(players))
@@ -88,7 +81,14 @@ def page(
         }
         for name in names
     ]
-    several = len(by_configuration) > 1
+    others = [name for name in by_configuration if name != first]
+    pairs = {
+        name: [
+            (other, compare(*(_values(by_configuration[one], name) for one in (first, other)), better=better(name)))
+            for other in others
+        ]
+        for name in names
+    }
     return _render(
         {
             "title": title,
@@ -97,20 +97,13 @@ def page(
             "names": names,
             "units": units,
             "meanings": meanings,
-            "counts": {
-                "runs": len(runs),
-                "configurations": len(by_configuration),
-                "places": len({run.place for run in runs}),
-                "seeds": len({run.seed for run in runs}),
-                "failed": sum(run.status != "ok" for run in runs),
-                "success": _success(runs),
-            },
-            "configurations": _rows(runs, names),
-            "places": _places(runs, names),
+            "runs": runs,
+            "configurations": by_configuration,
+            "places": charts.grouped(runs, lambda run: ", ".join(filter(None, (run.place, run.platform, run.noise)))),
             "baseline": first,
-            "pairs": {name: _pairs(by_configuration, first, name) for name in names} if several else {},
+            "pairs": pairs if others else {},
             "failures": [run for run in runs if run.status != "ok"],
-            "player_of": {number: played.get(id(run)) for number, run in enumerate(runs)},
+            "player_of": player_of,
             "players": players,
             "charts": data_block(drawn),
             "has_curves": any(each["curves"] for each in drawn),
@@ -129,11 +122,8 @@ def data_block(value: Any) -> Markup:
 def _render(context: dict[str, Any]) -> str:
     assets = files("moteslam.eval.page")
     style, *own = (assets.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "player.js", "page.js"))
-    plotly = find_spec("plotly")  # its script: the package is not imported
-    assert plotly is not None
-    assert plotly.origin is not None
-    script = Path(plotly.origin).parent / "package_data" / "plotly.min.js"
-    scripts = [script.read_text(encoding="utf-8"), *own]
+    plotly = distribution("plotly").locate_file("plotly/package_data/plotly.min.js")  # the package is not imported
+    scripts = [Path(str(plotly)).read_text(encoding="utf-8"), *own]
     environment = Environment(
         loader=BaseLoader(),
         autoescape=True,
@@ -148,16 +138,14 @@ def _render(context: dict[str, Any]) -> str:
         "share": _share,
         "lines": lambda text: Markup("\n").join(escape(literal(line)) for line in text.splitlines()),
         "key": lambda value: "" if value is None else repr(value),  # by which a cell is sorted
+        "success": lambda runs: Proportion(sum(run.succeeded for run in runs), len(runs)),
+        "summary": charts.summary_of,
+        "by_configuration": lambda runs: charts.grouped(runs, lambda run: run.configuration),
+        "s": lambda count: "" if count == 1 else "s",
     }
-    policy = "; ".join(
-        (
-            "default-src 'none'",
-            f"script-src {' '.join(map(_hash, scripts))}",
-            f"style-src {_hash(style)} {_hash('')}",
-            "img-src data: blob:",
-            "base-uri 'none'",
-            "form-action 'none'",
-        )
+    policy = (
+        f"default-src 'none'; script-src {' '.join(map(_hash, scripts))}; style-src {_hash(style)} {_hash('')}; "
+        "img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
     context["no_styles"] = STYLE_OF_MAPS.findall(scripts[0])
     template = environment.from_string(assets.joinpath("page.html").read_text(encoding="utf-8"))
@@ -185,41 +173,10 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     ]
 
 
-def _success(runs: Sequence[ReportRun]) -> Proportion:
-    return Proportion(sum(run.succeeded for run in runs), len(runs))
-
-
-def _rows(runs: Sequence[ReportRun], names: Sequence[str]) -> list[dict[str, Any]]:
-    """A row a configuration, over all that it was run on."""
-    return [
-        {
-            "name": name,
-            "runs": len(members),
-            "success": _success(members),
-            "values": [charts.summary_of(members, each) for each in names],
-        }
-        for name, members in charts.grouped(runs, lambda run: run.configuration).items()
-    ]
-
-
-def _places(runs: Sequence[ReportRun], names: Sequence[str]) -> list[tuple[str, list[dict[str, Any]]]]:
-    """For each scenario with robot and noise a row a configuration; nothing where there is but one of them."""
-    groups = charts.grouped(runs, lambda run: ", ".join(filter(None, (run.place, run.platform, run.noise))))
-    return [(place, _rows(members, names)) for place, members in groups.items()] if len(groups) > 1 else []
-
-
-def _pairs(groups: dict[str, list[ReportRun]], baseline: str, name: str) -> list[tuple[str, Comparison]]:
-    """Each other configuration compared with the baseline."""
-    values = {
-        configuration: {
-            run.case: run.values.get(name) if run.status == "ok" else None
-            for run in members
-            if run.status != "ok" or name in run.values
-        }
-        for configuration, members in groups.items()
-    }
-    first = values.pop(baseline)
-    return [(other, compare(first, each, better=better(name))) for other, each in values.items()]
+def _values(runs: Sequence[ReportRun], metric: str) -> dict[Key, float | None]:
+    """By case, None of runs that failed; runs of which the metric is absent are left out."""
+    having = [run for run in runs if run.status != "ok" or metric in run.values]
+    return {run.case: run.values[metric] if run.status == "ok" else None for run in having}
 
 
 def _number(value: float | None) -> str:

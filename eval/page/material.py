@@ -30,15 +30,10 @@ class ReportRun:
     """A run as the report sees it.
 
     Attributes:
-        place: scenario or recording.
-        platform, noise, seed: of it; empty where they are the scenario's own or not known.
+        place: scenario or recording; platform, noise and seed are empty where they are its own or not known.
         duration: at which the drive was cut [s], if it was.
-        configuration: its name, with what varies.
-        varied: keys that vary, and their values.
-        base: the configuration without what varies.
-        status, error: as of a row of a sweep.
-        values: by metric; absent ones are left out.
-        absent: why, by metric.
+        configuration, base: its name, with what varies and without.
+        status, error, absent: as of a row of a sweep.
         succeeded: whether all limits were kept.
         folder: of its result, if it has one.
     """
@@ -80,8 +75,7 @@ class Material:
         documents: title and text of what was run: specifications of sweeps, configurations.
         facts: title, and names with values: versions, hardware.
         issues: what was wrong with recordings and runs, and how many runs had it.
-        pending: runs of sweeps that were not made yet.
-        wanted: metrics that the specifications name.
+        pending, wanted: runs of sweeps that were not made yet, and metrics that the specifications name.
     """
 
     runs: list[ReportRun] = field(default_factory=list)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.eval.metrics.association import evenly
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.run_tables import read_diagnostics, read_loops, read_particles
 from moteslam.robot.files import read_bytes, read_yaml
@@ -38,13 +39,7 @@ CLOUDS, LARGEST_CLOUD = 400_000, 60_000
 
 @dataclass(frozen=True)
 class Budget:
-    """How much of each run the page holds.
-
-    Attributes:
-        steps: poses.
-        picture: bytes of its map, and of its texture.
-        particles: numbers for its particles.
-    """
+    """How much of each run the page holds: poses, bytes of its map and its texture each, numbers for its particles."""
 
     steps: int
     picture: int
@@ -76,7 +71,7 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
         if len(other) != len(final):
             problem = f"{len(other)} poses, expected {len(final)} as in trajectory_final.tum"
             raise InputError(problem, file=folder / f"{name}.tum")
-    steps = np.unique(np.linspace(0, len(final) - 1, budget.steps).round().astype(np.intp))
+    steps = evenly(np.arange(len(final)), budget.steps)
     stamps = final.stamps[steps]
     start = float(stamps[0])
     found: dict[str, Any] = {
@@ -114,14 +109,10 @@ def _errors(trajectory: Trajectory, truth: Trajectory, stamps: Array) -> list[in
     """The largest error [0.1 mm] up to each stamp, from the one before on."""
     ate = absolute_trajectory_error(trajectory, truth)
     ends = np.searchsorted(ate.stamps, stamps, side="right")
-    largest = [
-        float(ate.errors[begin:end].max()) if end > begin else np.nan
-        for begin, end in zip((0, *ends[:-1]), ends, strict=True)
-    ]
-    values = np.array(largest)
-    known = np.flatnonzero(np.isfinite(values))
-    held = np.interp(np.arange(len(values)), known, values[known])
-    return _deltas(1e4 * held)
+    begins = np.concatenate(([0], ends[:-1]))
+    known = np.flatnonzero(ends > begins)  # steps with errors; others get what lies between
+    largest = [ate.errors[begin:end].max() for begin, end in zip(begins[known], ends[known], strict=True)]
+    return _deltas(1e4 * np.interp(np.arange(len(stamps)), known, largest))
 
 
 def _loops(file: Path, final: Trajectory, start: float) -> list[list[int]]:
@@ -140,9 +131,8 @@ def _particles(file: Path, start: float, budget: Budget) -> dict[str, Any]:
     """Times of updates, and of some paths x and y at these."""
     cloud = read_particles(file)
     most = int(np.clip(budget.particles // (2 * UPDATES), FEWEST_PARTICLES, PARTICLES))
-    paths = cloud.paths[np.unique(np.linspace(0, len(cloud.paths) - 1, most).astype(np.intp))]
-    count = max(2, min(len(cloud.stamps), budget.steps, budget.particles // (2 * len(paths))))
-    updates = np.unique(np.linspace(0, len(cloud.stamps) - 1, count).round().astype(np.intp))
+    paths = cloud.paths[evenly(np.arange(len(cloud.paths)), most)]
+    updates = evenly(np.arange(len(cloud.stamps)), max(2, min(budget.steps, budget.particles // (2 * len(paths)))))
     return {
         "t": _deltas(1e3 * (cloud.stamps[updates] - start)),
         "paths": [[_deltas(1e3 * path[updates, k]) for k in (0, 1)] for path in paths],

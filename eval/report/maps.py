@@ -1,27 +1,29 @@
-"""The map: as files, and figures of paths, dead reckoning and loops seen from above."""
+"""Figures of the map seen from above: paths, dead reckoning and loops on it, and what it was at stages of the run."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.eval.metrics.association import evenly
 from moteslam.eval.report import style
 from moteslam.eval.run_tables import loop_counts
-from moteslam.robot.files import write_atomically
-from moteslam.robot.formats.map_server import map_image, trinary, write_map
-from moteslam.robot.pictures import encode_png
-from moteslam.robot.raster import MapArrays, Raster
+from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import compose
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.backend.ledger import LoopCandidate
+from moteslam.slam.run import SlamSession
+from moteslam.slam.scan_records import Update
+from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+Array = NDArray[np.float64]
 
 SCANS_DRAWN, BEAMS_DRAWN = 400, 180
 """At most this number of a recording's scans, and of the beams of each, is drawn under dead reckoning."""
@@ -33,49 +35,19 @@ REJECTED_DRAWN = ("overruled", "contradicted", "ambiguous")
 """Verdicts of the rejected candidates that are drawn: a place was found there. The others are counted alone."""
 
 
-def write_map_png(path: str | PathLike[str], occupancy: Raster) -> None:
-    """Write the map as a grey PNG, a pixel a cell.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
-    write_atomically(path, encode_png(map_image(occupancy.values)))
-
-
-def write_map_server(path: str | PathLike[str], occupancy: Raster) -> None:
-    """Write ``map.pgm`` and, beside it, ``map.yaml`` as map_server and nav2 read them (trinary).
-
-    Raises:
-        OutputError: one of them cannot be written.
-    """
-    write_map(path, Raster(trinary(occupancy.values), occupancy.cell_size, occupancy.origin))
-
-
-def log_odds_arrays(occupancy: Raster) -> MapArrays:
-    """The map as it goes into ``map.npz``: log-odds as they are."""
-    return MapArrays(
-        kind="log_odds",
-        arrays={"log_odds": occupancy.values},
-        cell_size=occupancy.cell_size,
-        origin=occupancy.origin,
-    )
-
-
-def draw_map(axes: Axes, occupancy: Raster) -> None:
-    """The map: white where free, a light grey where unknown, dark where occupied."""
-    style.show_unknown(axes)
+def draw_map(axes: style.Axes, occupancy: Raster) -> None:
+    """The map: white where free, a light grey where unknown and beyond, dark where occupied."""
+    axes.set_facecolor(style.UNKNOWN)
     look: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": 1, "interpolation": "antialiased"}
     axes.imshow(style.map_greys(occupancy.values), origin="lower", extent=occupancy.extent, zorder=0, **look)
 
 
-def map_corners(occupancy: Raster) -> NDArray[np.float64]:
+def map_corners(occupancy: Raster) -> Array:
     """Lower left and upper right corner [2, 2] of what the map knows [m]; none [0, 2] of an empty map."""
-    known = occupancy.values != 0
-    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    if not len(rows):
+    known = np.argwhere(occupancy.values != 0)[:, ::-1]
+    if not len(known):
         return np.zeros((0, 2))
-    cells = np.array([[columns[0], rows[0]], [columns[-1] + 1, rows[-1] + 1]])
-    return np.asarray(occupancy.to_world(cells))
+    return np.asarray(occupancy.to_world(np.array([known.min(axis=0), known.max(axis=0) + 1])))
 
 
 def draw_trajectories(
@@ -88,24 +60,19 @@ def draw_trajectories(
     title: str = "",
 ) -> None:
     """The map, and on it the paths of the truth, of SLAM as known at the end, and of dead reckoning, in its frame."""
-    shown = [t.poses[:, :2] for t in (slam, dead_reckoning, truth) if t is not None]
-    points = np.concatenate([*shown, map_corners(occupancy)])
-    with style.saved_figure(path, size=style.plan_size(points)) as figure:
-        axes = figure.subplots()
+    given: tuple[tuple[Trajectory | None, dict[str, Any]], ...] = (
+        (truth, {**style.TRUTH_BAND, "label": "truth"}),
+        (dead_reckoning, {"color": style.DEAD_RECKONING, "lw": 1.1, "ls": "--", "label": "dead reckoning"}),
+        (slam, {"color": style.SLAM, "lw": 1.3, "label": style.FINAL}),
+    )
+    shown = [(trajectory.poses, look) for trajectory, look in given if trajectory is not None]
+    points = np.concatenate([*(poses[:, :2] for poses, _ in shown), map_corners(occupancy)])
+    with style.saved_plan(path, points, title=title) as axes:
         draw_map(axes, occupancy)
-        if truth is not None:
-            _draw_truth(axes, truth)
-        if dead_reckoning is not None:
-            look: dict[str, Any] = {"color": style.DEAD_RECKONING, "lw": 1.1, "ls": "--"}
-            axes.plot(*dead_reckoning.poses[:, :2].T, label="dead reckoning", **look)
-        axes.plot(*slam.poses[:, :2].T, color=style.SLAM, lw=1.3, label=style.FINAL)
+        for poses, look in shown:
+            axes.plot(*poses[:, :2].T, **look)
         style.mark_start(axes, slam.poses)
-        drawn = ((truth, style.TRUTH), (dead_reckoning, style.DEAD_RECKONING), (slam, style.SLAM))
-        style.mark_ends(axes, *((t.poses, colour) for t, colour in drawn if t is not None))
-        style.plan(axes)
-        style.show_everything(axes, points, margin=0.5)
-        style.legend_below(figure, axes)
-        style.heading(figure, title)
+        style.mark_ends(axes, *((poses, look["color"]) for poses, look in shown))
 
 
 def draw_dead_reckoning(
@@ -118,12 +85,7 @@ def draw_dead_reckoning(
 ) -> None:
     """Dead reckoning, with the scans where it would put them (figures 5 and 6): their walls drift apart.
 
-    Args:
-        path: of the PNG.
-        trajectory: of dead reckoning; at every scan where there are scans.
-        recording: whose scans are drawn; None, or one without, draws the path alone.
-        truth: in the frame of dead reckoning: both start at the same pose.
-        title: over the figure.
+    Scans are drawn where the trajectory has a pose for each. The truth starts at the same pose as dead reckoning.
     """
     walls = np.zeros((0, 2))
     if recording is not None and recording.lidar is not None and len(recording.lidar) == len(trajectory):
@@ -132,20 +94,15 @@ def draw_dead_reckoning(
     paths.append((trajectory.poses, style.DEAD_RECKONING))
     limits = np.quantile(walls, (STRAY, 1 - STRAY), axis=0) if len(walls) else walls
     points = np.concatenate([*(poses[:, :2] for poses, _ in paths), limits])
-    with style.saved_figure(path, size=style.plan_size(points)) as figure:
-        axes = figure.subplots()
+    with style.saved_plan(path, points, title=title, margin=1.0) as axes:
         if len(walls):
             axes.plot(walls[:, 0], walls[:, 1], ",", color="0.45", alpha=0.5)
             axes.plot([], [], ".", color="0.45", label="endpoints of scans")
         if truth is not None:
-            _draw_truth(axes, truth)
+            axes.plot(*truth.poses[:, :2].T, label="truth", **style.TRUTH_BAND)
         axes.plot(*trajectory.poses[:, :2].T, color=style.DEAD_RECKONING, lw=1.4, label="dead reckoning")
         style.mark_start(axes, trajectory.poses)
         style.mark_ends(axes, *paths)
-        style.plan(axes)
-        style.show_everything(axes, points)
-        style.legend_below(figure, axes)
-        style.heading(figure, title)
 
 
 def draw_loops(
@@ -158,14 +115,12 @@ def draw_loops(
 ) -> None:
     """The map, on it the final path (a pose at every scan), and lines between the two poses of every loop."""
     poses = trajectory.poses[:, :2]
-    points = np.concatenate((poses, map_corners(occupancy)))
+    counts = loop_counts(loops)
     accepted = [loop for loop in loops if loop.accepted]
     rejected = [loop for loop in loops if loop.verdict in REJECTED_DRAWN]
-    counts = loop_counts(loops)
-    drawn = ("candidates", "accepted", *REJECTED_DRAWN)
-    others = ", ".join(f"{count} {name}" for name, count in counts.items() if name not in drawn and count)
-    with style.saved_figure(path, size=style.plan_size(points)) as figure:
-        axes = figure.subplots()
+    others = [f"{counts[name]} {name}" for name in list(counts)[1:] if name not in ("accepted", *REJECTED_DRAWN)]
+    others = [text for text in others if not text.startswith("0 ")]
+    with style.saved_plan(path, np.concatenate((poses, map_corners(occupancy))), title=title, columns=(3, 1)) as axes:
         draw_map(axes, occupancy)
         axes.plot(*poses.T, color=style.SLAM, lw=0.7, label=style.FINAL)
         look: dict[str, Any] = {"color": ACCEPTED, "lw": 1.6, "ls": "-", "ms": 3.5, "zorder": 5}
@@ -174,16 +129,12 @@ def draw_loops(
         label = f"rejected: {', '.join(f'{counts[verdict]} {verdict}' for verdict in REJECTED_DRAWN)}"
         axes.plot(*_lines(trajectory, rejected).T, marker="o", mew=0, label=label, **look)
         if others:
-            axes.plot([], [], ls="", label=f"not drawn: {others}")
+            axes.plot([], [], ls="", label=f"not drawn: {', '.join(others)}")
         style.mark_start(axes, poses)
         style.mark_ends(axes, (poses, style.SLAM))
-        style.plan(axes)
-        style.show_everything(axes, points, margin=0.5)
-        style.legend_below(figure, axes, columns=3 if figure.get_figwidth() > 7 else 1)
-        style.heading(figure, title)
 
 
-def _lines(trajectory: Trajectory, loops: Sequence[LoopCandidate]) -> NDArray[np.float64]:
+def _lines(trajectory: Trajectory, loops: Sequence[LoopCandidate]) -> Array:
     """The two ends of every loop and a NaN [3 n, 2]: lines as one artist, each apart from the next."""
     scans = np.array([(loop.earlier, loop.later) for loop in loops], np.intp).reshape(-1, 2)
     ends = np.full((len(loops), 3, 2), np.nan)
@@ -191,19 +142,147 @@ def _lines(trajectory: Trajectory, loops: Sequence[LoopCandidate]) -> NDArray[np
     return ends.reshape(-1, 2)
 
 
-def _draw_truth(axes: Axes, truth: Trajectory) -> None:
-    axes.plot(*truth.poses[:, :2].T, color=style.TRUTH, lw=4.0, alpha=0.55, label="truth")
-
-
-def _endpoints(recording: Recording, trajectory: Trajectory) -> NDArray[np.float64]:
+def _endpoints(recording: Recording, trajectory: Trajectory) -> Array:
     """Endpoints [k, 2] of an even choice of scans and beams, where the trajectory puts them [m]."""
     lidar = recording.lidar
     assert lidar is not None
-    scans = np.unique(np.linspace(0, len(lidar) - 1, min(len(lidar), SCANS_DRAWN)).round().astype(int))
+    scans = evenly(np.arange(len(lidar)), SCANS_DRAWN)
     beams = slice(None, None, max(1, -(-lidar.ranges.shape[1] // BEAMS_DRAWN)))
-    ranges, angles = lidar.ranges[scans, beams].astype(np.float64), lidar.angles[beams]
-    mounts = compose(trajectory.poses[scans], recording.platform.lidar.pose)
-    directions = mounts[:, 2:] + angles
-    scan, beam = np.nonzero(np.isfinite(ranges))
-    reach, direction = ranges[scan, beam], directions[scan, beam]
-    return np.stack((mounts[scan, 0] + reach * np.cos(direction), mounts[scan, 1] + reach * np.sin(direction)), axis=-1)
+    ranges = lidar.ranges[scans, beams].astype(np.float64)
+    x, y, heading = compose(trajectory.poses[scans], recording.platform.lidar.pose).T[..., None]
+    directions = heading + lidar.angles[beams]
+    ends = np.stack((x + ranges * np.cos(directions), y + ranges * np.sin(directions)), axis=-1)
+    return np.asarray(ends[np.isfinite(ranges)])
+
+
+STAGES = 6
+"""Of a run."""
+SCANS = 250
+"""At most this many scans are drawn into the map of a stage but the last: its panel is small."""
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """The map after the scan of this index and stamp [s]."""
+
+    index: int
+    stamp: float
+    map: Raster
+
+
+@dataclass(eq=False)
+class Snapshots:
+    """Watches a session and keeps its map after each sixth of the scans."""
+
+    session: SlamSession
+    kept: list[Snapshot] = field(default_factory=list)
+
+    def look(self, update: Update) -> None:
+        """Keep the map if this scan ends a stage."""
+        total = len(self.session)
+        if update.index in np.arange(1, STAGES + 1) * total // STAGES - 1:
+            occupancy = self.session.map if update.index == total - 1 else self.session.preview(SCANS)
+            self.kept.append(Snapshot(update.index, update.stamp, occupancy))
+
+
+@dataclass(eq=False)
+class TextureStages:
+    """Watches the colouring and keeps the coloured floor, with its stamp, at six moments from begin to end [s]."""
+
+    begin: float
+    end: float
+    kept: list[tuple[float, TextureMap]] = field(default_factory=list)
+
+    def look(self, stamp: float, mapper: TextureMapper) -> None:
+        """Keep the map if a stage ends before this frame's stamp [s]."""
+        while len(self.kept) < STAGES:
+            due = self.begin + (len(self.kept) + 1) * (self.end - self.begin) / STAGES
+            if stamp < due:
+                return
+            self.kept.append((due, mapper.snapshot()))
+
+
+def with_opacity(texture: TextureMap) -> NDArray[np.uint8]:
+    """The map as colours [H, W, 4]: red, green, blue, and an opacity of 0 where nothing is known; row 0 smallest y."""
+    known = texture.known[..., None]
+    return np.concatenate((np.where(known, texture.values, 255), np.where(known, 255, 0)), axis=-1).astype(np.uint8)
+
+
+def draw_over_time(
+    path: str | PathLike[str], snapshots: Sequence[Snapshot], *, trajectory: Trajectory, title: str = ""
+) -> None:
+    """The map at stages of the run, one at least, and the trajectory, as it was known at each scan, until then.
+
+    All at one scale: figures 1 and 2 of the paper.
+    """
+    points = np.concatenate([trajectory.poses[:, :2], map_corners(snapshots[-1].map)])
+    with _panels(path, len(snapshots), points, width=11.0, columns=(6, 3), title=title) as panels:
+        for axes, snapshot in zip(panels, snapshots, strict=True):
+            draw_map(axes, snapshot.map)
+            _draw_path(axes, trajectory.poses[: snapshot.index + 1], style.ONLINE, "robot")
+            axes.set_title(f"{snapshot.stamp - trajectory.stamps[0]:.0f} s")
+
+
+def draw_texture_over_time(
+    path: str | PathLike[str],
+    stages: Sequence[tuple[float, TextureMap]],
+    occupancy: Raster,
+    *,
+    trajectory: Trajectory,
+    title: str = "",
+) -> None:
+    """The map and, beside it, the coloured floor at stages of the run (figures 3 and 4 of the paper).
+
+    The stages have a stamp [s] each; over their colours are the walls of the map, and the trajectory along which the
+    floor was coloured until then.
+    """
+    belief = np.tanh(occupancy.values / 2)
+    dark = np.zeros((*belief.shape, 4))
+    dark[..., 3] = np.where(belief > 0, 0.8 * belief, 0.0)
+    corners = [np.reshape(texture.extent, (2, 2)).T for _, texture in stages]
+    points = np.concatenate((trajectory.poses[:, :2], *corners))
+    with _panels(path, len(stages) + 1, points, width=13.0, columns=(7, 4), title=title) as panels:
+        draw_map(panels[0], occupancy)
+        _draw_path(panels[0], trajectory.poses, "SLAM", "end")
+        panels[0].set_title("the map")
+        for axes, (stamp, texture) in zip(panels[1:], stages, strict=True):
+            axes.set_facecolor(style.UNKNOWN)
+            for picture, extent in ((with_opacity(texture), texture.extent), (dark, occupancy.extent)):
+                axes.imshow(picture, origin="lower", extent=extent, interpolation="antialiased")
+            until = max(1, int(np.searchsorted(trajectory.stamps, stamp, side="right")))
+            _draw_path(axes, trajectory.poses[:until], "SLAM", "robot")
+            axes.set_title(f"{stamp - trajectory.stamps[0]:.0f} s")
+
+
+def _draw_path(axes: style.Axes, poses: NDArray[np.float64], name: str, end: str) -> None:
+    axes.plot(*poses[:, :2].T, color=style.SLAM, lw=1.0, label=name)
+    style.mark_start(axes, poses)
+    style.mark_ends(axes, (poses, style.SLAM), label=end)
+
+
+@contextmanager
+def _panels(
+    path: str | PathLike[str],
+    count: int,
+    points: NDArray[np.float64],
+    *,
+    width: float,
+    columns: tuple[int, int],
+    title: str,
+) -> Iterator[list[style.Axes]]:
+    """The axes of a figure of this width [inch] with that many floor plans, all of which show points [n, 2] [m].
+
+    ``columns`` are as many plans as stand side by side where they are high, and where they are not; 2 of wide ones do.
+    """
+    wide, high = np.ptp(points, axis=0) + 1.0
+    across = min(count, columns[0] if high > 2 * wide else 2 if high < 0.3 * wide else columns[1])
+    rows = -(-count // across)
+    panel_height = min(max(width / across * high / wide, 0.7), 8.0)
+    with style.saved_figure(path, size=(width, rows * (panel_height + 0.25) + 0.9), title=title) as figure:
+        grid = figure.subplots(rows, across, sharex=True, sharey=True, squeeze=False)
+        for place, axes in enumerate(grid.flat):
+            style.plan(axes)
+            axes.label_outer()
+            axes.set_visible(place < count)
+        style.show_everything(grid[0, 0], points)
+        yield list(grid.flat)[:count]

@@ -5,19 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.eval.metrics.association import travelled
 from moteslam.eval.report import style
 from moteslam.eval.report.style import STEPS, broken
 from moteslam.robot.se2 import between, compose
-from moteslam.robot.values import Summarised
 from moteslam.slam.estimate import Estimate
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -31,17 +27,11 @@ COMPONENTS = (("along [cm]", 100.0), ("across [cm]", 100.0), ("heading [deg]", 1
 """Of a deviation: label of its axis, and the factor from m or rad to its unit."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Cloud(Summarised):
-    """The particles of a run. The survivors are those of the last update.
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """The particles of a run: stamps [u], paths [K, u, 3], ancestors [K, u] and spread [u, 3] as of ``Estimate``.
 
-    Attributes:
-        stamps: [u] of the updates of the filter [s].
-        paths: [K, u, 3] of the survivors.
-        ancestors: [K, u] index of each path's particle among those of every update.
-        spread: [u, 3] standard deviation of all particles after every update: along and across the heading [m], and of
-            the heading [rad].
-        best: index of the best particle among the survivors.
+    The survivors are those of the last update, whose paths these are; ``best`` is the index of the best one.
     """
 
     stamps: Array
@@ -53,14 +43,10 @@ class Cloud(Summarised):
     @classmethod
     def of(cls, estimate: Estimate) -> Cloud:
         """The particles of an estimate; the best one is where the final trajectory ends."""
-        end = estimate.trajectory_final.at(estimate.particle_stamps[-1:]).poses[0]
-        from_end = between(end, estimate.particle_paths[:, -1])
-        best = int(np.hypot(from_end[:, 0], from_end[:, 1]).argmin())
         stamps, paths = estimate.particle_stamps, estimate.particle_paths
+        from_end = paths[:, -1] - estimate.trajectory_final.at(stamps[-1:]).poses[0]
+        best = int(np.hypot(from_end[:, 0], from_end[:, 1]).argmin())
         return cls(stamps, paths, estimate.particle_ancestors, estimate.particle_spread, best)
-
-    def __len__(self) -> int:
-        return len(self.paths)
 
     @property
     def time(self) -> Array:
@@ -92,8 +78,9 @@ class Cloud(Summarised):
 
 def draw_particles(path: str | PathLike[str], cloud: Cloud, *, title: str = "") -> None:
     """The particles' deviations, magnified on the plan and over time, and their ancestors (figure 8 of the paper)."""
-    drawn = np.unique(np.linspace(0, len(cloud) - 1, min(len(cloud), PARTICLES_DRAWN)).round().astype(np.int64))
-    with style.saved_figure(path, size=(14.0, 8.5)) as figure:
+    count = len(cloud.paths)
+    drawn = np.unique(np.linspace(0, count - 1, min(count, PARTICLES_DRAWN)).round().astype(np.int64))
+    with style.saved_figure(path, size=(14.0, 8.5), title=title) as figure:
         grid = figure.add_gridspec(4, 2, width_ratios=(1.0, 1.15))
         plan = figure.add_subplot(grid[:, 0])
         first = figure.add_subplot(grid[0, 1])
@@ -105,22 +92,18 @@ def draw_particles(path: str | PathLike[str], cloud: Cloud, *, title: str = "") 
         _draw_ancestors(panels[3], cloud)
         first.set_title("deviation from the mean of the particles", loc="left")
         panels[3].set_xlabel("time [s]")
-        style.legend_below(figure, plan, *panels)
-        style.heading(figure, title)
 
 
 def magnification(largest: float, size: float) -> int:
-    """The factor that deviations are magnified by: 1, 2 or 5 times a power of ten, 5000 at most.
+    """The factor that deviations up to the largest [m] are magnified by on a plan of this size [m].
 
-    Args:
-        largest: deviation [m].
-        size: longer side of the plan [m].
+    1, 2 or 5 times a power of ten, 5000 at most.
     """
     limit = DRAWN_SIZE * size / max(largest, 1e-6)
     return max(int(step) for step in STEPS if step == 1 or 1 < step <= min(limit, 5000))
 
 
-def _draw_plan(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None:
+def _draw_plan(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None:
     """The mean path, and around it the survivors' paths and the spread of all particles, magnified."""
     from matplotlib.collections import EllipseCollection, LineCollection
 
@@ -129,23 +112,13 @@ def _draw_plan(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None:
     spread = 2 * cloud.spread[:, :2]
     factor = magnification(max(float(abs(deviations[..., :2]).max()), float(np.quantile(spread, 0.9))), size)
     paths = compose(mean, deviations * (factor, factor, 1.0))
-    travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(mean[:, :2], axis=0).T))))
-    evenly = np.linspace(0.0, travelled[-1], ELLIPSES)
-    places = np.unique(np.searchsorted(travelled, evenly).clip(max=len(mean) - 1))
+    along = travelled(mean)[0]
+    places = np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], ELLIPSES)).clip(max=len(mean) - 1))
     widths, heights = 2 * factor * spread[places].T
-    axes.add_collection(
-        EllipseCollection(
-            widths,
-            heights,
-            np.rad2deg(mean[places, 2]),
-            units="xy",
-            offsets=mean[places, :2],
-            offset_transform=axes.transData,
-            facecolors="0.85",
-            edgecolors="0.6",
-            linewidths=0.5,
-        )
-    )
+    offsets = {"offsets": mean[places, :2], "offset_transform": axes.transData}
+    look = {"facecolors": "0.85", "edgecolors": "0.6", "linewidths": 0.5}
+    turns = np.rad2deg(mean[places, 2])
+    axes.add_collection(EllipseCollection(widths, heights, turns, units="xy", **offsets, **look))
     axes.add_collection(LineCollection(list(paths[..., :2]), colors=style.PARTICLE, linewidths=0.6))
     axes.plot(mean[:, 0], mean[:, 1], color="black", lw=0.6, label="mean path")
     axes.plot(*mean[cloud.partings, :2].T, "d", color=style.DEAD_RECKONING, ms=5, mew=0)
@@ -158,7 +131,7 @@ def _draw_plan(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None:
     style.show_everything(axes, paths[..., :2], *around, margin=0.03 * size + 0.1)
 
 
-def _draw_deviations(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64], column: int) -> None:
+def _draw_deviations(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64], column: int) -> None:
     """One component of the deviations over time: of the survivors' paths, and the standard deviation of all."""
     from matplotlib.collections import LineCollection
 
@@ -170,8 +143,8 @@ def _draw_deviations(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64], column:
     for side in (-sigma, sigma):  # over the paths, which may hide the band
         axes.plot(time, side, color="0.3", lw=0.6, zorder=3)
     lines = [np.stack(broken(cloud.time, line), axis=-1) for line in values]
-    number = f"{len(drawn)} of {len(cloud)}" if len(drawn) < len(cloud) else f"{len(cloud)}"
-    survivors = f"paths of {number} particles of the last update"
+    count = len(cloud.paths)
+    survivors = f"paths of {f'{len(drawn)} of ' if len(drawn) < count else ''}{count} particles of the last update"
     axes.add_collection(LineCollection(lines, colors=style.PARTICLE, linewidths=0.6, label=survivors))
     axes.plot(*broken(cloud.time, best), color=style.SLAM, lw=1.0, label="path of the best particle")
     top = max(float(abs(values).max()), float(np.nanquantile(sigma, 0.99)), 1e-3)
@@ -182,19 +155,14 @@ def _draw_deviations(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64], column:
     style.curve_axes(axes, label)
 
 
-def _draw_ancestors(axes: Axes, cloud: Cloud) -> None:
+def _draw_ancestors(axes: style.Axes, cloud: Cloud) -> None:
     """How many ancestors the survivors have at each update, and where lineages part."""
-    counts, partings = cloud.ancestor_counts, cloud.partings
+    counts, partings, count = cloud.ancestor_counts, cloud.partings, len(cloud.paths)
     axes.plot(cloud.time, counts, color="black", lw=1.0, drawstyle="steps-post")
     label = f"lineages part ({len(partings)} times)"
     axes.plot(cloud.time[partings], counts[partings], "d", color=style.DEAD_RECKONING, ms=5, mew=0, label=label)
-    axes.set_yscale("log")
-    axes.set_ylim(0.8, top := 1.25 * len(cloud))
-    axes.set_yticks([step for step in STEPS if 1 <= step <= top])
-    axes.yaxis.set_major_formatter("{x:.0f}")
-    axes.minorticks_off()
-    axes.set_ylabel("ancestors")
-    axes.grid(axis="y", color="0.9", lw=0.6)
+    style.log_axis(axes, 0.8, 1.25 * count)
+    style.curve_axes(axes, "ancestors")
     single = np.flatnonzero(counts == 1)
     since = f"one common ancestor until {cloud.time[single[-1]]:.0f} s" if len(single) else f"{counts[0]} at the start"
-    axes.set_title(f"ancestors of the {len(cloud)} particles of the last update: {since}", loc="left")
+    axes.set_title(f"ancestors of the {count} particles of the last update: {since}", loc="left")

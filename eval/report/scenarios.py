@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,6 @@ from moteslam.sim.actors.actors import Door
 from moteslam.sim.scenario import Scenario
 from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.world import World, true_map
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -34,8 +31,13 @@ RASTER = 1500
 """Cells along the longer side of the raster of free space."""
 ARROWS_APART = 0.9
 """Distance between the arrows along a route [inch]."""
-ARROW_LENGTH, ARROW_HALF_WIDTH, ARROW_BESIDE = 0.11, 0.035, 0.05
-"""Of an arrow, and how far to the right of the line it is drawn, as there and back differ [inch]."""
+ARROW: dict[str, Any] = {
+    **{"units": "inches", "width": 0.035, "headwidth": 2.0, "headlength": 3.1, "headaxislength": 3.1},
+    **{"scale_units": "inches", "scale": 1 / 0.11},
+}
+"""A triangle 0.11 inch long and 0.07 wide."""
+ARROW_BESIDE = 0.05
+"""How far to the right of the line an arrow is drawn, as there and back differ [inch]."""
 FONT_SIZE = 8.0 / 72
 """Of labels [inch]."""
 CHARACTER = (0.62, 1.3)
@@ -55,23 +57,16 @@ class Label(NamedTuple):
 
 
 def draw_scenario(path: str | PathLike[str], scenario: Scenario, *, driven: Array | None = None) -> None:
-    """Draw a scenario as a plan in metres, its legend below the axes.
-
-    Args:
-        path: of the PNG.
-        scenario: to draw.
-        driven: [n, 2] the path that was driven, drawn in place of the route [m].
+    """Draw a scenario as a plan; the path [n, 2] that was driven [m] in place of its route.
 
     Raises:
         InputError: a floor plan that cannot be read.
-        OutputError: it cannot be written.
     """
     world = World.of(scenario.world)
     points = world.segments.reshape(-1, 2)
-    scale = LONGEST / (float(np.ptp(points, axis=0).max()) + 2.0)  # inch/m, as in plan_size
+    scale = LONGEST / (float(np.ptp(points, axis=0).max()) + 2.0)  # inch/m, as of saved_plan
     line = driven if driven is not None else None if scenario.route is None else scenario.route.path()
-    with style.saved_figure(path, size=style.plan_size(points, longest=LONGEST)) as figure:
-        axes = figure.subplots()
+    with style.saved_plan(path, points, title=scenario.name, longest=LONGEST) as axes:
         axes.set_facecolor(FREE_SPACE)
         _draw_unreached(axes, world, scenario.start[:2])
         labels = _draw_slippery(axes, scenario.world)
@@ -79,43 +74,33 @@ def draw_scenario(path: str | PathLike[str], scenario: Scenario, *, driven: Arra
         _draw_walls(axes, world)
         labels += _draw_route(axes, scenario, line, scale, "route" if driven is None else "driven path")
         labels += _draw_people(axes, scenario) + _draw_doors(axes, scenario)
-        style.plan(axes)
-        style.show_everything(axes, points, margin=0.5)
         _draw_labels(axes, labels, scale)
-        style.legend_below(figure, axes)
-        style.heading(figure, scenario.name)
 
 
-def _draw_unreached(axes: Axes, world: World, start: Array) -> None:
+def _draw_unreached(axes: style.Axes, world: World, start: Array) -> None:
     """Fill all but what can be reached from the robot's start."""
     from matplotlib.colors import ListedColormap
 
     x0, y0, x1, y1 = world.bounds
     reached = true_map(world, max(x1 - x0, y1 - y0) / RASTER, seen_from=start)
-    axes.imshow(
-        np.ma.masked_equal(reached.values, FREE),
-        extent=reached.extent,
-        cmap=ListedColormap([UNREACHED]),
-        origin="lower",
-        interpolation="nearest",
-        zorder=0.4,
-    )
+    look: dict[str, Any] = {"cmap": ListedColormap([UNREACHED]), "origin": "lower", "interpolation": "nearest"}
+    axes.imshow(np.ma.masked_equal(reached.values, FREE), extent=reached.extent, zorder=0.4, **look)
     axes.plot([], [], "s", mfc=FREE_SPACE, mec="0.6", ms=8, label="free space")
 
 
-def _draw_slippery(axes: Axes, layout: Layout) -> list[Label]:
+def _draw_slippery(axes: style.Axes, layout: Layout) -> list[Label]:
     """Patches of slippery floor; their labels."""
     from matplotlib.patches import Rectangle
 
     labels = []
-    for i, patch in enumerate(layout.slippery):
-        label = "slippery floor" if i == 0 else None
-        axes.add_patch(Rectangle(patch.corner, *patch.size, facecolor=SLIPPERY, alpha=0.6, zorder=0.3, label=label))
+    for patch in layout.slippery:
+        look: dict[str, Any] = {"facecolor": SLIPPERY, "alpha": 0.6, "zorder": 0.3, "label": "slippery floor"}
+        axes.add_patch(Rectangle(patch.corner, *patch.size, **look))
         labels.append(Label(f"grip {patch.grip:g}", np.add(patch.corner, np.multiply(0.5, patch.size)).tolist(), "0.3"))
     return labels
 
 
-def _draw_furniture(axes: Axes, layout: Layout) -> None:
+def _draw_furniture(axes: style.Axes, layout: Layout) -> None:
     """The areas that pieces take on the floor, a colour a kind."""
     from matplotlib.collections import PolyCollection
 
@@ -126,14 +111,13 @@ def _draw_furniture(axes: Axes, layout: Layout) -> None:
         "box": [piece.polygon() for piece in layout.boxes],
         "pillar": [piece.polygon() for piece in layout.pillars],
     }
+    look: dict[str, Any] = {"edgecolors": "0.6", "linewidths": 0.4, "zorder": 0.5}
     for kind, colour in FURNITURE_COLOURS.items():
         if areas := furniture[kind]:
-            label = f"{kind} ({len(areas)})"
-            pieces = PolyCollection(areas, facecolors=colour, edgecolors="0.6", linewidths=0.4, zorder=0.5, label=label)
-            axes.add_collection(pieces)
+            axes.add_collection(PolyCollection(areas, facecolors=colour, label=f"{kind} ({len(areas)})", **look))
 
 
-def _draw_walls(axes: Axes, world: World) -> None:
+def _draw_walls(axes: style.Axes, world: World) -> None:
     """Walls and outlines of what stands, a colour a material."""
     from matplotlib.collections import LineCollection
 
@@ -147,7 +131,7 @@ def _draw_walls(axes: Axes, world: World) -> None:
             axes.add_collection(LineCollection(lines, colors=colour, linewidths=1.0 if plain else 2.2, label=label))
 
 
-def _draw_route(axes: Axes, scenario: Scenario, line: Array | None, scale: float, name: str) -> list[Label]:
+def _draw_route(axes: style.Axes, scenario: Scenario, line: Array | None, scale: float, name: str) -> list[Label]:
     """The route with arrows, its start and its goal; their labels."""
     start = scenario.start
     style.mark_start(axes, start[None])
@@ -158,24 +142,13 @@ def _draw_route(axes: Axes, scenario: Scenario, line: Array | None, scale: float
         return [Label("start", start[:2].tolist())]
     length = float(np.hypot(*np.diff(line, axis=0).T).sum())
     axes.plot(line[:, 0], line[:, 1], color=style.SLAM, lw=1.0, label=f"{name}, {length:.0f} m")
-    _draw_arrows(axes, line, scale)
+    places, directions = along(line, ARROWS_APART / scale)
+    beside = places + ARROW_BESIDE / scale * np.stack((directions[:, 1], -directions[:, 0]), axis=-1)
+    axes.quiver(*beside.T, *directions.T, color=style.SLAM, pivot="mid", zorder=3, **ARROW)
     style.mark_ends(axes, (line, style.SLAM), label="goal")
     if np.hypot(*(line[-1] - start[:2])) * scale < ARROWS_APART / 3:
         return [Label("start and goal", start[:2].tolist())]
     return [Label("start", start[:2].tolist()), Label("goal", line[-1].tolist(), style.SLAM)]
-
-
-def _draw_arrows(axes: Axes, line: Array, scale: float) -> None:
-    """Arrows to the right of a line [k, 2] [m], at even distances, on a plan of this scale [inch/m]."""
-    from matplotlib.collections import PolyCollection
-
-    places, directions = along(line, ARROWS_APART / scale)
-    right = np.stack((directions[:, 1], -directions[:, 0]), axis=-1)
-    middle = places + ARROW_BESIDE / scale * right
-    half = ARROW_LENGTH / 2 / scale * directions
-    sides = (middle - half - side * ARROW_HALF_WIDTH / scale * right for side in (-1, 1))
-    corners = np.stack((middle + half, *sides), axis=1)
-    axes.add_collection(PolyCollection(list(corners), facecolors=style.SLAM, edgecolors="none", zorder=3))
 
 
 def along(line: Array, spacing: float) -> tuple[Array, Array]:
@@ -195,31 +168,28 @@ def along(line: Array, spacing: float) -> tuple[Array, Array]:
     return line[leg] + (at - travelled[leg])[:, None] * directions, directions
 
 
-def _draw_people(axes: Axes, scenario: Scenario) -> list[Label]:
+def _draw_people(axes: style.Axes, scenario: Scenario) -> list[Label]:
     """Where people start and walk; their labels."""
     labels = []
-    known = set()
     for i, person in enumerate(scenario.people):
         waypoints = np.asarray(person.waypoints)
         strolls = len(waypoints) == 1
-        what = "person, strolls about" if strolls else "person, there and back"
         look: dict[str, Any] = {"color": PERSON, "mfc": "white" if strolls else PERSON, "mec": PERSON, "lw": 1.2}
-        label = None if what in known else what
-        axes.plot(*waypoints.T, "o" if strolls else "o:", markevery=[0], ms=5, label=label, **look)
-        known.add(what)
+        look["label"] = "person, strolls about" if strolls else "person, there and back"
+        axes.plot(*waypoints.T, "o" if strolls else "o:", markevery=[0], ms=5, **look)
         labels.append(Label(f"person {i + 1}", person.waypoints[0], PERSON))
     if scenario.crowd is not None:
         axes.plot([], [], "o", color="none", mec=PERSON, ms=5, label=f"+ {scenario.crowd.count} who stroll anywhere")
     return labels
 
 
-def _draw_doors(axes: Axes, scenario: Scenario) -> list[Label]:
+def _draw_doors(axes: style.Axes, scenario: Scenario) -> list[Label]:
     """The leaves of doors, shut and open; their labels."""
     labels = []
     for i, door in enumerate(scenario.doors):
         leaf = np.array((door.hinge, door.end))
-        axes.plot(*leaf.T, color=DOOR, lw=2.4, label="door, shut" if i == 0 else None)
-        axes.plot(*_opening(door).T, "--", color=DOOR, lw=1.0, label="door, as it opens" if i == 0 else None)
+        axes.plot(*leaf.T, color=DOOR, lw=2.4, label="door, shut")
+        axes.plot(*_opening(door).T, "--", color=DOOR, lw=1.0, label="door, as it opens")
         labels.append(Label(f"door {i + 1}", leaf.mean(axis=0).tolist(), DOOR))
     return labels
 
@@ -235,18 +205,21 @@ def _opening(door: Door) -> Array:
     return np.concatenate((hinge + arc, hinge[None]))
 
 
-def _draw_labels(axes: Axes, labels: Sequence[Label], scale: float) -> None:
+def _draw_labels(axes: style.Axes, labels: Sequence[Label], scale: float) -> None:
     """Write labels beside their places on a plan of this scale [inch/m], with a rim that keeps them legible on lines.
 
     Each is where it covers no label before it, is inside the axes, and covers the least of what is drawn; of such
     places the nearest.
     """
     from matplotlib.patheffects import withStroke
+    from matplotlib.quiver import Quiver
 
     lines = [np.asarray(line.get_xydata()) for line in axes.lines]
-    lines += [np.asarray(path.vertices) for collection in axes.collections for path in collection.get_paths()]
+    arrows = [each for each in axes.collections if isinstance(each, Quiver)]
+    areas = [each for each in axes.collections if each not in arrows]
+    lines += [np.asarray(path.vertices) for each in areas for path in each.get_paths()]
     sampled = [along(line, FONT_SIZE / 3 / scale)[0] for line in lines if len(line) > 1]
-    drawn = np.concatenate([np.zeros((0, 2)), *sampled])
+    drawn = np.concatenate([np.zeros((0, 2)), *sampled, *(each.XY for each in arrows)])
     low, high = np.transpose((axes.get_xlim(), axes.get_ylim()))
     centres, sizes = np.zeros((0, 2)), np.zeros((0, 2))
     for label in labels:

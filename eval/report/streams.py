@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from os import PathLike
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.eval.report.style import DEAD_RECKONING, SLAM, heading, saved_figure
+from moteslam.eval.report import style
+from moteslam.eval.report.style import DEAD_RECKONING, SLAM
 from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection
-from moteslam.robot.recording import CHUNK, measured
+from moteslam.robot.recording import CHUNK, LidarStream, Recording, measured
 from moteslam.robot.sensor_reports import SCANS, yaw_rates
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from moteslam.robot.recording import LidarStream, Recording
 
 Array = NDArray[np.float64]
 
@@ -28,16 +23,7 @@ RANGE_BINS = 80
 
 
 def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspection) -> None:
-    """Draw what a recording's streams cover, their rates, the yaw rates they measure, and the ranges, over time.
-
-    Args:
-        path: of the PNG.
-        recording: any with a reading; all its ranges are read.
-        found: its inspection.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
+    """Draw what a recording's streams cover, their rates, the yaw rates they measure, and all its ranges, over time."""
     stamps = {name: some for name, some in recording.stamps().items() if len(some)}
     first = min(float(some[0]) for some in stamps.values())
     last = max(float(some[-1]) for some in stamps.values())
@@ -46,14 +32,16 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
     rates = yaw_rates(recording)
     lidar = recording.lidar if recording.lidar is not None and recording.lidar.ranges.size else None
     heights = [0.35 * len(stamps) + 0.3, 1.4, *([1.6] if rates else []), *([2.0, 1.0] if lidar is not None else [])]
-    with saved_figure(path, size=(10.0, sum(heights) + 0.5 * len(heights) + 0.6)) as figure:
-        heading(figure, f"{recording.name}: {span:.0f} s from {first:.3f} s on")
+    title = f"{recording.name}: {span:.0f} s from {first:.3f} s on"
+    since = {name: some - first for name, some in stamps.items()}
+    with style.saved_figure(path, size=(10.0, sum(heights) + 0.5 * len(heights) + 0.6), title=title) as figure:
         panels = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
         panels[0].set_xlim(-0.01 * span, 1.01 * span)
-        _draw_cover(panels.pop(0), {name: some - first for name, some in stamps.items()}, colours)
-        _draw_rates(panels.pop(0), {name: some - first for name, some in stamps.items()}, colours, span)
+        panels[-1].set_xlabel("time since the first stamp [s]")
+        _draw_cover(panels[0], since, colours)
+        _draw_rates(panels[1], since, colours, span)
         if rates:
-            axes = panels.pop(0)
+            axes = panels[2]
             late = {clock.name: f"\n{1000 * clock.offset:+.0f} ms to {clock.reference}" for clock in found.clocks}
             times = np.linspace(first, last, 4 * BINS)
             for width, (name, rate) in zip(np.linspace(2.2, 0.8, len(rates)), rates.items(), strict=True):
@@ -63,12 +51,10 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
             axes.set_ylabel("yaw rate [rad/s]")
             _legend(axes)
         if lidar is not None:
-            _draw_ranges(panels.pop(0), panels[-1], lidar, first, span)
-            panels.pop()
-        figure.axes[len(heights) - 1].set_xlabel("time since the first stamp [s]")
+            _draw_ranges(panels[-2], panels[-1], lidar, first)
 
 
-def _draw_cover(axes: Axes, stamps: dict[str, Array], colours: dict[str, str]) -> None:
+def _draw_cover(axes: style.Axes, stamps: dict[str, Array], colours: dict[str, str]) -> None:
     """A bar for what each stream covers, in black where it has a gap."""
     for row, (name, some) in enumerate(stamps.items()):
         steps = np.diff(some)
@@ -91,7 +77,7 @@ def _gaps(stamps: Array) -> NDArray[np.intp]:
     return np.flatnonzero(steps > longest)
 
 
-def _draw_rates(axes: Axes, stamps: dict[str, Array], colours: dict[str, str], span: float) -> None:
+def _draw_rates(axes: style.Axes, stamps: dict[str, Array], colours: dict[str, str], span: float) -> None:
     means = [len(some) / span for some in stamps.values()]
     for width, (name, some) in zip(np.linspace(3.0, 1.0, len(stamps)), stamps.items(), strict=True):
         # from its first to its last reading: a bin that is half empty is no change of the rate
@@ -107,53 +93,38 @@ def _draw_rates(axes: Axes, stamps: dict[str, Array], colours: dict[str, str], s
     _legend(axes)
 
 
-def _draw_ranges(above: Axes, below: Axes, lidar: LidarStream, first: float, span: float) -> None:
-    """How many ranges of each length there are over time, and the shares of those that are no endpoints."""
-    bins = min(BINS, len(lidar))
-    edges = np.linspace(0.0, span, bins + 1)
-    limit = _longest(lidar)
-    counts, beams = np.zeros((RANGE_BINS, bins)), np.zeros(bins)
-    without, invalid = np.zeros(bins), np.zeros(bins)
-    for start in range(0, len(lidar), CHUNK):
+def _draw_ranges(above: style.Axes, below: style.Axes, lidar: LidarStream, first: float) -> None:
+    """How many ranges of each length there are over time, and the shares of those that are no endpoints.
+
+    A column is a group of scans, up to the next group; between two groups with a gap between them it is empty.
+    """
+    times, gaps, limit, count = lidar.stamps - first, _gaps(lidar.stamps), _longest(lidar), len(lidar)
+    gaps = gaps[np.diff(times)[gaps] > times[-1] / BINS]  # shorter ones are no wider than a column
+    begins = np.union1d(np.linspace(0, count, min(BINS, count), endpoint=False).astype(np.intp), gaps + 1)
+    columns, lengths = np.arange(len(begins) + 1), np.linspace(0, limit, RANGE_BINS + 1)
+    ranges_seen, beams = np.zeros((RANGE_BINS, len(begins))), np.zeros(len(begins))
+    without, invalid = np.zeros(len(begins)), np.zeros(len(begins))
+    for start in range(0, count, CHUNK):
         ranges = lidar.ranges[start : start + CHUNK]
-        times = np.repeat(lidar.stamps[start : start + CHUNK] - first, ranges.shape[1])
-        column = np.clip((times / span * bins).astype(int), 0, bins - 1)
-        flat = ranges.ravel()
-        good = np.isfinite(flat) & (flat <= limit)
-        row = np.clip((flat[good] / limit * RANGE_BINS).astype(int), 0, RANGE_BINS - 1)
-        np.add.at(counts, (row, column[good]), 1)
-        meant = measured(ranges, lidar.interlace).ravel()
-        for total, chosen in ((beams, meant), (without, np.isinf(flat)), (invalid, np.isnan(flat) & meant)):
-            total += np.bincount(column, weights=chosen, minlength=bins)
-    share = np.divide(counts, beams, out=np.zeros_like(counts), where=beams > 0)
-    shown = _shown_in(edges, lidar.stamps - first, beams > 0)
-    share = np.where(shown >= 0, share[:, shown], 0.0)
-    above.pcolormesh(edges, np.linspace(0, limit, RANGE_BINS + 1), np.sqrt(share), cmap="Greys", rasterized=True)
+        column = np.searchsorted(begins, np.arange(start, start + len(ranges)), side="right") - 1
+        column = np.repeat(column[:, None], ranges.shape[1], axis=1)
+        meant, good = measured(ranges, lidar.interlace), np.isfinite(ranges)
+        ranges_seen += np.histogram2d(ranges[good], column[good], (lengths, columns))[0]
+        for total, chosen in ((beams, meant), (without, np.isinf(ranges)), (invalid, np.isnan(ranges) & meant)):
+            total += np.histogram(column[chosen], columns)[0]
+    after = np.flatnonzero(np.isin(begins, gaps + 1))
+    edges = np.insert(np.append(times[begins], times[-1]), after, times[begins[after] - 1])
+    shares = np.insert(ranges_seen / np.maximum(beams, 1), after, 0.0, axis=1)
+    above.pcolormesh(edges, lengths, np.sqrt(shares), cmap="Greys", rasterized=True)
     above.set_ylabel("range [m]")
     above.set_title("ranges; dark: many beams of that range", loc="left")
     for total, colour, label in ((without, SLAM, "no return"), (invalid, DEAD_RECKONING, "invalid")):
-        percent = np.divide(100 * total, beams, out=np.full(bins, np.nan), where=beams > 0)
-        percent = np.where(shown >= 0, percent[shown], np.nan)
-        label = f"{label}, {100 * total.sum() / beams.sum():.2g} %"
+        percent = np.insert(100 * total / np.maximum(beams, 1), after, np.nan)
+        label = f"{label}, {100 * total.sum() / max(beams.sum(), 1):.2g} %"
         below.plot((edges[1:] + edges[:-1]) / 2, percent, color=colour, label=label, lw=1.2)
     below.set_ylabel("beams [%]")
     below.set_ylim(bottom=0)
     _legend(below)
-
-
-def _shown_in(edges: Array, stamps: Array, has_scans: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Of which column each column of a picture shows the scans: its own, else the last one's before it; -1 in a gap.
-
-    Args:
-        edges: [n + 1] of the columns [s].
-        stamps: [k] of the scans [s].
-        has_scans: [n] whether a scan falls into a column.
-    """
-    columns = np.arange(len(has_scans))
-    shown = np.maximum.accumulate(np.where(has_scans, columns, -1))
-    before = np.searchsorted(stamps, edges[:-1], side="right") - 1  # the last scan before a column without one
-    in_gap = np.isin(before, _gaps(stamps)) | (before < 0) | (before >= len(stamps) - 1)
-    return np.where(has_scans | ~in_gap, shown, -1)
 
 
 def _longest(lidar: LidarStream) -> float:
@@ -163,6 +134,6 @@ def _longest(lidar: LidarStream) -> float:
     return float(np.quantile(endpoints, 0.995)) * 1.05 if len(endpoints) else lidar.range_max
 
 
-def _legend(axes: Axes) -> None:
+def _legend(axes: style.Axes) -> None:
     """Beside the panel, over no data."""
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

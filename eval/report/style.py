@@ -1,7 +1,7 @@
 """How every figure looks: white, colours that colour-blind eyes tell apart, legends outside the axes, units.
 
 The functions ``draw_*`` of this folder write a PNG to ``path``, with ``title`` over the figure; an ``OutputError`` says
-that it cannot be written.
+that it cannot be written. Points are in metres, times in seconds.
 """
 
 from __future__ import annotations
@@ -17,14 +17,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.eval.tables import literal
 from moteslam.robot.files import write_atomically
 from moteslam.robot.pictures import STYLE
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    import matplotlib.axes
     from matplotlib.figure import Figure
 
+    Axes = matplotlib.axes.Axes  # of annotations here and in the files beside this one
+
+Array = NDArray[np.float64]
+
 SLAM, TRUTH, DEAD_RECKONING, PARTICLE = STYLE.slam, STYLE.truth, STYLE.dead_reckoning, STYLE.particle
+UNKNOWN = str(STYLE.map_unknown)
+"""The grey of cells that the map does not know, and beyond it."""
 ONLINE, FINAL = "SLAM (online)", "SLAM (final)"
 """The two trajectories of SLAM: each pose as it was known then, and all as they were known at the end."""
 COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -32,16 +39,20 @@ COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES = ("-", "--", ":", "-.")
 STEPS = tuple(step * 10.0**power for power in range(-9, 10) for step in (1, 2, 5))
 """Round numbers."""
+TRUTH_BAND: dict[str, Any] = {"color": TRUTH, "lw": 4.0, "alpha": 0.55}
+"""The path of the truth, under the others."""
 GAP = 10
 """Median intervals, and at least a second: a curve is broken at a longer gap, in which nothing was measured."""
 
 
 @contextmanager
-def saved_figure(path: str | PathLike[str], *, size: tuple[float, float]) -> Iterator[Figure]:
+def saved_figure(
+    path: str | PathLike[str], *, size: tuple[float, float], title: str = "", columns: tuple[int, int] = (5, 2)
+) -> Iterator[Figure]:
     """A figure of this width and height [inch] to draw on, written as a PNG when the block ends.
 
-    Raises:
-        OutputError: it cannot be written.
+    Under it is one legend for all panels that have none of their own, each label once: of that many columns in a
+    figure wider than 7 inch, and in others.
     """
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports font caches
     import matplotlib
@@ -55,6 +66,17 @@ def saved_figure(path: str | PathLike[str], *, size: tuple[float, float]) -> Ite
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
+        figure.suptitle(shortened(title, 90)).set_parse_math(False)
+        shown: dict[str, Any] = {}
+        for axes in figure.axes:
+            if axes.get_legend() is None:
+                for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+                    shown.setdefault(literal(label), handle)
+        if shown:
+            ncols = columns[0] if size[0] > 7 else columns[1]
+            legend = figure.legend(list(shown.values()), list(shown), loc="outside lower center", ncols=ncols)
+            for text in legend.get_texts():
+                text.set_parse_math(False)
         layout = figure.get_layout_engine()
         if layout is not None and figure.axes:  # once: saving would lay everything out a second time
             layout.execute(figure)
@@ -64,69 +86,56 @@ def saved_figure(path: str | PathLike[str], *, size: tuple[float, float]) -> Ite
     write_atomically(path, picture.getvalue())
 
 
-def heading(figure: Figure, text: str) -> None:
-    """A title over the figure, with no character of it taken for markup."""
-    figure.suptitle(shortened(text, 90)).set_parse_math(False)
+@contextmanager
+def saved_plan(
+    path: str | PathLike[str],
+    points: Array,
+    *,
+    title: str = "",
+    margin: float = 0.5,
+    longest: float = 8.0,
+    columns: tuple[int, int] = (5, 2),
+) -> Iterator[Axes]:
+    """The axes of a figure of one floor plan that shows points [n, 2] and a margin [m], without empty bands.
+
+    Its longer side is about ``longest`` [inch].
+    """
+    extent = np.ptp(points, axis=0) + 2.0
+    width, height = longest * extent / extent.max()
+    size = max(float(width), 4.5) + 0.6, max(float(height), 1.1) + 1.1
+    with saved_figure(path, size=size, title=title, columns=columns) as figure:
+        axes = figure.subplots()
+        plan(axes)
+        show_everything(axes, points, margin=margin)
+        yield axes
 
 
 def shortened(text: str, longest: int) -> str:
     """Printable text of at most this number of characters."""
-    text = printable(text)
+    text = literal(text)
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
-def printable(text: str) -> str:
-    """Text with the bytes of a file name that are no text as escapes."""
-    return text.encode(errors="surrogateescape").decode(errors="backslashreplace")
-
-
-def legend_below(figure: Figure, *panels: Axes, columns: int | None = None) -> None:
-    """One legend for the figure, under its axes: what the panels show, each label once."""
-    shown: dict[str, Any] = {}
-    for axes in panels:
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            shown.setdefault(label, handle)
-    if shown:
-        columns = columns or (5 if figure.get_figwidth() > 7 else 2)
-        names = list(map(printable, shown))
-        legend = figure.legend(list(shown.values()), names, loc="outside lower center", ncols=columns)
-        for text in legend.get_texts():
-            text.set_parse_math(False)
-
-
-def map_greys(log_odds: NDArray[np.float32]) -> NDArray[np.float64]:
+def map_greys(log_odds: NDArray[np.float32]) -> Array:
     """The greys of a map, 0 black to 1 white, of log-odds [H, W]: those of ``STYLE`` and in between."""
     belief = np.tanh(np.asarray(log_odds, np.float64) / 2)  # 2 p - 1: -1 free, 0 unknown, 1 occupied
     end = np.where(belief < 0, STYLE.map_free, STYLE.map_occupied)
     return np.asarray(STYLE.map_unknown + (end - STYLE.map_unknown) * np.abs(belief))
 
 
-def show_unknown(axes: Axes) -> None:
-    """The grey of unknown cells beyond the map, too."""
-    axes.set_facecolor(str(STYLE.map_unknown))
-
-
-def plan(axes: Axes, *, labels: bool = True) -> None:
-    """Axes of a floor plan: metres, and equal in x and y; without labels, one of several that share their limits."""
+def plan(axes: Axes) -> None:
+    """Axes of a floor plan: metres, and equal in x and y."""
     axes.set_aspect("equal", adjustable="box")
-    if labels:
-        axes.set_xlabel("x [m]")
-        axes.set_ylabel("y [m]")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
 
 
-def plan_size(points: NDArray[np.float64], *, longest: float = 8.0) -> tuple[float, float]:
-    """Width and height [inch] of a figure whose one floor plan shows points [n, 2] without empty bands."""
-    extent = np.ptp(np.reshape(points, (-1, 2)), axis=0) + 2.0
-    width, height = longest * extent / extent.max()
-    return max(float(width), 4.5) + 0.6, max(float(height), 1.1) + 1.1
-
-
-def mark_start(axes: Axes, path: NDArray[np.float64]) -> None:
+def mark_start(axes: Axes, path: Array) -> None:
     """Mark the first pose of a path [n, 2 or more], which all paths of a picture share, by a ring round it."""
     axes.plot(*path[0, :2], "o", mfc="none", mec="black", mew=1.5, ms=10, ls="", label="start", zorder=8)
 
 
-def mark_ends(axes: Axes, *paths: tuple[NDArray[np.float64], str], label: str = "end") -> None:
+def mark_ends(axes: Axes, *paths: tuple[Array, str], label: str = "end") -> None:
     """Mark the last pose of each path [n, 2 or more], in the colour of its line."""
     for path, colour in paths:
         axes.plot(*path[-1, :2], "s", color=colour, mec="white", ms=6, ls="", zorder=7)
@@ -134,7 +143,7 @@ def mark_ends(axes: Axes, *paths: tuple[NDArray[np.float64], str], label: str = 
     axes.plot([], [], "s", color=colour, mec="white", ms=6, ls="", label=label)
 
 
-def show_everything(axes: Axes, *paths: NDArray[np.float64], margin: float = 1.0) -> None:
+def show_everything(axes: Axes, *paths: Array, margin: float = 0.5) -> None:
     """Limits that hold all of the points [n, 2] [m] and a margin [m]."""
     points = np.concatenate([np.reshape(path, (-1, 2)) for path in paths if len(path)])
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
@@ -149,7 +158,18 @@ def curve_axes(axes: Axes, label: str) -> None:
     axes.grid(axis="y", color="0.9", lw=0.6)
 
 
-def broken(time: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def log_axis(axes: Axes, low: float, high: float) -> None:
+    """A logarithmic axis of y with a tick at each 1, 2 and 5 times a power of ten."""
+    from matplotlib.ticker import LogLocator
+
+    axes.set_yscale("log")
+    axes.set_ylim(low, high)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.minorticks_off()
+
+
+def broken(time: Array, values: Array) -> tuple[Array, Array]:
     """A curve [n] over time [n] [s] with a NaN in each of its gaps, where it is not to be drawn."""
     steps = np.diff(time)
     if not len(steps):

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import isfinite, log10
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from moteslam.eval.metrics.registry import metric
 from moteslam.eval.report import style
 from moteslam.eval.sweep.tables import GroupSummary, better, varying
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from moteslam.eval.tables import literal
 
 FAR_APART, FAR_APART_BELOW = 12.0, 5.0
 """Values of which one is this many times another have a logarithmic axis, if all are above 0; so have those below."""
 DODGE = 0.012
 """Between the same place on two lines, as a share of the axis: so that intervals lie beside each other."""
-PANELS_APART = 0.06
-"""As a share of a panel."""
 MARKERS = ("o", "s", "^", "D", "v", "P")
 SETTINGS = ("scenario", "platform", "noise")
 """Columns that say where it was run: they choose the colour, all others dashes and marker."""
@@ -30,16 +25,8 @@ MARGIN = 0.08
 """Beyond the values, as a share of the axis; medians that are infinite lie there."""
 
 
-@dataclass(frozen=True)
-class Line:
-    """The groups of one scenario and configuration, in the order of their places.
-
-    Attributes:
-        label: what sets it apart from the other lines; empty of a single one.
-        look: colour, dashes and marker.
-        places: on the axis.
-        groups: at these.
-    """
+class Line(NamedTuple):
+    """The groups of one scenario and configuration at their places on the axis; its label sets it apart from others."""
 
     label: str
     look: dict[str, Any]
@@ -55,32 +42,20 @@ def draw_sweep(
     column: str,
     label: str | None = None,
 ) -> None:
-    """Medians over a column with bars for their 95 % bootstrap intervals, a panel a metric.
+    """Medians over a column of ``GroupSummary.about`` with bars for their 95 % bootstrap intervals, a panel a metric.
 
     A median that is infinite, since half of the runs failed, is an open marker beyond the others. Bars end at the edge
-    where they go on to infinity.
-
-    Args:
-        path: of the PNG.
-        groups: of a sweep, with all of the metrics.
-        metrics: names.
-        column: of ``GroupSummary.about``, such as a key that varies; groups without it are left out.
-        label: of the axis, by default the name of the column.
+    where they go on to infinity. Groups without the column are left out.
     """
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
     shown = [group for group in groups if column in group.about]
     places = places_of([group.about[column] for group in shown])
     lines = lines_of(shown, column, places)
     with style.saved_figure(path, size=(1.0 + 5.2 * len(metrics), 4.6)) as figure:
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
-        if isinstance(layout := figure.get_layout_engine(), ConstrainedLayoutEngine):
-            layout.set(wspace=PANELS_APART)
         for axes, name in zip(panels, metrics, strict=True):
             _draw(axes, lines, name, places)
-            axes.set_xlabel(style.printable(column if label is None else label), parse_math=False)
+            axes.set_xlabel(literal(column if label is None else label), parse_math=False)
         panels[0].errorbar([], [], yerr=[], color="0.4", ls="", capsize=3.5, label="95 % interval of the median")
-        style.legend_below(figure, *panels, columns=2 if len(metrics) == 1 else 5)
 
 
 def places_of(values: Sequence[Any]) -> dict[Any, float]:
@@ -133,45 +108,36 @@ def far_apart(values: Sequence[float], factor: float = FAR_APART) -> bool:
     return len(values) > 0 and min(values) > 0 and max(values) >= factor * min(values)
 
 
-def _draw(axes: Axes, lines: Sequence[Line], name: str, places: dict[Any, float]) -> None:
+def _draw(axes: style.Axes, lines: Sequence[Line], name: str, places: dict[Any, float]) -> None:
     summaries = [group.values[name] for line in lines for group in line.groups]
     ends = [value for one in summaries for value in (one.median, one.low, one.high)]
     finite = [value for value in ends if value is not None and isfinite(value)]
     unit, factor = axis_unit(metric(name).unit, finite)
     finite = [factor * value for value in finite]
-    logarithmic = far_apart(finite)
-    low, high = _limits(finite, logarithmic=logarithmic, from_zero=better(name) == "lower")
-    axes.set_yscale("log" if logarithmic else "linear")
+    low, high = _limits(finite, logarithmic=far_apart(finite), from_zero=better(name) == "lower")
     first, last = min(places.values()), max(places.values())
     if first == last:
         first, last = first - 0.5, last + 0.5
     if far_apart(list(places.values()), FAR_APART_BELOW):
         axes.set_xscale("log")
     for index, line in enumerate(lines):
-        shown = [k for k, group in enumerate(line.groups) if group.values[name].median is not None]
-        found = [line.groups[k].values[name] for k in shown]
+        having = [(x, group.values[name]) for x, group in zip(line.places, line.groups, strict=True)]
+        having = [(x, one) for x, one in having if one.median is not None]
         shift = DODGE * (index - (len(lines) - 1) / 2)
-        x = np.array([line.places[k] for k in shown])
+        x = np.array([x for x, _ in having])
         x = x * (last / first) ** shift if axes.get_xscale() == "log" else x + shift * (last - first)
-        y, bottom, top = (
-            np.clip([low if (value := getattr(one, part)) is None else factor * value for one in found], low, high)
-            for part in ("median", "low", "high")
-        )
-        colour = line.look["color"]
-        axes.vlines(x, bottom, top, color=colour, lw=1.4, alpha=0.7)
-        for ends_of in (bottom, top):
-            axes.plot(x, ends_of, "_", color=colour, ms=7, mew=1.4, alpha=0.7)
-        axes.plot(x, y, lw=1.4, ms=5.5, label=line.label or "median", **line.look)
-        failed = np.array([not isfinite(one.median or 0.0) for one in found], bool)
-        axes.plot(x[failed], y[failed], "o", mfc="white", mec=colour, ms=9, zorder=5)
-    axes.set_ylim(low, high)
+        shown = [[factor * float(getattr(one, part)) for _, one in having] for part in ("median", "low", "high")]
+        y, bottom, top = np.clip(shown, low, high)
+        look = {"lw": 1.4, "ms": 5.5, "capsize": 3.5, "label": line.label or "median", **line.look}
+        axes.errorbar(x, y, yerr=(y - bottom, top - y), **look)
+        failed = ~np.isfinite(shown[0])
+        axes.plot(x[failed], y[failed], "o", mfc="white", mec=line.look["color"], ms=9, zorder=5)
     names = [f"{value:g}" if isinstance(value, float) else str(value) for value in places]
     axes.set_xticks(list(places.values()), names, parse_math=False)
+    if far_apart(finite):
+        style.log_axis(axes, low, high)
+    axes.set_ylim(low, high)
     axes.minorticks_off()
-    if logarithmic:
-        steps = [step for step in style.STEPS if low <= step <= high]
-        axes.set_yticks(steps, [f"{step:g}" for step in steps])
-        axes.set_ylim(low, high)
     axes.set_ylabel(f"{name}{f' [{unit}]' if unit else ''}")
     axes.grid(axis="y", color="0.9", lw=0.6)
 

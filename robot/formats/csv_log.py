@@ -36,8 +36,6 @@ G = {"g": 1.0, "m/s^2": 1 / 9.80665}
 TWO_WHEELS = ("left", "right")
 STREAMS = ("lidar", "odometry", "encoders", "imu")
 """The tables of a description that are streams."""
-RANGE = ".."
-"""Between the first and the last column of the ranges."""
 MAX_COUNT = 2**53
 """Ticks stay below it: whole numbers up to there are exact."""
 AT_REST = (0.0, 0.0, 1.0)
@@ -240,9 +238,8 @@ class _Reader:
         angular = np.stack([found.get(f"imu.{key}_rate", np.zeros(len(stamps))) for key in rates], axis=-1)
         linear = np.tile(AT_REST, (len(stamps), 1))
         if along:
-            linear = G[table.acceleration_unit] * np.stack(
-                [found[f"imu.acceleration.{axis}"] for axis in "xyz"], axis=-1
-            )
+            linear = np.stack([found[f"imu.acceleration.{axis}"] for axis in "xyz"], axis=-1)
+            linear *= G[table.acceleration_unit]
         angular *= RADIANS[table.rate_unit.removesuffix("/s")]
         return imu_stream(file, (str(table.stamp),) * 2, stamps, angular, linear, self.issues)
 
@@ -326,7 +323,7 @@ class _Reader:
     def _span(self, ranges: str, header: list[str] | None, file: Path) -> range:
         """The indices of the ranges, from the first to the last column."""
         ends: list[Column] = []
-        for end in ranges.split(RANGE):  # a column may be named by a number
+        for end in ranges.split(".."):  # a column may be named by a number
             is_number = end.isdecimal() and len(end) < 10 and not (header and end in header)
             ends.append(int(end) if is_number else end)
         problem = f"{ranges!r}, expected first and last column, r0..r359 or 2..361"

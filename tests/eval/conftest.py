@@ -75,7 +75,7 @@ def simulated_folder(simulation, tmp_path_factory: pytest.TempPathFactory) -> Pa
 @pytest.fixture(scope="session")
 def run(simulation, taichi):
     """SLAM over it, and the map at its stages."""
-    from moteslam.eval.report.stages import Snapshots
+    from moteslam.eval.report.maps import Snapshots
     from moteslam.slam.run import SlamSession
     from moteslam.slam.settings import resolve_config
 

@@ -1,4 +1,4 @@
-"""Covariances and states against the truth: errors relative to the map around the robot, NEES, precision and recall."""
+"""Covariances and states against the truth, relative to the map around the robot, and anchored at the start."""
 
 from __future__ import annotations
 
@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.localisation import CHI_SQUARED_95, LocalisationResult, score_localisation
+from moteslam.eval.metrics.localisation import (
+    CHI_SQUARED_95,
+    LocalisationResult,
+    nees_from_start,
+    nees_interval,
+    score_localisation,
+    share_within_spread,
+)
 from moteslam.robot import se2
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.estimate import Correction
@@ -14,6 +21,8 @@ from moteslam.slam.filter.certainty import LocalisationState
 
 SURE, DOUBTFUL, LOST = LocalisationState
 N = 1500
+STEP, NOISE = np.array([0.2, 0.0, 0.02]), np.diag((1e-4, 1e-4, 1e-6))
+RUNS, STEPS = 100, 300
 COVARIANCE = np.array([[4e-4, 1e-4, 0], [1e-4, 1e-4, 0], [0, 0, 2.5e-5]])
 
 
@@ -86,23 +95,16 @@ def test_a_lidar_that_is_not_where_it_is_said_to_be_is_no_error():
     assert result.nees[off].mean() == pytest.approx(3, abs=0.3)
 
 
-def test_a_robot_that_is_carried_off_is_astray_where_all_around_was_seen_since_too():
-    """It stands 3 m aside from scan 800 on, and the estimate knows nothing of it."""
-    estimated = driven()
-    true = estimated.copy()
-    true[800:, 0] += 3.0
-    result = score(estimated, true)
+def test_a_robot_that_is_carried_off_is_astray_and_one_that_jumps_by_itself_is_not():
+    """It stands 3 m aside from scan 800 on; the estimate knows nothing of it, or another particle is the best one."""
+    path, carried, jumped = driven(), driven(), driven()
+    carried[800:, 0] += 3.0
+    result = score(path, carried)
     assert not result.wrong[:799].any()
     assert result.wrong[799:].all()
-    assert np.abs(result.errors[-300:]).max() < 0.1
-
-
-def test_an_estimate_that_jumps_by_itself_is_not_astray():
-    """Another particle is the best one: among the scans of its own map it is right."""
-    true = driven()
-    estimated = true.copy()
-    estimated[800:] = se2.compose((3.0, 0.0, 0.5), estimated[800:])
-    assert not score(estimated, true).astray.any()
+    assert np.abs(result.errors[-300:]).max() < 0.1  # all around was seen since
+    jumped[800:] = se2.compose((3.0, 0.0, 0.5), jumped[800:])
+    assert not score(jumped, path).astray.any()
 
 
 def test_a_robot_that_was_astray_is_right_where_it_is_about_what_was_mapped_before():
@@ -130,26 +132,95 @@ def test_precision_and_recall_count_the_scans():
     assert result.precision(DOUBTFUL) == 0.2
     assert result.recall(DOUBTFUL) == pytest.approx(10 / many)
     found = result.as_dict()
-    assert found["wrong"] == many
-    assert found["states"] == {"sure": N - 1 - 50, "doubtful": 30, "lost": 20}
+    assert (found["wrong"], found["states"]) == (many, {"sure": N - 1 - 50, "doubtful": 30, "lost": 20})
     assert found["lost"] == {"precision": 0.5, "recall": result.recall(LOST)}
-    assert found["doubtful_or_lost"]["precision"] == 0.2
-
-
-def test_without_wrong_poses_there_is_no_recall_and_without_doubt_no_precision():
+    # without wrong poses there is no recall, and without doubt no precision
     found = score(driven(), driven()).as_dict()
     assert found["lost"] == found["doubtful_or_lost"] == {"precision": None, "recall": None}
     assert found["nees"] == {"mean": pytest.approx(0, abs=1e-9), "median": pytest.approx(0, abs=1e-9), "within_95": 1}
 
 
-def test_what_does_not_fit_is_refused():
+@pytest.mark.parametrize(
+    ("later", "covariances", "updated", "problem"),
+    [
+        (0, np.zeros((2, 3, 3)), 1, r"covariances: expected \[n, 3, 3\], \[n\] and \[n\] of 3 poses"),
+        (0, np.tile(np.diag([1.0, 1.0, 0.0]), (3, 1, 1)), 1, "covariances: a covariance that is not positive definite"),
+        (100, np.tile(COVARIANCE, (3, 1, 1)), 1, "truth: it covers no scan with a map around it, expected two updates"),
+        (0, np.tile(COVARIANCE, (3, 1, 1)), 0, "truth: it covers no scan with a map around it, expected two updates"),
+    ],
+)
+def test_what_does_not_fit_is_refused(later: int, covariances: np.ndarray, updated: int, problem: str):
     path = Trajectory(np.arange(3.0), np.zeros((3, 3)))
-    with pytest.raises(InputError, match=r"covariances: expected \[n, 3, 3\], \[n\] and \[n\] of 3 poses"):
-        score_localisation(path, np.zeros((2, 3, 3)), np.zeros(3), np.ones(3), path)
-    covariances = np.tile(np.diag([1.0, 1.0, 0.0]), (3, 1, 1))
-    with pytest.raises(InputError, match="covariances: a covariance that is not positive definite"):
-        score_localisation(path, covariances, np.zeros(3), np.ones(3), path)
-    later = Trajectory(path.stamps + 100, path.poses)
-    for truth, updated in ((later, np.ones(3)), (path, np.zeros(3))):
-        with pytest.raises(InputError, match="truth: it covers no scan with a map around it, expected two updates"):
-            score_localisation(path, np.tile(COVARIANCE, (3, 1, 1)), np.zeros(3), updated, truth)
+    truth = Trajectory(path.stamps + later, path.poses)
+    with pytest.raises(InputError, match=problem):
+        score_localisation(path, covariances, np.zeros(3), np.full(3, updated), truth)
+
+
+def dead_reckoned(seed: int) -> tuple[Trajectory, np.ndarray, Trajectory]:
+    """An odometry with noise, the covariances that follow from it, and the truth, which starts elsewhere."""
+    rng = np.random.default_rng(seed)
+    steps = np.tile(STEP, (STEPS, 1))
+    noisy = steps + rng.multivariate_normal(np.zeros(3), NOISE, STEPS)
+    true = np.vstack((np.zeros(3), se2.accumulate(steps)))
+    estimated = np.vstack((np.zeros(3), se2.accumulate(noisy)))
+    c, s = np.cos(STEP[2]), np.sin(STEP[2])
+    back = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])  # from the frame before the step to that after it
+    moved = back @ np.array([[1, 0, -STEP[1]], [0, 1, STEP[0]], [0, 0, 1]])
+    covariances = np.zeros((STEPS + 1, 3, 3))
+    for k in range(STEPS):
+        covariances[k + 1] = moved @ covariances[k] @ moved.T + back @ NOISE @ back.T
+    stamps = 0.1 * np.arange(STEPS + 1)
+    elsewhere = se2.compose((4.0, -7.0, 2.0), true)
+    return Trajectory(stamps, estimated), covariances, Trajectory(stamps, elsewhere)
+
+
+def test_of_100_runs_of_a_consistent_filter_95_lie_in_the_interval() -> None:
+    results = [nees_from_start(*dead_reckoned(seed)) for seed in range(RUNS)]
+    low, high = nees_interval(1)
+    assert (low, high) == pytest.approx((0.2158, 9.3484), abs=1e-4)
+    ends = np.array([result.end for result in results])
+    assert 90 <= ((low < ends) & (ends < high)).sum() <= 99
+    assert 90 <= sum(result.interval[0] < result.mean < result.interval[1] for result in results) <= 99
+    # the ends of the runs are independent of each other
+    low, high = nees_interval(RUNS)
+    assert low < ends.mean() < high
+
+
+@pytest.mark.parametrize("factor", [0.25, 4.0])
+def test_covariances_that_are_wrong_are_noticed(factor: float) -> None:
+    drives = [dead_reckoned(seed) for seed in range(RUNS)]
+    ends = [nees_from_start(estimate, factor * covariances, truth).end for estimate, covariances, truth in drives]
+    low, high = nees_interval(RUNS)
+    assert not low < np.mean(ends) < high
+
+
+def test_the_error_is_seen_from_the_start() -> None:
+    """Half a metre at the first pose is no error: estimate and truth are laid on each other there."""
+    estimate, covariances, truth = dead_reckoned(0)
+    moved = Trajectory(estimate.stamps, se2.compose((0.5, 0.3, -1.0), estimate.poses))
+    kept = nees_from_start(estimate, covariances, truth)
+    np.testing.assert_allclose(nees_from_start(moved, covariances, truth).nees, kept.nees)
+
+
+def test_covariances_that_do_not_fit_are_refused() -> None:
+    estimate, covariances, truth = dead_reckoned(0)
+    later = Trajectory(truth.stamps + 1e6, truth.poses)
+    for given, against, problem in (
+        (covariances[:3], truth, r"^covariances: \[3, 3, 3\], expected one of each of 301"),
+        (-covariances, truth, "^covariances: one that is not positive"),
+        (0 * covariances, truth, "^covariances: no covariance of rank three"),
+        (covariances, later, "^truth: it covers 0 poses"),
+    ):
+        with pytest.raises(InputError, match=problem):
+            nees_from_start(estimate, given, against)
+
+
+def test_the_share_within_the_spread() -> None:
+    rng = np.random.default_rng(0)
+    deviations = np.tile((0.02, 0.01, 0.005), (4000, 1))
+    errors = rng.normal(size=(4000, 3)) * deviations
+    assert share_within_spread(errors, deviations) == pytest.approx(0.95, abs=0.015)
+    assert share_within_spread(3 * errors, deviations) < 0.6
+    assert share_within_spread(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]), np.zeros((2, 3))) == 0.5
+    with pytest.raises(InputError, match="deviations"):
+        share_within_spread(errors, deviations[:3])

@@ -8,17 +8,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from figures import legend_of
 from loop_candidates import candidate
+from matplotlib.figure import Figure
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import main
 from moteslam.eval.metrics import loops as metric
 from moteslam.eval.metrics.loops import possible_loops, score_loops
+from moteslam.eval.report.maps import ACCEPTED, REJECTED, draw_loops
 from moteslam.eval.run_tables import read_loops, write_loops
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.platform import Platform
+from moteslam.robot.raster import Raster
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.trajectories.text import read_tum, write_tum
 from moteslam.robot.trajectory import Trajectory
@@ -70,28 +74,22 @@ def test_a_loop_is_false_beyond_30_cm_or_3_degrees() -> None:
     _, truth = rounds()
     offs = ((0.0, 0.0, 0.0), (0.2, 0.2, 0.05), (0.25, 0.25, 0.0), (0.31, 0.0, 0.0), (0.0, 0.0, 0.053), (0, 0, -0.053))
     result = score_loops([loop(truth, 2, 33, off) for off in offs], truth)
-    assert (result.accepted, result.false, result.precision) == (6, 4, pytest.approx(2 / 6))
-    assert result.translation_errors == pytest.approx([np.hypot(*off[:2]) for off in offs])
+    assert (result.pairs, result.false, result.precision) == (6, 4, pytest.approx(2 / 6))
+    assert result.errors == pytest.approx([np.hypot(*off[:2]) for off in offs])
     assert result.rotation_errors == pytest.approx([abs(off[2]) for off in offs])
     written = result.as_dict()
     assert written["translation_m"]["max"] == pytest.approx(np.hypot(0.25, 0.25))
     assert written["rotation_deg"]["max"] == pytest.approx(np.rad2deg(0.053))
 
 
-def test_the_rotation_error_is_wrapped_and_candidates_not_accepted_do_not_count() -> None:
+def test_only_accepted_loops_count_and_overruled_ones_are_counted_apart() -> None:
+    """The latter were edges of the graph; that they are no longer accepted does not make the others right."""
     _, truth = rounds()
     far = [loop(truth, 2, 33, (9.0, 0, 0), verdict) for verdict in ("weak", "ambiguous", "outside", "contradicted")]
-    result = score_loops([loop(truth, 2, 33, (0.0, 0.0, 2 * np.pi)), *far], truth)
-    assert (result.accepted, result.precision) == (1, 1.0)
-
-
-def test_loops_that_the_final_path_overruled_are_counted_apart() -> None:
-    """They were edges of the graph; that they are no longer accepted does not make the others right."""
-    _, truth = rounds()
     overruled = [loop(truth, 2, 33, off, "overruled") for off in ((0.4, 0, 0), (0, 0, 0.06), (0.25, 0, 0))]
-    result = score_loops([loop(truth, 2, 33), *overruled], truth)
-    assert (result.accepted, result.false, result.overruled, result.overruled_false) == (1, 0, 3, 2)
-    assert result.as_dict()["overruled_false"] == 2
+    result = score_loops([loop(truth, 2, 33, (0.0, 0.0, 2 * np.pi)), *far, *overruled], truth)  # an angle is wrapped
+    assert (result.pairs, result.precision) == (1, 1.0)
+    assert (result.false, result.overruled, result.overruled_false) == (0, 3, 2)
 
 
 def test_without_an_accepted_loop_there_is_no_precision() -> None:
@@ -144,7 +142,7 @@ def test_possible_loops_are_those_that_plain_numpy_finds() -> None:
     assert min(found.later) > 25
 
 
-def test_from_the_other_side_half_of_the_endpoints_are_not_shared() -> None:
+def test_from_the_other_side_half_of_the_endpoints_are_not_shared(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same round, driven back: a lidar that looks ahead sees the other half of the room."""
     there = np.arange(0.0, 2 * np.pi, 0.2)
     angles = np.concatenate((there, there[-1] - 0.2 - there))
@@ -152,6 +150,9 @@ def test_from_the_other_side_half_of_the_endpoints_are_not_shared() -> None:
     back = possible_loops(*drive(angles, heading))
     ahead = possible_loops(*rounds())
     assert len(back.later) < 0.1 * len(ahead.later)
+    monkeypatch.setattr(metric, "MAX_KEY_SCANS", 21)
+    few = possible_loops(*rounds())
+    assert 0 < len(np.unique((few.earlier, few.later))) <= 21
 
 
 def test_a_loop_binds_the_scans_of_some_metres() -> None:
@@ -162,15 +163,11 @@ def test_a_loop_binds_the_scans_of_some_metres() -> None:
     assert scores.possible == len(np.unique(possible_loops(recording, truth).later))
     assert scores.recall == 9 / scores.possible
     assert score_loops([loop(truth, 10, 41), loop(truth, 12, 43)], truth, recording).bound == 11
-    every = score_loops([loop(truth, k, k + 31) for k in range(0, 32, 3)], truth, recording)
-    assert (every.precision, every.recall) == (1.0, 1.0)
-
-
-def test_false_and_rejected_loops_and_those_between_other_places_bind_nothing() -> None:
-    recording, truth = rounds()
     elsewhere = loop(truth, 25, 41)  # right, but not where scan 41 and those around it were before
     for bad in (loop(truth, 10, 41, (0.4, 0.0, 0.0)), loop(truth, 10, 41, verdict="ambiguous"), elsewhere):
         assert score_loops([bad], truth, recording).bound == 0
+    every = score_loops([loop(truth, k, k + 31) for k in range(0, 32, 3)], truth, recording)
+    assert (every.precision, every.recall) == (1.0, 1.0)
 
 
 def test_dense_recordings_and_truths_are_measured_at_the_same_key_scans() -> None:
@@ -188,23 +185,13 @@ def test_dense_recordings_and_truths_are_measured_at_the_same_key_scans() -> Non
     assert score_loops(found, truth.at(stamps), sparse).recall == pytest.approx(one.recall, abs=0.05)
 
 
-def test_of_a_long_drive_a_bounded_number_of_key_scans_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("seen", "last"), [(0, None), (40, 39)])
+def test_scans_without_endpoints_have_no_possible_loop(seen: int, last: int | None) -> None:
     recording, truth = rounds()
-    monkeypatch.setattr(metric, "MAX_KEY_SCANS", 21)
-    found = possible_loops(recording, truth)
-    assert 0 < len(np.unique((found.earlier, found.later))) <= 21
-
-
-def test_scans_without_endpoints_have_no_possible_loop() -> None:
-    recording, truth = rounds()
-    assert recording.lidar is not None
-    everywhere = np.full_like(recording.lidar.ranges, np.inf)
-    blind = recording.replace(lidar=LidarStream(**{**vars(recording.lidar), "ranges": everywhere}))
-    assert not len(possible_loops(blind, truth).later)
-    seen = recording.lidar.ranges.copy()
-    seen[40:] = np.inf
-    half = recording.replace(lidar=LidarStream(**{**vars(recording.lidar), "ranges": seen}))
-    assert max(possible_loops(half, truth).later) == 39
+    ranges = np.array(recording.lidar.ranges)  # type: ignore[union-attr]
+    ranges[seen:] = np.inf
+    blind = recording.replace(lidar=replace(recording.lidar, ranges=ranges))  # type: ignore[type-var]
+    assert max(possible_loops(blind, truth).later, default=None) == last
 
 
 @pytest.fixture
@@ -235,3 +222,33 @@ def test_the_command_scores_a_ledger(folder: Path, capsys: pytest.CaptureFixture
     assert json.loads((folder / "out.json").read_text())["loops"] == found["loops"]
     assert main.run(arguments[:-2]) == 0
     assert "no recall of the loops: there is no recording" in capsys.readouterr().out
+
+
+LOOPS = (
+    candidate(0, 6),
+    candidate(1, 7),
+    candidate(2, 8, verdict="ambiguous"),
+    candidate(2, 9, verdict="weak"),
+    candidate(3, 9, verdict="weak"),
+)
+PATH = Trajectory(np.arange(10.0), np.stack((np.arange(10.0), np.arange(10.0) % 3, np.zeros(10)), axis=-1))
+MAP = Raster(np.ones((30, 40), np.float32), 0.25, (0.0, -1.0, 0.0))
+
+
+def ends(figure: Figure, colour: str) -> np.ndarray:
+    """Both ends [n, 2, 2] of every line of a colour."""
+    line = next(line for line in figure.axes[0].lines if line.get_color() == colour)
+    points = np.asarray(line.get_xydata()).reshape(-1, 3, 2)
+    assert np.isnan(points[:, 2]).all()
+    return points[:, :2]
+
+
+def test_loops_join_the_final_poses_of_their_scans(tmp_path: Path, drawn: list[Figure]) -> None:
+    draw_loops(tmp_path / "loops.png", MAP, LOOPS, trajectory=PATH, title="$x_")
+    figure = drawn[0]
+    assert ends(figure, ACCEPTED).tolist() == [[[0, 0], [6, 0]], [[1, 1], [7, 1]]]
+    assert ends(figure, REJECTED).tolist() == [[[2, 2], [8, 2]]]
+    assert figure.axes[0].get_aspect() == 1.0
+    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("x [m]", "y [m]")
+    drawn_as = ["accepted: 2", "rejected: 0 overruled, 0 contradicted, 1 ambiguous", "not drawn: 2 weak"]
+    assert legend_of(figure) == ["SLAM (final)", *drawn_as, "start", "end"]

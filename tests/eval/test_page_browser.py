@@ -84,9 +84,8 @@ def complaints(browser: Browser) -> list[str]:
     found = [entry["message"] for entry in browser.get_log("browser")]
     for entry in browser.get_log("performance"):
         event = json.loads(entry["message"])["message"]
-        if event["method"] == "Network.requestWillBeSent":
-            url = event["params"]["request"]["url"]
-            found += [] if url.startswith(("data:", "blob:")) or url == browser.current_url else [url]
+        url = event["params"]["request"]["url"] if event["method"] == "Network.requestWillBeSent" else "data:"
+        found += [] if url.startswith(("data:", "blob:")) or url == browser.current_url else [url]
     return found
 
 
@@ -121,10 +120,10 @@ def test_charts_are_drawn(browser: Browser, pages: dict[str, Path]) -> None:
     assert browser.find_element(By.CSS_SELECTOR, "#curves .ytitle").text == "final.ate [m]"
 
 
-def test_the_slider_moves_the_robot(browser: Browser, pages: dict[str, Path]) -> None:
+def test_slider_and_keyboard_move_the_robot(browser: Browser, pages: dict[str, Path]) -> None:
     opened(browser, pages["runs"])
     WebDriverWait(browser, 20).until(lambda _: "s of" in browser.find_element(By.ID, "now").text)
-    slider = browser.find_element(By.ID, "time")
+    slider, button, canvas = (browser.find_element(By.ID, name) for name in ("time", "play", "map"))
     last = robot(browser)
     slider.send_keys(Keys.HOME)
     first = robot(browser)
@@ -132,19 +131,12 @@ def test_the_slider_moves_the_robot(browser: Browser, pages: dict[str, Path]) ->
     slider.send_keys(Keys.ARROW_RIGHT * 30)
     assert len({first, robot(browser), last}) == 3
     assert int(slider.get_attribute("value") or 0) == 30
-
-
-def test_it_plays_by_keyboard(browser: Browser, pages: dict[str, Path]) -> None:
-    opened(browser, pages["runs"])
-    slider, button = (browser.find_element(By.ID, name) for name in ("time", "play"))
     Select(browser.find_element(By.ID, "speed")).select_by_value("1")
-    slider.send_keys(Keys.HOME)
-    slider.send_keys(" ")
+    slider.send_keys(Keys.HOME + " ")
     WebDriverWait(browser, 20).until(lambda _: int(slider.get_attribute("value") or 0) > 5)
     assert button.text == "Pause"
     slider.send_keys(" ")
     assert button.text == "Play"
-    canvas = browser.find_element(By.ID, "map")
     before = robot(browser)
     canvas.send_keys("+")
     nearer = robot(browser)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 
 import cv2
@@ -9,16 +10,21 @@ import numpy as np
 import pytest
 import yaml
 from figures import legend_of
+from made_sweeps import swept
 from matplotlib.figure import Figure
+from PIL import Image
 
 from moteslam.errors import OutputError
+from moteslam.eval.cli import main
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, maps
-from moteslam.eval.report.maps import write_map_server
-from moteslam.eval.report.particles import Cloud, draw_particles
-from moteslam.eval.report.stages import draw_over_time
+from moteslam.eval.report.maps import draw_over_time
+from moteslam.eval.report.particles import Cloud, draw_particles, magnification
 from moteslam.eval.report.style import broken, saved_figure
-from moteslam.eval.results import from_same_start
+from moteslam.eval.report.sweep_curves import axis_unit, draw_sweep, far_apart, lines_of, places_of
+from moteslam.eval.results import from_same_start, write_map_files
+from moteslam.eval.statistics import Proportion, Summary
+from moteslam.eval.sweep.tables import GroupSummary
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, map_image, trinary
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.raster import Raster
@@ -48,7 +54,7 @@ def test_the_top_of_a_picture_is_the_largest_y(occupancy: Raster) -> None:
 
 
 def test_map_server_files_read_back(occupancy: Raster, tmp_path: Path) -> None:
-    write_map_server(tmp_path / "map.pgm", occupancy)
+    write_map_files(tmp_path, occupancy)
     assert (tmp_path / "map.pgm").read_bytes() == b"P5\n3 2\n255\n" + bytes([205, 205, 254, 0, 254, 205])
     assert opened(tmp_path / "map.pgm").tolist() == [[205, 205, 254], [0, 254, 205]]
     about = yaml.safe_load((tmp_path / "map.yaml").read_text())
@@ -93,6 +99,7 @@ def test_figures_are_white_outside_and_drawn_inside(run, simulation, tmp_path: P
 
 def test_legends_name_each_path_its_start_and_its_end(run, simulation, tmp_path: Path, drawn: list[Figure]) -> None:
     estimate, snapshots = run
+    assert [snapshot.index + 1 for snapshot in snapshots] == [len(estimate.trajectory) * k // 6 for k in range(1, 7)]
     ate = absolute_trajectory_error(estimate.trajectory, estimate.trajectory_final)
     truth = from_same_start(simulation.truth, estimate.dead_reckoning)
     maps.draw_trajectories(tmp_path / "a.png", estimate.map, slam=estimate.trajectory_final)
@@ -126,28 +133,11 @@ def test_many_updates_are_drawn_as_their_range_and_running_median(tmp_path: Path
         tmp_path / "a.png", np.arange(5000.0), n_eff, n_eff < 30, particles=np.full(5000, 100.0)
     )
     (axes,) = drawn[0].axes
-    assert legend_of(drawn[0])[:2] == ["effective particles: range in 21 s", "running median over 200 s"]
+    assert legend_of(drawn[0])[:2] == ["effective particles: range in 20 updates", "running median over 200 updates"]
     trend = axes.lines[0].get_ydata()
     assert len(trend) == curves.WINDOWS
     assert abs(trend - 60).max() < 15
     assert np.ptp(axes.collections[0].get_paths()[0].vertices[:, 1]) == pytest.approx(80, abs=1)
-
-
-def test_windows_without_updates_are_left_empty() -> None:
-    time = np.array([0.0, 1.0, 100.0])
-    middle, low, high = curves.ranges(time, np.array([1.0, 2.0, 3.0]))
-    assert len(middle) == curves.WINDOWS
-    assert np.isfinite(low).sum() == np.isfinite(high).sum() == 3
-    median = curves.running_median(time, np.array([1.0, 2.0, 3.0]), np.array([0.5, 50.0, 100.0]), 4.0)
-    np.testing.assert_array_equal(median, [1.5, np.nan, 3.0])
-
-
-def test_snapshots_are_taken_at_each_sixth(run) -> None:
-    estimate, snapshots = run
-    n = len(estimate.trajectory)
-    assert [snapshot.index for snapshot in snapshots] == [n * k // 6 - 1 for k in range(1, 7)]
-    known = [(snapshot.map.values != 0).sum() for snapshot in snapshots]
-    assert known == sorted(known)
 
 
 def test_a_robot_that_never_moved_can_be_drawn(occupancy: Raster, tmp_path: Path) -> None:
@@ -172,3 +162,130 @@ def test_curves_are_broken_where_nothing_was_measured() -> None:
     np.testing.assert_array_equal(x, [0.0, 0.1, 0.2, 5.2, 5.2, 5.3, 6.2])
     np.testing.assert_array_equal(y, [0, 1, 2, np.nan, 3, 4, 5])
     assert broken(time[:1], time[:1])[0].tolist() == [0.0]
+
+
+@pytest.fixture
+def cloud() -> Cloud:
+    """Four particles that drive 9 m along x: one ancestor for five updates, two for three, then four, 1 mm apart."""
+    paths = np.zeros((4, 10, 3))
+    paths[..., 0] = np.arange(10.0)
+    paths[2:, 5:, 1] = 0.004
+    paths[1::2, 8:, 1] += 0.001
+    ancestors = np.zeros((4, 10), np.int64)
+    ancestors[2:, 5:] = 1
+    ancestors[:, 8:] = np.arange(4)[:, None]
+    return Cloud(np.arange(10.0), paths, ancestors, np.full((10, 3), 0.002), best=2)
+
+
+@pytest.fixture
+def figure(cloud: Cloud, tmp_path: Path, drawn: list[Figure]) -> Figure:
+    """The figure of these particles."""
+    draw_particles(tmp_path / "particles.png", cloud)
+    return drawn[0]
+
+
+def test_deviations_are_from_the_mean_along_and_across_the_heading() -> None:
+    paths = np.zeros((2, 2, 3))
+    paths[:, 0] = [(1.0, 0.0, np.pi / 2 - 0.1), (3.0, 4.0, np.pi / 2 + 0.1)]
+    paths[:, 1, 2] = (np.pi - 0.1, 0.1 - np.pi)  # on both sides of the seam
+    cloud = Cloud(np.zeros(2), paths, np.zeros((2, 2), np.int64), np.zeros((2, 3)))
+    np.testing.assert_allclose(cloud.mean[0], (2.0, 2.0, np.pi / 2))
+    np.testing.assert_allclose(cloud.deviations(np.array([1]))[0, 0], (2.0, -1.0, 0.1))
+    assert abs(cloud.deviations(np.arange(2))[:, 1, 2]).max() == pytest.approx(0.1)
+
+
+def test_the_factor_is_printed_and_the_deviations_are_magnified_by_it(figure: Figure, cloud: Cloud) -> None:
+    plan, _, across, _, _ = figure.axes
+    assert plan.get_title() == "deviations magnified 100 times; ellipses: 2 standard deviations"
+    paths = plan.collections[1].get_paths()
+    drawn = np.array([path.vertices[-1, 1] for path in paths])
+    true = cloud.paths[:, -1, 1]
+    np.testing.assert_allclose(drawn - drawn.mean(), 100 * (true - true.mean()), atol=1e-9)
+    assert across.get_ylabel() == "across [cm]"
+    lines = across.collections[-1].get_segments()
+    np.testing.assert_allclose([line[-1, 1] for line in lines], 100 * (true - true.mean()), atol=1e-9)
+
+
+def test_ancestors_and_partings_are_drawn(figure: Figure) -> None:
+    panel = figure.axes[-1]
+    counts, partings = panel.lines
+    assert counts.get_ydata().tolist() == [1, 1, 1, 1, 1, 2, 2, 2, 4, 4]
+    assert partings.get_xdata().tolist() == [5, 8]
+    assert panel.get_title("left") == "ancestors of the 4 particles of the last update: one common ancestor until 4 s"
+    assert {"start", "end", "lineages part (2 times)", "paths of 4 particles of the last update"} <= set(
+        legend_of(figure)
+    )
+
+
+@pytest.mark.parametrize(("largest", "factor"), [(0.0, 5000), (0.001, 500), (0.01, 50), (3.0, 1), (50.0, 1)])
+def test_magnification_is_a_round_number(largest: float, factor: int) -> None:
+    assert magnification(largest, 10.0) == factor
+
+
+def group(scenario: str, configuration: str, error: float | None, **varied: object) -> GroupSummary:
+    about = {"scenario": scenario, "platform": "", "noise": "", "configuration": configuration, **varied}
+    values = [None] if error is None else [error]
+    summary = Summary.of(values if error != inf else [], 1 if error == inf else 0)
+    return GroupSummary(about, 1, Proportion(1, 1), {"final.ate": summary})
+
+
+@pytest.mark.parametrize(
+    ("values", "places"),
+    [
+        ([10, 1.0, 3], {1.0: 1.0, 3: 3.0, 10: 10.0}),
+        (["90", "45"], {"45": 45.0, "90": 90.0}),
+        (["none", "graph", "none"], {"none": 0.0, "graph": 1.0}),
+        ([True, False], {True: 0.0, False: 1.0}),
+    ],
+)
+def test_numbers_lie_where_they_are_and_words_side_by_side(values: list[object], places: dict[object, float]) -> None:
+    assert list(places_of(values).items()) == list(places.items())
+
+
+def test_axes_are_logarithmic_where_values_are_far_apart() -> None:
+    assert far_apart([1, 12])
+    assert not far_apart([1, 11])
+    assert not far_apart([0, 100])
+
+
+def test_a_colour_a_scenario_and_dashes_a_configuration() -> None:
+    groups = [
+        group(scenario, configuration, value, **{"slam.particles": count})
+        for scenario in ("corridor", "office")
+        for configuration in ("default", "paper")
+        for count, value in ((10, 0.1), (3, 0.2))
+    ]
+    lines = lines_of(groups, "slam.particles", places_of([10, 3]))
+    assert [line.label for line in lines] == [
+        "corridor, default", "corridor, paper", "office, default", "office, paper"
+    ]  # fmt: skip
+    colours, dashes = ([line.look[key] for line in lines] for key in ("color", "ls"))
+    assert colours[0] == colours[1] != colours[2]
+    assert dashes[0] == dashes[2] != dashes[1]
+    assert lines[0].places == [3.0, 10.0]
+    assert [one.values["final.ate"].median for one in lines[0].groups] == [0.2, 0.1]
+
+
+@pytest.mark.parametrize(
+    "errors", [(0.1, 0.2, 0.3), (0.01, 0.1, 5.0), (0.1, inf, None), (inf, inf, inf), (0.0, 0.0, 0.0)]
+)
+def test_whatever_the_values_are_they_are_drawn(errors: tuple[float | None, ...], tmp_path: Path) -> None:
+    groups = [group("corridor", "default", error, **{"slam.particles": k}) for k, error in enumerate(errors)]
+    draw_sweep(tmp_path / "a.png", groups, ["final.ate"], column="slam.particles", label="$ [m]")
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.size[0] > 500
+        assert len(picture.convert("RGB").getcolors(1 << 24) or ()) > 10
+
+
+def test_errors_below_a_metre_are_drawn_in_centimetres() -> None:
+    assert axis_unit("m", [0.02, 0.99]) == ("cm", 100.0)
+    assert axis_unit("m", [0.02, 1.0]) == axis_unit("m", []) == ("m", 1.0)
+    assert axis_unit("deg", [0.02]) == ("deg", 1.0)
+
+
+def test_the_command(tmp_path: Path) -> None:
+    file, out = swept(tmp_path), tmp_path / "new" / "a.png"
+    assert main.run(["sweep", "plot", str(file), "--out", str(out), "--label", "window"]) == 0
+    before = out.read_bytes()
+    assert main.run(["sweep", "plot", str(file), "--out", str(out), "--x", "configuration", "--force"]) == 0
+    assert out.read_bytes() != before

@@ -53,31 +53,24 @@ def along_wall(count: int, *, step: float = 0.3, noise: float = 0.0) -> tuple[Re
 
 def seen(recording: Recording, ranges: np.ndarray, **lidar: object) -> Recording:
     """The same recording with other ranges."""
-    assert recording.lidar is not None
-    stream = replace(recording.lidar, ranges=ranges.astype(np.float32), **lidar)  # type: ignore[arg-type]
+    stream = replace(recording.lidar, ranges=ranges.astype(np.float32), **lidar)  # type: ignore
     return recording.replace(lidar=stream)
 
 
 def ranges_of(recording: Recording) -> np.ndarray:
-    assert recording.lidar is not None
-    return np.array(recording.lidar.ranges)
+    return np.array(recording.lidar.ranges)  # type: ignore[union-attr]
 
 
-def test_a_wall_without_noise_has_no_residuals() -> None:
+def test_without_noise_there_are_no_residuals_else_the_median_is_087_of_it() -> None:
     result = scan_residuals(*along_wall(20))
     assert result.quantile_90 < 1e-6
     assert (result.beyond_3_cm, result.no_return, result.matched) == (0.0, 0.0, 20)
     assert np.array_equal(result.stamps, np.arange(0, 20, 2) * 0.1)
-    assert len(result.medians) == 10
-    assert result.endpoints == 10 * len(BEAMS)
-
-
-def test_the_median_is_087_of_the_noise() -> None:
-    sigma = 0.005
-    result = scan_residuals(*along_wall(200, noise=sigma))
-    assert result.median == pytest.approx(0.87 * sigma, rel=0.04)
-    assert result.quantile_90 == pytest.approx(0.87 / 0.6745 * 1.645 * sigma, rel=0.04)
-    assert scan_residuals(*along_wall(200, noise=4 * sigma)).beyond_3_cm > 0.2
+    assert (len(result.medians), result.endpoints) == (10, 10 * len(BEAMS))
+    noisy = scan_residuals(*along_wall(200, noise=0.005))
+    assert noisy.median == pytest.approx(0.87 * 0.005, rel=0.04)
+    assert noisy.quantile_90 == pytest.approx(0.87 / 0.6745 * 1.645 * 0.005, rel=0.04)
+    assert scan_residuals(*along_wall(200, noise=0.02)).beyond_3_cm > 0.2
 
 
 @pytest.mark.parametrize(("off", "beyond"), [(0.04, 1.0), (0.02, 0.0)])
@@ -104,11 +97,10 @@ def test_beams_without_return_are_counted_and_break_lines() -> None:
     recording, truth = along_wall(4)
     ranges = ranges_of(recording)
     ranges[:, 1::2] = np.inf
-    with pytest.raises(InputError, match="no endpoint lies near the lines"):  # adjacent beams without return between
+    with pytest.raises(InputError, match="no endpoint lies near the lines"):
         scan_residuals(seen(recording, ranges), truth)
     ranges = ranges_of(recording)
-    ranges[:, :5] = np.inf
-    ranges[0, 10] = np.nan
+    ranges[:, :5], ranges[0, 10] = np.inf, np.nan
     result = scan_residuals(seen(recording, ranges), truth)
     assert result.no_return == pytest.approx(4 * 5 / (4 * len(BEAMS)))  # the reading of no use is not among them
     assert result.median < 1e-6
@@ -235,7 +227,6 @@ def test_scans_without_endpoints_are_no_fault() -> None:
     ranges = ranges_of(recording)
     ranges[2:4] = np.inf
     evaluated = under_recording(truth, seen(recording, ranges))
-    assert np.isnan(evaluated.result.medians).tolist() == [False, True, False]
     assert [median is None for median in evaluated.errors["median_m"]] == [False, True, False]
     assert evaluated.result.endpoints == 2 * len(BEAMS)
 
@@ -248,58 +239,31 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write_tum(tmp_path / "true.tum", truth)
     poses = truth.poses + np.random.default_rng(1).normal(0.0, 0.03, truth.poses.shape) * (1, 1, 0)
     write_tum(tmp_path / "poor.tum", Trajectory(truth.stamps, poses))
-    write_tum(tmp_path / "other.tum", Trajectory(truth.stamps + 500.0, truth.poses))
     stamps = truth.stamps + np.where(np.arange(30) < 10, 0.0, 100.0)
     write_tum(tmp_path / "part.tum", Trajectory(stamps, truth.poses))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def test_the_command_needs_no_reference(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main.run(["evaluate", "true.tum", "--recording", "wall.log"]) == 0
-    head, _, row = capsys.readouterr().out.splitlines()
-    assert head == "scans of wall.log"
-    result = scan_residuals(open_recording("wall.log"), read_tum("true.tum"))
-    shares = [f"{100 * share:.1f}" for share in (result.beyond_3_cm, result.unseen, result.no_return)]
-    expected = ["true.tum", "15", f"{1e3 * result.median:.1f}", f"{1e3 * result.quantile_90:.1f}"]
-    assert row.replace("%", "").split() == [*expected, *shares]
+def test_the_command_scores_by_scans_and_reference(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main.run(["evaluate", "true.tum", "--recording", "wall.log", "--json"]) == 0
+    result = scan_residuals(open_recording("wall.log"), read_tum("true.tum"))
+    residuals = {**result.as_dict(), "warnings": []}
     assert json.loads(capsys.readouterr().out) == {
-        "estimate": "true.tum",
-        "recording": "wall.log",
-        "residuals": {**result.as_dict(), "warnings": []},
+        **{"estimate": "true.tum", "recording": "wall.log", "residuals": residuals}
     }
-    assert 0.003 < result.median < 0.006
-
-
-def test_the_command_scores_by_both_and_warns_of_a_small_part(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    files = ("poor.tum", "true.tum", "true.tum")
-    assert main.run(["evaluate", *files, "--recording", "wall.log", "--save", "out.json"]) == 0
+    assert (
+        main.run(["evaluate", "poor.tum", "true.tum", "true.tum", "--recording", "wall.log", "--save", "o.json"]) == 0
+    )
     text = capsys.readouterr().out
-    lines = text[text.index("scans of wall.log") :].splitlines()
-    assert text.splitlines()[0] == "against true.tum"
-    assert [line.split()[0] for line in lines[2:]] == ["poor.tum", "true.tum"]
-    poor, true = (float(line.split()[2]) for line in lines[2:])
-    assert poor > 2 * true
-    for row in json.loads((folder / "out.json").read_text(encoding="utf-8"))["results"]:
+    poor, true = (line.split() for line in text[text.index("scans of wall.log") :].splitlines()[2:])
+    shares = [f"{100 * share:.1f}%" for share in (result.beyond_3_cm, result.unseen, result.no_return)]
+    expected = ["true.tum", "15", f"{1e3 * result.median:.1f}", f"{1e3 * result.quantile_90:.1f}"]
+    assert " ".join(true).replace(" %", "%").split() == [*expected, *shares]
+    assert float(poor[2]) > 2 * float(true[2])
+    for row in json.loads((folder / "o.json").read_text(encoding="utf-8"))["results"]:
         errors = row["residuals"]["errors"]
         assert len(errors["stamps"]) == len(errors["median_m"]) == row["residuals"]["scans"]
         assert len(row["errors"]["translation_m"]) == 30
     assert main.run(["evaluate", "part.tum", "--recording", "wall.log"]) == 0
     assert "warning: part.tum: 10 of 30 scans or poses have a partner" in capsys.readouterr().err
-    assert main.run(["evaluate", "other.tum", "--recording", "wall.log"]) == 2
-    assert "other.tum: trajectory: poses at 0 of 30 scans" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_a_real_log(data_folder: Path) -> None:
-    """MIT CSAIL under a pose graph's trajectory; 9 mm under SLAM's own."""
-    recording = open_recording(data_folder / "csail" / "csail.log.gz")
-    reference = read_tum(data_folder / "csail" / "csail.reference.tum")
-    result = scan_residuals(recording, reference)
-    assert 0.012 < result.median < 0.019
-    assert 0.035 < result.quantile_90 < 0.06
-    assert result.no_return == pytest.approx(0.028, abs=0.001)
-    assert result.unseen < 0.1
-    poses = reference.poses + np.random.default_rng(1).normal(0.0, 0.05, reference.poses.shape) * (1, 1, 0)
-    assert scan_residuals(recording, Trajectory(reference.stamps, poses)).median > 1.5 * result.median

@@ -15,9 +15,8 @@ from command_lines import printed, refused
 
 from moteslam.errors import OutputError
 from moteslam.eval.cli.main import run
-from moteslam.eval.report import video
-from moteslam.eval.report.animation import Pace, film
-from moteslam.eval.report.video import write_film
+from moteslam.eval.report import film as video
+from moteslam.eval.report.film import Pace, film, write_film
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 

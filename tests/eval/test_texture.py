@@ -1,4 +1,4 @@
-"""Scores of coloured floors, their picture, and a whole run from a simulated camera to the result folder."""
+"""The picture of a coloured floor, and a whole run from a simulated camera to the result folder."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from parts.floor_colours import registration, score_texture
 
-from moteslam.errors import InputError
 from moteslam.eval.cli.main import run as main
-from moteslam.eval.report.stages import with_opacity, write_texture
-from moteslam.robot.raster import read_map_arrays
+from moteslam.eval.report.maps import with_opacity
+from moteslam.eval.results import write_map_files
+from moteslam.robot.raster import Raster, read_map_arrays
 from moteslam.slam.texture.floor_map import TextureMap
 
 SCENARIO = """
@@ -36,35 +35,6 @@ gap = 0.0
 """
 
 
-def test_errors_are_measured_against_the_best_single_colour() -> None:
-    rng = np.random.default_rng(0)
-    truth = rng.integers(0, 256, (60, 50, 3))
-    where = rng.random((60, 50)) < 0.5
-    exact = score_texture(truth, truth, where)
-    assert (exact.error, exact.share, exact.cells) == (0.0, 0.0, where.sum())
-    flat = np.broadcast_to(np.median(truth[where], axis=0), truth.shape)
-    assert score_texture(flat, truth, where).share == pytest.approx(1.0)
-    off = np.clip(truth + 10, 0, 300)
-    assert score_texture(off, truth, where).error == pytest.approx(10)
-    wrong = np.where(where[..., None], truth, 0)
-    assert score_texture(wrong, truth, where).error == 0
-
-
-def test_registration_finds_the_shift() -> None:
-    truth = np.random.default_rng(0).integers(0, 256, (60, 50, 3))
-    where = np.ones((60, 50), bool)
-    for across, up in ((0, 0), (2, 0), (-1, 3)):
-        assert registration(np.roll(truth, (up, across), axis=(0, 1)), truth, where) == (across, up)
-
-
-def test_pictures_that_do_not_fit_are_refused() -> None:
-    picture = np.zeros((4, 5, 3))
-    with pytest.raises(InputError, match="expected the same cells"):
-        score_texture(picture, picture[1:], np.ones((4, 5)))
-    with pytest.raises(InputError, match="no cell has a colour"):
-        score_texture(picture, picture, np.zeros((4, 5)))
-
-
 def test_the_picture_has_the_largest_y_on_top(tmp_path: Path) -> None:
     colours = np.zeros((3, 2, 3), np.uint8)
     colours[0, 0], colours[2, 1] = (255, 0, 0), (0, 0, 255)
@@ -74,7 +44,7 @@ def test_the_picture_has_the_largest_y_on_top(tmp_path: Path) -> None:
     assert colours[0, 0].tolist() == [255, 0, 0, 255]
     assert colours[2, 1].tolist() == [0, 0, 255, 255]
     assert (colours[..., 3] > 0).sum() == 2
-    write_texture(tmp_path / "texture.png", texture)
+    write_map_files(tmp_path, Raster(np.ones((1, 1), np.float32), 0.5, (0.0, 0.0, 0.0)), texture)
     file = cv2.imread(str(tmp_path / "texture.png"), cv2.IMREAD_UNCHANGED)
     assert file[2, 0].tolist() == [0, 0, 255, 255]
     assert "origin: [-1.0, 2.5, 0.0]" in (tmp_path / "texture.yaml").read_text()

@@ -1,4 +1,4 @@
-"""The map that the scans of a recording draw under a trajectory, and whether its walls are thin; no truth needed."""
+"""The map against the true one; and whether the map that the scans draw under a trajectory has thin walls."""
 
 from __future__ import annotations
 
@@ -11,14 +11,101 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import evenly, placed_scans, travelled
 from moteslam.eval.metrics.residuals import surface_points
 from moteslam.robot import se2
-from moteslam.robot.raster import cells_of, mean_cells
+from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
+from moteslam.robot.raster import Raster, cells_of, mean_cells
 from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.se2 import IDENTITY, Poses
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import Summarised, counted
+from moteslam.robot.values import counted, expect_type
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import synchronise
 
 Array = NDArray[np.float64]
+
+SAME_WALL = 0.1
+"""Walls closer to each other than this [m] are the same wall."""
+
+FARTHEST = 1.0
+"""A wall cell counts as at most this far from the nearest one of the other map [m]."""
+
+
+@dataclass(frozen=True)
+class MapAccuracy:
+    """A map against the true map: the metrics ``map_precision`` to ``map_known``.
+
+    And how many wall cells the map has, and how many cells of the true surface were seen.
+    """
+
+    precision: float
+    recall: float
+    f1: float
+    distance: float
+    free_iou: float
+    known: float
+    walls: int
+    surface: int
+
+
+def map_accuracy(
+    estimate: Raster, truth: Raster, *, transform: Poses = IDENTITY, seen: Array | None = None
+) -> MapAccuracy:
+    """Score a map by the true one, values [H, W] of ``FREE``, ``OCCUPIED`` or ``UNKNOWN``, of any cell size each.
+
+    The true surface are the true wall cells beside free ones: nobody sees the inside of a wall.
+
+    Args:
+        estimate, truth: the maps.
+        transform: [3] pose of the estimate's frame in the true one, as ``absolute_trajectory_error`` finds it.
+        seen: [p, 2] what the lidar saw, in the true frame: recall is over the surface within ``SAME_WALL`` of a point.
+
+    Raises:
+        InputError: maps of other values, or without a wall.
+    """
+    for raster, name in ((estimate, "estimate"), (truth, "truth")):
+        expect_type(raster, Raster, name, "read_map(path) reads one")
+        if raster.values.ndim != 2 or not np.isin(raster.values, (FREE, OCCUPIED, UNKNOWN)).all():
+            raise InputError("values beside free, occupied and unknown, expected a trinary map", field=name)
+    everywhere = surface_of(truth)
+    surface = everywhere if seen is None else everywhere[_distances(everywhere, seen) <= SAME_WALL]
+    walls = se2.transform_points(transform, estimate.centres(np.argwhere(estimate.values == OCCUPIED)))
+    for points, name in ((walls, "estimate"), (surface, "truth")):
+        if not len(points):
+            raise InputError("no wall that was seen" if name == "truth" else "no wall", field=name)
+    to_truth, to_map = _distances(walls, everywhere), _distances(surface, walls)
+    precision, recall = float((to_truth <= SAME_WALL).mean()), float((to_map <= SAME_WALL).mean())
+    there = np.argwhere(truth.values != UNKNOWN)
+    true = truth.values[there[:, 0], there[:, 1]]
+    back = se2.transform_points(se2.inverse(transform), truth.centres(there))
+    mapped = estimate.values_at(back, outside=UNKNOWN)
+    both = mapped != UNKNOWN
+    union = both & ((mapped == FREE) | (true == FREE))
+    return MapAccuracy(
+        precision=precision,
+        recall=recall,
+        f1=2 * precision * recall / (precision + recall) if precision + recall else 0.0,
+        distance=float(to_truth.mean() + to_map.mean()) / 2,
+        free_iou=float((union & (mapped == true)).sum() / max(union.sum(), 1)),
+        known=float(both[true == FREE].mean()) if (true == FREE).any() else 0.0,
+        walls=len(walls),
+        surface=len(surface),
+    )
+
+
+def surface_of(truth: Raster) -> Array:
+    """The centres [n, 2] of the wall cells of a trinary map that share an edge with a free one [m]."""
+    from scipy.ndimage import binary_dilation
+
+    return truth.centres(np.argwhere((truth.values == OCCUPIED) & binary_dilation(truth.values == FREE)))
+
+
+def _distances(points: Array, others: Array) -> Array:
+    """Of points [n, 2] to the nearest of others [m, 2], at most ``FARTHEST``: [n] [m]."""
+    from scipy.spatial import cKDTree
+
+    if not len(points) or not len(others):
+        return np.full(len(points), FARTHEST)
+    return np.minimum(cKDTree(others).query(points, distance_upper_bound=FARTHEST)[0], FARTHEST)
+
 
 SPACING = 0.3
 """A scan is used once the robot has moved by this much [m] or turned by as many radians since the last one used."""
@@ -44,22 +131,13 @@ AROUND, FEWEST = 0.15, 10
 this many."""
 
 
-@dataclass(frozen=True, repr=False)
-class MapConsistency(Summarised):
-    """The sharpness of the map that the scans draw.
+@dataclass(frozen=True)
+class MapConsistency:
+    """The sharpness of the map that the scans draw: the metrics ``map_cells`` to ``map_twice``.
 
-    Attributes:
-        cells: how many cells of 5 cm hold an endpoint: fewer are sharper.
-        walls: length of the walls that were seen [m], counted again where they are seen again after ``FAR_PATH``: so it
-            hardly depends on where the trajectory draws them.
-        cells_per_metre: of these walls [1/m].
-        near: mean distance of an endpoint to the nearest one of scans less than ``NEAR_PATH`` of path away [m]: noise.
-        far: the same, more than ``FAR_PATH`` away [m]: noise and loops that do not close; None where the robot comes
-            back to no place.
-        thickness: median standard deviation of endpoints across their wall [m].
-        twice: share of the endpoints whose wall was seen again after ``FAR_PATH`` where it lies elsewhere then, see
-            ``TWICE``; None where none was.
-        scans: how many scans were used.
+    ``walls`` is the length of the walls that were seen [m], counted again where they are seen again after ``FAR_PATH``:
+    so it hardly depends on where the trajectory draws them. ``far`` and ``twice`` are None where the robot comes back
+    to no place; ``scans`` is how many were used.
     """
 
     cells: int
@@ -71,17 +149,9 @@ class MapConsistency(Summarised):
     twice: float | None
     scans: int
 
-    def _summary(self) -> str:
-        return f"{self.cells_per_metre:.1f} cells per metre of wall, walls {1000 * self.thickness:.0f} mm thick"
-
 
 def map_consistency(recording: Recording, trajectory: Trajectory, *, scans: Scans | None = None) -> MapConsistency:
-    """Score a trajectory by the map that the scans of its recording draw under it.
-
-    Args:
-        recording: with a lidar.
-        trajectory: of the robot, on the recording's clock; which poses are taken: ``poses_of_scans``.
-        scans: the recording's as ``synchronise(recording)`` gives them; made here by default.
+    """Score a trajectory by the map that the scans of its recording draw under it; arguments as of ``scan_residuals``.
 
     Raises:
         InputError: no scans, fewer than two of them with a pose, or none that sees what another one saw.
