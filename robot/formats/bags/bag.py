@@ -204,14 +204,15 @@ class Bag:
                 stamp = int(header.stamp.sec) * SECOND + int(header.stamp.nanosec)
                 frame = table.frames.setdefault(frame_name(header.frame_id), len(table.frames))
                 table.child = table.child or frame_name(getattr(message, "child_frame_id", ""))
-            except ValueError:
+                mark = hash(data[4:4096])  # behind what numbers the messages in ROS 1
+                row = array("q", (stamp, received, order, *place, mark, frame))
+            except (ValueError, OverflowError):
                 if table is None:
                     broken += 1
                 else:
                     table.broken += 1
                 continue
-            mark = hash(data[4:4096])  # behind what numbers the messages in ROS 1
-            table.flat.extend((stamp, received, order, *place, mark, frame))
+            table.flat.extend(row)
             table.numbers.extend(numbers)
         if (lost := sum(topic.count for topic in (*tables, *others)) - order - 1) > 0:
             text = f"{counted(lost, 'message')} of its index cannot be found; what can be read is used"
