@@ -49,8 +49,8 @@ the right order. In a short sweep it makes no difference."""
 TURNING = 0.05
 """Scans whose turns deviate by less show nothing of odometry [rad]."""
 WITNESS, UNWITNESSED = 5.0, 10.0
-"""With the stated angles the odometry must cost the first more over all pairs, unless the scale differs by more than the
-second in standard deviations: scans of one side of the robot alone are biased by a few percent."""
+"""With the stated angles the odometry must cost the first more over all pairs, unless the scale differs by more
+than the second in standard deviations: scans of one side of the robot alone are biased by a few percent."""
 SIGMAS = 5.0
 """What differs from what is stated by less than this many standard deviations is not certain."""
 LATE, LATE_WHEELS = 0.16, 0.25
