@@ -26,7 +26,7 @@ PLACE, YAW = 0.07, 0.06
 """of the mount [m], [rad],"""
 SCALE = 0.04
 """and of ranges over the odometry's lengths, which SLAM calibrates while driving."""
-TURNS = 0.25
+TURNS = 0.15
 """Likewise of turns by scans over the odometry's."""
 FAR, TURNED, LONG = 0.15, 0.14, 0.06
 """From here on a mount [m], [rad] and a scale move the result by a tenth of a metre or more."""
