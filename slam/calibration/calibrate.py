@@ -48,9 +48,9 @@ SKEWED = 0.002
 the right order. In a short sweep it makes no difference."""
 TURNING = 0.05
 """Scans whose turns deviate by less show nothing of odometry [rad]."""
-WITNESS, UNWITNESSED = 5.0, 10.0
-"""With the stated angles the odometry must cost the first more over all pairs, unless the scale differs by more
-than the second in standard deviations: scans of one side of the robot alone are biased by a few percent."""
+WITNESS = 5.0
+"""With the stated angles the odometry must cost this much more over all pairs, unless it is wheels alone, whose turns
+are poor: scans of one side of the robot are biased by a few percent."""
 SIGMAS = 5.0
 """What differs from what is stated by less than this many standard deviations is not certain."""
 LATE, LATE_WHEELS = 0.16, 0.25
@@ -133,12 +133,12 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
     if not scans.enough(GOOD):
         return None
     clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
-    if SIGMAS * deviation < abs(angle_scale - 1) < UNWITNESSED * deviation:
+    wheels_alone = recording.encoders is not None and recording.imu is None and not logged
+    if abs(angle_scale - 1) > SIGMAS * deviation and not wheels_alone:
         witness = scans.stated()
         as_stated = fit(witness.pairs, at, (offset, drift), shared=logged)
         if (as_stated.cost - clocks.cost) * len(scans.pairs.first) < WITNESS:
             scans, clocks, deviation = witness, as_stated, abs(angle_scale - 1)
-    wheels_alone = recording.encoders is not None and recording.imu is None and not logged
     shared = logged or not clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
     start = clocks.values[Parameter.OFFSET] + clocks.values[Parameter.DRIFT] * (scans.first.min() - clocks.middle)
     began_as_one = abs(start) < (LATE_WHEELS if wheels_alone else LATE)
