@@ -143,16 +143,18 @@ def descend(
     return d
 
 
-LEAST_INFORMATION, LEAST_SHARE = 1e-9, 1e-12
-"""What the information of a scan, and the share of it that a motion has, count as at least."""
+LEAST_INFORMATION, LEAST_RATIO = 1e-9, 1e-12
+"""What the information of a scan, and the ratio of that along a degenerate direction, count as at least."""
+RIDGE = 1e-3
+"""Added to the information about the position, as a share of that in both directions, before it is inverted."""
 MOST_NOISE = 4.0
 """The variance of residuals that is a lidar's noise, of 2 cm, in squares of standard ones; what is more is people."""
-NOISE_SHARE = 0.016
-"""The share that noise of the map's slopes alone makes, where residuals have the variance of standard ones.
+NOISE_RATIO = 0.016
+"""The ratio that noise of the map's slopes alone makes for turns, where residuals have the variance of standard ones.
 
-In a round tank of 4 m and along a bare hall it is 0.004 to 0.013 times the residuals' variance, with three lidars of
-0.5 to 3 cm of noise, to the filter's maps as between two scans. In rooms, corridors and on csail it is 0.08 to 0.4,
-whatever that variance.
+In a round tank of 4 m it is 0.004 to 0.013 times the residuals' variance, with three lidars of 0.5 to 3 cm of
+noise, to the filter's maps as between two scans. In rooms, corridors and on csail it is 0.08 to 0.4, whatever that
+variance.
 """
 
 
@@ -161,7 +163,7 @@ class Kept(NamedTuple):
 
     Attributes:
         deviation: standard deviation of the prediction [m].
-        error: of the registration along a way whose share of the information is 1 [m].
+        error: of the registration along a direction that is informed as well as the one across [m].
     """
 
     deviation: float
@@ -169,31 +171,6 @@ class Kept(NamedTuple):
 
 
 NOT_KEPT = Kept(0.0, 0.0)
-
-
-@func
-def least_eigenvalue(a: template):
-    """Of a symmetric 3 x 3 matrix, a holds 00 01 02 11 12 22."""
-    middle = (a[0] + a[3] + a[5]) / 3
-    x, y, z = a[0] - middle, a[3] - middle, a[5] - middle
-    off = a[1] * a[1] + a[2] * a[2] + a[4] * a[4]
-    size = ti.sqrt(ti.max((x * x + y * y + z * z + 2 * off) / 6, 1e-36))
-    determinant = x * (y * z - a[4] * a[4]) - a[1] * (a[1] * z - a[4] * a[2]) + a[2] * (a[1] * a[4] - y * a[2])
-    third = ti.acos(ti.min(ti.max(0.5 * determinant / (size * size * size), -1.0), 1.0)) / 3
-    return middle + 2 * size * ti.cos(third + 2 * np.pi / 3)
-
-
-@func
-def null_vector(a: template, value: F64):
-    """The unit eigenvector of a symmetric 3 x 3 matrix, a holds 00 01 02 11 12 22, with this eigenvalue."""
-    one = ti.Vector([a[0] - value, a[1], a[2]])
-    two = ti.Vector([a[1], a[3] - value, a[4]])
-    three = ti.Vector([a[2], a[4], a[5] - value])
-    best = one.cross(two)
-    for other in ti.static((one.cross(three), two.cross(three))):
-        if other.norm_sqr() > best.norm_sqr():
-            best = other
-    return best / ti.sqrt(ti.max(best.norm_sqr(), 1e-36))
 
 
 @func
@@ -206,41 +183,43 @@ def keep_prediction(
     the robot, in the axes of the offset [m, m^2].
     """
     xx, xy, xt, yy, yt, tt = found[i, 3], found[i, 4], found[i, 5], found[i, 6], found[i, 7], found[i, 8]
-    total = ti.max(xx + yy, LEAST_INFORMATION)
-    lever = ti.sqrt(ti.max(square - mx * mx - my * my, LEAST_INFORMATION))
-    # about the endpoints' mean, the turn in metres that they move by
-    about_x, about_y = xx * my - xy * mx + xt, xy * my - yy * mx + yt
-    about = my * about_x - mx * about_y + my * xt - mx * yt + tt
-    shares = ti.Vector([xx, xy, about_x / lever, yy, about_y / lever, about / (lever * lever)]) / total
-    share = ti.max(least_eigenvalue(shares), LEAST_SHARE)
-    motion = null_vector(shares, share)
-    noise = NOISE_SHARE * ti.min(variance, MOST_NOISE)
-    weight = ti.min(ti.max(2 * share / noise - 2, 0.0), 1.0)
-    # of the robot: a turn about a centre among the endpoints, or else a way
-    turn = motion[2] / lever
-    x, y = motion[0] + turn * my, motion[1] - turn * mx
-    shift = found[i, 2]
-    if turn * turn * square > x * x + y * y:
-        x, y, turn = x / turn, y / turn, 1.0
-    else:
-        most = ti.atan2(2 * xy, xx - yy) / 2  # heading of the most informed direction
-        x, y, turn = -ti.sin(most), ti.cos(most), 0.0
-        shift = x * found[i, 0] + y * found[i, 1]
-        weight *= deviation * deviation / (deviation * deviation + (error * variance / share) ** 2)
+    middle, half = (xx + yy) / 2, ti.sqrt(((xx - yy) / 2) ** 2 + xy * xy)
+    most, total = ti.max(middle + half, LEAST_INFORMATION), ti.max(2 * middle, LEAST_INFORMATION)
+    heading = ti.atan2(2 * xy, xx - yy) / 2  # of the most informed direction
+    ax, ay = -ti.sin(heading), ti.cos(heading)
+    ratio = ti.max((middle - half) / most, LEAST_RATIO)
+    weight = deviation * deviation / (deviation * deviation + (error * variance / ratio) ** 2)
+    # the turn about the centre that changes the endpoints' distances least: the robot moves by (vx, vy) a radian, but
+    # along a direction that is not bound it does not
+    across = (ax * yt - ay * xt) / (most + RIDGE * total)
+    along = -weight * (ax * xt + ay * yt) / (ti.max(middle - half, 0.0) + RIDGE * total)
+    vx, vy = along * ax + across * ay, along * ay - across * ax
+    bound = ti.max(vx * (xx * vx + 2 * xy * vy + 2 * xt) + vy * (yy * vy + 2 * yt) + tt, 0.0)
+    lever = ti.max(square + vx * vx + vy * vy + 2 * (vy * mx - vx * my), LEAST_INFORMATION)
+    noise = NOISE_RATIO * ti.min(variance, MOST_NOISE)
+    turn_weight = ti.min(ti.max(2 * bound / (total * lever) / noise - 2, 0.0), 1.0)
     if error == 0:
-        weight = 1.0
-    back = (1 - weight) * shift
-    found[i, 0] -= back * x
-    found[i, 1] -= back * y
-    found[i, 2] -= back * turn
-    by_x, by_y, by_turn = xx * x + xy * y + xt * turn, xy * x + yy * y + yt * turn, xt * x + yt * y + tt * turn
-    less = (1 - weight) / ti.max(by_x * x + by_y * y + by_turn * turn, LEAST_INFORMATION)
-    found[i, 3] -= less * by_x * by_x
-    found[i, 4] -= less * by_x * by_y
-    found[i, 5] -= less * by_x * by_turn
-    found[i, 6] -= less * by_y * by_y
-    found[i, 7] -= less * by_y * by_turn
-    found[i, 8] -= less * by_turn * by_turn
+        turn_weight = 1.0
+    shift = ax * found[i, 0] + ay * found[i, 1]
+    found[i, 0] -= ax * (1 - weight) * shift
+    found[i, 1] -= ay * (1 - weight) * shift
+    less = 1 - ti.sqrt(weight)
+    k00, k01, k11 = 1 - less * ax * ax, -less * ax * ay, 1 - less * ay * ay
+    p00, p01 = k00 * xx + k01 * xy, k00 * xy + k01 * yy
+    p10, p11 = k01 * xx + k11 * xy, k01 * xy + k11 * yy
+    found[i, 3], found[i, 4], found[i, 6] = p00 * k00 + p01 * k01, p00 * k01 + p01 * k11, p10 * k01 + p11 * k11
+    found[i, 5], found[i, 7] = k00 * xt + k01 * yt, k01 * xt + k11 * yt
+    if turn_weight < 1:
+        back, left = (1 - turn_weight) * found[i, 2], 1 - ti.sqrt(turn_weight)
+        found[i, 0] -= vx * back
+        found[i, 1] -= vy * back
+        found[i, 2] -= back
+        rx = found[i, 3] * vx + found[i, 4] * vy + found[i, 5]
+        ry = found[i, 4] * vx + found[i, 6] * vy + found[i, 7]
+        rt = found[i, 5] * vx + found[i, 7] * vy + tt
+        found[i, 5] -= left * rx
+        found[i, 7] -= left * ry
+        found[i, 8] += left * (left * (vx * rx + vy * ry + rt) - 2 * rt)
 
 
 @kernel
@@ -253,13 +232,14 @@ def _keep_all(found: F64_2D, means: F64_2D, deviation: F64, error: F64):
 def keep_predictions(
     offsets: ArrayLike, information: ArrayLike, means: ArrayLike, kept: Kept
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Keep the predicted poses along the motion that the endpoints bind least.
+    """Keep the predicted poses where endpoints carry least information: along a direction, and for a turn.
 
-    Its share is the information about it over what endpoints that bound every direction would have about a motion that
-    moves them as far. It is a turn about a centre among the endpoints, or else a way. What is found of it is multiplied
-    by w, and the information about it, too: w grows from 0 to 1 as the share s grows from what noise of slopes makes at
-    most to half as much again; for a way it is multiplied by d^2 / (d^2 + (e / s)^2), with the prediction's deviation d
-    and the registration's error e.
+    Along the least informed direction in the plane the offset is multiplied by w = d^2 / (d^2 + (e / r)^2), with the
+    prediction's deviation d, the registration's error e, and the ratio r of the information along the direction to that
+    across it. The information along it is multiplied by w, too. Then the turn about the centre that changes the
+    endpoints' distances least, with the rest of the offset that belongs to it: there w grows from 0 to 1 as the ratio,
+    of what is known of it to what endpoints that bound all directions would know of as large a motion, grows from what
+    the noise of slopes makes at most to half as much again.
 
     Args:
         offsets: [n, 3] from the predicted poses.

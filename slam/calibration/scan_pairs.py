@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.slam.registration.config import RegistrationConfig
-from moteslam.slam.registration.information import boundness, least_bound
+from moteslam.slam.registration.information import least_bound_turn
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -176,8 +176,10 @@ def _turns_known(information: Array, arm: Array, weight: Array, deviation: Array
     total = np.maximum(weight.sum(axis=1), 1e-9)
     means = np.column_stack((np.einsum("kbi,kb->ki", arm, weight), np.einsum("kbi,kbi,kb->k", arm, arm, weight)))
     variances = np.square(deviation / RegistrationConfig().residual)
-    shares, motions = least_bound(information, means / total[:, None])
-    return np.asarray((motions[:, 2] == 0) | (boundness(shares, variances) > 0.5))
+    _, bound = least_bound_turn(
+        information, means / total[:, None], variances, np.zeros(len(total)), RegistrationConfig()
+    )
+    return np.asarray(bound > 0.5)
 
 
 def _warps(

@@ -50,9 +50,9 @@ class RegistrationConfig(Section):
     outlier_cost: NotNegative = 8.0
     """Largest negative log-likelihood of an endpoint."""
     degenerate: NotNegative = 0.001
-    """Standard deviation of what is found along the motion that endpoints bind least, times its share of the
-    information that they would have if they bound every direction, where their distances to the surface deviate by
-    ``residual`` [m]; it grows with their variance. Between bare walls the odometry is kept instead; 0 turns it off."""
+    """Standard deviation of what is found along the least informed direction, times the ratio of its information to
+    that of the best informed, where the endpoints' distances to the surface deviate by ``residual`` [m]; it grows with
+    their variance. Along two bare walls the odometry is kept instead; 0 turns it off."""
     gate: Positive = 3.0
     """An offset of more standard deviations of the odometry must be proved by the endpoints."""
 

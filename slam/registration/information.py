@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.gauss_newton import (
     LEAST_INFORMATION,
-    LEAST_SHARE,
+    LEAST_RATIO,
     MOST_NOISE,
-    NOISE_SHARE,
+    NOISE_RATIO,
+    RIDGE,
     keep_predictions,
 )
 from moteslam.kernels.registration import LIKELIHOODS
@@ -48,40 +49,51 @@ def measured_information(found: Registration, which: int, config: RegistrationCo
     return np.asarray(found.information[which] / (variance * correlation))
 
 
-def least_bound(information: Array, means: Array) -> tuple[Array, Array]:
-    """The motion that endpoints bind least: as in ``keep_predictions``.
+def least_informed(information: Array) -> tuple[Array, Array]:
+    """The direction in the plane that endpoints carry least information about.
+
+    Args:
+        information: [N, 3, 3] of the pose (x, y, theta).
+
+    Returns:
+        [N] the ratio of the information along it to that across it, and [N, 2] the direction as a unit vector.
+    """
+    xx, xy, yy = information[:, 0, 0], information[:, 0, 1], information[:, 1, 1]
+    middle, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    most = np.arctan2(2 * xy, xx - yy) / 2
+    along = np.empty((len(most), 2))
+    along[:, 0], along[:, 1] = -np.sin(most), np.cos(most)
+    return (middle - half) / np.maximum(middle + half, 1e-9), along
+
+
+def least_bound_turn(
+    information: Array, means: Array, variances: Array, errors: Array, config: RegistrationConfig
+) -> tuple[Array, Array]:
+    """The turn that changes the endpoints' distances least, and how much they know of it: as ``keep_predictions``.
 
     Args:
         information: [N, 3, 3] of the pose (x, y, theta).
         means: [N, 3] of the endpoints' x, y, x^2 + y^2 from the robot, in the axes of the information [m, m^2].
+        variances: [N] of the residuals, in squares of standard ones.
+        errors: [N] along the direction that is bound least [m]: where they are large a turn does not move along it.
+        config: of the registration.
 
     Returns:
-        [N] the share of the information that it has, and [N, 3] it: a turn about a centre among the endpoints, or else
-        a way of 1 m.
+        [N, 3] how the robot moves in a turn of a radian; [N] 1 where it is bound, 0 where that is noise of the slopes.
     """
-    x, y, square = means.T
-    lever = np.sqrt(np.maximum(square - x * x - y * y, LEAST_INFORMATION))
+    ratio, along = least_informed(information)
+    weight = 1 / (1 + np.square(errors / config.translation))
     total = np.maximum(information[:, 0, 0] + information[:, 1, 1], LEAST_INFORMATION)
-    motions = np.zeros_like(information)  # in the columns: of the endpoints' mean, and a turn about it
-    motions[:, 0, 0] = motions[:, 1, 1] = 1
-    motions[:, :, 2] = np.column_stack((y, -x, np.ones(len(x)))) / lever[:, None]
-    values, vectors = np.linalg.eigh(np.swapaxes(motions, 1, 2) @ information @ motions)
-    motion = (motions @ vectors[:, :, :1])[:, :, 0]
-    way = np.square(motion[:, :2]).sum(axis=1) >= square * np.square(motion[:, 2])
-    xx, xy, yy = information[way, 0, 0], information[way, 0, 1], information[way, 1, 1]
-    most = np.arctan2(2 * xy, xx - yy) / 2  # heading of the most informed direction
-    motion[way] = np.column_stack((-np.sin(most), np.cos(most), np.zeros(len(most))))
-    return np.maximum(values[:, 0] / total, LEAST_SHARE), motion
-
-
-def boundness(shares: Array, variances: Array) -> Array:
-    """From 1, where a motion with this share of the information is bound, to 0, where that is noise of the slopes.
-
-    Args:
-        shares: [N] of ``least_bound``.
-        variances: [N] of the residuals, in squares of standard ones.
-    """
-    return np.clip(2 * shares / (NOISE_SHARE * np.minimum(variances, MOST_NOISE)) - 2, 0.0, 1.0)
+    least = total * np.maximum(ratio, 0.0) / (1 + ratio)
+    across = np.column_stack((along[:, 1], -along[:, 0]))
+    pull, push = ((information[:, :2, 2] * way).sum(axis=1) for way in (along, across))
+    turn = np.ones((len(information), 3))
+    turn[:, :2] = -(weight * pull / (least + RIDGE * total))[:, None] * along
+    turn[:, :2] -= (push / (total - least + RIDGE * total))[:, None] * across
+    x, y, _ = turn.T
+    lever = np.maximum(means[:, 2] + x * x + y * y + 2 * (y * means[:, 0] - x * means[:, 1]), LEAST_INFORMATION)
+    known = np.einsum("ni,nij,nj->n", turn, information, turn) / (total * lever)
+    return turn, np.clip(2 * known / (NOISE_RATIO * np.minimum(variances, MOST_NOISE)) - 2, 0.0, 1.0)
 
 
 def keep_odometry(found: Registration, spread: Array, config: RegistrationConfig) -> Registration:
@@ -102,19 +114,25 @@ def keep_odometry(found: Registration, spread: Array, config: RegistrationConfig
 
 
 def less_where_unbound(information: Array, found: Registration, which: int, config: RegistrationConfig) -> Array:
-    """Information [3, 3] of a registration with its errors along the way that the endpoints bind least.
+    """Information [3, 3] of a registration with its errors along the motions that the endpoints bind least.
 
-    Along bare walls it is wrong by errors of the map, not by the endpoints' noise: by as much as ``keep_predictions``
-    has it. A turn that is not bound is taken out there already.
+    Along bare walls, and for turns in a round room, it is wrong by errors of the map, not by the endpoints' noise: by
+    as much as ``keep_predictions`` has it.
 
     Args:
         information: as of ``measured_information``.
         found, which, config: as there.
     """
     seen = found.at(which)
-    (share,), (motion,) = least_bound(seen.information, seen.means)
-    error = config.degenerate * residual_variance(float(seen.likelihoods[0]), config) / float(share)
-    if error and not motion[2]:  # a turn is taken out where the odometry is kept
-        known = information @ motion
-        information = information - np.outer(known, known) / (1 / error**2 + known @ motion)
+    (ratio,), (along,) = least_informed(seen.information)
+    variance = residual_variance(float(seen.likelihoods[0]), config)
+    error = config.degenerate * variance / max(float(ratio), LEAST_RATIO)
+    if error:
+        known = information @ np.append(along, 0.0)
+        information = information - np.outer(known, known) / (1 / error**2 + known[:2] @ along)
+        (turn,), (bound,) = least_bound_turn(
+            seen.information, seen.means, np.array([variance]), np.array([error]), config
+        )
+        known = information @ turn
+        information = information - (1 - bound) * np.outer(known, known) / max(float(known @ turn), LEAST_INFORMATION)
     return np.asarray(information)

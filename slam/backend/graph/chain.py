@@ -144,7 +144,8 @@ class Chain:
             return
         plain = np.array([found.step for found in self._plain])
         information = np.array([found.information for found in self._plain])
-        self._model = fit_odometry(np.array([raw.step for raw in self._raw[: len(plain)]]), plain, information)
+        covariance = np.asarray(np.linalg.inv(information + LEAST_INFORMATION * np.eye(3)))
+        self._model = fit_odometry(np.array([raw.step for raw in self._raw[: len(plain)]]), plain, covariance)
         predicted = [self._corrected(raw) for raw in self._raw]
         if self._proved and not anew and _same(self._predicted, predicted[: len(self._predicted)]):
             return

@@ -21,7 +21,7 @@ from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.partners import choose_partners
 from moteslam.slam.backend.graph.pose_graph import relative_jacobians
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
-from moteslam.slam.registration.information import boundness, least_bound
+from moteslam.slam.registration.information import least_bound_turn, least_informed
 from moteslam.slam.registration.registrar import FULL
 
 Array = NDArray[np.float64]
@@ -202,10 +202,10 @@ def _add_pairs(
 ) -> Array:
     """Add the matches of all pairs of scans to the system; returns the blocks [e, 3, 3] between them.
 
-    Between bare walls the errors of the normals pull along them. So what the matches of a pair say of the way that they
-    bind least has an offset of unknown size besides, whose standard deviation grows with how little they rest on, as in
-    ``keep_odometry``; it is eliminated. All pairs of scans that see the same walls may have the same one: as many as
-    one of them has partners, squared. What all pairs of a scan together do not bind is eliminated altogether.
+    Between bare walls the errors of the normals pull along them. So what the matches of a pair say along their least
+    informed direction has an offset of unknown size besides, whose standard deviation grows with how little they rest
+    on, as in ``keep_odometry``; it is eliminated. All pairs of scans that see the same walls may have the same one: as
+    many as one of them has partners, squared.
 
     Args:
         poses: [n, 3].
@@ -216,8 +216,29 @@ def _add_pairs(
         blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
     """
     information, gradient = sums[:, FULL].reshape(-1, 3, 3), sums[:, 6:9].copy()
-    if config.registration.degenerate:
-        _leave_unbound(first, sums, information, gradient, variance, config)
+    registration = config.registration
+    ratio, along = least_informed(information)
+    along = np.column_stack((along, np.zeros(len(along))))
+    variances = np.full(len(information), variance / registration.residual**2)
+    deviation = registration.degenerate * variance / registration.residual**2 / np.maximum(ratio, 1e-9)
+    unknown = np.square(np.bincount(first)[first] * deviation)
+    weights = np.maximum(information[:, 0, 0] + information[:, 1, 1], LEAST_INFORMATION)  # normals have length 1
+    means = sums[:, 9:] / weights[:, None]
+    turn, bound = least_bound_turn(information, means, variances, np.sqrt(unknown), registration)
+    moved = _turned(information, along)
+    share = unknown / (1 + unknown * (along * moved).sum(axis=1))
+    gradient -= (share * (along * gradient).sum(axis=1))[:, None] * moved
+    information -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
+    best = np.zeros(len(poses))
+    np.maximum.at(best, first, bound)  # a turn that one pair of a scan binds is bound
+    bound = best[first]
+    loose = bound < 1
+    if loose.any():
+        turn = turn[loose]
+        moved = _turned(information[loose], turn)
+        share = (1 - bound[loose]) / np.maximum((turn * moved).sum(axis=1), LEAST_INFORMATION)
+        gradient[loose] -= (share * (turn * gradient[loose]).sum(axis=1))[:, None] * moved
+        information[loose] -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
     off = poses[first, :2] - poses[second, :2]
     about = np.repeat(np.eye(3)[None], len(off), axis=0)
     about[:, 0, 2], about[:, 1, 2] = -off[:, 1], off[:, 0]
@@ -227,26 +248,6 @@ def _add_pairs(
     np.add.at(right, first, gradient)
     np.add.at(right, second, -_turned(np.swapaxes(about, 1, 2), gradient))
     return np.asarray(between)
-
-
-def _leave_unbound(
-    first: Indices, sums: Array, information: Array, gradient: Array, variance: float, config: GraphConfig
-) -> None:
-    """Eliminate the offsets of unknown size from the information [e, 3, 3] of pairs, and their gradient [e, 3]."""
-    ratio = variance / config.registration.residual**2
-    weights = np.maximum(information[:, 0, 0] + information[:, 1, 1], LEAST_INFORMATION)  # normals have length 1
-    share, motion = least_bound(information, sums[:, 9:] / weights[:, None])
-    error = np.bincount(first)[first] * config.registration.degenerate * ratio / share
-    error[motion[:, 2] != 0] = 0.0  # of a turn
-    begins = np.flatnonzero(np.diff(first, prepend=-1))
-    scans = np.add.reduceat(np.column_stack((information.reshape(-1, 9), sums[:, 9:], weights)), begins, axis=0)
-    least, _ = least_bound(scans[:, :9].reshape(-1, 3, 3), scans[:, 9:12] / scans[:, 12:])
-    bound = np.repeat(boundness(least, np.full(len(least), ratio)), np.diff(begins, append=len(first)))
-    moved = _turned(information, motion)
-    known = np.maximum((motion * moved).sum(axis=1), LEAST_INFORMATION)
-    loose = np.maximum(1 - bound, 1 - 1 / (1 + np.square(error) * known)) / known
-    gradient -= (loose * (motion * gradient).sum(axis=1))[:, None] * moved
-    information -= loose[:, None, None] * moved[:, :, None] * moved[:, None, :]
 
 
 def _turned(matrices: Array, vectors: Array) -> Array:

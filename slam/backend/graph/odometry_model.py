@@ -29,8 +29,6 @@ GAIN_INFORMATION = 200.0
 """Prior on the gains, of standard deviation 0.07: wheels are off by some percent (docs/theory/default-filter.md)."""
 LEAST_SCALE = 0.1
 """Of the noise, over its shape: no odometry is better."""
-LEAST_INFORMATION = 1e-2
-"""That a registration has at least [1/m^2], [1/rad^2]."""
 LEAST_SHARE = 0.1
 """Of that noise is the odometry's own, at least."""
 SAFETY = 2.0
@@ -68,7 +66,7 @@ def turned_aside(odometry: Array, spread: Array) -> Array:
     return np.concatenate((np.hypot(spread[..., :2], moved), spread[..., 2:]), axis=-1)
 
 
-def fit_odometry(odometry: Array, registered: Array, information: Array) -> OdometryModel:
+def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> OdometryModel:
     """Fit a linear map of each step that corrects it, and measure what noise is left.
 
     Alternately the gains of forward, left and turning error are fitted, robustly, and the scale of the noise: the
@@ -79,15 +77,15 @@ def fit_odometry(odometry: Array, registered: Array, information: Array) -> Odom
     Args:
         odometry: [n - 1, 3] steps.
         registered: [n - 1, 3] the same by registration.
-        information: [n - 1, 3, 3] of that.
+        covariance: [n - 1, 3, 3] of that.
     """
     errors = np.asarray(se2.between(odometry, registered))
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
     gains, scales, true = np.zeros((3, 3)), np.ones(3), odometry + errors
     measured = np.zeros(3, bool)
     for _ in range(ROUNDS):
         shape = _shape(true)
         noises = np.square(scales * shape)
-        variance = _added(information, noises)
         own = np.maximum(noises - variance, LEAST_SHARE * noises)  # what is measured below is that of both
         true = odometry + errors - variance / (variance + own) * (errors - odometry @ gains.T)
         for axis in range(3):
@@ -107,16 +105,6 @@ def fit_odometry(odometry: Array, registered: Array, information: Array) -> Odom
         if measured.any():  # along bare walls: no worse than where it can be measured
             scales[~measured] = scales[measured].max()
     return OdometryModel(gains, scales)
-
-
-def _added(information: Array, noises: Array) -> Array:
-    """The variances [n, 3] of registrations along each axis: of what they add to odometry of variances [n, 3].
-
-    Where a motion is not bound, as ahead with a little turn, its marginal variances are large along all these axes; but
-    once odometry has measured the way, the turn is known.
-    """
-    both = np.diagonal(np.linalg.inv(information + np.eye(3) / noises[:, None]), axis1=1, axis2=2)
-    return np.asarray(1 / np.maximum(1 / both - 1 / noises, LEAST_INFORMATION))
 
 
 def _shape(odometry: Array) -> Array:
