@@ -4,19 +4,26 @@ For scans whose predicted place is too uncertain to start Gauss-Newton from (Ols
 matching", 2009): ``registration`` starts at the places found here.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
 from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
-from moteslam.kernels.tiles import SIDE, STEPS, Tiles, frames_in_cells, read, steps_of, weight_of
-from moteslam.kernels.types import F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, I32_2D, func, kernel
+from moteslam.kernels.tiles import SIDE, STEPS, Tiles, address, frames_in_cells, read, steps_of, weight_of
+from moteslam.kernels.types import F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, I32_2D, func, kernel, template
 
 MAX_SEARCH_POINTS = 64
 """Points of a scan that a search can look up: they are kept in registers and on the stack of each thread."""
 MAX_SEARCH_COST = 1e8
 """Costs of turns and shifts are at most this [steps]: totals must fit 32 bits."""
+MAX_LAID = 2**24
+"""Cells whose scores are laid out, at most: 64 MB."""
+LOOKED_UP = 2
+"""The scores of the cells around a particle are laid out before a search that looks up each of them more often than
+this: then a lookup takes a third of the time."""
 
 
 @func
@@ -27,14 +34,36 @@ def _score(word: I32, near: I32):
 
 
 @kernel
+def _lay_out(
+    pool: I16_1D, table: I32_1D, begin: I32, columns: I32, rows: I32, corners: I32_2D, side: I32, near: I32,
+    laid: I32_1D,
+):  # fmt: skip
+    """The scores of the cells of a square box around each particle; cells beyond the tables are left out."""
+    ti.loop_config(serialize=ti.static(one_thread()))
+    for k in range(corners.shape[0] * side):
+        i = k // side
+        y, x = corners[i, 1] + k % side, corners[i, 0]
+        end = ti.min(x + side, columns * (SIDE // 2))
+        out = k * side
+        while x < end and y < rows * (SIDE // 2):  # the cells of one tile, which lie side by side
+            at = address(table, begin + i * columns * rows, columns, x, y, 1)
+            for c in range(ti.min((x | (SIDE // 2 - 1)) + 1, end) - x):
+                laid[out + c] = _score(ti.cast(pool[at + c], ti.i32), near)
+            done = ti.min((x | (SIDE // 2 - 1)) + 1, end) - x
+            out += done
+            x += done
+
+
+@kernel
 def _search(
     pool: I16_1D, table: I32_1D, begin: I32, columns: I32, rows: I32, frames: F64_2D, scan: F32_2D, turns: F32_1D,
-    turn_costs: I32_1D, shifts: F32_2D, shift_costs: I32_1D, drifts: F32_2D, blocks: I32, near: I32, scores: I32_2D,
-    chosen: I32_2D, passes: I32,
+    turn_costs: I32_1D, shifts: F32_2D, shift_costs: I32_1D, drifts: F32_2D, blocks: I32, near: I32, corners: I32_2D,
+    side: I32, laid: I32_1D, scores: I32_2D, chosen: I32_2D, passes: I32, dense: template,
 ):  # fmt: skip
     """The best shift of every block, the first of equal ones, for every particle and turn.
 
-    Frames are cos, sin, x, y [coarse cells], shifts and drifts in the frame.
+    Frames are cos, sin, x, y [coarse cells], shifts and drifts in the frame. A ``dense`` search reads scores that were
+    laid out.
     """
     n_turns = turns.shape[0]
     tiles = columns * rows
@@ -56,14 +85,22 @@ def _search(
         for j in range(points):
             xs[j] = c * scan[0, j] - s * scan[1, j] + x0
             ys[j] = s * scan[0, j] + c * scan[1, j] + y0
+        corner = i * side * side - corners[i, 1] * side - corners[i, 0]  # of the box: where cell (0, 0) would be
         best, at = -(1 << 30), 0
         for v in range(block * size, (block + 1) * size):
             u, w = shifts[v, 0] + drifts[t, 0], shifts[v, 1] + drifts[t, 1]
             dx, dy = c0 * u - s0 * w, s0 * u + c0 * w
             total = -turn_costs[t] - shift_costs[v]
             for j in range(points):
-                word = read(pool, table, begin + i * tiles, columns, xs[j] + dx, ys[j] + dy, last_x, last_y, 1)
-                total += _score(word, near)
+                gx, gy = xs[j] + dx, ys[j] + dy
+                if ti.static(dense):
+                    # as min and max do, but for numbers that are not one: these take three instructions each
+                    gx, gy = ti.select(gx > 0.0, gx, 0.0), ti.select(gy > 0.0, gy, 0.0)
+                    gx, gy = ti.select(gx < last_x, gx, last_x), ti.select(gy < last_y, gy, last_y)
+                    total += laid[corner + ti.cast(gy, ti.i32) * side + ti.cast(gx, ti.i32)]
+                else:
+                    word = read(pool, table, begin + i * tiles, columns, gx, gy, last_x, last_y, 1)
+                    total += _score(word, near)
             if total > best:
                 best, at = total, v
         scores[i, t * blocks + block], chosen[i, t * blocks + block] = best, at
@@ -120,12 +157,38 @@ def search_scans(
     if len(angles):
         grid = tiles.pool, tiles.table, tiles.first, tiles.columns, tiles.rows
         ends = np.ascontiguousarray(scan.T / np.float32(2 * cell_size), np.float32)
+        farthest = float(np.hypot(*across.T).max(initial=0.0) + np.hypot(*drifts.T).max(initial=0.0))
+        corners, side = _boxes(places, ends, farthest, columns=tiles.columns, rows=tiles.rows)
+        dense = n * side**2 < min(MAX_LAID, len(angles) * len(across) * len(scan) * n / LOOKED_UP)
+        laid = np.empty(n * side**2 if dense else 1, np.int32)
+        if dense:
+            _lay_out(*grid, corners, side, int(near * STEPS), laid)
         _search(
             *grid, places, ends, angles, _costs("turn_costs", turn_costs, len(angles)), across,
-            _costs("shift_costs", shift_costs, len(across)), drifts, blocks, int(near * STEPS), scores, chosen,
-            passes_for(n * len(angles) * blocks),
+            _costs("shift_costs", shift_costs, len(across)), drifts, blocks, int(near * STEPS), corners, side, laid,
+            scores, chosen, passes_for(n * len(angles) * blocks), dense,
         )  # fmt: skip
     return scores, chosen
+
+
+def _boxes(
+    places: NDArray[np.float64], ends: NDArray[np.float32], farthest: float, *, columns: int, rows: int
+) -> tuple[NDArray[np.int32], int]:
+    """The square boxes of coarse cells that searches look into.
+
+    Args:
+        places: [n, 4] frames [coarse cells].
+        ends: [2, k] of the scan [coarse cells].
+        farthest: that a search shifts them [coarse cells].
+        columns, rows: of the tables [tiles].
+
+    Returns:
+        [n, 2] column and row of each box's first cell, within the tables; and the cells along a side.
+    """
+    reach = float(np.hypot(*ends).max(initial=0.0)) + farthest + 2
+    last = np.array((columns, rows)) * (SIDE // 2) - 1
+    corners = np.clip(np.floor(places[:, 2:] - reach), 0, last).astype(np.int32)
+    return corners, 2 * math.ceil(reach) + 2
 
 
 def _costs(name: str, costs: ArrayLike, count: int) -> NDArray[np.int32]:

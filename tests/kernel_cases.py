@@ -112,11 +112,16 @@ def matching() -> Results:
     from moteslam.kernels.matching import match_poses
 
     grid, poses, points = room_and_scan(5)
+    weights = grid * np.random.default_rng(6).integers(1, 200, grid.shape, np.uint8)
     lattice, general = CELL * np.arange(-2, 3), np.array((-0.083, -0.031, 0.0, 0.031, 0.083))
     results: Results = {}
-    for name, offsets, count in (("windows", lattice, 3000), ("general offsets", general, 500)):
+    for name, cells, offsets, count in (
+        ("windows", grid, lattice, 3000),
+        ("lattice of weights", weights, lattice, 500),
+        ("general offsets", grid, general, 500),
+    ):
         match = match_poses(
-            grid, ORIGIN, CELL, poses[:count], points, offsets_xy=offsets, offsets_theta=np.linspace(-0.05, 0.05, 5)
+            cells, ORIGIN, CELL, poses[:count], points, offsets_xy=offsets, offsets_theta=np.linspace(-0.05, 0.05, 5)
         )
         results |= {f"match_poses, {name}: {field}": array for field, array in match._asdict().items()}
     return results

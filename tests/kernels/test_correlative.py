@@ -6,8 +6,9 @@ from numpy.typing import ArrayLike, NDArray
 from tile_pools import CELL, MIDDLE, Pool, frames, mapped_room, moved, room_scan
 from twins import tsdf
 
+from moteslam.kernels import correlative
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
-from moteslam.kernels.tiles import STEPS
+from moteslam.kernels.tiles import CELLS, STEPS
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -40,8 +41,14 @@ def few(points: NDArray[np.float32], count: int = MAX_SEARCH_POINTS) -> NDArray[
     return points[np.linspace(0, len(points) - 1, count).astype(int)]
 
 
-def test_search_scores_equal_the_twin(room: Pool) -> None:
+LAID_OUT, IN_TILES = 1e-9, 1e9
+"""How often cells would have to be looked up before their scores are laid out."""
+
+
+@pytest.mark.parametrize("looked_up", [LAID_OUT, IN_TILES])
+def test_search_scores_equal_the_twin(room: Pool, monkeypatch: pytest.MonkeyPatch, looked_up: float) -> None:
     """Equal but for points within float32's rounding of a cell's edge: no more than one in all."""
+    monkeypatch.setattr(correlative, "LOOKED_UP", looked_up)
     pose, points = MIDDLE + np.array((0.1, -0.2, 0.7)), few(room_scan((0.0, 0.0, 0.7)), 40)
     turns, shifts = np.array((-0.1, 0.0, 0.05)), lattice(3, 0.11)
     expected = tsdf.search(room.tsdf(level=1), pose, points, turns, shifts, cell_size=2 * CELL, near=int(0.5 * STEPS))
@@ -53,6 +60,25 @@ def test_search_scores_equal_the_twin(room: Pool) -> None:
     assert (scores.reshape(3, 7) != blocks.max(axis=2)).sum() <= 1
     assert (chosen.reshape(3, 7) != best).sum() <= 1
     assert len(np.unique(expected)) > 50
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0), (-7.9, -7.1), (7.9, 7.1), (0.0, 7.1), (40.0, -3.0)])
+def test_scores_that_are_laid_out_are_those_of_the_tiles(
+    monkeypatch: pytest.MonkeyPatch, at: tuple[float, float]
+) -> None:
+    """Of three particles, in the middle of the tables, at their edges and beyond, where the edge's cells count."""
+    generator = np.random.default_rng(3)
+    pool = Pool.empty(3)
+    pool.tables[:] = generator.integers(0, 200, pool.tables.shape)
+    pool.pool[CELLS:] = generator.integers(-(1 << 15), 1 << 15, len(pool.pool) - CELLS)
+    poses = MIDDLE + np.array((*at, 0.4)) + generator.uniform(-0.5, 0.5, (3, 3))
+    found = []
+    for looked_up in (LAID_OUT, IN_TILES):
+        monkeypatch.setattr(correlative, "LOOKED_UP", looked_up)
+        found.append(search(pool, poses, few(room_scan()), 0.1 * np.arange(-8, 9), lattice(12, 0.11), blocks=25))
+    for laid_out, in_tiles in zip(*found, strict=True):
+        np.testing.assert_array_equal(laid_out, in_tiles)
+    assert len(np.unique(found[0][0])) > 20
 
 
 def test_shifts_drift_with_the_turn(room: Pool) -> None:

@@ -83,7 +83,7 @@ def match_poses(
     xy, theta = np.asarray(offsets_xy, np.float64), np.asarray(offsets_theta, np.float64)
     centre, ahead = int(np.abs(xy).argmin()), int(np.abs(theta).argmin())
     whole = np.rint(xy / cell_size).astype(int)
-    lattice = bool(np.allclose(xy / cell_size, whole, rtol=0, atol=1e-6)) and np.ptp(whole) < 5
+    lattice = bool(np.allclose(xy / cell_size, whole, rtol=0, atol=1e-6))
     scores, found = [], []
     for pose in np.asarray(poses, np.float64):
         tried = []
