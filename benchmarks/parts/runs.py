@@ -203,12 +203,9 @@ def loop_figures(estimate: Estimate, case: Case) -> dict[str, float]:
     from moteslam.robot.trajectory import Trajectory
 
     assert case.reference is not None
-    loops = score_loops(estimate.loops, case.reference, case.recording)
-    figures: dict[str, float] = {
-        name: getattr(loops, name)
-        for name in ("accepted", "false", "overruled", "overruled_false", "recall")
-        if getattr(loops, name) is not None
-    }
+    loops = score_loops(estimate.loops, case.reference, case.recording).as_dict()
+    names = ("accepted", "false", "overruled", "overruled_false", "recall")
+    figures: dict[str, float] = {name: loops[name] for name in names if loops[name] is not None}
     placed = absolute_trajectory_error(estimate.trajectory_final, case.reference).transform
     last_loop = max((loop.stamps[1] for loop in estimate.loops if loop.accepted), default=-np.inf)
     for name, trajectory in (("online", estimate.trajectory), ("final", estimate.trajectory_final)):
