@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tile_pools import MIDDLE, OPTIONS, REGISTRATION, Pool, frames, room_scan, thinned, tiles_of
+from tile_pools import MIDDLE, OPTIONS, REGISTRATION, Pool, frames, tiles_of
 
 from moteslam.errors import InputError
 from moteslam.kernels.camera import render_colour, view_of
@@ -82,7 +82,7 @@ CALLS: dict[Callable[..., object], dict[str, Any]] = {
         "max_range": 5.0,
     },
     thin_scan: {"points": [(1, 1), (1, 2)], "origin": (0, 0), "spacing": 0.02, "gap": 0.3},
-    integrated: {"frames": frames([MIDDLE]), "scans": [thinned(room_scan())]},
+    integrated: {"frames": frames([MIDDLE]), "scans": [ThinnedScan(np.ones((2, 2), F), np.ones(2, np.int32))]},
     search_scans: {
         "tiles": TABLE, "frames": np.ones((1, 4)), "points": [(0.1, 0.1)], "turns": [0.0], "turn_costs": [0.0],
         "shifts": np.zeros((4, 2)), "shift_costs": np.zeros(4), "blocks": 2, "cell_size": 0.05, "near": 0.5,
