@@ -48,6 +48,7 @@ def report(
     from moteslam.eval.page.document import page
     from moteslam.eval.page.material import gather
     from moteslam.robot.files import folder_for, write_atomically
+    from moteslam.robot.values import counted
 
     material = gather(paths)
     more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
@@ -57,4 +58,8 @@ def report(
     with folder_for(out):
         write_atomically(out, text)
     about = {"file": str(out), "bytes": len(text.encode()), "runs": len(material.runs)}
-    answer(about, [f"{len(material.runs)} runs in {literal(out)} ({len(text.encode()) / 1e6:.1f} MB)"], as_json=as_json)
+    answer(
+        about,
+        [f"{counted(len(material.runs), 'run')} in {literal(out)} ({len(text.encode()) / 1e6:.1f} MB)"],
+        as_json=as_json,
+    )

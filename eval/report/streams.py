@@ -87,6 +87,7 @@ def _draw_rates(axes: style.Axes, stamps: dict[str, Array], colours: dict[str, s
         axes.stairs(counts / (covered / bins), edges, baseline=None, color=colours[name], label=name, lw=width)
     if max(means) > 8 * min(means):
         axes.set_yscale("log")
+        style.log_axis(axes, *axes.get_ylim())
     else:
         axes.set_ylim(bottom=0)
     axes.set_ylabel("readings a second [Hz]")
