@@ -161,29 +161,24 @@ def trajectory_of(
     lines: Sequence[int] = (),
     warnings: tuple[Issue, ...] = (),
 ) -> Trajectory:
-    """The trajectory of poses in space.
+    """The trajectory of poses in space: stamps [n] [s], positions [n, 3] [m], quaternions [n, 4] (x, y, z, w) if any.
 
-    Args:
-        path, lines: of the file, and where in it each pose stands.
-        stamps: [n] [s].
-        positions: [n, 3] [m].
-        quaternions: [n, 4] x, y, z, w; None where the file has no orientation.
-        warnings: what was assumed so far.
+    ``lines`` say where in the file each pose stands; ``warnings`` what was assumed so far.
     """
 
-    def line_of(wrong: ArrayLike) -> int | None:
-        return lines[int(np.argmax(wrong))] if len(lines) else None
+    def refuse(wrong: ArrayLike, problem: str) -> None:
+        line = lines[int(np.argmax(wrong))] if len(lines) else None
+        raise InputError(problem, file=path, line=line)
 
     if (far := (np.abs(positions) > FARTHEST).any(axis=1)).any():
-        raise InputError(f"position beyond {FARTHEST:g} m, expected metres", file=path, line=line_of(far))
+        refuse(far, f"position beyond {FARTHEST:g} m, expected metres")
     why = "has no orientation" if quaternions is None else ""
     if quaternions is not None:
         length = np.linalg.norm(quaternions, axis=1)
         if not length.any() and len(length):
             quaternions, why = None, "has orientations of length 0 throughout"
         elif (bad := np.abs(length - 1) > UNIT).any():
-            found = f"quaternion of length {length[bad][0]:.3g}"
-            raise InputError(f"{found}, expected one of length 1", file=path, line=line_of(bad))
+            refuse(bad, f"quaternion of length {length[bad][0]:.3g}, expected one of length 1")
         elif _contradicts(positions, quaternions):
             shown = " ".join(f"{value:g}" for value in quaternions[0].tolist())
             why = f"has the orientation {shown} throughout, whichever way it goes"
@@ -226,21 +221,15 @@ def interpolated(stamps: Array, positions: Array, quaternions: Array, at: Array)
 
     Held beyond the ends. Source: Shoemake 1985.
     """
+    from scipy.spatial.transform import Rotation
+
     after = np.clip(np.searchsorted(stamps, at, side="right"), 1, max(len(stamps) - 1, 1))
     before, after = after - 1, np.minimum(after, len(stamps) - 1)
     gap = stamps[after] - stamps[before]
-    share = np.clip(np.where(gap > 0, (at - stamps[before]) / np.where(gap > 0, gap, 1.0), 0.0), 0.0, 1.0)[:, None]
-    unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    a, b = unit[before], unit[after]
-    cos = (a * b).sum(axis=1, keepdims=True)
-    b, cos = np.where(cos < 0, -b, b), np.abs(cos)
-    angle = np.arctan2(np.linalg.norm(b - a * cos, axis=1, keepdims=True), cos)
-    sin = np.sin(angle)
-    small = sin < 1e-9
-    safe = np.where(small, 1.0, sin)
-    turned = np.where(small, a + share * (b - a), (np.sin((1 - share) * angle) * a + np.sin(share * angle) * b) / safe)
-    where = positions[before] + share * (positions[after] - positions[before])
-    return where, turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    share = np.clip((at - stamps[before]) / np.where(gap > 0, gap, np.inf), 0.0, 1.0)[:, None]
+    first, last = Rotation.from_quat(quaternions[before]), Rotation.from_quat(quaternions[after])
+    turned = first * Rotation.from_rotvec(share * (first.inv() * last).as_rotvec())
+    return positions[before] + share * (positions[after] - positions[before]), np.asarray(turned.as_quat())
 
 
 def quaternion_of_yaw(yaw: Array) -> tuple[list[float], list[float]]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 
@@ -19,8 +20,8 @@ import numpy as np
 from moteslam.errors import InputError, MoteslamWarning
 from moteslam.robot.files import write_atomically
 from moteslam.robot.trajectories.columns import all_lines, finite_numbers
-from moteslam.robot.trajectories.text import TrajectoryFormat, stamps_beside
-from moteslam.robot.trajectory import Array, PoseGraph, Trajectory
+from moteslam.robot.trajectories.text import stamps_beside
+from moteslam.robot.trajectory import PoseGraph, Trajectory
 from moteslam.robot.values import counted, expect_type
 
 COUNTS = {"VERTEX_SE2": (1, 3), "EDGE_SE2": (2, 9), "# STAMP": (1, 1)}
@@ -32,87 +33,68 @@ LARGEST_ID = 2**63 - 1
 def read_g2o(path: str | PathLike[str]) -> PoseGraph:
     """Read a pose graph in the plane.
 
-    Landmarks, parameters and all else that is no pose or edge between poses is passed over, with a warning that counts
-    it; vertices and edges in space (``SE3:QUAT``) are refused.
+    Landmarks, parameters and all else that is not a pose or an edge between poses is passed over, with a warning that
+    counts it; vertices and edges in space (``SE3:QUAT``) are refused.
     """
     path = Path(path)
-    poses: dict[int, list[float]] = {}
-    stamps: dict[int, tuple[int, float]] = {}  # line and seconds, by id
-    named: list[tuple[int, int]] = []  # line and id, two of each edge, after those of FIX
-    fixed: list[tuple[int, int]] = []
-    measured: list[list[float]] = []
+    found: dict[str, list[tuple[int, list[int], list[float]]]] = {tag: [] for tag in (*COUNTS, "FIX")}
     passed_over: Counter[str] = Counter()
     for number, line in all_lines(path, "a g2o pose graph"):
         words = line.split()
         tag = " ".join(words[:2]) if words[0] == "#" else words[0]
-        if tag in COUNTS:
-            (id_, *others), numbers = _split(path, number, tag, line.removeprefix(tag).split())
-            if tag == "# STAMP":
-                stamps[id_] = number, numbers[0]
-            elif tag == "EDGE_SE2":
-                if id_ == others[0]:
-                    raise InputError(f"an edge from {id_} to itself, expected two vertices", file=path, line=number)
-                named += [(number, id_), (number, others[0])]
-                measured.append(numbers)
-            elif id_ in poses:
-                raise InputError(f"vertex {id_} stands twice, expected it once", file=path, line=number)
-            else:
-                poses[id_] = numbers
-        elif tag == "FIX":
-            fixed += [(number, _id(word, path, number)) for word in words[1:]]
+        if tag in found:
+            words = line.removeprefix(tag).split()
+            named, count = COUNTS.get(tag, (len(words), 0))
+            numbers = finite_numbers(words[named : named + count])
+            if len(words) < named or numbers is None or len(numbers) != count:
+                what = f"{counted(named, 'id')} and {counted(count, 'finite number')}"
+                raise InputError(f"expected {what} after {tag}", file=path, line=number)
+            found[tag].append((number, [_id(word, path, number) for word in words[:named]], numbers))
         elif tag.endswith("SE3:QUAT"):
             raise InputError(f"{tag}, expected a graph in the plane: VERTEX_SE2 and EDGE_SE2", file=path, line=number)
         elif not tag.startswith("#"):
             passed_over[tag] += 1
-    if not poses:
+    vertices, edges, stamps, fixed = found.values()
+    if not vertices:
         raise InputError("no poses, expected g2o lines: VERTEX_SE2 id x y theta", file=path)
-    ids = sorted(poses)
+    vertices.sort(key=lambda vertex: vertex[1])  # stable: of equal ids the later line comes later
+    ids = [id_ for _, (id_,), _ in vertices]
     index = {id_: k for k, id_ in enumerate(ids)}
-    for number, id_ in (*named, *fixed, *((number, id_) for id_, (number, _) in stamps.items())):
-        if id_ not in index:
-            raise InputError(f"vertex {id_} is not there, expected one of the file's", file=path, line=number)
+    for (_, (last,), _), (number, (id_,), _) in pairwise(vertices):
+        if id_ == last:
+            raise InputError(f"vertex {id_} stands twice, expected it once", file=path, line=number)
+    for number, some, _ in (*edges, *fixed, *stamps):
+        if strange := [id_ for id_ in some if id_ not in index]:
+            raise InputError(f"vertex {strange[0]} is not there, expected one of the file's", file=path, line=number)
+    for number, (first, second), _ in edges:
+        if first == second:
+            raise InputError(f"an edge from {first} to itself, expected two vertices", file=path, line=number)
     if passed_over:
         kinds = ", ".join(f"{tag[:40]} ({count})" for tag, count in passed_over.most_common(5))
         text = f"{path}: {counted(passed_over.total(), 'line')} passed over, of no pose or edge: {kinds}"
         warnings.warn(MoteslamWarning(text), stacklevel=2)
-    ends = np.array([index[id_] for _, id_ in named], np.int64).reshape(-1, 2)
-    table = np.array(measured).reshape(-1, 9)
+    seconds = {id_: (second, number) for number, (id_,), (second,) in stamps}
+    if seconds and (missing := [id_ for id_ in ids if id_ not in seconds]):
+        raise InputError(f"vertex {missing[0]} has no stamp, expected one for all or none", file=path)
+    for before, id_ in pairwise(ids) if seconds else ():
+        if seconds[id_] < seconds[before]:
+            problem = "stamp before that of the vertex before, expected rising"
+            raise InputError(problem, file=path, line=seconds[id_][1])
+    ends = np.array([[index[first], index[second]] for _, (first, second), _ in edges], np.int64).reshape(-1, 2)
+    table = np.array([numbers for _, _, numbers in edges]).reshape(-1, 9)
     rows, columns = np.triu_indices(3)
     information = np.zeros((len(table), 3, 3))
     information[:, rows, columns] = information[:, columns, rows] = table[:, 3:]
     return PoseGraph(
         ids=np.array(ids, np.int64),
-        poses=np.array([poses[id_] for id_ in ids]),
+        poses=np.array([pose for _, _, pose in vertices]),
         first=ends[:, 0],
         second=ends[:, 1],
         relative=table[:, :3],
         information=information,
-        stamps=_stamps(path, ids, stamps),
-        fixed=np.array([index[id_] for _, id_ in fixed], np.int64),
+        stamps=np.array([seconds[id_][0] for id_ in ids]) if seconds else None,
+        fixed=np.array([index[id_] for _, some, _ in fixed for id_ in some], np.int64),
     )
-
-
-def _stamps(path: Path, ids: list[int], stamps: dict[int, tuple[int, float]]) -> Array | None:
-    """The stamps [n] of the vertices in the order of their ids; None where there are none."""
-    if not stamps:
-        return None
-    if missing := [id_ for id_ in ids if id_ not in stamps]:
-        raise InputError(f"vertex {missing[0]} has no stamp, expected one for all or none", file=path)
-    found = np.array([stamps[id_][1] for id_ in ids])
-    if (back := np.diff(found) < 0).any():
-        line = stamps[ids[int(np.argmax(back)) + 1]][0]
-        raise InputError("stamp before that of the vertex before, expected rising", file=path, line=line)
-    return found
-
-
-def _split(path: Path, line: int, tag: str, words: list[str]) -> tuple[list[int], list[float]]:
-    """The ids and the numbers of a line; more words than these are a comment of their own."""
-    ids, count = COUNTS[tag]
-    numbers = finite_numbers(words[ids : ids + count])
-    if len(words) < ids or numbers is None or len(numbers) != count:
-        what = f"{counted(ids, 'id')} and {counted(count, 'finite number')}"
-        raise InputError(f"expected {what} after {tag}", file=path, line=line)
-    return [_id(word, path, line) for word in words[:ids]], numbers
 
 
 def _id(word: str, path: Path, line: int) -> int:
@@ -150,17 +132,14 @@ def _shortest(numbers: list[float]) -> str:
     return " ".join(map(repr, numbers))
 
 
-def vertices_of(path: str | PathLike[str], graph: PoseGraph) -> Trajectory:
-    """The vertices of the graph of a file in the order of their ids.
-
-    Their stamps are those of the graph, or as of a KITTI file those beside it, or one a second, which its ``warnings``
-    say.
-    """
-    stamps, issues = stamps_beside(Path(path), len(graph)) if graph.stamps is None else (graph.stamps, ())
+def read_vertices(path: Path, graph: PoseGraph | None = None) -> Trajectory:
+    """The vertices of the graph of a file in the order of their ids, at its stamps or those of `stamps_beside`."""
+    graph = read_g2o(path) if graph is None else graph
+    stamps, issues = stamps_beside(path, len(graph)) if graph.stamps is None else (graph.stamps, ())
     return Trajectory(stamps, graph.poses, warnings=issues)
 
 
-def write_trajectory(path: str | PathLike[str], trajectory: Trajectory) -> None:
+def write_vertices(path: Path, trajectory: Trajectory) -> None:
     """Write a trajectory as a pose graph without edges, the first pose fixed; it reads back the same, bit for bit."""
     expect_type(trajectory, Trajectory, "trajectory")
     none = np.zeros(0, np.int64)
@@ -175,18 +154,3 @@ def write_trajectory(path: str | PathLike[str], trajectory: Trajectory) -> None:
         fixed=np.arange(min(len(trajectory), 1)),
     )
     write_g2o(path, graph)
-
-
-def _recognise(comments: str, line: str) -> bool:
-    del comments
-    tag = line.split(maxsplit=1)[0]
-    return tag == "FIX" or tag.startswith(("VERTEX_", "EDGE_", "PARAMS_"))
-
-
-FORMAT = TrajectoryFormat(
-    "g2o (VERTEX_SE2 id x y theta)",
-    _recognise,
-    lambda path: vertices_of(path, read_g2o(path)),
-    write_trajectory,
-    (".g2o",),
-)
