@@ -22,7 +22,7 @@ from moteslam.robot.files import make_folder, read_arrays, write_atomically
 from moteslam.robot.formats import Format, Robot
 from moteslam.robot.formats.streams import Fan, encoder_stream, imu_stream, lidar_stream, sort_by_stamp
 from moteslam.robot.formats.written import SCAN_POSES, no_return_codes, not_written
-from moteslam.robot.platform import LidarSpec, Platform
+from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import UCSD, GivenRobot, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
 from moteslam.robot.values import Issue, counted, expect_type
@@ -31,18 +31,16 @@ Array = NDArray[Any]
 
 _FILE = re.compile(r"(?:Encoders|Hokuyo|Imu|Kinect)([\w-]+)\.npz", re.ASCII)
 
+SCALARS = ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")
+"""Of a lidar's file."""
 MAX_COUNT = 2**31
 """Counts of one reading stay below it."""
-
-FAN = 0.01
+SAME_ANGLE = 0.01
 """Angles of beams that differ by less [rad] are those of one lidar."""
-
 ONLY = "1"
 """The sequence of a folder that is written for one recording."""
-
 RGB, DISPARITY = "RGB", "Disparity"
 """The two kinds of images, as the folders name them."""
-
 NO_ECHO = 0.001
 """Written for an invalid reading [m], as the UTM-30LX does."""
 
@@ -62,7 +60,13 @@ def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, pl
     A ``platform.toml`` that is given lies, key by key, over the folder's own; over the UCSD robot where it has none.
     """
     folder = Path(folder)
-    number = _choose(folder, sequence)
+    known = ucsd_sequences(folder)
+    if not known:
+        raise InputError("holds no Encoders*.npz, Hokuyo*.npz, Imu*.npz or Kinect*.npz", file=folder)
+    number = known[0] if sequence is None and len(known) == 1 else str(sequence)
+    if number not in known:
+        found = "several sequences" if sequence is None else f"no sequence {sequence}"
+        raise InputError(f"{found}, expected one of {', '.join(known)}", file=folder, field="sequence")
     beside = folder / "platform.toml"
     own, given = GivenRobot.read(beside if beside.exists() else None), GivenRobot.read(platform)
     robot = given.over(own.over(UCSD, assumed=True), assumed=own.is_nothing)
@@ -71,7 +75,7 @@ def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, pl
         text = f"{last.file}: what it leaves out of wheels and lidar is the UCSD robot's"
         issues.append(Issue("assumed-robot", text))
     lidar = _lidar(folder / f"Hokuyo{number}.npz", robot, given.lidar_figures, issues)
-    if own.is_nothing and given.is_nothing and lidar is not None and not _is_its_lidar(lidar, UCSD.lidar):
+    if own.is_nothing and given.is_nothing and lidar is not None and not _is_its_lidar(lidar):
         text = f"{folder}: no platform.toml, a lidar that is not the UCSD robot's; wheels and mount are assumed its"
         issues.append(Issue("assumed-robot", text))
     return Recording(
@@ -85,39 +89,21 @@ def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, pl
     )
 
 
-def _choose(folder: Path, sequence: str | int | None) -> str:
-    known = ucsd_sequences(folder)
-    if not known:
-        raise InputError("holds no Encoders*.npz, Hokuyo*.npz, Imu*.npz or Kinect*.npz", file=folder)
-    if sequence is None and len(known) == 1:
-        return known[0]
-    if str(sequence) in known:
-        return str(sequence)
-    found = "several sequences" if sequence is None else f"no sequence {sequence}"
-    raise InputError(f"{found}, expected one of {', '.join(known)}", file=folder, field="sequence")
-
-
 def _lidar(path: Path, platform: Platform, given: dict[str, Any], issues: list[Issue]) -> LidarStream | None:
     """The scans; ``given`` are the figures that a caller's ``platform.toml`` puts in place of the file's."""
     if not path.exists():
         return None
-    scalars = ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")
-    arrays = read_arrays(path, {**dict.fromkeys(scalars, ()), "time_stamps": ("n",), "ranges": ("beams", "n")})
-    figures = {name: float(arrays[name].item()) for name in scalars}
+    arrays = read_arrays(path, {**dict.fromkeys(SCALARS, ()), "time_stamps": ("n",), "ranges": ("beams", "n")})
+    figures = {name: float(arrays[name].item()) for name in SCALARS}
     angle_min, angle_max, increment, range_min, range_max = figures.values()
-
-    def refuse(name: str, expected: str) -> None:
-        raise InputError(f"{figures[name]:g}, expected {expected}", file=path, field=name)
-
-    for name, value in figures.items():
-        if not np.isfinite(value):
-            refuse(name, "a finite number")
-    if increment == 0:
-        refuse("angle_increment", "an angle between beams [rad]")
-    if range_min < 0:
-        refuse("range_min", "0 m or more")
-    if range_max <= range_min:
-        refuse("range_max", f"more than range_min, {range_min} m")
+    for name, is_wrong, expected in (
+        *((name, not np.isfinite(value), "a finite number") for name, value in figures.items()),
+        ("angle_increment", increment == 0, "an angle between beams [rad]"),
+        ("range_min", range_min < 0, "0 m or more"),
+        ("range_max", range_max <= range_min, f"more than range_min, {range_min} m"),
+    ):
+        if is_wrong:
+            raise InputError(f"{figures[name]:g}, expected {expected}", file=path, field=name)
     beams = len(arrays["ranges"])
     last = angle_min + (beams - 1) * increment
     if abs(last - angle_max) > abs(increment):
@@ -137,11 +123,11 @@ def _lidar(path: Path, platform: Platform, given: dict[str, Any], issues: list[I
     )
 
 
-def _is_its_lidar(stream: LidarStream, spec: LidarSpec) -> bool:
-    """Whether scans have the beams and the angles of a lidar."""
-    scan = spec.scan
+def _is_its_lidar(stream: LidarStream) -> bool:
+    """Whether scans have the beams and the angles of the UCSD robot's lidar."""
+    scan = UCSD.lidar.scan
     angles = scan.angle_min + scan.angle_increment * np.arange(scan.beams)
-    return stream.ranges.shape[1] == scan.beams and bool(np.abs(stream.angles - angles).max() < FAN)
+    return stream.ranges.shape[1] == scan.beams and bool(np.abs(stream.angles - angles).max() < SAME_ANGLE)
 
 
 def _encoders(path: Path, platform: Platform, issues: list[Issue]) -> EncoderStream | None:
@@ -174,7 +160,7 @@ def _rgbd(folder: Path, number: str, issues: list[Issue]) -> RgbdStream | None:
     arrays = read_arrays(path, {"disparity_time_stamps": ("d",), "rgb_time_stamps": ("c",)})
     streams = []
     for field, kind in (("rgb_time_stamps", RGB), ("disparity_time_stamps", DISPARITY)):
-        images = find_images(folder, kind, number, len(arrays[field]), issues)
+        images = _images(folder, kind, number, len(arrays[field]), issues)
         stamps, (indices,) = sort_by_stamp(path, field, arrays[field], issues, np.arange(len(arrays[field])))
         streams.append((stamps, tuple(images[i] for i in indices) if images else ()))
     (rgb, rgb_files), (disparity, disparity_files) = streams
@@ -186,36 +172,34 @@ def image_path(folder: Path, kind: str, sequence: str, index: int) -> Path:
     return folder / "dataRGBD" / f"{kind}{sequence}" / f"{kind.lower()}{sequence.lower()}_{index + 1}.png"
 
 
-def find_images(folder: Path, kind: str, sequence: str, count: int, issues: list[Issue]) -> tuple[Path | None, ...]:
-    """The image of each of ``count`` stamps, None where it is missing; empty where there are none at all.
-
-    What is missing or left over is an issue.
-    """
+def _images(folder: Path, kind: str, sequence: str, count: int, issues: list[Issue]) -> tuple[Path | None, ...]:
+    """The image of each of ``count`` stamps, None where it is missing; empty where there are none at all."""
     place = image_path(folder, kind, sequence, 0).parent
+
+    def tell(code: str, text: str, count: int) -> None:
+        issues.append(Issue(code, f"{place.name}: {text}", count))
+
     if not place.is_dir():
         if place.parent.is_dir():  # no fault where there are no images at all: they are a download of their own
-            text = f"{place.name}: no such folder, {counted(count, 'image')} missing"
-            issues.append(Issue("images-missing", text, count))
+            tell("images-missing", f"no such folder, {counted(count, 'image')} missing", count)
         return ()
     pattern = re.compile(rf"{re.escape(place.name.lower())}_(\d{{1,9}})\.png")
     try:
-        names = [path.name for path in place.iterdir()]
+        names = sorted(path.name for path in place.iterdir())
     except OSError as error:
         raise InputError(f"{error.strerror}, expected a folder of images", file=place) from error
-    found = {int(match[1]): place / name for name in sorted(names) if (match := pattern.fullmatch(name))}
+    found = {int(match[1]): place / name for name in names if (match := pattern.fullmatch(name))}
     files = tuple(found.get(index) for index in range(1, count + 1))
-    missing, beyond = files.count(None), sum(1 for index in found if not 1 <= index <= count)
+    missing, beyond = files.count(None), len(found.keys() - range(1, count + 1))
     if missing == count:
-        text = f"{place.name}: {len(found)} images, none of them for one of the {count} stamps"
-        issues.append(Issue("images-missing", text, count))
+        tell("images-missing", f"{len(found)} images, none of them for one of the {count} stamps", count)
         return ()
     if missing:
-        name = f"{place.name.lower()}_{files.index(None) + 1}.png"
-        text = f"{place.name}: {missing} of {counted(count, 'image')} missing, the first {name}"
-        issues.append(Issue("images-missing", text, missing))
+        first = image_path(folder, kind, sequence, files.index(None)).name
+        tell("images-missing", f"{missing} of {counted(count, 'image')} missing, the first {first}", missing)
     if beyond:
-        text = f"{place.name}: {counted(beyond, 'image')} beyond the {counted(count, 'stamp')} left out"
-        issues.append(Issue("images-beyond-stamps", text, beyond))
+        text = f"{counted(beyond, 'image')} beyond the {counted(count, 'stamp')} left out"
+        tell("images-beyond-stamps", text, beyond)
     return files
 
 
@@ -231,50 +215,38 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
         folder: an existing folder.
         recording: what to write.
         sequence: the number (or word) in the file names.
-
-    Raises:
-        OutputError: the folder is missing or read-only, or the disk is full.
-        InputError: encoder counts beyond what ``read_ucsd`` takes.
-        ConfigError: a sequence that cannot stand in a file name.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     folder, number = Path(folder), str(sequence)
     if not _FILE.fullmatch(f"Imu{number}.npz"):
         raise ConfigError(f"{number!r}, expected letters, digits, - and _", field="sequence")
     write_platform(folder / "platform.toml", recording.platform)
+
+    def write(name: str, **arrays: Array | np.float64) -> None:
+        def content(file: IO[bytes]) -> None:
+            np.savez(file, **arrays)  # type: ignore[arg-type]  # allow_pickle is no array
+
+        write_atomically(folder / f"{name}{number}.npz", content)
+
     if (lidar := recording.lidar) is not None and len(lidar):
-        ranges = np.asarray(lidar.ranges)
-        codes = no_return_codes(
-            recording.platform.lidar.no_return, lidar.range_max, lidar.range_max + 1, ranges.shape[1]
+        ranges, far = np.asarray(lidar.ranges), lidar.range_max
+        coded = np.where(
+            np.isinf(ranges),
+            no_return_codes(recording.platform.lidar.no_return, far, far + 1, ranges.shape[1]),
+            ranges,
         )
-        coded = np.where(np.isinf(ranges), codes, ranges)
         if lidar.range_min > NO_ECHO:
             coded[np.isnan(coded)] = NO_ECHO
-        _write(
-            folder / f"Hokuyo{number}.npz",
-            angle_min=np.float64(lidar.angle_min),
-            angle_max=np.float64(lidar.angles[-1]),
-            angle_increment=np.float64(lidar.angle_increment),
-            range_min=np.float64(lidar.range_min),
-            range_max=np.float64(lidar.range_max),
-            ranges=coded.T,
-            time_stamps=lidar.stamps,
-        )
+        limits = (lidar.angle_min, lidar.angles[-1], lidar.angle_increment, lidar.range_min, far)
+        figures = dict(zip(SCALARS, map(np.float64, limits), strict=True))
+        write("Hokuyo", **figures, ranges=coded.T, time_stamps=lidar.stamps)
     if (encoders := recording.encoders) is not None and len(encoders):
-        _write(folder / f"Encoders{number}.npz", counts=_compact(encoders.counts).T, time_stamps=encoders.stamps)
+        write("Encoders", counts=_compact(encoders.counts).T, time_stamps=encoders.stamps)
     if (imu := recording.imu) is not None and len(imu):
-        _write(
-            folder / f"Imu{number}.npz",
-            angular_velocity=imu.angular_velocity.T,
-            linear_acceleration=imu.linear_acceleration_g.T,
-            time_stamps=imu.stamps,
-        )
+        rates, along = imu.angular_velocity.T, imu.linear_acceleration_g.T
+        write("Imu", angular_velocity=rates, linear_acceleration=along, time_stamps=imu.stamps)
     if (rgbd := recording.rgbd) is not None and len(rgbd.rgb_stamps) and len(rgbd.disparity_stamps):
-        _write(
-            folder / f"Kinect{number}.npz",
-            disparity_time_stamps=rgbd.disparity_stamps,
-            rgb_time_stamps=rgbd.rgb_stamps,
-        )
+        write("Kinect", disparity_time_stamps=rgbd.disparity_stamps, rgb_time_stamps=rgbd.rgb_stamps)
 
 
 def _compact(counts: NDArray[np.int64]) -> Array:
@@ -283,13 +255,6 @@ def _compact(counts: NDArray[np.int64]) -> Array:
         raise InputError("beyond 2^31, expected counts since the last reading", field="counts")
     narrow = counts.astype(np.int16)
     return narrow if (narrow == counts).all() else counts.astype(np.int32)
-
-
-def _write(path: Path, **arrays: Array | np.float64) -> None:
-    def content(file: IO[bytes]) -> None:
-        np.savez(file, **arrays)  # type: ignore[arg-type]  # allow_pickle is no array
-
-    write_atomically(path, content)
 
 
 def _write_only(folder: Path, recording: Recording) -> tuple[Issue, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.errors import InputError, OutputError
 from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
 from moteslam.robot.platform import Platform
@@ -86,7 +86,6 @@ CLASSIC_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
 OWN_PARAMETERS = {"z": "robot_frontlaser_height", "time_increment": "robot_frontlaser_time_increment"}
 """Parameters of our own for what CARMEN has none: the lidar's height [m], and the time between its beams [s]."""
 _OFFSETS = {"offset": "x", "side_offset": "y", "angular_offset": "yaw"}
-_SAME_ANGLE = 1e-4
 
 
 def fov_of(beams: int) -> tuple[float, float]:
@@ -96,20 +95,6 @@ def fov_of(beams: int) -> tuple[float, float]:
     looks to -90 degrees.
     """
     return -math.pi / 2, math.radians(CLASSIC_STEPS.get(beams, 180 / max(beams - 1, 1)))
-
-
-def expect_classic_fan(beams: int, angle_min: float, angle_increment: float) -> None:
-    """Refuse a lidar that no FLASER line can hold: these state a number of beams, and neither angles nor steps [rad].
-
-    ``write_carmen`` itself writes any fan: its ROBOTLASER1 lines state the angles.
-    """
-    first, step = fov_of(beams)
-    off = max(abs(angle_min - first), abs(angle_min + (beams - 1) * angle_increment - first - (beams - 1) * step))
-    if beams not in CLASSIC_STEPS or off > _SAME_ANGLE:
-        span, start = (beams - 1) * math.degrees(angle_increment), math.degrees(angle_min)
-        problem = f"{counted(beams, 'beam')} over {span:.4g} degrees from {start:.4g}, expected for a CARMEN log 180 "
-        problem += "or 181 beams a degree apart, or 360 or 361 half a degree, from -90"
-        raise ConfigError(problem, field="format")
 
 
 def write_carmen(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:

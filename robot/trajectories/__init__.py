@@ -86,12 +86,12 @@ def format_to_write(path: str | PathLike[str], name: str | None = None) -> str:
     """The name of a format: the one that is given, or the one that the ending of a path stands for."""
     if name is not None:
         if name not in WRITERS:
-            raise ConfigError(f"{name!r}, expected one of {', '.join(WRITERS)}", field="file_format")
+            raise ConfigError(f"{name!r}, expected one of {', '.join(sorted(WRITERS))}", field="file_format")
         return name
     for known, (ending, _) in WRITERS.items():
         if Path(path).name.lower().endswith(ending):
             return known
-    endings = ", ".join(ending for ending, _ in WRITERS.values())
+    endings = ", ".join(sorted(ending for ending, _ in WRITERS.values()))
     raise OutputError(f"expected a name that ends in {endings}, or a format", file=path)
 
 
