@@ -1,7 +1,4 @@
-"""Trajectories and pose graphs; poses in space and what is left of them in the plane.
-
-Their files: ``moteslam.robot.trajectories``.
-"""
+"""Trajectories and pose graphs; poses in space and what is left of them in the plane."""
 
 from __future__ import annotations
 
@@ -232,11 +229,6 @@ def interpolated(stamps: Array, positions: Array, quaternions: Array, at: Array)
     return positions[before] + share * (positions[after] - positions[before]), np.asarray(turned.as_quat())
 
 
-def quaternion_of_yaw(yaw: Array) -> tuple[list[float], list[float]]:
-    """The z and the w of the quaternions of headings [n] [rad]; x and y are 0."""
-    return np.sin(yaw / 2).tolist(), np.cos(yaw / 2).tolist()
-
-
 def normal_of(positions: Array) -> Array:
     """The normal [3], upward, of the plane in which a path [n, 3] lies; of a straight one the steepest."""
     off = positions - positions.mean(axis=0)
@@ -244,10 +236,10 @@ def normal_of(positions: Array) -> Array:
     up = np.array((0.0, 0.0, 1.0))
     if size[0] <= len(off) * STANDS**2:
         return up
-    if size[1] <= 1e-4 * size[0]:
-        up = up - axes[0] * axes[0, 2]
-        return up / np.linalg.norm(up) if np.linalg.norm(up) > SAME else np.array((1.0, 0.0, 0.0))
-    return np.asarray(axes[2] if axes[2, 2] >= 0 else -axes[2])
+    if size[1] > 1e-4 * size[0]:
+        return np.asarray(axes[2] if axes[2, 2] >= 0 else -axes[2])
+    up = up - axes[0] * axes[0, 2]
+    return up / np.linalg.norm(up) if np.linalg.norm(up) > SAME else np.array((1.0, 0.0, 0.0))
 
 
 def tilt_of(positions: Array) -> float:

@@ -178,28 +178,28 @@ def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
         what = f"is of {', '.join(sorted(kinds))}" if kinds else "is not there"
         raise InputError(f"the topic {what}; {_topics(bag)}")
     (kind,) = kinds
-    rows, received, count = array("d"), array("d"), 0
+    rows, received = array("d"), array("d")
     frames: dict[str, None] = {}
     message = None
     for _, time, message in _messages(bag, there):
-        count += 1
         received.append(time / 1e9)
         if kind != PATH:
             rows.extend(_row(message.header.stamp, attrgetter(POSES[kind])(message)))
             frames[f"{getattr(message, 'child_frame_id', '') or 'poses'} in {message.header.frame_id}"] = None
+    if len(frames) > 1:
+        raise InputError(f"poses of several frames ({', '.join([*frames][:3])}), expected those of one")
     issues: tuple[Issue, ...] = ()
     if kind == PATH and message is not None:
         for one in message.poses:
             rows.extend(_row(one.header.stamp, one.pose))
-        if count > 1:
-            issues = (Issue("last-path", f"the last of {count} paths counts, of {len(message.poses)} poses", 1),)
-    if len(frames) > 1:
-        raise InputError(f"poses of several frames ({', '.join([*frames][:3])}), expected those of one")
+        if len(received) > 1:
+            text = f"the last of {len(received)} paths counts, of {len(message.poses)} poses"
+            issues = (Issue("last-path", text, 1),)
     table = np.array(rows).reshape(-1, 8)
     unset = table[:, 0] == 0
-    if unset.all() and len(table):
-        if kind == PATH:
-            raise InputError("the poses of the path have no stamps, expected seconds")
+    if kind == PATH and len(table) and unset.all():
+        raise InputError("the poses of the path have no stamps, expected seconds")
+    if len(table) and unset.all():
         table[:, 0] = received
         issues += (Issue("no-stamps", "messages without stamps: those of the bag's reception are taken", len(table)),)
     elif none := int(unset.sum()):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
@@ -28,11 +28,8 @@ UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9}
 LEAST_STEP, MAX_STEP = 1e-5, 1e4
 """Stamps typically nearer or further apart than this [s] are hardly in the unit that they were taken for."""
 
-TUM, EUROC = "stamp x y z qx qy qz qw", "timestamp [ns],x,y,z,qw,qx,qy,qz"
-UNNAMED = {
-    "tum": ("t", "x", "y", "z", "qx", "qy", "qz", "qw"),
-    "euroc": ("t", "x", "y", "z", "qw", "qx", "qy", "qz"),
-}
+TUM, EUROC = "t x y z qx qy qz qw", "t x y z qw qx qy qz"
+"""Columns without names; of the second the stamps are whole nanoseconds."""
 TIMES = ("header", "stamp", "timestamp", "time", "t", "sec", "nsec", "part")
 """What a name may say of a stamp; of several the first is taken, seconds with nanoseconds apart before all."""
 OTHER = {
@@ -124,12 +121,9 @@ def finite_numbers(words: Sequence[str]) -> list[float] | None:
 def seconds(
     words: Sequence[str], path: Path, lines: Sequence[int], unit: str | None = None
 ) -> tuple[NDArray[np.float64], tuple[Issue, ...]]:
-    """Stamps [n] [s], of whole numbers the nearest float64, and what was assumed of their unit.
+    """Stamps [n] [s] of finite numbers, of whole ones the nearest float64, and what was assumed of their unit.
 
-    Args:
-        words: [n] finite numbers.
-        path, lines: where they stand.
-        unit: that the file states; else 1e18 are nanoseconds, 1e15 microseconds, 1e12 milliseconds.
+    Without a unit that the file states, 1e18 are nanoseconds, 1e15 microseconds and 1e12 milliseconds.
     """
     values = np.array([float(word) for word in words])
     largest = float(np.abs(values).max(initial=0.0))
@@ -139,8 +133,8 @@ def seconds(
         text = f"{path}: stamps of {largest:.3g} are taken for {by_size}, not seconds"
         issues = (Issue("stamps-scaled", text, len(values)),)
         unit = by_size
-    if scale := UNITS[unit or "s"]:
-        values = np.array([(int(word) if word.isdecimal() else float(word)) / 10**scale for word in words])
+    if power := UNITS[unit or "s"]:
+        values = np.array([(int(word) if word.isdecimal() else float(word)) / 10**power for word in words])
     steps = np.diff(values)
     for wrong, problem in (
         (np.abs(values) > MAX_STAMP, "stamp beyond 1e11 s, expected seconds or whole nanoseconds"),
@@ -164,15 +158,13 @@ class Columns:
             to ``qw``, ``roll``, ``pitch``, ``yaw``.
         scale: by name, of metres or radians.
         unit: of the stamps, where it is stated.
-        count: of columns, where it must be that.
-        stated: whether names say so.
+        names: whether there are any; without, a line has 8 columns, or 8 and more whose stamps are nanoseconds.
     """
 
     at: dict[str, int]
     scale: dict[str, float] = field(default_factory=dict)
     unit: str | None = None
-    count: int | None = None
-    stated: bool = True
+    names: bool = True
 
 
 def separator_of(line: str) -> str | None:
@@ -191,7 +183,7 @@ def split(line: str, separator: str | None) -> list[str]:
     return [word.strip().replace(",", ".") if separator == ";" else word.strip() for word in words]
 
 
-def columns_of(comments: Iterable[str], line: str) -> tuple[Columns, bool]:
+def columns_of(comments: Sequence[str], line: str) -> tuple[Columns, bool]:
     """The columns of a table by its comments and its first line that is no comment; whether this line is a header.
 
     Raises:
@@ -199,31 +191,31 @@ def columns_of(comments: Iterable[str], line: str) -> tuple[Columns, bool]:
     """
     separator = separator_of(line)
     words = split(line, separator)
-    if not words or finite_numbers(words[:1]) is None:
+    if finite_numbers(words[:1]) is None:
         if (found := named(words, header=True)) is None:
-            raise ValueError(f"no line of a trajectory, expected {TUM}, {EUROC}, a header, KITTI's numbers or g2o")
+            raise ValueError(f"not a line of a trajectory, expected {TUM}, a header of names, KITTI or g2o")
         return found, True
-    for text in (re.sub(r"\s+([\[(])", r"\1", text.lstrip("#% ")) for text in reversed([*comments])):
-        for mark in (",", ";", "\t", None):
-            names = split(text, mark)
-            try:
-                found = named(names) if len(names) == len(words) else None
-            except ValueError:
-                if mark is not None:
-                    raise
-                continue  # a sentence
-            if found is not None and (mark is not None or len(found.at) > len(names) / 2):
-                return found, False
+    for comment in reversed(comments):
+        text = re.sub(r"\s+([\[(])", r"\1", comment.lstrip("#% "))
+        mark = separator_of(text)
+        names = split(text, mark)
+        try:
+            found = named(names) if len(names) == len(words) else None
+        except ValueError:
+            if mark is not None:
+                raise
+            continue  # a sentence
+        if found is not None and (mark is not None or len(found.at) > len(names) / 2):
+            return found, False
     stated = any("[ns]" in text or "q_RS_w" in text for text in comments)
     whole = words[0].isdecimal() and len(words[0]) <= 20
     if len(words) >= 8 and whole and (stated or (separator is not None and int(words[0]) > 10**11)):
         upright = finite_numbers(words[4:6]) == [0.0, 0.0]  # of x y z w; of w x y z a half turn out of the plane
         if stated or len(words) > 8 or not upright:
-            order = {name: k for k, name in enumerate(UNNAMED["euroc"])}
-            return Columns(order, unit="ns", stated=stated), False
+            return Columns({name: k for k, name in enumerate(EUROC.split())}, unit="ns", names=stated), False
     if len(words) == 8:
-        return Columns({name: k for k, name in enumerate(UNNAMED["tum"])}, count=8, stated=False), False
-    expected = f"expected {TUM}, {EUROC}, or a header that names as many columns"
+        return Columns({name: k for k, name in enumerate(TUM.split())}, names=False), False
+    expected = f"expected {TUM}, or a header that names as many columns"
     raise ValueError(f"{len(words)} columns without names, {expected}")
 
 

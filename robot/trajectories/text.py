@@ -21,7 +21,6 @@ from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.streams import MAX_STAMP
 from moteslam.robot.trajectories.columns import (
-    EUROC,
     Columns,
     all_lines,
     columns_of,
@@ -31,7 +30,7 @@ from moteslam.robot.trajectories.columns import (
     separator_of,
     split,
 )
-from moteslam.robot.trajectory import UNIT, Array, Trajectory, quaternion_of_yaw, quaternions_of, trajectory_of
+from moteslam.robot.trajectory import UNIT, Array, Trajectory, quaternions_of, trajectory_of
 from moteslam.robot.values import Issue, counted, expect_type
 
 EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
@@ -47,7 +46,7 @@ def read_tum(path: str | PathLike[str]) -> Trajectory:
 
 def read_euroc(path: str | PathLike[str]) -> Trajectory:
     """Read a CSV of poses, projected to the plane. Stamps are the float64 next to the whole number of nanoseconds."""
-    return _read_poses(Path(path), f"EuRoC lines: {EUROC}")
+    return _read_poses(Path(path), "EuRoC lines")
 
 
 def write_tum(path: str | PathLike[str], trajectory: Trajectory) -> None:
@@ -74,7 +73,7 @@ def _rows(trajectory: Trajectory) -> list[list[float]]:
     """Stamp, x, y and the z and w of the heading's quaternion of each pose."""
     expect_type(trajectory, Trajectory, "trajectory")
     x, y, theta = trajectory.poses.T
-    rows: list[list[float]] = np.column_stack((trajectory.stamps, x, y, *quaternion_of_yaw(theta))).tolist()
+    rows: list[list[float]] = np.column_stack((trajectory.stamps, x, y, np.sin(theta / 2), np.cos(theta / 2))).tolist()
     return rows
 
 
@@ -94,18 +93,18 @@ def _read_poses(path: Path, what: str) -> Trajectory:
             except ValueError as error:
                 raise InputError(str(error), file=path, line=number) from error
             names = [name for name in columns.at if name not in ("t", "nsec")]
+            is_tum = not columns.names and columns.unit is None
             separator = separator_of(line)
-            separator = None if columns.count and separator == "," else separator  # commas of TUM count as blanks
+            separator = None if is_tum and separator == "," else separator  # commas of TUM count as blanks
             if is_header:
                 continue
         words = split(line, separator)
         row = stamp = None
-        if len(words) > max(columns.at.values()) and columns.count in (None, len(words)):
+        if len(words) > max(columns.at.values()) and (not is_tum or len(words) == 8):
             row = finite_numbers([words[columns.at[name]] for name in names])
             stamp = _stamp(words, columns)
         if row is None or stamp is None:
-            numbers = f"{columns.count} finite numbers" if columns.count else "finite numbers"
-            numbers = f"whole nanoseconds and {numbers}" if columns.unit == "ns" else numbers
+            numbers = "finite numbers, stamps in whole nanoseconds" if columns.unit == "ns" else "finite numbers"
             raise InputError(f"expected {numbers}: {', '.join(columns.at)}", file=path, line=number)
         stamps.append(stamp)
         rows.extend(row)
@@ -121,14 +120,17 @@ def _read_poses(path: Path, what: str) -> Trajectory:
         quaternions = np.column_stack([table[name] for name in ("qx", "qy", "qz", "qw")])
         # those that turn about x alone are of a robot whose w stands first
         about_x = (np.abs(quaternions[:, 1:3]) < 1e-6).all() and np.ptp(np.abs(quaternions[:, 0])) > 0.05
-        if not columns.stated and (columns.unit == "ns" or about_x):
+        if not columns.names and (not is_tum or about_x):
             order = " ".join(name for name in names if name[0] == "q")
             text = f"{path}: no names of columns: its orientations are taken for {order}; a header would say so"
             issues += (Issue("orientation-order", text, len(lines)),)
     elif "yaw" in table:
         if "yaw" not in columns.scale and np.abs(yaw).max() > MAX_TURN:
             raise InputError("angles beyond 6.3, expected a unit in the header: yaw [rad] or yaw [deg]", file=path)
-        quaternions = _of_angles(roll, pitch, yaw)
+        # about the fixed axes x, y, z, in this order (ROS REP 103)
+        (a, b, c), (i, j, k) = np.cos([roll / 2, pitch / 2, yaw / 2]), np.sin([roll / 2, pitch / 2, yaw / 2])
+        turns = (i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k)
+        quaternions = np.column_stack(turns)
     return trajectory_of(path, times, positions, quaternions, lines=lines, warnings=issues)
 
 
@@ -141,12 +143,6 @@ def _stamp(words: Sequence[str], columns: Columns) -> str | None:
         return str(int(stamp) * 10**9 + int(rest)) if whole else None
     number = finite_numbers([stamp])
     return stamp if number is not None and (columns.unit != "ns" or number[0].is_integer()) else None
-
-
-def _of_angles(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """The quaternions [n, 4] of angles [n] about the fixed axes x, y, z, in this order (ROS REP 103)."""
-    (a, b, c), (i, j, k) = np.cos([roll / 2, pitch / 2, yaw / 2]), np.sin([roll / 2, pitch / 2, yaw / 2])
-    return np.column_stack((i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k))
 
 
 def times_file(path: Path) -> Path:
