@@ -107,10 +107,10 @@ class PoseGraph(Summarised):
 
     ids: Indices
     poses: Array
-    first: Indices
-    second: Indices
-    relative: Array
-    information: Array
+    first: Indices = field(default_factory=lambda: np.zeros(0, np.int64))
+    second: Indices = field(default_factory=lambda: np.zeros(0, np.int64))
+    relative: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    information: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
     stamps: Array | None = None
     fixed: Indices = field(default_factory=lambda: np.zeros(0, np.int64))
 

@@ -1,12 +1,4 @@
-"""CARMEN logs, plain or gzip: a message a line, rules and bounds as in ``docs/reference/formats.md``.
-
-``FLASER n r1..rn laser(x y theta) robot(x y theta) ipc_timestamp host logger_timestamp``
-``ROBOTLASER1 type angle_min fov increment range_max accuracy remission_mode n r1..rn m e1..em laser(x y theta)
-robot(x y theta) tv rv forward_safety side_safety turn_axis ipc_timestamp host logger_timestamp``
-``RAWLASER1 type angle_min fov increment range_max accuracy remission_mode n r1..rn m e1..em ipc_timestamp host
-logger_timestamp``, and so to ``RAWLASER5``
-``ODOM x y theta tv rv accel ipc_timestamp host logger_timestamp``
-``PARAM name value ...``
+"""CARMEN logs, plain or gzip. Lines, rules and bounds: ``docs/reference/formats.md``.
 
 Source: the head that CARMEN's logger writes (carmen.sourceforge.net/logger_playback.html).
 """
@@ -132,23 +124,15 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
 
 
 class _Lines:
-    """What the lines of a log say; comments and other kinds of line are passed over, broken ones counted.
-
-    Attributes:
-        scans: by kind of line, in the order of appearance: ranges [m], flat, and rows of `ROW`, flat.
-        odometry: flat [n * 5]: x y theta [m, rad], ipc and logger stamp [s].
-        params: the numeric parameters, as stated last.
-        rear: number of the scans of a laser that looks back, by the kind of line.
-        tails: words after the ranges of the first whole line of a kind, and so of all.
-    """
+    """What the lines of a log say; comments and other kinds of line are passed over, broken ones counted."""
 
     def __init__(self, lines: TextLines) -> None:
         self.lines = lines
-        self.scans: dict[str, tuple[array[float], array[float]]] = {}
-        self.odometry = array("d")
-        self.params: dict[str, float] = {}
-        self.rear: Counter[str] = Counter()
-        self.tails: dict[str, int] = {}
+        self.scans: dict[str, tuple[array[float], array[float]]] = {}  # by kind of line: ranges [m] and `ROW`s, flat
+        self.odometry = array("d")  # [n * 5]: x y theta [m, rad], ipc and logger stamp [s]
+        self.params: dict[str, float] = {}  # as stated last
+        self.rear: Counter[str] = Counter()  # by kind of line
+        self.tails: dict[str, int] = {}  # words after the ranges of the first whole line of a kind, and so of all
         parsers: dict[str, Any] = {"ODOM": self._odom, "PARAM": self._param, **dict.fromkeys(TAILS, self._scan)}
         parsers |= dict.fromkeys(REAR_LASERS, self._rear)
         known = {kind.encode(): parse for kind, parse in parsers.items()}
@@ -214,10 +198,10 @@ def _expect_words(words: list[bytes], count: int, what: str) -> None:
 
 def _count_at(words: list[bytes], at: int, what: str, *, least: int = 1) -> int:
     """The number of things that a line declares in the word at an index."""
-    if len(words) <= at or not words[at].isdigit() or int(words[at]) < least:
-        found = words[at][:20].decode("ascii", "replace") if len(words) > at else f"{len(words)} words"
-        raise ValueError(f"{found}, expected the number of {what} at word {at + 1}")
-    return int(words[at])
+    word = words[at][:20] if len(words) > at else b""
+    if not word.isdigit() or int(word) < least:
+        raise ValueError(f"{word.decode('ascii', 'replace')!r}, expected the number of {what} at word {at + 1}")
+    return int(word)
 
 
 def _placed(poses: list[bytes], stamps: list[bytes]) -> list[float]:

@@ -99,7 +99,7 @@ class LidarTable(CsvTable):
     no return. ``odometry`` are the columns of x, y and theta of the robot's odometry pose at the scan.
     """
 
-    ranges: Annotated[str, Field(pattern=r"\.\.")]  # the first and the last column, r0..r359 or 2..361
+    ranges: Annotated[str, Field(pattern=r"^.+\.\..+$")]  # the first and the last column, r0..r359 or 2..361
     range_unit: Length = "m"
     angle_min: Number | None = None
     angle_increment: Number | None = None
@@ -296,34 +296,23 @@ def _read(
 
 def _index(path: Path, field: str, column: Column, header: list[str] | None, file: Path) -> int:
     """The index from 0 of a column of a file, by its name in the header or by its number."""
-    if isinstance(column, int):
-        most = MAX_BEAMS if header is None else min(MAX_BEAMS, len(header))
-        if column <= most:
-            return column - 1
-        problem = f"{column}, expected a column of {file.name}, 1 to {most}"
-    elif header is None:
-        problem = f"{column!r}, expected a number: {file.name} has no header"
-    elif header.count(column) == 1:
+    if isinstance(column, int) and 1 <= column <= (MAX_BEAMS if header is None else len(header)):
+        return column - 1
+    if isinstance(column, str) and header is not None and header.count(column) == 1:
         return header.index(column)
-    else:
-        found = "stands twice" if column in header else "is no column"
-        problem = f"{column!r} {found} of {file.name}, expected one of {shortened(', '.join(header))}"
-    raise ConfigError(problem, file=path, field=field)
+    expected = "a number: it has no header" if header is None else f"one of {shortened(', '.join(header))}"
+    raise ConfigError(f"{column!r} is not one column of {file.name}, expected {expected}", file=path, field=field)
 
 
 def _span(path: Path, ranges: str, header: list[str] | None, file: Path) -> range:
     """The indices of the ranges, from the first to the last column."""
-    ends: list[Column] = []
-    for end in ranges.split(".."):  # a column may be named by a number
-        is_number = end.isdecimal() and len(end) < 10 and not (header and end in header)
-        ends.append(int(end) if is_number else end)
-    problem = f"{ranges!r}, expected first and last column, r0..r359 or 2..361"
-    if len(ends) == 2 and "" not in ends and 0 not in ends:
-        first, last = (_index(path, "lidar.ranges", end, header, file) for end in ends)
-        if 0 <= last - first < MAX_BEAMS:
-            return range(first, last + 1)
+    names = header or ()  # a column may be named by a number
+    ends = (int(end[:9]) if end.isdecimal() and end not in names else end for end in ranges.split("..", 1))
+    first, last = (_index(path, "lidar.ranges", end, header, file) for end in ends)
+    if not 0 <= last - first < MAX_BEAMS:
         problem = f"{last - first + 1} beams, expected 1 to {MAX_BEAMS}"
-    raise ConfigError(problem, file=path, field="lidar.ranges")
+        raise ConfigError(problem, file=path, field="lidar.ranges")
+    return range(first, last + 1)
 
 
 FORMAT = Format(

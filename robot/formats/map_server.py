@@ -227,21 +227,21 @@ def _warn_of_thresholds(path: Path, about: MapFile, pixels: NDArray[np.uint16]) 
     grey = (pixels[..., 0] >> 8).ravel()
     if about.mode == "raw" or (pixels[..., :3] != pixels[..., :1]).any():
         return
-    counts, unknown = np.bincount(grey, minlength=256), UNKNOWN_GREY
+    counts = np.bincount(grey, minlength=256)
     if about.negate and counts[255 - UNKNOWN_GREY]:
-        counts, unknown = counts[::-1], 255 - UNKNOWN_GREY  # a negative of map_saver's
+        grey, counts = 255 - grey, counts[::-1]  # a negative of map_saver's
     there = set(np.flatnonzero(counts).tolist())
     if not {UNKNOWN_GREY} < there <= {FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY, 255}:
         return
-    one = pixels.reshape(1, -1, pixels.shape[2])[:, [int(np.argmax(grey == unknown))]]
+    one = pixels.reshape(1, -1, pixels.shape[2])[:, [int(np.argmax(grey == UNKNOWN_GREY))]]
     read = int(_occupancies(one, about, between=False)[0, 0])
     if read != UNKNOWN_PERCENT:
-        what = f"grey {unknown}, which map_saver writes for unknown, is read as {'occupied' if read else 'free'}"
+        what = f"grey {int(one[0, 0, 0]) >> 8}, which map_saver writes for unknown"
         thresholds = f"free_thresh {about.free_thresh:g}, occupied_thresh {about.occupied_thresh:g}"
-        why = f"by {thresholds} and negate {int(about.negate)}"
+        why = f"is read as {'occupied' if read else 'free'} by {thresholds} and negate {int(about.negate)}"
         cells = f"{counts[UNKNOWN_GREY]} of {counts.sum()} cells count as known, so map_known is too high"
         mend = "" if read else ": free_thresh: 0.196 would leave them unknown"
-        warnings.warn(MoteslamWarning(f"{path}: {what} {why}; {cells}{mend}"), stacklevel=4)
+        warnings.warn(MoteslamWarning(f"{path}: {what}, {why}; {cells}{mend}"), stacklevel=4)
 
 
 def _write_yaml(image: Path, raster: Raster, before: dict[str, Any], after: Mapping[str, Any]) -> None:

@@ -175,32 +175,23 @@ def image_path(folder: Path, kind: str, sequence: str, index: int) -> Path:
 def _images(folder: Path, kind: str, sequence: str, count: int, issues: list[Issue]) -> tuple[Path | None, ...]:
     """The image of each of ``count`` stamps, None where it is missing; empty where there are none at all."""
     place = image_path(folder, kind, sequence, 0).parent
-
-    def tell(code: str, text: str, count: int) -> None:
-        issues.append(Issue(code, f"{place.name}: {text}", count))
-
-    if not place.is_dir():
-        if place.parent.is_dir():  # no fault where there are no images at all: they are a download of their own
-            tell("images-missing", f"no such folder, {counted(count, 'image')} missing", count)
-        return ()
+    if not place.parent.is_dir():
+        return ()  # no fault: they are a download of their own
     pattern = re.compile(rf"{re.escape(place.name.lower())}_(\d{{1,9}})\.png")
     try:
-        names = sorted(path.name for path in place.iterdir())
+        names = sorted(path.name for path in place.iterdir()) if place.is_dir() else []
     except OSError as error:
         raise InputError(f"{error.strerror}, expected a folder of images", file=place) from error
     found = {int(match[1]): place / name for name in names if (match := pattern.fullmatch(name))}
     files = tuple(found.get(index) for index in range(1, count + 1))
-    missing, beyond = files.count(None), len(found.keys() - range(1, count + 1))
-    if missing == count:
-        tell("images-missing", f"{len(found)} images, none of them for one of the {count} stamps", count)
-        return ()
-    if missing:
+    if missing := files.count(None):
         first = image_path(folder, kind, sequence, files.index(None)).name
-        tell("images-missing", f"{missing} of {counted(count, 'image')} missing, the first {first}", missing)
-    if beyond:
-        text = f"{counted(beyond, 'image')} beyond the {counted(count, 'stamp')} left out"
-        tell("images-beyond-stamps", text, beyond)
-    return files
+        text = f"{place.name}: {missing} of {counted(count, 'image')} missing, the first {first}"
+        issues.append(Issue("images-missing", text, missing))
+    if beyond := len(found.keys() - range(1, count + 1)):
+        text = f"{place.name}: {counted(beyond, 'image')} beyond the {counted(count, 'stamp')} left out"
+        issues.append(Issue("images-beyond-stamps", text, beyond))
+    return files if missing < count else ()
 
 
 def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: str | int) -> None:

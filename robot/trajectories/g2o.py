@@ -114,7 +114,8 @@ def write_g2o(path: str | PathLike[str], graph: PoseGraph, *, comments: Sequence
     lines = [f"# {comment}" for comment in comments]
     if graph.stamps is not None:
         lines += [f"# STAMP {id_} {stamp!r}" for id_, stamp in zip(ids, graph.stamps.tolist(), strict=True)]
-    lines += [f"VERTEX_SE2 {id_} {_shortest(pose)}" for id_, pose in zip(ids, graph.poses.tolist(), strict=True)]
+    for id_, pose in zip(ids, graph.poses.tolist(), strict=True):
+        lines.append(" ".join(["VERTEX_SE2", str(id_), *map(repr, pose)]))  # the fewest digits that read back the same
     lines += [f"FIX {ids[index]}" for index in graph.fixed.tolist()]
     upper = graph.information[:, *np.triu_indices(3)]
     edges = zip(graph.first.tolist(), graph.second.tolist(), graph.relative.tolist(), upper.tolist(), strict=True)
@@ -123,13 +124,8 @@ def write_g2o(path: str | PathLike[str], graph: PoseGraph, *, comments: Sequence
         if kind != loop:
             lines.append("# loops" if loop else "# chain")
             kind = loop
-        lines.append(f"EDGE_SE2 {ids[first]} {ids[second]} {_shortest(relative)} {_shortest(information)}")
+        lines.append(" ".join(["EDGE_SE2", str(ids[first]), str(ids[second]), *map(repr, relative + information)]))
     write_atomically(path, "\n".join(lines) + "\n")
-
-
-def _shortest(numbers: list[float]) -> str:
-    """The fewest digits that read back the same."""
-    return " ".join(map(repr, numbers))
 
 
 def read_vertices(path: Path, graph: PoseGraph | None = None) -> Trajectory:
@@ -142,15 +138,6 @@ def read_vertices(path: Path, graph: PoseGraph | None = None) -> Trajectory:
 def write_vertices(path: Path, trajectory: Trajectory) -> None:
     """Write a trajectory as a pose graph without edges, the first pose fixed; it reads back the same, bit for bit."""
     expect_type(trajectory, Trajectory, "trajectory")
-    none = np.zeros(0, np.int64)
-    graph = PoseGraph(
-        ids=np.arange(len(trajectory)),
-        poses=trajectory.poses,
-        first=none,
-        second=none,
-        relative=np.zeros((0, 3)),
-        information=np.zeros((0, 3, 3)),
-        stamps=trajectory.stamps,
-        fixed=np.arange(min(len(trajectory), 1)),
-    )
+    n = len(trajectory)
+    graph = PoseGraph(ids=np.arange(n), poses=trajectory.poses, stamps=trajectory.stamps, fixed=np.arange(min(n, 1)))
     write_g2o(path, graph)
