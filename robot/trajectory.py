@@ -32,15 +32,10 @@ TILT = np.deg2rad(10.0)
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """The poses of a trajectory in space.
+    """The poses of a trajectory in space."""
 
-    Attributes:
-        positions: [n, 3] x, y, z [m].
-        rotations: [n, 3, 3] of the body in the frame of the positions.
-    """
-
-    positions: Array
-    rotations: Array
+    positions: Array  # [n, 3] x, y, z [m]
+    rotations: Array  # [n, 3, 3] of the body in the frame of the positions
 
     def __getitem__(self, index: NDArray[np.integer | np.bool_]) -> Space:
         return Space(self.positions[index], self.rotations[index])

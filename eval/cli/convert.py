@@ -105,7 +105,7 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     import numpy as np
 
     from moteslam.robot.trajectories import is_g2o, read_trajectory
-    from moteslam.robot.trajectories.g2o import read_g2o, read_vertices
+    from moteslam.robot.trajectories.text import read_g2o, read_vertices
     from moteslam.robot.values import Issue, counted
 
     if is_g2o(path):

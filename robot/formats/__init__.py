@@ -34,24 +34,15 @@ Topics = Mapping[str, tuple[str, ...]]
 
 @dataclass(frozen=True)
 class Format:
-    """How a recording is stored, in a folder or a file.
+    """How a recording is stored, in a folder or a file."""
 
-    Attributes:
-        name: what it is called, and how to recognise it.
-        recognise: whether the content of a path (of that kind) is of this format; must not raise for any other.
-        read: ``read(path, sequence, platform)``.
-        read_topics: ``read_topics(path, sequence, platform, topics)``, of a format with topics.
-        write: ``write(path, recording)`` gives an issue for each thing that the format cannot hold; None if only read.
-        endings: of the names of files in this format, the first the usual one: ``.log``, ``.log.gz``.
-    """
-
-    name: str
+    name: str  # what it is called, and how to recognise it
     is_folder: bool
-    recognise: Callable[[Path], bool]
-    read: Callable[[Path, str | int | None, Robot], Recording]
+    recognise: Callable[[Path], bool]  # by the content of a file or folder; must not raise for any other
+    read: Callable[[Path, str | int | None, Robot], Recording]  # of a path, a sequence and a platform
     read_topics: Callable[[Path, str | int | None, Robot, Topics], Recording] | None = None
-    write: Callable[[Path, Recording], tuple[Issue, ...]] | None = None
-    endings: tuple[str, ...] = ()
+    write: Callable[[Path, Recording], tuple[Issue, ...]] | None = None  # an issue for each thing it cannot hold
+    endings: tuple[str, ...] = ()  # of the names of files, the first the usual one: ``.log``, ``.log.gz``
 
 
 FORMATS: Plugins[Format] = Plugins(
@@ -185,18 +176,12 @@ def _recognised(path: Path, is_folder: bool) -> Format | None:
 
 @dataclass(frozen=True)
 class Cut:
-    """Which part of a recording.
-
-    Attributes:
-        start, end: seconds after the recording's first stamp.
-        every: keep every n-th scan.
-        streams: that are kept, by their names; all where it is empty.
-    """
+    """Which part of a recording: start and end are seconds after its first stamp."""
 
     start: float = 0.0
     end: float = inf
-    every: int = 1
-    streams: tuple[str, ...] = ()
+    every: int = 1  # keep every n-th scan
+    streams: tuple[str, ...] = ()  # that are kept; all if empty
 
     def __post_init__(self) -> None:
         if not 0 <= self.start < inf:

@@ -73,10 +73,6 @@ def read_map(path: str | PathLike[str]) -> Raster:
     """Read a map [H, W] as `FREE`, `OCCUPIED` and `UNKNOWN` cells, int8, of its ``.yaml``.
 
     What is between the thresholds is unknown in the mode ``scale``, too; the mode ``raw`` is decided as by map_saver.
-
-    Raises:
-        InputError: a file that is missing, not YAML or no image, a key that is missing or out of bounds, an image
-            elsewhere or that is too large; file and key are named.
     """
     about, pixels = _read(Path(path))
     percent = _occupancies(pixels, about, between=False)
@@ -89,21 +85,13 @@ def read_map(path: str | PathLike[str]) -> Raster:
 
 
 def read_occupancy(path: str | PathLike[str]) -> Raster:
-    """Read a map as map_server publishes it: values [H, W] int8 of 0 (free) to 100 (occupied), -1 unknown.
-
-    Raises as `read_map`.
-    """
+    """Read a map as map_server publishes it: values [H, W] int8 of 0 (free) to 100 (occupied), -1 unknown."""
     about, pixels = _read(Path(path))
     return _raster(_occupancies(pixels, about), about)
 
 
 def write_map(path: str | PathLike[str], raster: Raster) -> None:
-    """Write a map as map_saver does: the image, and beside it the YAML file.
-
-    Raises:
-        InputError: other values [H, W] than `FREE`, `OCCUPIED` and `UNKNOWN`.
-        OutputError: another ending, or a file that cannot be written.
-    """
+    """Write a map [H, W] of `FREE`, `OCCUPIED` and `UNKNOWN` cells as map_saver does: an image and a YAML file."""
     expect_type(raster, Raster, "raster")
     path, values = Path(path), raster.values
     greys = {UNKNOWN: UNKNOWN_GREY, FREE: FREE_GREY, OCCUPIED: OCCUPIED_GREY}

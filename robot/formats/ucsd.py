@@ -1,10 +1,6 @@
 """The UCSD layout: ``Encoders20.npz``, ``Hokuyo20.npz``, ``Imu20.npz``, ``Kinect20.npz`` in one folder.
 
-Arrays, units and bounds: ``docs/reference/formats.md``. Any of the four files may be missing, and so is its stream
-then; what is there must be right.
-
-Images are ``dataRGBD/RGB20/rgb20_K.png`` and ``dataRGBD/Disparity20/disparity20_K.png``: K counts from 1 and belongs to
-the K-th stamp in ``Kinect20.npz``. One that is missing leaves its stamp without an image.
+Any of them may be missing. Arrays, units, bounds and the names of images: ``docs/reference/formats.md``.
 """
 
 from __future__ import annotations
@@ -198,14 +194,8 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
     """Write the streams of a recording in the UCSD layout, and its platform as ``platform.toml``.
 
     No return is written as ``range_max + 1`` and a reading that says nothing as 0.001 m (as NaN where that is not
-    below ``range_min``). So ``read_ucsd`` gives the same recording back, bit for bit: float32 ranges, float64
-    stamps. The same recording gives the same bytes. Streams without readings are left out, and so are odometry poses,
-    which have no place in this layout; images are written by `moteslam.sim.sensors.rgbd`.
-
-    Args:
-        folder: an existing folder.
-        recording: what to write.
-        sequence: the number (or word) in the file names.
+    below ``range_min``), so that ``read_ucsd`` gives the same back, bit for bit. Streams without readings, odometry
+    poses and images are left out. The folder exists; ``sequence`` is the number (or word) in the file names.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     folder, number = Path(folder), str(sequence)

@@ -89,11 +89,7 @@ _OFFSETS = {"offset": "x", "side_offset": "y", "angular_offset": "yaw"}
 
 
 def fov_of(beams: int) -> tuple[float, float]:
-    """First angle and step [rad] of a FLASER line, which states neither: by the number of beams.
-
-    180 and 181 beams are one degree apart, 360 and 361 half a degree; any other number spans 180 degrees. The first
-    looks to -90 degrees.
-    """
+    """First angle, -90 degrees, and step [rad] of a FLASER line, which states neither; 180 degrees if not classic."""
     return -math.pi / 2, math.radians(CLASSIC_STEPS.get(beams, 180 / max(beams - 1, 1)))
 
 

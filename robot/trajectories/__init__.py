@@ -21,7 +21,7 @@ from moteslam.robot.files import open_regular
 from moteslam.robot.formats.bags.bag import Bag, Topic
 from moteslam.robot.formats.bags.files import is_bag
 from moteslam.robot.formats.bags.frames import TRANSFORMS
-from moteslam.robot.trajectories import g2o, text
+from moteslam.robot.trajectories import text
 from moteslam.robot.trajectories.columns import columns_of, decoded, finite_numbers, numbered
 from moteslam.robot.trajectory import UNIT, Array, Trajectory, interpolated, trajectory_of
 from moteslam.robot.values import Issue, counted
@@ -29,12 +29,12 @@ from moteslam.robot.values import Issue, counted
 __all__ = ["WRITERS", "format_to_write", "is_g2o", "is_trajectory", "read_trajectory", "write_trajectory"]
 
 READERS: dict[str, Callable[[Path], Trajectory]] = {
-    "g2o": g2o.read_vertices,
+    "g2o": text.read_vertices,
     "tum": text.read_tum,
     "kitti": text.read_kitti,
 }
 WRITERS: dict[str, tuple[str, Callable[[Path, Trajectory], None]]] = {
-    "g2o": (".g2o", g2o.write_vertices),
+    "g2o": (".g2o", text.write_vertices),
     "euroc": (".csv", text.write_euroc),
     "tum": (".tum", text.write_tum),
     "kitti": (".kitti", text.write_kitti),

@@ -151,20 +151,14 @@ def seconds(
 
 @dataclass(frozen=True)
 class Columns:
-    """Where the numbers of a pose stand in a line.
-
-    Attributes:
-        at: column by name: ``t`` (with ``nsec`` where seconds and nanoseconds stand apart), ``x``, ``y``, ``z``, ``qx``
-            to ``qw``, ``roll``, ``pitch``, ``yaw``.
-        scale: by name, of metres or radians.
-        unit: of the stamps, where it is stated.
-        names: whether there are any; without, a line has 8 columns, or 8 and more whose stamps are nanoseconds.
+    """Where the numbers of a pose stand in a line, by name: ``t`` (with ``nsec`` where seconds and nanoseconds stand
+    apart), ``x``, ``y``, ``z``, ``qx`` to ``qw``, ``roll``, ``pitch``, ``yaw``.
     """
 
     at: dict[str, int]
-    scale: dict[str, float] = field(default_factory=dict)
-    unit: str | None = None
-    names: bool = True
+    scale: dict[str, float] = field(default_factory=dict)  # of metres or radians
+    unit: str | None = None  # of the stamps, where it is stated
+    names: bool = True  # else a line has 8 columns, or 8 and more whose stamps are nanoseconds
 
 
 def separator_of(line: str) -> str | None:
@@ -184,11 +178,7 @@ def split(line: str, separator: str | None) -> list[str]:
 
 
 def columns_of(comments: Sequence[str], line: str) -> tuple[Columns, bool]:
-    """The columns of a table by its comments and its first line that is no comment; whether this line is a header.
-
-    Raises:
-        ValueError: no poses, or not clear which columns they are.
-    """
+    """The columns of a table by its comments and first other line, and whether this is a header; else ValueError."""
     separator = separator_of(line)
     words = split(line, separator)
     if finite_numbers(words[:1]) is None:

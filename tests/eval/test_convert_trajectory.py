@@ -11,7 +11,7 @@ import pytest
 
 from moteslam.eval.cli import main
 from moteslam.robot.trajectories import WRITERS, read_trajectory, write_trajectory
-from moteslam.robot.trajectories.g2o import write_g2o
+from moteslam.robot.trajectories.text import write_g2o
 from moteslam.robot.trajectory import PoseGraph, Trajectory
 
 ENDINGS = {name: ending for name, (ending, _) in WRITERS.items()}
