@@ -30,7 +30,6 @@ from moteslam.robot.formats.streams import (
     odometry_stream,
 )
 from moteslam.robot.formats.written import CLASSIC_STEPS, OWN_PARAMETERS, fov_of, write_carmen
-from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import CARMEN, GivenRobot, platform_of
 from moteslam.robot.recording import Recording
 from moteslam.robot.values import Issue, counted
@@ -87,7 +86,9 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
         odometry = odometry[:0]
     is_ipc = bool(rows["ipc"].any() or odometry[:, 3].any())
     has_poses = laser is not None and laser.line not in RAW_LASERS
-    robot = given.over(_platform(path, log, rows if has_poses else rows[:0]))
+    size = {key: log.params[f"robot_{key}"] for key in ("length", "width") if log.params.get(f"robot_{key}", 0) > 0}
+    mount = _mount(log.params, rows if has_poses else rows[:0])
+    robot = given.over(platform_of({"name": CARMEN.name, **size, "lidar": mount}, file=path))
     lidar = None
     if laser is not None:
         ranges = _on_grid(laser, np.frombuffer(log.scans[laser.line][0], np.float32))
@@ -149,11 +150,8 @@ class _Lines:
                         lines.drop(number, str(error))
 
     def _scan(self, words: list[bytes], number: int) -> None:
-        """A scan; one without a pose as long as no scan has one: logs that have such hold the same ranges there."""
         line = words[0].decode()
         is_raw = line in RAW_LASERS
-        if is_raw and any(other not in RAW_LASERS for other in self.scans):
-            return
         begin = 2 if line == "FLASER" else 9
         after = end = begin + _count_at(words, begin - 1, "ranges")
         angle_min, step, stated = *fov_of(end - begin), 0.0
@@ -169,8 +167,6 @@ class _Lines:
         row = [number, end - begin, angle_min, step, max(stated, 0.0)]
         row += [*[0.0] * 6 * is_raw, *_placed([] if is_raw else tail[:6], stamps)]
         ranges = array("f", _numbers(words[begin:end], finite=False))
-        if not is_raw:
-            self.scans = {other: scans for other, scans in self.scans.items() if other not in RAW_LASERS}
         self.tails[line] = count
         all_ranges, rows = self.scans.setdefault(line, (array("f"), array("d")))
         all_ranges.extend(ranges)
@@ -288,11 +284,15 @@ def _on_grid(laser: _Laser, flat: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _chosen(path: Path, log: _Lines, issues: list[Issue]) -> _Laser | None:
-    """The kind of line with most scans (of equals, the one that states its angles); others are left aside."""
+    """The kind of line with most scans (of equals, the one that states its angles); others are left aside.
+
+    Raw scans are read if there are none with a pose: logs that have both hold the same ranges in them.
+    """
     for line, count in log.rear.items():
         text = f"{path.name}: {counted(count, f'{line} scan')} of a rear laser left aside"
         issues.append(Issue("other-scans", text, count))
-    lasers = [_laser(line, np.frombuffer(rows, ROW)) for line, (_, rows) in log.scans.items()]
+    lines = [line for line in log.scans if line not in RAW_LASERS] or log.scans
+    lasers = [_laser(line, np.frombuffer(log.scans[line][1], ROW)) for line in lines]
     best = max(lasers, key=lambda one: (one.scans, one.line == "ROBOTLASER1"), default=None)
     for laser in lasers:
         others = laser.rows[laser.begins < 0] if laser is best else laser.rows
@@ -311,12 +311,6 @@ def _chosen(path: Path, log: _Lines, issues: list[Issue]) -> _Laser | None:
 
 def _words(head: np.void) -> str:
     return f"{counted(int(head['beams']), 'beam')} every {head['step']:.4f} rad from {head['angle_min']:.4f} rad"
-
-
-def _platform(path: Path, log: _Lines, rows: Rows) -> Platform:
-    """The built-in robot, with the size and the lidar's pose that the log gives."""
-    size = {key: log.params[f"robot_{key}"] for key in ("length", "width") if log.params.get(f"robot_{key}", 0) > 0}
-    return platform_of({"name": CARMEN.name, **size, "lidar": _mount(log.params, rows)}, file=path)
 
 
 def _mount(params: dict[str, float], rows: Rows) -> dict[str, float]:

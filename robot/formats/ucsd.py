@@ -17,7 +17,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot.files import make_folder, read_arrays, write_atomically
 from moteslam.robot.formats import Format, Robot
 from moteslam.robot.formats.streams import Fan, encoder_stream, imu_stream, lidar_stream, sort_by_stamp
-from moteslam.robot.formats.written import SCAN_POSES, no_return_codes, not_written
+from moteslam.robot.formats.written import SCAN_POSES, coded_ranges, not_written
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import UCSD, GivenRobot, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
@@ -71,7 +71,10 @@ def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, pl
         text = f"{last.file}: what it leaves out of wheels and lidar is the UCSD robot's"
         issues.append(Issue("assumed-robot", text))
     lidar = _lidar(folder / f"Hokuyo{number}.npz", robot, given.lidar_figures, issues)
-    if own.is_nothing and given.is_nothing and lidar is not None and not _is_its_lidar(lidar):
+    its = UCSD.lidar.scan
+    angles = its.angle_min + its.angle_increment * np.arange(its.beams)
+    is_its = lidar is None or (lidar.angles.shape == angles.shape and np.abs(lidar.angles - angles).max() < SAME_ANGLE)
+    if own.is_nothing and given.is_nothing and not is_its:
         text = f"{folder}: no platform.toml, a lidar that is not the UCSD robot's; wheels and mount are assumed its"
         issues.append(Issue("assumed-robot", text))
     return Recording(
@@ -117,13 +120,6 @@ def _lidar(path: Path, platform: Platform, given: dict[str, Any], issues: list[I
         given=given,
         issues=issues,
     )
-
-
-def _is_its_lidar(stream: LidarStream) -> bool:
-    """Whether scans have the beams and the angles of the UCSD robot's lidar."""
-    scan = UCSD.lidar.scan
-    angles = scan.angle_min + scan.angle_increment * np.arange(scan.beams)
-    return stream.ranges.shape[1] == scan.beams and bool(np.abs(stream.angles - angles).max() < SAME_ANGLE)
 
 
 def _encoders(path: Path, platform: Platform, issues: list[Issue]) -> EncoderStream | None:
@@ -210,14 +206,8 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
         write_atomically(folder / f"{name}{number}.npz", content)
 
     if (lidar := recording.lidar) is not None and len(lidar):
-        ranges, far = np.asarray(lidar.ranges), lidar.range_max
-        coded = np.where(
-            np.isinf(ranges),
-            no_return_codes(recording.platform.lidar.no_return, far, far + 1, ranges.shape[1]),
-            ranges,
-        )
-        if lidar.range_min > NO_ECHO:
-            coded[np.isnan(coded)] = NO_ECHO
+        far, invalid = lidar.range_max, NO_ECHO if lidar.range_min > NO_ECHO else np.nan
+        coded = coded_ranges(lidar, recording.platform, no_return=far + 1, invalid=invalid)
         limits = (lidar.angle_min, lidar.angles[-1], lidar.angle_increment, lidar.range_min, far)
         figures = dict(zip(SCALARS, map(np.float64, limits), strict=True))
         write("Hokuyo", **figures, ranges=coded.T, time_stamps=lidar.stamps)

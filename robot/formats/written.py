@@ -52,10 +52,13 @@ def not_written(recording: Recording, where: str, *names: str) -> tuple[Issue, .
     return tuple(issues)
 
 
-def no_return_codes(codes: tuple[float, ...], range_max: float, otherwise: float, beams: int) -> NDArray[np.float32]:
-    """What is written for no return, a value a beam [beams] [m]: those of the lidar's codes that read as no return."""
-    usable = [code for code in codes if code >= range_max] or [otherwise]
-    return np.resize(np.asarray(usable, np.float32), beams)
+def coded_ranges(lidar: LidarStream, robot: Platform, *, no_return: float, invalid: float) -> NDArray[np.float32]:
+    """Ranges [n, beams] [m] as sensors report them; for no return the robot's codes in turns, if they read as that."""
+    codes = [code for code in robot.lidar.no_return if code >= lidar.range_max] or [no_return]
+    ranges = np.asarray(lidar.ranges)
+    coded = np.where(np.isinf(ranges), np.resize(np.asarray(codes, np.float32), ranges.shape[1]), ranges)
+    coded[np.isnan(coded)] = invalid
+    return coded
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,11 +136,8 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> tuple[Issue
 
 
 def _scan_entries(lidar: LidarStream, poses: se2.Poses, platform: Platform) -> list[tuple[float, int, str]]:
-    ranges, every, mount = np.asarray(lidar.ranges), lidar.interlace, platform.lidar
-    beams = ranges.shape[1]
-    codes = no_return_codes(mount.no_return, lidar.range_max, lidar.range_max, beams)
-    coded = np.where(np.isinf(ranges), codes, ranges)
-    coded[np.isnan(coded)] = 0
+    coded, every = coded_ranges(lidar, platform, no_return=lidar.range_max, invalid=0.0), lidar.interlace
+    beams = coded.shape[1]
     step = lidar.angle_increment * every
     kinds = []
     for begin in range(every):
@@ -145,8 +145,8 @@ def _scan_entries(lidar: LidarStream, poses: se2.Poses, platform: Platform) -> l
         fan = f"{first!r} {step * (count - 1)!r} {step!r}"
         kinds.append(f"ROBOTLASER1 0 {fan} {lidar.range_max!r} 0.01 0 {count}")
     entries = []
-    lasers = se2.compose(poses, mount.pose)
-    begins = phases(ranges, every).tolist()
+    lasers = se2.compose(poses, platform.lidar.pose)
+    begins = phases(np.asarray(lidar.ranges), every).tolist()
     for stamp, scan, begin, laser, pose in zip(lidar.stamps.tolist(), coded, begins, lasers, poses, strict=True):
         numbers = " ".join(scan[begin::every].astype(str).tolist())  # the fewest digits that give the same float32
         places = " ".join(map(repr, [*laser.tolist(), *pose.tolist()]))
