@@ -9,6 +9,7 @@ import math
 import re
 from array import array
 from collections import Counter
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -60,6 +61,7 @@ Rows = NDArray[np.void]
 _LINE = re.compile(rb"^(?:FLASER|ROBOTLASER1|RAWLASER[1-5]|ODOM|PARAM)\s", re.MULTILINE)
 _LIMITS = ("robot_front_laser_max", "robot_frontlaser_max", "laser_front_max_range", "front_laser_max")
 _SAME = 0.005
+"""Mounts of logged poses that differ by less [m, rad] are one."""
 
 
 def is_carmen(path: Path) -> bool:
@@ -181,10 +183,8 @@ class _Lines:
 
     def _param(self, words: list[bytes], number: int) -> None:
         if len(words) > 2:
-            try:
+            with suppress(ValueError):  # most parameters of a robot are words
                 self.params[words[1].decode("ascii", "replace")] = _numbers(words[2:3])[0]
-            except ValueError:
-                return  # most parameters of a robot are words
 
 
 def _expect_words(words: list[bytes], count: int, what: str) -> None:
@@ -302,10 +302,9 @@ def _chosen(path: Path, log: _Lines, issues: list[Issue]) -> _Laser | None:
                 usual = _words(laser.rows[laser.begins >= 0][0])
                 problem = f"{scans} of {_words(head)}, expected {usual} as in the other {laser.scans}"
                 raise InputError(problem, file=path, line=int(head["number"]))
-            text = (
-                f"{scans} of {counted(int(head['beams']), 'beam')} left aside, the first is line {int(head['number'])}"
-            )
-            issues.append(Issue("other-scans", f"{path.name}: {text}", int(count)))
+            beams = counted(int(head["beams"]), "beam")
+            text = f"{path.name}: {scans} of {beams} left aside, the first is line {int(head['number'])}"
+            issues.append(Issue("other-scans", text, int(count)))
     return best
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from array import array
 from os import PathLike
 from pathlib import Path
@@ -14,15 +13,15 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.files import file_within, read_text
+from moteslam.robot.files import file_within
 from moteslam.robot.formats import Format, Robot, expect_no_sequence
 from moteslam.robot.formats.lines import TextLines
 from moteslam.robot.formats.streams import Fan, encoder_stream, imu_stream, lidar_stream, odometry_stream
-from moteslam.robot.formats.written import FOUR_WHEELS, POSE, write_csv
+from moteslam.robot.formats.written import FOUR_WHEELS, write_csv
 from moteslam.robot.platform import MAX_BEAMS, Platform
 from moteslam.robot.platforms import GivenRobot, platform_of, read_platform
 from moteslam.robot.recording import Recording
-from moteslam.robot.tables import MAX_BYTES, Number, Section, Table, read_toml, validated
+from moteslam.robot.tables import Number, Section, Table, read_toml, validated
 from moteslam.robot.values import Issue, counted, shortened
 
 Array = NDArray[np.float64]
@@ -34,13 +33,13 @@ UNITS |= {"rad/s": 1.0, "deg/s": math.pi / 180, "g": 1.0, "m/s^2": 1 / 9.80665, 
 
 TWO_WHEELS = ("left", "right")
 TURNS = ("roll_rate", "pitch_rate", "yaw_rate")
-TRIPLES = {
-    "odometry": tuple(f"odometry.{key}" for key in POSE),
-    "acceleration": tuple(f"acceleration.{axis}" for axis in "xyz"),
+UNIT_OF = {
+    **{"x": "length_unit", "y": "length_unit", "theta": "angle_unit"},
+    **{"odometry.0": "length_unit", "odometry.1": "length_unit", "odometry.2": "angle_unit"},
+    **dict.fromkeys((*TWO_WHEELS, *FOUR_WHEELS), ""),
+    **dict.fromkeys(TURNS, "rate_unit"),
+    **dict.fromkeys(("acceleration.0", "acceleration.1", "acceleration.2"), "acceleration_unit"),
 }
-UNIT_OF = {key: "angle_unit" if key.endswith("theta") else "length_unit" for key in (*POSE, *TRIPLES["odometry"])}
-UNIT_OF |= {**dict.fromkeys(TURNS, "rate_unit"), **dict.fromkeys(TRIPLES["acceleration"], "acceleration_unit")}
-UNIT_OF |= dict.fromkeys((*TWO_WHEELS, *FOUR_WHEELS), "")
 """Columns by their keys, and the key of their unit."""
 FIGURES = ("angle_min", "angle_increment", "range_min", "range_max")
 STREAMS = ("lidar", "odometry", "encoders", "imu")
@@ -85,11 +84,12 @@ class CsvTable(Section):
     @property
     def columns(self) -> dict[str, tuple[Column, float]]:
         """Of numbers: the columns by their keys, and what is multiplied with each."""
-        found = {key: getattr(self, key, None) for key in UNIT_OF}
-        for name, keys in TRIPLES.items():
-            found |= dict(zip(keys, getattr(self, name, None) or (), strict=False))
-        units = {key: UNITS[getattr(self, unit, "")] for key, unit in UNIT_OF.items()}
-        return {key: (column, units[key]) for key, column in found.items() if column is not None}
+        found: dict[str, tuple[Column, float]] = {}
+        for key, unit in UNIT_OF.items():
+            name, _, place = key.partition(".")
+            if (value := getattr(self, name, None)) is not None:
+                found[key] = value[int(place)] if place else value, UNITS[getattr(self, unit, "")]
+        return found
 
 
 class LidarTable(CsvTable):
@@ -170,8 +170,8 @@ class CsvDescription(Section):
 def is_csv_log(path: Path) -> bool:
     """Whether a file is TOML with a table of a stream that names its ``file``."""
     try:
-        table = tomllib.loads(read_text(path, "a description of CSV files", limit=MAX_BYTES))
-    except (InputError, OSError, ValueError, RecursionError):
+        table = read_toml(path, "a description of CSV files")
+    except ConfigError:
         return False
     streams = [table.get(name) for name in STREAMS]
     return any(isinstance(stream, dict) and "file" in stream for stream in streams)
