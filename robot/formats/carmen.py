@@ -21,15 +21,7 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.formats import Format, Robot, expect_no_sequence
 from moteslam.robot.formats.lines import TextLines
-from moteslam.robot.formats.streams import (
-    MAX_DROPPED,
-    MAX_PLACE,
-    MAX_STAMP,
-    Fan,
-    lidar_stream,
-    no_return_limit,
-    odometry_stream,
-)
+from moteslam.robot.formats.streams import MAX_DROPPED, MAX_PLACE, MAX_STAMP, Fan, Sensors, no_return_limit
 from moteslam.robot.formats.written import CLASSIC_STEPS, OWN_PARAMETERS, fov_of, write_carmen
 from moteslam.robot.platforms import CARMEN, GivenRobot, platform_of
 from moteslam.robot.recording import Recording
@@ -91,6 +83,7 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
     size = {key: log.params[f"robot_{key}"] for key in ("length", "width") if log.params.get(f"robot_{key}", 0) > 0}
     mount = _mount(log.params, rows if has_poses else rows[:0])
     robot = given.over(platform_of({"name": CARMEN.name, **size, "lidar": mount}, file=path))
+    sensors = Sensors(robot, given.lidar_figures, issues)
     lidar = None
     if laser is not None:
         ranges = _on_grid(laser, np.frombuffer(log.scans[laser.line][0], np.float32))
@@ -98,18 +91,9 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
             params = (log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0)
             stated = next(params, float(rows["stated"][0]) or None)
             limit = no_return_limit(ranges if laser.interlace == 1 else ranges[ranges > 0], stated)
-        lidar = lidar_stream(
-            path,
-            laser.line,
-            stamps=rows["ipc" if is_ipc else "logger"],
-            ranges=ranges,
-            fan=Fan(laser.angle_min, laser.step, 0.0, float(limit)),
-            robot=robot,
-            given=given.lidar_figures,
-            issues=issues,
-            odometry=rows["robot"] if has_poses else None,
-            interlace=laser.interlace,
-        )
+        fan = Fan(laser.angle_min, laser.step, 0.0, float(limit))
+        stamps, poses = rows["ipc" if is_ipc else "logger"], rows["robot"] if has_poses else None
+        lidar = sensors.lidar(path, laser.line, stamps, ranges, fan, poses, laser.interlace)
         beams = ranges.shape[1]
         if laser.line == "FLASER" and beams not in CLASSIC_STEPS and "angle_increment" not in given.lidar_figures:
             text = (
@@ -121,7 +105,7 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
         name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
         platform=robot,
         lidar=lidar,
-        odometry=odometry_stream(path, "ODOM", odometry[:, 3 if is_ipc else 4], odometry[:, :3], issues),
+        odometry=sensors.odometry(path, "ODOM", odometry[:, 3 if is_ipc else 4], odometry[:, :3]),
         warnings=tuple(issues),
     )
 

@@ -16,7 +16,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot.files import file_within
 from moteslam.robot.formats import Format, Robot, expect_no_sequence
 from moteslam.robot.formats.lines import TextLines
-from moteslam.robot.formats.streams import Fan, encoder_stream, imu_stream, lidar_stream, odometry_stream
+from moteslam.robot.formats.streams import Fan, Sensors
 from moteslam.robot.formats.written import FOUR_WHEELS, write_csv
 from moteslam.robot.platform import MAX_BEAMS, Platform
 from moteslam.robot.platforms import GivenRobot, platform_of, read_platform
@@ -184,6 +184,7 @@ def read_csv_log(path: str | PathLike[str], sequence: str | int | None = None, p
     description = validated(CsvDescription, read_toml(path, "a description of CSV files"), file=path)
     robot = given.over(_platform(path, description))
     issues: list[Issue] = []
+    sensors = Sensors(robot, given.lidar_figures, issues)
     streams: dict[str, Any] = {}
     for name in STREAMS:
         if (table := getattr(description, name)) is None:
@@ -191,19 +192,10 @@ def read_csv_log(path: str | PathLike[str], sequence: str | int | None = None, p
         file, stamps, values, ranges = _read(path, name, table, issues)
         at = str(table.stamp)
         if name == "lidar":
-            streams[name] = lidar_stream(
-                file,
-                table.ranges,
-                stamps=stamps,
-                ranges=ranges,
-                fan=_fan(path, table, robot),
-                robot=robot,
-                given=given.lidar_figures,
-                issues=issues,
-                odometry=values if table.odometry else None,
-            )
+            poses = values if table.odometry else None
+            streams[name] = sensors.lidar(file, table.ranges, stamps, ranges, _fan(path, table, robot), poses)
         elif name == "odometry":
-            streams[name] = odometry_stream(file, at, stamps, values, issues)
+            streams[name] = sensors.odometry(file, at, stamps, values)
         elif name == "encoders":
             if (values != np.round(values)).any() or (np.abs(values) >= MAX_COUNT).any():
                 raise InputError("not whole numbers, or beyond 2^53, expected ticks", file=file, field=name)
@@ -211,12 +203,12 @@ def read_csv_log(path: str | PathLike[str], sequence: str | int | None = None, p
             counts = np.diff(counts, axis=0, prepend=counts[:1]) if table.running else counts
             if len(values.T) == len(TWO_WHEELS):
                 counts = counts[:, [1, 0, 1, 0]]  # right and left, in front and behind
-            streams[name] = encoder_stream(file, (at, at), stamps, counts, robot, issues)
+            streams[name] = sensors.encoders(file, (at, at), stamps, counts)
         else:
             rates = dict(zip(table.columns, values.T, strict=True))
             angular = np.column_stack([rates.get(key, np.zeros(len(stamps))) for key in TURNS])
             linear = values[:, -3:] if table.acceleration else np.tile(AT_REST, (len(stamps), 1))
-            streams[name] = imu_stream(file, (at, at), stamps, angular, linear, issues)
+            streams[name] = sensors.imu(file, (at, at), stamps, angular, linear)
     return Recording(description.name or path.stem, robot, warnings=tuple(issues), **streams)
 
 

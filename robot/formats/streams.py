@@ -5,6 +5,7 @@ Stamps that go back a little are sorted; absurd ones and those of several clocks
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -233,32 +234,55 @@ def no_return_limit(ranges: NDArray[np.float32], stated: float | None) -> float:
     return float(finite[bins == used[code]].min()) if is_spike and (used[:code] > 0).any() else SICK_REACH
 
 
-def lidar_stream(
-    path: Path,
-    field: str,
-    *,
-    stamps: Array,
-    ranges: NDArray[np.float32],
-    fan: Fan,
-    robot: Platform,
-    given: dict[str, Any],
-    issues: list[Issue],
-    odometry: Array | None = None,
-    interlace: int = 1,
-) -> LidarStream:
-    """The scans of a file: stamps [n] [s] and ranges [n, beams] [m] as reported, in the order of the file.
+@dataclass(frozen=True)
+class Sensors:
+    """Makes the streams of a robot of what its files say: stamps [n] [s] and values, in the order of the file.
 
-    ``given`` is what a caller's ``platform.toml`` puts in place of the fan that the file states; ``odometry`` are poses
-    [n, 3] logged with the scans. ``interlace``: see `LidarStream`.
+    ``given`` is what a caller's ``platform.toml`` puts in place of a lidar's angles and limits.
     """
-    beams = ranges.shape[1]
-    fan = fan.over(given, beams, file=path, field="angle_increment")
-    stamps, (order,) = sort_by_stamp(path, field, stamps, issues, np.arange(len(stamps)))
-    sequence = None if odometry is None else _sequence(path, field, odometry, order, issues)
-    clean = clean_ranges(ranges[order], fan, issues, f"{path.name}: {field}")
-    poses = None if odometry is None else odometry[order]
-    step = robot.lidar.time_increment / interlace
-    return LidarStream(stamps, given_up(clean), *fan[:4], step, poses, sequence, interlace)
+
+    robot: Platform
+    given: dict[str, Any]
+    issues: list[Issue]
+
+    def lidar(
+        self,
+        file: Path,
+        field: str,
+        stamps: Array,
+        ranges: NDArray[np.float32],
+        fan: Fan,
+        odometry: Array | None = None,
+        interlace: int = 1,
+    ) -> LidarStream:
+        """Ranges [n, beams] [m] as reported, poses [n, 3] logged with the scans; ``interlace`` as in `LidarStream`."""
+        fan = fan.over(self.given, ranges.shape[1], file=file, field="angle_increment")
+        stamps, (order,) = sort_by_stamp(file, field, stamps, self.issues, np.arange(len(stamps)))
+        sequence = None if odometry is None else _sequence(file, field, odometry, order, self.issues)
+        clean = clean_ranges(ranges[order], fan, self.issues, f"{file.name}: {field}")
+        poses = None if odometry is None else odometry[order]
+        step = self.robot.lidar.time_increment / interlace
+        return LidarStream(stamps, given_up(clean), *fan[:4], step, poses, sequence, interlace)
+
+    def odometry(self, file: Path, field: str, stamps: Array, poses: Array) -> OdometryStream | None:
+        """The poses [n, 3] of a base, if there are any."""
+        stamps, (poses,) = sort_by_stamp(file, field, stamps, self.issues, poses)
+        return OdometryStream(stamps, poses) if len(stamps) else None
+
+    def encoders(self, file: Path, fields: tuple[str, str], stamps: Array, counts: Array) -> EncoderStream:
+        """Counts [n, 4] since the last reading, without those of more than 100 m/s."""
+        stamps, (counts,) = sort_by_stamp(file, fields[0], stamps, self.issues, counts)
+        if self.robot.wheels is not None:
+            plausible = plausible_counts(stamps, counts, self.robot.wheels.metres_per_count)
+            stamps, counts = keep_plausible(file, fields[1], plausible, "beyond 100 m/s", self.issues, stamps, counts)
+        return EncoderStream(stamps, counts.astype(np.int64))
+
+    def imu(self, file: Path, fields: tuple[str, str], stamps: Array, angular: Array, linear: Array) -> ImuStream:
+        """Turn rates [n, 3] [rad/s], without those beyond 100 rad/s, and accelerations [n, 3] [g]."""
+        stamps, values = sort_by_stamp(file, fields[0], stamps, self.issues, angular, linear)
+        what, rates = "beyond 100 rad/s", plausible_rates(values[0])
+        stamps, angular, linear = keep_plausible(file, fields[1], rates, what, self.issues, stamps, *values)
+        return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))
 
 
 def _sequence(
@@ -277,33 +301,3 @@ def _sequence(
     text += "stamps) the scans were taken in the file's order: SLAM takes them so"
     issues.append(Issue("stamps-out-of-order", f"{path.name}: {field}: {text}"))
     return order
-
-
-def odometry_stream(path: Path, field: str, stamps: Array, poses: Array, issues: list[Issue]) -> OdometryStream | None:
-    """The poses [n, 3] of a base at stamps [n], if there are any."""
-    stamps, (poses,) = sort_by_stamp(path, field, stamps, issues, poses)
-    return OdometryStream(stamps, poses) if len(stamps) else None
-
-
-def encoder_stream(
-    path: Path, fields: tuple[str, str], stamps: Array, counts: Array, robot: Platform, issues: list[Issue]
-) -> EncoderStream:
-    """Counts [n, 4] since the last reading, without those of more than 100 m/s; ``fields`` are of stamps and counts."""
-    stamps, (counts,) = sort_by_stamp(path, fields[0], stamps, issues, counts)
-    if robot.wheels is not None:
-        plausible = plausible_counts(stamps, counts, robot.wheels.metres_per_count)
-        stamps, counts = keep_plausible(path, fields[1], plausible, "beyond 100 m/s", issues, stamps, counts)
-    return EncoderStream(stamps, counts.astype(np.int64))
-
-
-def imu_stream(
-    path: Path, fields: tuple[str, str], stamps: Array, angular: Array, linear: Array, issues: list[Issue]
-) -> ImuStream:
-    """Turn rates [n, 3] [rad/s], without those beyond 100 rad/s, and accelerations [n, 3] [g].
-
-    ``fields`` are of stamps and rates.
-    """
-    stamps, values = sort_by_stamp(path, fields[0], stamps, issues, angular, linear)
-    plausible = plausible_rates(values[0])
-    stamps, angular, linear = keep_plausible(path, fields[1], plausible, "beyond 100 rad/s", issues, stamps, *values)
-    return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))

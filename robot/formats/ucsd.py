@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.files import make_folder, read_arrays, write_atomically
 from moteslam.robot.formats import Format, Robot
-from moteslam.robot.formats.streams import Fan, encoder_stream, imu_stream, lidar_stream, sort_by_stamp
+from moteslam.robot.formats.streams import Fan, Sensors, sort_by_stamp
 from moteslam.robot.formats.written import SCAN_POSES, coded_ranges, not_written
-from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import UCSD, GivenRobot, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
 from moteslam.robot.values import Issue, counted, expect_type
@@ -70,7 +69,8 @@ def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, pl
     if (last := given if own.is_nothing else own).leaves_out:
         text = f"{last.file}: what it leaves out of wheels and lidar is the UCSD robot's"
         issues.append(Issue("assumed-robot", text))
-    lidar = _lidar(folder / f"Hokuyo{number}.npz", robot, given.lidar_figures, issues)
+    sensors = Sensors(robot, given.lidar_figures, issues)
+    lidar = _lidar(folder / f"Hokuyo{number}.npz", sensors)
     its = UCSD.lidar.scan
     angles = its.angle_min + its.angle_increment * np.arange(its.beams)
     is_its = lidar is None or (lidar.angles.shape == angles.shape and np.abs(lidar.angles - angles).max() < SAME_ANGLE)
@@ -81,15 +81,14 @@ def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, pl
         name=f"{folder.resolve().name}-{number}",
         platform=robot,
         lidar=lidar,
-        encoders=_encoders(folder / f"Encoders{number}.npz", robot, issues),
-        imu=_imu(folder / f"Imu{number}.npz", issues),
+        encoders=_encoders(folder / f"Encoders{number}.npz", sensors),
+        imu=_imu(folder / f"Imu{number}.npz", sensors),
         rgbd=_rgbd(folder, number, issues),
         warnings=tuple(issues),
     )
 
 
-def _lidar(path: Path, platform: Platform, given: dict[str, Any], issues: list[Issue]) -> LidarStream | None:
-    """The scans; ``given`` are the figures that a caller's ``platform.toml`` puts in place of the file's."""
+def _lidar(path: Path, sensors: Sensors) -> LidarStream | None:
     if not path.exists():
         return None
     arrays = read_arrays(path, {**dict.fromkeys(SCALARS, ()), "time_stamps": ("n",), "ranges": ("beams", "n")})
@@ -107,22 +106,14 @@ def _lidar(path: Path, platform: Platform, given: dict[str, Any], issues: list[I
     last = angle_min + (beams - 1) * increment
     if abs(last - angle_max) > abs(increment):
         text = f"{path.name}: angle_max: {angle_max:.4f} rad, but {beams} beams end at {last:.4f}; the beams are used"
-        issues.append(Issue("angle-max", text))
+        sensors.issues.append(Issue("angle-max", text))
     with np.errstate(over="ignore"):  # beyond float32 is infinite: no return
         ranges = np.ascontiguousarray(arrays["ranges"].T, np.float32)
-    return lidar_stream(
-        path,
-        "ranges",
-        stamps=arrays["time_stamps"],
-        ranges=ranges,
-        fan=Fan(angle_min, increment, range_min, range_max),
-        robot=platform,
-        given=given,
-        issues=issues,
-    )
+    fan = Fan(angle_min, increment, range_min, range_max)
+    return sensors.lidar(path, "ranges", arrays["time_stamps"], ranges, fan)
 
 
-def _encoders(path: Path, platform: Platform, issues: list[Issue]) -> EncoderStream | None:
+def _encoders(path: Path, sensors: Sensors) -> EncoderStream | None:
     if not path.exists():
         return None
     arrays = read_arrays(path, {"time_stamps": ("n",), "counts": (4, "n")})
@@ -130,10 +121,10 @@ def _encoders(path: Path, platform: Platform, issues: list[Issue]) -> EncoderStr
     if not (np.abs(counts.astype(np.float64)) < MAX_COUNT).all() or (counts != np.round(counts)).any():
         problem = "beyond 2^31 or not whole numbers, expected encoder counts since the last reading"
         raise InputError(problem, file=path, field="counts")
-    return encoder_stream(path, ("time_stamps", "counts"), stamps, counts.T, platform, issues)
+    return sensors.encoders(path, ("time_stamps", "counts"), stamps, counts.T)
 
 
-def _imu(path: Path, issues: list[Issue]) -> ImuStream | None:
+def _imu(path: Path, sensors: Sensors) -> ImuStream | None:
     if not path.exists():
         return None
     names = ("angular_velocity", "linear_acceleration")
@@ -142,7 +133,7 @@ def _imu(path: Path, issues: list[Issue]) -> ImuStream | None:
         if not np.isfinite(arrays[name]).all():
             raise InputError("NaN or infinite values, expected finite readings", file=path, field=name)
     angular, linear = (arrays[name].T for name in names)
-    return imu_stream(path, ("time_stamps", "angular_velocity"), arrays["time_stamps"], angular, linear, issues)
+    return sensors.imu(path, ("time_stamps", "angular_velocity"), arrays["time_stamps"], angular, linear)
 
 
 def _rgbd(folder: Path, number: str, issues: list[Issue]) -> RgbdStream | None:
