@@ -125,7 +125,7 @@ def read_relations(path: str | PathLike[str]) -> Relations:
     """
     path = Path(path)
     rows, _ = number_lines(path, "relations", 8, "t1 t2 x y z roll pitch yaw")
-    table = np.array([[float(word) for word in row] for row in rows])
+    table = np.array(rows, np.float64)
     return Relations(table[:, :2], np.stack((table[:, 2], table[:, 3], wrap(table[:, 7])), axis=-1))
 
 

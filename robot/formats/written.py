@@ -28,13 +28,7 @@ from moteslam.robot.values import Issue, counted, expect_type
 from moteslam.robot.wheel_odometry import wheel_path
 
 SCAN_POSES = "scan poses"
-_WORDS = {
-    "encoders": "encoder reading",
-    "odometry": "odometry pose",
-    "imu": "IMU reading",
-    "rgbd": "image",
-    SCAN_POSES: "odometry pose",
-}
+_WORDS = {"encoders": "encoder reading", "imu": "IMU reading", "rgbd": "image"}
 
 
 def not_written(recording: Recording, where: str, *names: str) -> tuple[Issue, ...]:
@@ -46,7 +40,7 @@ def not_written(recording: Recording, where: str, *names: str) -> tuple[Issue, .
             continue
         count = len(stream.rgb_stamps) + len(stream.disparity_stamps) if name == "rgbd" else len(stream)
         if count:
-            what = counted(count, _WORDS[name]) + (" of scans" if name == SCAN_POSES else "")
+            what = counted(count, _WORDS.get(name, "odometry pose")) + (" of scans" if name == SCAN_POSES else "")
             text = f"{recording.name}: {what} not written, no place in {where}"
             issues.append(Issue("not-written", text, count))
     return tuple(issues)

@@ -28,11 +28,6 @@ from moteslam.robot.values import Issue, counted
 
 __all__ = ["WRITERS", "format_to_write", "is_g2o", "is_trajectory", "read_trajectory", "write_trajectory"]
 
-READERS: dict[str, Callable[[Path], Trajectory]] = {
-    "g2o": text.read_vertices,
-    "tum": text.read_tum,
-    "kitti": text.read_kitti,
-}
 WRITERS: dict[str, tuple[str, Callable[[Path, Trajectory], None]]] = {
     "g2o": (".g2o", text.write_vertices),
     "euroc": (".csv", text.write_euroc),
@@ -70,7 +65,7 @@ def read_trajectory(path: str | PathLike[str]) -> Trajectory:
     if is_bag(path):
         expected = f"expected its topic, {path.name}:TOPIC or {path.name}:tf:PARENT:CHILD"
         raise InputError(f"is a bag, {expected}; {_topics(Bag(path))}", file=path)
-    return READERS[_kind(path)](path)
+    return _reader(path)(path)
 
 
 def write_trajectory(path: str | PathLike[str], trajectory: Trajectory, file_format: str | None = None) -> None:
@@ -100,18 +95,19 @@ def is_trajectory(path: str | PathLike[str]) -> bool:
     if (parts := _parts(path)) is not None or is_bag(Path(path)):
         return parts is not None
     try:
-        return _kind(path) in READERS
+        _reader(path)
     except InputError:
         return False
+    return True
 
 
 def is_g2o(path: str | PathLike[str]) -> bool:
     """Whether a file is a pose graph of g2o."""
-    return is_trajectory(path) and _parts(path) is None and _kind(path) == "g2o"
+    return is_trajectory(path) and _parts(path) is None and _reader(path) is text.read_vertices
 
 
-def _kind(path: str | PathLike[str]) -> str:
-    """The format of a file, ``g2o``, ``kitti`` or, of any table of poses, ``tum``, by its first lines."""
+def _reader(path: str | PathLike[str]) -> Callable[[Path], Trajectory]:
+    """What reads a file, by its first lines."""
     with open_regular(path, "a trajectory") as file:
         head = decoded(file.read(HEAD), "replace")
     comments = []
@@ -119,16 +115,16 @@ def _kind(path: str | PathLike[str]) -> str:
         if line.startswith(("#", "%")):
             comments.append(line)
         elif line.startswith(("VERTEX_", "EDGE_", "PARAMS_", "FIX ")):
-            return "g2o"
+            return text.read_vertices
         else:
             try:
                 columns_of(comments, line)
             except ValueError as error:
                 row = finite_numbers(line.split())
                 if row is not None and len(row) == 12:
-                    return "kitti"
+                    return text.read_kitti
                 raise InputError(str(error), file=path, line=number) from error
-            return "tum"
+            return text.read_tum
     raise InputError("no poses, expected a trajectory", file=path)
 
 

@@ -178,7 +178,7 @@ def read_kitti(path: str | PathLike[str]) -> Trajectory:
     """Read a KITTI trajectory, projected to the plane, with the stamps of `stamps_beside`."""
     path = Path(path)
     rows, lines = number_lines(path, "a KITTI trajectory", 12, KITTI)
-    matrices = np.array([[float(word) for word in row] for row in rows]).reshape(-1, 3, 4)
+    matrices = np.array(rows, np.float64).reshape(-1, 3, 4)
     rotation, position = matrices[:, :, :3], matrices[:, :, 3]
     off = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max(axis=(1, 2))
     if (bad := (off > UNIT) | (np.linalg.det(rotation) <= 0)).any():
