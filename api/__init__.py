@@ -18,7 +18,7 @@ PUBLIC = {
         "MoteslamWarning",
         "OutputError",
     ),
-    "moteslam.robot.pictures": ("PictureStyle",),
+    "moteslam.eval.report.style": ("PictureStyle",),
     "moteslam.robot.platform": ("Platform",),
     "moteslam.robot.platforms": ("bundled_platforms", "load_platform", "read_platform", "write_platform"),
     "moteslam.robot.recording": (

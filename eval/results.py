@@ -23,15 +23,13 @@ from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops
 from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
 from moteslam.robot.files import make_folder, read_text, write_atomically
 from moteslam.robot.formats.map_server import map_image, trinary, write_map, write_picture
-from moteslam.robot.pictures import encode_png
-from moteslam.robot.raster import MapArrays, Raster, write_map_arrays
+from moteslam.robot.raster import MapArrays, Raster, encode_png, write_map_arrays
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Poses, between, compose
-from moteslam.robot.tables import first_complaint
 from moteslam.robot.trajectories.g2o import write_g2o
 from moteslam.robot.trajectories.text import write_tum
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import expect_type, processor_count
+from moteslam.robot.values import expect_type, first_complaint, processor_count
 from moteslam.slam.estimate import Estimate
 
 if TYPE_CHECKING:

@@ -32,10 +32,7 @@ Shape = tuple[int | str, ...]
 def open_regular(path: str | PathLike[str], expected: str, *, error: type[MoteslamError] = InputError) -> IO[bytes]:
     """Open a regular file for reading; a pipe or device, which may never end, is refused.
 
-    Args:
-        path: of the file.
-        expected: what should be there, for the message: ``a TUM trajectory``.
-        error: the exception to raise.
+    ``expected`` is what should be there, for the message of the error: ``a TUM trajectory``.
     """
     try:
         mode = Path(path).stat().st_mode
@@ -90,15 +87,6 @@ def read_yaml(path: Path, expected: str, *, limit: int) -> Any:
         raise InputError(f"not YAML: {problem[:200]}", file=path) from error
 
 
-def is_archive(path: Path) -> bool:
-    """Whether a file is an ``.npz``, by its first bytes."""
-    try:
-        with open_regular(path, "a .npz file") as file:
-            return file.read(4) == b"PK\x03\x04"
-    except (InputError, OSError):
-        return False
-
-
 def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX_ARRAYS) -> dict[str, NDArray[Any]]:
     """Read the named arrays of real numbers of an ``.npz``, each of the shape asked for; no pickles.
 
@@ -112,8 +100,7 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX
     name = None
     with open_regular(path, "a .npz file") as file:
         try:
-            with zipfile.ZipFile(file) as archive:
-                stored = {member.filename.removesuffix(".npy"): member.file_size for member in archive.infolist()}
+            stored = {one.filename.removesuffix(".npy"): one.file_size for one in zipfile.ZipFile(file).infolist()}
             if missing := [wanted for wanted in shapes if wanted not in stored]:
                 there = ", ".join(ascii(other[:40]) for other in sorted(stored)[:8])
                 raise InputError(f"missing, expected among {there or 'its arrays'}", file=path, field=missing[0])
@@ -128,30 +115,23 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX
         except Exception as error:  # zipfile, its packers and NumPy raise a dozen kinds
             problem = f"damaged or no .npz of numbers: {' '.join(str(error).split())[:100]}"
             raise InputError(problem, file=path, field=name) from error
-    sizes: dict[str, int] = {}
+    sizes: dict[int | str, int] = {}
     for name, wanted in shapes.items():
         array = arrays[name]
         if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
             raise InputError(f"{getattr(array, 'dtype', 'no array')}, expected real numbers", file=path, field=name)
-        if wanted == () and array.size == 1:
+        if not wanted and array.size == 1:
             continue
-        known = tuple(sizes.get(size, size) if isinstance(size, str) else size for size in wanted)
-        sizes |= {size: have for size, have in zip(known, array.shape, strict=False) if isinstance(size, str)}
-        expected = tuple(sizes.get(size, size) if isinstance(size, str) else size for size in wanted)
-        if array.shape != expected or 0 in array.shape or wanted == ():
-            what = f"[{', '.join(map(str, known))}], none of them 0" if wanted else "one number"
+        for size, have in zip(wanted, array.shape, strict=False):
+            sizes.setdefault(size, size if isinstance(size, int) else have)
+        if array.shape != tuple(sizes.get(size) for size in wanted) or 0 in array.shape or not wanted:
+            what = f"[{', '.join(map(str, wanted))}], none of them 0" if wanted else "one number"
             raise InputError(f"shape {list(array.shape)}, expected {what}", file=path, field=name)
     return arrays
 
 
 def file_within(folder: Path, name: str, *, file: Path, field: str) -> Path:
-    """The path of a file that a key of another file names; refused outside of its folder, links followed.
-
-    Args:
-        folder: in which the name begins; an absolute name may lead there, too.
-        name: of the file; it need not be there.
-        file, field: that name it, for messages.
-    """
+    """The path of a file in a folder, there or not, that ``field`` of ``file`` names; refused where links lead out."""
     try:
         inside = (folder / name).resolve().is_relative_to(folder.resolve())
     except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: links in a circle
@@ -162,12 +142,7 @@ def file_within(folder: Path, name: str, *, file: Path, field: str) -> Path:
 
 
 def write_atomically(path: str | PathLike[str], content: str | bytes | Callable[[IO[bytes]], None]) -> None:
-    """Write a complete file, or none.
-
-    Args:
-        path: the target; its folder must exist.
-        content: text (UTF-8), bytes, or a function that writes into the open binary file.
-    """
+    """Write a complete file, or none: a text (UTF-8), bytes, or what a function writes into the open binary file."""
     path = Path(path)
     temporary = path.parent / f".moteslam-{secrets.token_hex(8)}"
     try:
@@ -220,13 +195,8 @@ def staged_file(
 ) -> Iterator[Path]:
     """A file, with what its format puts beside it, that appears complete when the block ends; nothing where it fails.
 
-    The block writes a file of the same name in a temporary folder, and others beside it. Those take the place of others
-    only where the file itself is replaced.
-
-    Args:
-        path: of the file.
-        force: replace it.
-        keep: an input that must not be replaced.
+    The block writes a file of the same name in a temporary folder, and others beside it. With ``force`` the file is
+    replaced, and then those beside it, but never the input ``keep``.
     """
     path = Path(path)
     replaces = _is_replaced(path, force=force, keep=keep)
@@ -259,12 +229,7 @@ def result_folder(
     """A new folder that appears under its name, complete, when the block ends, and not at all when it fails.
 
     The block writes into a temporary folder. An existing one is replaced at the end with ``force``, if it holds nothing
-    but what moteslam wrote.
-
-    Args:
-        path: of the folder.
-        force: replace what is there.
-        keep: an input that must not be replaced along with it.
+    but what moteslam wrote, and not the input ``keep``.
     """
     path = Path(path)
     _expect_ours(path, force=force, keep=keep)

@@ -1,6 +1,6 @@
-"""Values in square cells of the plane: a map, a floor plan, a coloured floor; how many cells points lie in.
+"""Values in square cells of the plane, a map, a floor plan, a coloured floor; their files, and pictures in bytes.
 
-A file of them is an ``.npz`` of log-odds or of a coloured floor. Its array ``header`` holds JSON, so that
+A map's file is an ``.npz`` of log-odds or of a coloured floor. Its array ``header`` holds JSON, so that
 any reader of ``.npz`` files gets at all of it:
 
     {"format": "moteslam-map", "version": 1, "kind": "log_odds", "cell_size": 0.05, "origin": [-3.0, -2.5, 0.0],
@@ -11,13 +11,17 @@ Row 0 of every array has the smallest y, in the file as in memory. Nothing is pi
 
 from __future__ import annotations
 
+import io
 import json
 import math
+import re
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import IO, Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -25,8 +29,7 @@ from pydantic import ConfigDict, Field
 
 from moteslam.errors import InputError
 from moteslam.robot.files import Shape, read_arrays, write_atomically
-from moteslam.robot.tables import Number, Section, validated
-from moteslam.robot.values import Summarised, expect_type, frozen
+from moteslam.robot.values import Number, Section, Summarised, expect_type, frozen, validated
 
 Array = NDArray[np.float64]
 MapKind = Literal["log_odds", "texture"]
@@ -42,6 +45,15 @@ GRIDS = 4
 """Directions of the grid: a wall along the edges of the cells of one alone would count once or twice by chance."""
 LARGEST_GRID = 1 << 27
 """Cells of larger grids, 580 m square in cells of 5 cm, are counted by sorting."""
+
+PNG = b"\x89PNG\r\n\x1a\n"
+"""What a PNG begins with."""
+FULL = 65535
+"""What the largest value of a channel becomes."""
+
+_GAP = rb"(?:[ \t\n\v\f\r]|#[^\n\r]*[\n\r])+"
+_NETPBM = re.compile(rb"P[2356]" + 3 * (_GAP + rb"(\d{1,9})"))
+_LONGEST_HEADER = 1 << 16
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,9 +114,9 @@ class Raster(Summarised):
         return found
 
     def _summary(self) -> str:
-        rows, columns = self.shape
-        size = f"{columns * self.cell_size:.1f} x {rows * self.cell_size:.1f} m"
-        return f"{self.values.dtype}{list(self.values.shape)}, {size} in cells of {self.cell_size:g} m"
+        height, width = (count * self.cell_size for count in self.shape)
+        what = f"{self.values.dtype}{list(self.values.shape)}"
+        return f"{what}, {width:.1f} x {height:.1f} m in cells of {self.cell_size:g} m"
 
 
 def cells_of(points: Array, size: float) -> Iterator[NDArray[np.int64]]:
@@ -131,10 +143,9 @@ def cell_counts(points: Array, size: float) -> NDArray[np.int64]:
 
 
 def _distinct(cells: NDArray[np.int64]) -> int:
-    last = int(cells.max())
-    if last >= LARGEST_GRID:
+    if int(cells.max()) >= LARGEST_GRID:
         return len(np.unique(cells))
-    seen = np.zeros(last + 1, bool)
+    seen = np.zeros(int(cells.max()) + 1, bool)
     seen[cells] = True
     return int(np.count_nonzero(seen))
 
@@ -167,7 +178,7 @@ class _Header(Section):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class MapArrays(Summarised):
-    """A map as arrays.
+    """A map as arrays; a `ConfigError` or `InputError` names the attribute or array that cannot be.
 
     Attributes:
         kind: ``log_odds`` or ``texture``.
@@ -175,10 +186,6 @@ class MapArrays(Summarised):
             ``colours``, red, green and blue, and of how many ``points`` they are the mean.
         cell_size: side of a cell [m].
         origin: x, y [m] and yaw [rad] of the outer corner of cell [0, 0].
-
-    Raises:
-        ConfigError: another kind, no positive cell size, or a place off the globe.
-        InputError: other arrays, of other shapes or with values out of bounds.
     """
 
     kind: MapKind
@@ -191,42 +198,34 @@ class MapArrays(Summarised):
         wanted = ARRAYS[self.kind]
         if set(self.arrays) != set(wanted):
             raise InputError(f"{', '.join(self.arrays) or 'none'}, expected {', '.join(wanted)}", field="arrays")
-        object.__setattr__(self, "arrays", {name: self._checked(name) for name in wanted})
+        size = np.shape(next(iter(self.arrays.values())))[:2]
+        arrays = {name: _checked(name, self.arrays[name], size, about) for name, about in wanted.items()}
+        object.__setattr__(self, "arrays", arrays)
 
     def raster(self, name: str) -> Raster:
         """One of the arrays, where it lies."""
         return Raster(self.arrays[name], self.cell_size, self.origin)
 
-    def _checked(self, name: str) -> NDArray[Any]:
-        about, values = ARRAYS[self.kind][name], np.asarray(self.arrays[name])
-        shape = (*np.shape(next(iter(self.arrays.values())))[:2], *about.depth)
-        if values.shape != shape or len(shape) != 2 + len(about.depth) or 0 in shape or values.dtype.kind not in "fiu":
-            wanted = ", ".join(["H", "W", *map(str, about.depth)])
-            raise InputError(f"{values.dtype}{list(values.shape)}, expected numbers [{wanted}]", field=name)
-        kind = np.dtype(about.dtype)
-        bounds = np.finfo(kind) if kind.kind == "f" else np.iinfo(kind)
-        if not ((values >= bounds.min) & (values <= bounds.max)).all():
-            raise InputError(f"expected finite values from {bounds.min:g} to {bounds.max:g}", field=name)
-        return frozen(values, kind)
+
+def _checked(name: str, array: ArrayLike, size: tuple[int, ...], about: _Array) -> NDArray[Any]:
+    values, kind = np.asarray(array), np.dtype(about.dtype)
+    if values.shape != (*size, *about.depth) or len(size) != 2 or 0 in size or values.dtype.kind not in "fiu":
+        wanted = ", ".join(["H", "W", *map(str, about.depth)])
+        raise InputError(f"{values.dtype}{list(values.shape)}, expected numbers [{wanted}]", field=name)
+    bounds = np.finfo(kind) if kind.kind == "f" else np.iinfo(kind)
+    if not ((values >= bounds.min) & (values <= bounds.max)).all():
+        raise InputError(f"expected finite values from {bounds.min:g} to {bounds.max:g}", field=name)
+    return frozen(values, kind)
 
 
 def write_map_arrays(path: str | PathLike[str], map_arrays: MapArrays) -> None:
-    """Write a map as ``.npz``, compressed; the same map gives the same bytes, and reads back the same, bit for bit.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
+    """Write a map as ``.npz``, compressed; the same map gives the same bytes, and reads back the same, bit for bit."""
     expect_type(map_arrays, MapArrays, "map_arrays")
-    header: dict[str, Any] = {"format": "moteslam-map", "version": 1, "kind": map_arrays.kind}
-    header |= {"cell_size": float(map_arrays.cell_size), "origin": [float(value) for value in map_arrays.origin]}
-    header |= {"units": dict.fromkeys(map_arrays.arrays, "1")}
+    header = _Header(kind=map_arrays.kind, cell_size=map_arrays.cell_size, origin=map_arrays.origin).model_dump()
+    header["units"] = dict.fromkeys(map_arrays.arrays, "1")
     content = np.frombuffer(json.dumps(header, allow_nan=False).encode(), np.uint8)
     arrays: dict[str, Any] = {"header": content, **map_arrays.arrays}
-
-    def write(file: IO[bytes]) -> None:
-        np.savez_compressed(file, **arrays)
-
-    write_atomically(path, write)
+    write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
 
 
 def read_map_arrays(path: str | PathLike[str]) -> MapArrays:
@@ -250,3 +249,100 @@ def read_map_arrays(path: str | PathLike[str]) -> MapArrays:
         return MapArrays(kind=header.kind, arrays=arrays, cell_size=header.cell_size, origin=header.origin)
     except InputError as error:
         raise InputError(error.problem, file=path, field=error.field) from error
+
+
+def picture_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height that the header of a picture declares; None where the data are no picture known here."""
+    if data.startswith(PNG) and len(data) >= 24:
+        return int.from_bytes(data[16:20]), int.from_bytes(data[20:24])
+    if header := _NETPBM.match(data[:_LONGEST_HEADER]):
+        return int(header[1]), int(header[2])
+    from PIL import Image, UnidentifiedImageError
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of sizes, which callers check
+        try:
+            with Image.open(io.BytesIO(data)) as image:
+                width, height = image.size
+                return width, height
+        except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError):
+            return None
+
+
+def decode_picture(data: bytes, how: int) -> NDArray[Any] | None:
+    """A picture as OpenCV decodes it with an ``IMREAD_`` flag; None where it is none, cut short or damaged."""
+    import cv2
+
+    if data.startswith(PNG):  # on many threads at once: nothing of all the process is touched
+        return _decoded(data, how) if _is_complete_png(data) else None
+    log = cv2.utils.logging
+    level = log.setLogLevel(log.LOG_LEVEL_SILENT)
+    try:
+        return _decoded(data, how)
+    finally:
+        log.setLogLevel(level)
+
+
+def _decoded(data: bytes, how: int) -> NDArray[Any] | None:
+    import cv2
+
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), how) if data else None
+    except cv2.error:
+        return None
+
+
+def _is_complete_png(data: bytes) -> bool:
+    """Whether a PNG runs to its end chunk with every checksum right; the decoder would fill in what is missing."""
+    at = len(PNG)
+    while at + 12 <= len(data):
+        end = at + 8 + int.from_bytes(data[at : at + 4])
+        if end + 4 > len(data) or crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4]):
+            return False
+        if data[at + 4 : at + 8] == b"IEND":
+            return True
+        at = end + 4
+    return False
+
+
+def decode_channels(data: bytes) -> NDArray[np.uint16] | None:
+    """All channels of a picture as the file has them, with 65535 for the largest value of a channel.
+
+    [H, W, C]: grey, or red, green and blue, or these and opacity; None where the data are no picture, cut short or
+    damaged, or hold no whole numbers of up to 16 bits; nor are Netpbm files read whose largest value is neither 255 nor
+    65535, since OpenCV does not scale by it.
+    """
+    import cv2
+
+    header = _NETPBM.match(data[:_LONGEST_HEADER])
+    if header is not None and int(header[3]) not in (255, FULL):
+        return None
+    end = b"\n" if data[:2] in (b"P2", b"P3") else b""  # OpenCV wants it behind the last number of a text
+    image = decode_picture(data + end, cv2.IMREAD_UNCHANGED)
+    if image is None or image.dtype not in (np.uint8, np.uint16):
+        return None
+    image = image if image.ndim == 3 else image[:, :, None]
+    order = [0, 1, 2, 3] if image.shape[2] == 1 else [2, 1, 0, 3]  # OpenCV has blue first
+    image = image[:, :, order[: image.shape[2]]]
+    return image if image.dtype == np.uint16 else image * np.uint16(FULL // 255)
+
+
+def encode_png(image: NDArray[Any], *, fast: bool = False) -> bytes:
+    """A PNG of an image.
+
+    Args:
+        image: [H, W] grey, [H, W, 3] red, green, blue or [H, W, 4] with opacity; uint8 or uint16.
+        fast: predict each pixel from its left neighbour and seek no repeats: of what the encoder offers, twice as fast
+            as its default for images of a camera, and smaller.
+    """
+    import cv2
+
+    options = [
+        *(cv2.IMWRITE_PNG_COMPRESSION, 1),
+        *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
+        *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB),
+    ]
+    if image.ndim == 3:
+        order = cv2.COLOR_RGB2BGR if image.shape[2] == 3 else cv2.COLOR_RGBA2BGRA
+        image = cv2.cvtColor(np.ascontiguousarray(image), order)
+    return bytes(cv2.imencode(".png", np.ascontiguousarray(image), options if fast else [])[1].data)

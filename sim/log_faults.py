@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from moteslam.robot import se2
 from moteslam.robot.recording import OdometryStream, Recording
-from moteslam.robot.tables import Number, Section, Truth
+from moteslam.robot.values import Number, Section, Truth
 from moteslam.sim.robot.driver import MAX_DURATION
 from moteslam.sim.robot.mishaps import Interval, Spell
 from moteslam.sim.sensors.clock import EPOCH, readings_of

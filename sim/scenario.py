@@ -18,7 +18,7 @@ from moteslam.robot.files import file_within
 from moteslam.robot.noise import Noise
 from moteslam.robot.platform import CameraSettings, Platform
 from moteslam.robot.platforms import BASE, UCSD, load_platform, platform_table, whole_platform
-from moteslam.robot.tables import Number, Section, Table, Truth, Whole, assigned, merged, read_toml, validated
+from moteslam.robot.values import Number, Section, Table, Truth, Whole, assigned, merged, read_toml, validated
 from moteslam.sim.actors.actors import MAX_DOORS, Door, check_doors, check_people
 from moteslam.sim.actors.people import MAX_PEOPLE, Crowd, Person
 from moteslam.sim.log_faults import Gap, OdometryJump, RepeatedScans, StaleOdometry

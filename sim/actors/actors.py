@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
-from moteslam.robot.tables import Number, Section, Truth
-from moteslam.robot.values import Summarised
+from moteslam.robot.values import Number, Section, Summarised, Truth
 from moteslam.sim.actors.people import Crowd, Person, Walkers, place_crowd
 from moteslam.sim.world.pieces import PLAIN, Point
 from moteslam.sim.world.world import World, check_legs, check_place

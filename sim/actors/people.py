@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE
-from moteslam.robot.tables import Number, Positive, Section, Truth, Whole
+from moteslam.robot.values import Number, Positive, Section, Truth, Whole
 from moteslam.sim.world.pieces import Point
 from moteslam.sim.world.world import World, true_map
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from moteslam.robot.platform import Platform
-from moteslam.robot.tables import Number, Positive, Section
+from moteslam.robot.values import Number, Positive, Section
 
 MAX_DURATION = 12_000.0
 """The longest recording [s], for two kilometres at 0.2 m/s; of `ucsd` 480 000 scans, 2.1 GB of ranges."""

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
-from moteslam.robot.tables import Number, Section
+from moteslam.robot.values import Number, Section
 from moteslam.sim.robot.driver import MAX_DURATION, SPACING, Driver, Seconds, sampled
 from moteslam.sim.robot.task import Commands, Route, Task
 from moteslam.sim.world.world import World, check_place

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import Platform
-from moteslam.robot.tables import Number, Positive, Section, Truth
+from moteslam.robot.values import Number, Positive, Section, Truth
 from moteslam.sim.robot.driver import MAX_DURATION, Driver, Limits, PathDriver
 from moteslam.sim.world.pieces import Point
 from moteslam.sim.world.world import World, check_legs, check_place

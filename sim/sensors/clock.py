@@ -12,7 +12,7 @@ from pydantic import Field
 
 from moteslam.robot.noise import ClockNoise
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream
-from moteslam.robot.tables import Number, Section
+from moteslam.robot.values import Number, Section
 from moteslam.sim.robot.mishaps import Carried
 
 

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import LidarSpec
-from moteslam.robot.tables import Number, Positive
+from moteslam.robot.values import Number, Positive
 from moteslam.sim.robot.mishaps import Interval
 
 Floats = NDArray[np.float64]

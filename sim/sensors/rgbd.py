@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, OutputError
 from moteslam.robot.formats.ucsd import DISPARITY, RGB, image_path
-from moteslam.robot.pictures import encode_png
 from moteslam.robot.platform import CameraSettings, CameraSpec
+from moteslam.robot.raster import encode_png
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.se2 import interpolate
 from moteslam.robot.values import Summarised, processor_count

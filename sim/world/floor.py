@@ -17,9 +17,8 @@ from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.files import read_bytes
-from moteslam.robot.pictures import decode_picture, picture_size
-from moteslam.robot.raster import Raster
-from moteslam.robot.tables import Number, Positive, Section, Share, Whole
+from moteslam.robot.raster import Raster, decode_picture, picture_size
+from moteslam.robot.values import Number, Positive, Section, Share, Whole
 
 Array = NDArray[np.float64]
 

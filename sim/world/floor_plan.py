@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -12,10 +13,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from moteslam.errors import InputError
-from moteslam.robot.files import is_archive
 from moteslam.robot.formats.map_server import FREE, MAX_EXTENT, MAX_PIXELS, OCCUPIED, read_map, trinary
 from moteslam.robot.raster import Raster, read_map_arrays
-from moteslam.robot.tables import Section
+from moteslam.robot.values import Section
 from moteslam.sim.world.pieces import Segments
 
 
@@ -69,7 +69,11 @@ def read_floor_plan(plan: FloorPlan) -> Raster:
 def read_cells(plan: FloorPlan) -> Raster:
     """The free, occupied and unknown cells of a floor plan, as `read_map` has them."""
     path = Path(plan.file)
-    return _of_arrays(path) if is_archive(path) else read_map(path)
+    return _of_arrays(path) if _is_archive(path) else read_map(path)
+
+
+def _is_archive(path: Path) -> bool:
+    return path.is_file() and zipfile.is_zipfile(path)
 
 
 @lru_cache(maxsize=8)
@@ -78,9 +82,8 @@ def _read(plan: FloorPlan, _stamp: int) -> Raster:
     known = read_cells(plan)
     solid = known.values != FREE if plan.unknown == "wall" else known.values == OCCUPIED
     if not solid.any():
-        raise InputError(
-            "no occupied cell, expected walls", file=path, field="log_odds" if is_archive(path) else "image"
-        )
+        field = "log_odds" if _is_archive(path) else "image"
+        raise InputError("no occupied cell, expected walls", file=path, field=field)
     solid.setflags(write=False)
     return Raster(solid, known.cell_size, known.origin)
 

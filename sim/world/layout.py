@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from moteslam.robot.tables import NotNegative, Number, Positive, Section, Truth
+from moteslam.robot.values import NotNegative, Number, Positive, Section, Truth
 from moteslam.sim.world.floor_plan import FloorPlan
 from moteslam.sim.world.pieces import (
     MATERIALS,

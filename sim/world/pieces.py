@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from moteslam.robot.tables import Number, Positive, Section, Share, Whole
+from moteslam.robot.values import Number, Positive, Section, Share, Whole
 
 Coordinate = Annotated[Number, Field(ge=-1000, le=1000)]
 Point = tuple[Coordinate, Coordinate]
