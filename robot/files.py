@@ -199,26 +199,27 @@ def staged_file(
     replaced, and then those beside it, but never the input ``keep``.
     """
     path = Path(path)
-    replaces = _is_replaced(path, force=force, keep=keep)
+    replaces = _is_replaced(path, "file", force=force, keep=keep)
     with _folder_beside(path) as folder:
         yield folder / path.name
         made = sorted(folder.iterdir(), key=lambda file: file.name == path.name)  # where the file is, the others are
         for file in made[:-1]:
-            _is_replaced(path.with_name(file.name), force=replaces, keep=keep)
+            _is_replaced(path.with_name(file.name), "file", force=replaces, keep=keep)
         for file in made:
             file.replace(path.with_name(file.name))
 
 
-def _is_replaced(path: Path, *, force: bool, keep: str | PathLike[str] | None) -> bool:
-    """Whether a file is there, which may be replaced."""
+def _is_replaced(path: Path, kind: str, *, force: bool, keep: str | PathLike[str] | None) -> bool:
+    """Whether a ``file`` or ``folder`` is there, which may be replaced."""
     if not (path.is_symlink() or path.exists()):
         return False
-    if keep is not None and path.exists() and path.samefile(keep):
-        raise OutputError("is the input, expected another file", file=path)
-    if path.is_dir():
-        raise OutputError("is a folder, expected a file", file=path)
     if not force:
-        raise ExistsError("exists already; name a new file", file=path)
+        raise ExistsError(f"exists already; name a new {kind}", file=path)
+    if path.is_dir() != (kind == "folder") or (path.is_symlink() and kind == "folder"):
+        raise OutputError(f"is no {kind}, expected a {kind} to replace", file=path)
+    for what, inside in (("the current folder", Path.cwd()), ("the input", keep)):
+        if inside is not None and Path(inside).resolve().is_relative_to(path.resolve()):
+            raise OutputError(f"is or holds {what}, which would be lost; expected another {kind}", file=path)
     return True
 
 
@@ -253,15 +254,8 @@ def result_folder(
 
 def _expect_ours(path: Path, *, force: bool, keep: str | PathLike[str] | None) -> None:
     """Refuse a folder that must not be replaced."""
-    if not (path.is_symlink() or path.exists()):
+    if not _is_replaced(path, "folder", force=force, keep=keep):
         return
-    if not force:
-        raise ExistsError("exists already; name a new folder", file=path)
-    if path.is_symlink() or not path.is_dir():
-        raise OutputError("is not a folder, expected a folder to replace", file=path)
-    for what, inside in (("the current folder", Path.cwd()), ("the input", keep)):
-        if inside is not None and Path(inside).resolve().is_relative_to(path.resolve()):
-            raise OutputError(f"holds {what}, which would be deleted; expected another folder", file=path)
     try:
         names = sorted(entry.name for entry in path.iterdir())
         marker = (path / MARKER).read_text("utf-8") if MARKER in names else ""

@@ -189,11 +189,9 @@ def _wheels(recording: Recording, encoders: EncoderStream, rests: Spans) -> Whee
 
 
 def _gyro(imu: ImuStream, rests: Spans) -> GyroReport | None:
-    inside = np.zeros(len(imu), bool)
-    for start, end in rests:
-        inside |= (imu.stamps >= start) & (imu.stamps <= end)
-    rates = imu.angular_velocity[inside, 2]
-    return GyroReport(len(rates), float(rates.mean()), float(rates.std())) if len(rates) else None
+    inside = np.any([(imu.stamps >= start) & (imu.stamps <= end) for start, end in rests], axis=0)
+    rates = imu.angular_velocity[inside, 2] if rests else []
+    return GyroReport(len(rates), float(np.mean(rates)), float(np.std(rates))) if len(rates) else None
 
 
 def _missing(recording: Recording) -> Iterator[Issue]:

@@ -1,18 +1,12 @@
 """Values in square cells of the plane, a map, a floor plan, a coloured floor; their files, and pictures in bytes.
 
-A map's file is an ``.npz`` of log-odds or of a coloured floor. Its array ``header`` holds JSON, so that
-any reader of ``.npz`` files gets at all of it:
-
-    {"format": "moteslam-map", "version": 1, "kind": "log_odds", "cell_size": 0.05, "origin": [-3.0, -2.5, 0.0],
-     "units": {"log_odds": "1"}}
-
-Row 0 of every array has the smallest y, in the file as in memory. Nothing is pickled.
+A map's file is an ``.npz`` of arrays by their names, with ``cell_size`` and ``origin``. Row 0 has the smallest y, in
+the file as in memory. Nothing is pickled.
 """
 
 from __future__ import annotations
 
 import io
-import json
 import math
 import re
 import warnings
@@ -20,26 +14,22 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
-from pydantic import ConfigDict, Field
+from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.files import Shape, read_arrays, write_atomically
-from moteslam.robot.values import Number, Section, Summarised, expect_type, frozen, validated
+from moteslam.robot.values import Summarised, expect_type, given_up
 
 Array = NDArray[np.float64]
-MapKind = Literal["log_odds", "texture"]
 
-MAX_HEADER = 100_000
 MAX_BYTES = 1 << 30
 """Of all arrays of a file: 1 GiB, of log-odds in cells of 5 cm the square of 800 m."""
 MAX_PLACE = 1e6
 """No map lies farther from its frame's origin [m]."""
-Place = Annotated[Number, Field(ge=-MAX_PLACE, le=MAX_PLACE)]
 
 GRIDS = 4
 """Directions of the grid: a wall along the edges of the cells of one alone would count once or twice by chance."""
@@ -150,105 +140,36 @@ def _distinct(cells: NDArray[np.int64]) -> int:
     return int(np.count_nonzero(seen))
 
 
-class _Array(NamedTuple):
-    """An array of a kind of map: its dtype, and its size beyond rows and columns."""
-
-    dtype: DTypeLike
-    depth: tuple[int, ...] = ()
-
-
-ARRAYS: dict[MapKind, dict[str, _Array]] = {
-    "log_odds": {"log_odds": _Array(np.float32)},
-    "texture": {"colours": _Array(np.uint8, (3,)), "points": _Array(np.uint32)},
-}
-"""The arrays of each kind; of log-odds and points 0 is unknown."""
-
-
-class _Header(Section):
-    """What a file says beside its arrays; other keys are passed over."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-    format: Literal["moteslam-map"] = "moteslam-map"
-    version: Literal[1] = 1
-    kind: MapKind
-    cell_size: Annotated[Number, Field(gt=0, le=MAX_PLACE)]
-    origin: tuple[Place, Place, Place]
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class MapArrays(Summarised):
-    """A map as arrays; a `ConfigError` or `InputError` names the attribute or array that cannot be.
-
-    Attributes:
-        kind: ``log_odds`` or ``texture``.
-        arrays: of that kind (`ARRAYS`), each [H, W] or [H, W, 3], row 0 the smallest y: ``log_odds``, above 0 occupied;
-            ``colours``, red, green and blue, and of how many ``points`` they are the mean.
-        cell_size: side of a cell [m].
-        origin: x, y [m] and yaw [rad] of the outer corner of cell [0, 0].
-    """
-
-    kind: MapKind
-    arrays: Mapping[str, NDArray[Any]]
-    cell_size: float
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        validated(_Header, {"kind": self.kind, "cell_size": self.cell_size, "origin": self.origin})
-        wanted = ARRAYS[self.kind]
-        if set(self.arrays) != set(wanted):
-            raise InputError(f"{', '.join(self.arrays) or 'none'}, expected {', '.join(wanted)}", field="arrays")
-        size = np.shape(next(iter(self.arrays.values())))[:2]
-        arrays = {name: _checked(name, self.arrays[name], size, about) for name, about in wanted.items()}
-        object.__setattr__(self, "arrays", arrays)
-
-    def raster(self, name: str) -> Raster:
-        """One of the arrays, where it lies."""
-        return Raster(self.arrays[name], self.cell_size, self.origin)
-
-
-def _checked(name: str, array: ArrayLike, size: tuple[int, ...], about: _Array) -> NDArray[Any]:
-    values, kind = np.asarray(array), np.dtype(about.dtype)
-    if values.shape != (*size, *about.depth) or len(size) != 2 or 0 in size or values.dtype.kind not in "fiu":
-        wanted = ", ".join(["H", "W", *map(str, about.depth)])
-        raise InputError(f"{values.dtype}{list(values.shape)}, expected numbers [{wanted}]", field=name)
-    bounds = np.finfo(kind) if kind.kind == "f" else np.iinfo(kind)
-    if not ((values >= bounds.min) & (values <= bounds.max)).all():
-        raise InputError(f"expected finite values from {bounds.min:g} to {bounds.max:g}", field=name)
-    return frozen(values, kind)
-
-
-def write_map_arrays(path: str | PathLike[str], map_arrays: MapArrays) -> None:
-    """Write a map as ``.npz``, compressed; the same map gives the same bytes, and reads back the same, bit for bit."""
-    expect_type(map_arrays, MapArrays, "map_arrays")
-    header = _Header(kind=map_arrays.kind, cell_size=map_arrays.cell_size, origin=map_arrays.origin).model_dump()
-    header["units"] = dict.fromkeys(map_arrays.arrays, "1")
-    content = np.frombuffer(json.dumps(header, allow_nan=False).encode(), np.uint8)
-    arrays: dict[str, Any] = {"header": content, **map_arrays.arrays}
+def write_map_arrays(path: str | PathLike[str], rasters: Mapping[str, Raster]) -> None:
+    """Write rasters of one place, by their names, as ``.npz``, compressed; the same rasters give the same bytes."""
+    expect_type(rasters, Mapping, "rasters", "rasters by their names")
+    place = next(iter(rasters.values()))
+    arrays: dict[str, Any] = {name: raster.values for name, raster in rasters.items()}
+    arrays |= {"cell_size": np.float64(place.cell_size), "origin": np.array(place.origin, np.float64)}
     write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
 
 
-def read_map_arrays(path: str | PathLike[str]) -> MapArrays:
-    """Read a map written by `write_map_arrays`. Keys of the header that are not known here are passed over.
+def read_map_arrays(path: str | PathLike[str], name: str = "log_odds") -> Raster:
+    """Read one of the rasters that `write_map_arrays` wrote, bit for bit; an array of another program may do as well.
 
     Raises:
-        ConfigError: no header of this format, or one of a newer version.
-        InputError: no ``.npz`` file, or arrays that are missing, of other shapes or of more than 1 GiB, or values out
-            of bounds; file and field are named.
+        InputError: no ``.npz`` file, arrays that are missing, of other shapes or of more than 1 GiB, or values that
+            are not finite or out of bounds; file and field are named.
     """
     path = Path(path)
-    content = read_arrays(path, {"header": ("n",)}, max_bytes=MAX_HEADER)["header"]
-    try:
-        table = json.loads(content.tobytes()) if content.dtype == np.uint8 else None
-    except (ValueError, RecursionError) as error:
-        raise InputError("expected JSON", file=path, field="header") from error
-    header = validated(_Header, table, file=path, above="header")
-    shapes: dict[str, Shape] = {name: ("rows", "columns", *about.depth) for name, about in ARRAYS[header.kind].items()}
-    arrays = read_arrays(path, shapes, max_bytes=MAX_BYTES)
-    try:
-        return MapArrays(kind=header.kind, arrays=arrays, cell_size=header.cell_size, origin=header.origin)
-    except InputError as error:
-        raise InputError(error.problem, file=path, field=error.field) from error
+    depth: Shape = (3,) if name == "colours" else ()
+    shapes: dict[str, Shape] = {name: ("rows", "columns", *depth), "cell_size": (), "origin": (3,)}
+    found = read_arrays(path, shapes, max_bytes=MAX_BYTES)
+    cell_size, origin = float(found["cell_size"].item()), tuple(map(float, found["origin"]))
+    for field, fine in (
+        (name, np.isfinite(found[name]).all()),
+        ("cell_size", 0 < cell_size <= MAX_PLACE),
+        ("origin", all(abs(value) <= MAX_PLACE for value in origin)),
+    ):
+        if not fine:
+            raise InputError(f"expected finite numbers within {MAX_PLACE:g}", file=path, field=field)
+    x, y, yaw = origin
+    return Raster(given_up(found[name]), cell_size, (x, y, yaw))
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:

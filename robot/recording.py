@@ -263,8 +263,8 @@ class RgbdStream(Summarised):
     images: ImageSource | None = None
 
     def _summary(self) -> str:
-        colour, disparity = len(self.rgb_stamps), len(self.disparity_stamps)
-        return f"{counted(colour, 'colour image')}, {counted(disparity, 'disparity image')}"
+        colour = counted(len(self.rgb_stamps), "colour image")
+        return f"{colour}, {counted(len(self.disparity_stamps), 'disparity image')}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

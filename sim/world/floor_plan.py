@@ -90,10 +90,7 @@ def _read(plan: FloorPlan, _stamp: int) -> Raster:
 
 def _of_arrays(path: Path) -> Raster:
     """The free, occupied and unknown cells of a map of log-odds."""
-    found = read_map_arrays(path)
-    if found.kind != "log_odds":
-        raise InputError(f"{found.kind!r}, expected log_odds", file=path, field="header.kind")
-    log_odds = found.raster("log_odds")
+    log_odds = read_map_arrays(path)
     rows, columns = log_odds.shape
     if rows * columns > MAX_PIXELS or max(rows, columns) * log_odds.cell_size > MAX_EXTENT:
         bounds = f"expected at most {MAX_PIXELS} in all and {MAX_EXTENT:g} m a side"
