@@ -49,21 +49,16 @@ class StaleOdometry(Spell):
 
 
 class OdometryJump(Section):
-    """The odometry goes on from another pose than it was at, as after a restart of its driver.
-
-    Attributes:
-        start: when [s].
-        x, y, theta: by which it jumps, in the robot's frame [m, m, rad]. Wheel counters know no step sideways: of them
-            x and theta come as counts of one reading.
-        reset: it begins anew at the origin, which counters that reset when read do not show.
-    """
+    """The odometry goes on from another pose than it was at, as after a restart of its driver."""
 
     kind: Literal["odometry_jump"] = "odometry_jump"
-    start: Annotated[Number, Field(gt=0, le=MAX_DURATION)]
+    start: Annotated[Number, Field(gt=0, le=MAX_DURATION)]  # when [s]
+    # by which it jumps, in the robot's frame [m, m, rad]. Wheel counters know no step sideways: of them x and theta
+    # come as counts of one reading
     x: Annotated[Number, Field(ge=-1000, le=1000)] = 0.0
     y: Annotated[Number, Field(ge=-1000, le=1000)] = 0.0
     theta: Annotated[Number, Field(ge=-np.pi, le=np.pi)] = 0.0
-    reset: Truth = False
+    reset: Truth = False  # it begins anew at the origin, which counters that reset when read do not show
 
     @model_validator(mode="after")
     def _goes_somewhere(self) -> OdometryJump:

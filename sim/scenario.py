@@ -22,9 +22,8 @@ from moteslam.robot.values import Number, Section, Table, Truth, Whole, assigned
 from moteslam.sim.actors.actors import MAX_DOORS, Door, check_doors, check_people
 from moteslam.sim.actors.people import MAX_PEOPLE, Crowd, Person
 from moteslam.sim.log_faults import Gap, OdometryJump, RepeatedScans, StaleOdometry
-from moteslam.sim.robot.driver import MAX_DURATION, Limits
+from moteslam.sim.robot.driver import MAX_DURATION, Commands, Limits, Route, Task, Wander, check_duration, check_task
 from moteslam.sim.robot.mishaps import Carried, StuckWheels, check_mishaps
-from moteslam.sim.robot.task import Commands, Route, Task, Wander, check_duration, check_task
 from moteslam.sim.robot.vehicle import check_body, check_wheels
 from moteslam.sim.sensors.clock import Outage
 from moteslam.sim.sensors.lidar import check_sensors
@@ -35,6 +34,8 @@ from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 from moteslam.sim.world.random_corridors import random_corridors
 from moteslam.sim.world.world import World, check_world
+
+Array = NDArray[np.float64]
 
 SCENARIOS = Path(__file__).parent / "scenarios"
 MAX_SEED = 2**63 - 1
@@ -108,7 +109,7 @@ class Scenario(Section):
         return task
 
     @property
-    def start(self) -> NDArray[np.float64]:
+    def start(self) -> Array:
         """The pose [3] that the robot starts at: x [m], y [m], theta [rad]."""
         return self.task.start_pose
 

@@ -14,7 +14,8 @@ from moteslam.robot.platform import LidarSpec
 from moteslam.robot.values import Number, Positive
 from moteslam.sim.robot.mishaps import Interval
 
-Floats = NDArray[np.float64]
+Array = NDArray[np.float64]
+
 
 Length = Annotated[Number, Field(gt=0, le=20)]
 
@@ -23,19 +24,15 @@ class Cart(Interval):
     """Something that travels with the robot stands in the lidar's view: a box, or its four legs.
 
     It is at the same place in the robot's frame throughout, and goes through walls; what is nearer hides it.
-
-    Attributes:
-        distance: from the lidar to the middle of its near side [m].
-        bearing: of that from the lidar, in the robot's frame [rad]; 0 is ahead.
-        width, depth: across that direction and along it [m].
-        leg: of four square legs at its corners, all that the lidar sees of it [m]; 0 for a box that is solid.
     """
 
     kind: Literal["cart"] = "cart"
-    distance: Length = 0.9
+    distance: Length = 0.9  # from the lidar to the middle of its near side [m]
+    # of that from the lidar, in the robot's frame [rad]; 0 is ahead
     bearing: Annotated[Number, Field(ge=-2 * np.pi, le=2 * np.pi)] = 0.0
-    width: Length = 0.6
-    depth: Length = 0.4
+    width: Length = 0.6  # across that direction [m]
+    depth: Length = 0.4  # along it [m]
+    # of four square legs at its corners, all that the lidar sees of it [m]; 0 for a box that is solid
     leg: Annotated[Number, Field(ge=0, le=1)] = 0.0
 
     @model_validator(mode="after")
@@ -44,7 +41,7 @@ class Cart(Interval):
             raise ValueError(f"leg of {self.leg:g} m, expected at most half of width and depth")
         return self
 
-    def ranges(self, origin: tuple[float, float], bearings: Floats) -> Floats:
+    def ranges(self, origin: tuple[float, float], bearings: Array) -> Array:
         """The range [n], ``inf`` for a miss, from beside the lidar's mount [m] at bearings [n] in the robot's frame."""
         dx, dy = origin
         cos, sin = np.cos(self.bearing), np.sin(self.bearing)
@@ -66,18 +63,14 @@ class Cart(Interval):
 
 
 class Tilt(Interval):
-    """The lidar is mounted aslant: beams that go down end on the floor, and walls are a little further.
-
-    Attributes:
-        pitch: forward positive [rad]; roll: to the right positive [rad].
-        height: of the lidar above the floor [m]; that of the robot's lidar by default.
-        grazing: floor that is met at a smaller angle sends nothing back [rad].
-    """
+    """The lidar is mounted aslant: beams that go down end on the floor, and walls are a little further."""
 
     kind: Literal["tilt"] = "tilt"
-    pitch: Annotated[Number, Field(ge=-0.5, le=0.5)] = 0.05
-    roll: Annotated[Number, Field(ge=-0.5, le=0.5)] = 0.0
+    pitch: Annotated[Number, Field(ge=-0.5, le=0.5)] = 0.05  # forward positive [rad]
+    roll: Annotated[Number, Field(ge=-0.5, le=0.5)] = 0.0  # to the right positive [rad]
+    # of the lidar above the floor [m]; that of the robot's lidar by default
     height: Annotated[Positive, Field(le=10)] | None = None
+    # floor that is met at a smaller angle sends nothing back [rad]
     grazing: Annotated[Number, Field(ge=0, le=0.5)] = 0.02
 
     @model_validator(mode="after")
@@ -88,11 +81,7 @@ class Tilt(Interval):
 
 
 def carts_in_view(
-    exact: NDArray[np.float32],
-    carts: Sequence[Cart],
-    times: Floats,
-    origin: tuple[float, float],
-    bearings: Floats,
+    exact: NDArray[np.float32], carts: Sequence[Cart], times: Array, origin: tuple[float, float], bearings: Array
 ) -> NDArray[np.float32]:
     """The ranges [n, beams] [m] of scans with carts in them: the nearer of what stands there and the cart.
 
@@ -107,9 +96,7 @@ def carts_in_view(
     return exact
 
 
-def leaning(
-    leans: Floats, z: float, tilts: Sequence[Tilt], times: Floats
-) -> tuple[Floats, Floats | float, Floats | float]:
+def leaning(leans: Array, z: float, tilts: Sequence[Tilt], times: Array) -> tuple[Array, Array | float, Array | float]:
     """Roll and pitch of beams, the height of their lidar, and from which angle on they measure the floor.
 
     Args:
@@ -139,7 +126,7 @@ def check_tilt(tilt: Tilt, lidar: LidarSpec, *, field: str) -> None:
         )
 
 
-def _box_ranges(box: tuple[float, float, float, float], bearings: Floats) -> Floats:
+def _box_ranges(box: tuple[float, float, float, float], bearings: Array) -> Array:
     """The range [n] from the origin to a box (least and largest x, least and largest y) along bearings [n]."""
     least_x, largest_x, least_y, largest_y = box
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -17,7 +17,7 @@ from moteslam.robot.formats.ucsd import DISPARITY, RGB, read_ucsd, write_ucsd
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import Recording, RgbdStream
 from moteslam.robot.rgbd import FrameCount, camera_frames, has_images, pairs
-from moteslam.sim.sensors import rgbd as image_files
+from moteslam.sim import output as image_files
 
 N = 8
 RGB_STAMPS = 1.3e9 + np.arange(N) / 30

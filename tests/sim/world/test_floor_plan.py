@@ -10,7 +10,7 @@ import pytest
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.raster import Raster, write_map_arrays
 from moteslam.sim.scenario import parse_scenario
-from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan, wall_segments
+from moteslam.sim.world.layout import FloorPlan, read_floor_plan, wall_segments
 
 REST = "[0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 YAML = (
