@@ -16,7 +16,7 @@ from moteslam.robot import se2
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream, Recording, nearest_stamp
 from moteslam.robot.wheel_odometry import gyro_covers, gyro_turn, side_travel, wheel_motion, wheel_path
-from moteslam.sim.log_faults import with_gaps, with_odometry_faults
+from moteslam.sim.sensors.faults import with_gaps, with_odometry_faults
 from moteslam.sim.simulate import Simulation, random_generators
 
 Array = NDArray[np.float64]

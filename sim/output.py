@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -157,44 +157,17 @@ def check_space(folder: Path, wanted: int) -> None:
 def write_images(
     folder: Path, kind: str, sequence: str, draw: Draw, count: int, *, progress: Callable[[int], None] = lambda _: None
 ) -> None:
-    """Draw images and write them, encoding on all cores while the next are drawn; few are held at a time.
+    """Draw ``RGB`` or ``DISPARITY`` images and write them, encoding on all cores; few are held at a time.
 
-    Args:
-        folder: of the recording; it exists.
-        kind: ``RGB`` or ``DISPARITY``.
-        sequence: the number in the file names.
-        count: of frames.
-        progress: called with the number already written.
-
-    Raises:
-        OutputError: the folder cannot be made, or the disk is full.
+    ``progress`` is called with the number already written.
     """
-    place = image_path(folder, kind, sequence, 0).parent
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot be made: {error.strerror or error}", file=place) from error
+    make_folder(image_path(folder, kind, sequence, 0).parent)
 
     def write(index: int, image: NDArray[Any]) -> None:
-        path, data = image_path(folder, kind, sequence, index), encode_png(image, fast=True)
-        try:
-            path.write_bytes(data)
-        except OSError as error:
-            raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
+        write_atomically(image_path(folder, kind, sequence, index), encode_png(image, fast=True))
 
     with ThreadPoolExecutor(processor_count()) as pool:
-        waiting: list[Future[None]] = []
-        try:
-            for start in range(0, count, BATCH):
-                frames = np.arange(start, min(start + BATCH, count))
-                images = draw(frames)
-                for future in waiting:
-                    future.result()
-                progress(start)
-                waiting = [pool.submit(write, int(i), image) for i, image in zip(frames, images, strict=True)]
-            for future in waiting:
-                future.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    progress(count)
+        for start in range(0, count, BATCH):
+            indices = np.arange(start, min(start + BATCH, count))
+            list(pool.map(write, indices.tolist(), draw(indices)))
+            progress(start + len(indices))

@@ -16,7 +16,7 @@ from moteslam.robot.values import given_up
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.clock import readings
 from moteslam.sim.sensors.echoes import Rays, Scene, mix_at_edges
-from moteslam.sim.sensors.lidar_faults import Cart, Tilt, carts_in_view, leaning
+from moteslam.sim.sensors.faults import Cart, Tilt, carts_in_view, leaning
 
 Array = NDArray[np.float64]
 
