@@ -119,11 +119,6 @@ def cells_of(points: Array, size: float) -> Iterator[NDArray[np.int64]]:
         yield (rows * (int(columns.max()) + 1) + columns).astype(np.int64)
 
 
-def mean_cells(points: Array, size: float) -> float:
-    """The mean number of different cells that hold a point, over the directions of the grid; see ``cells_of``."""
-    return float(cell_counts(points, size).mean())
-
-
 def cell_counts(points: Array, size: float) -> NDArray[np.int64]:
     """The number of different cells that hold a point, for each direction [GRIDS] of the grid; see ``cells_of``.
 

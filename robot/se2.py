@@ -132,24 +132,13 @@ def umeyama(source: NDArray[np.float64], target: NDArray[np.float64]) -> Poses:
     In the plane its singular value decomposition has a closed form: the angle is that of the summed dot and cross
     products of the centred points. Where the points leave it open (all in one place) there is no rotation.
     """
-    dot, cross, _ = _products(source, target)
+    centre, goal = source.mean(axis=0), target.mean(axis=0)
+    a, b = source - centre, target - goal
+    dot = float((a * b).sum())
+    cross = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
     # below this the sums are rounding of coordinates far from the origin, and their angle is noise
-    rounding = len(source) * (np.finfo(float).eps * max(1.0, float(np.abs(source).max()))) ** 2
+    rounding = len(a) * (np.finfo(float).eps * max(1.0, float(np.abs(source).max()))) ** 2
     angle = float(np.arctan2(cross, dot)) if np.hypot(dot, cross) > rounding else 0.0
     cos, sin = np.cos(angle), np.sin(angle)
-    centre, goal = source.mean(axis=0), target.mean(axis=0)
     x, y = goal[0] - cos * centre[0] + sin * centre[1], goal[1] - sin * centre[0] - cos * centre[1]
     return np.array([x, y, angle])
-
-
-def umeyama_scale(source: NDArray[np.float64], target: NDArray[np.float64]) -> float:
-    """The factor that lays ``source`` [n, 2] on ``target`` [n, 2] with the least squared distance; 1 for a point."""
-    dot, cross, size = _products(source, target)
-    return float(np.hypot(dot, cross)) / size if size > 0 else 1.0
-
-
-def _products(source: NDArray[np.float64], target: NDArray[np.float64]) -> tuple[float, float, float]:
-    """The sums of the dot and cross products of points [n, 2] about their means, and of the squares of the first."""
-    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    cross = (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
-    return float((a * b).sum()), float(cross), float((a * a).sum())

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot.platform import field_of_view
 from moteslam.robot.recording import LidarStream, Ranges, Recording, chunks, measured
-from moteslam.robot.wheel_odometry import wheel_path
+from moteslam.robot.wheel_odometry import gyro_turn, wheel_path
 
 Array = NDArray[np.float64]
 Spans = list[tuple[float, float]]
@@ -173,9 +173,7 @@ def turns(recording: Recording) -> dict[str, tuple[Array, Array]]:
     imu, encoders, odometry = recording.imu, recording.encoders, odometry_of(recording)
     found = {}
     if imu is not None and len(imu) > 1:
-        rate = imu.angular_velocity[:, 2]
-        steps = (rate[1:] + rate[:-1]) / 2 * np.diff(imu.stamps)
-        found["imu"] = imu.stamps, np.concatenate(([0.0], np.cumsum(steps)))
+        found["imu"] = imu.stamps, np.cumsum(gyro_turn(imu.stamps, imu))
     if encoders is not None and len(encoders) > 1 and recording.platform.wheels is not None:
         found["encoders"] = encoders.stamps, np.unwrap(wheel_path(recording, turn_of=None)[:, 2])
     if odometry is not None and len(odometry[0]) > 1:
