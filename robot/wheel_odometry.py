@@ -40,18 +40,15 @@ def arc_increment(distance: ArrayLike, turn: ArrayLike) -> se2.Poses:
     return np.stack(np.broadcast_arrays(chord * np.cos(turn / 2), chord * np.sin(turn / 2), turn), axis=-1)
 
 
-def wheel_motion(left: ArrayLike, right: ArrayLike, track: float) -> tuple[Array, Array]:
-    """Distance of the centre [m] and turn [rad] from the travel [...] [m] of wheels an effective track [m] apart."""
-    left, right = np.asarray(left, np.float64), np.asarray(right, np.float64)
-    return (left + right) / 2, (right - left) / track
+def wheel_motion(counts: NDArray[np.int64], wheels: Wheels) -> tuple[Array, Array]:
+    """Distance of the centre [n] [m] and turn [n] [rad] of counts [n, 4]: the mean travel of each side's wheels.
 
-
-def side_travel(counts: NDArray[np.int64], wheels: Wheels) -> tuple[Array, Array]:
-    """The mean travel of the left and of the right wheels [n] [m] of counts [n, 4]."""
+    They are the effective track apart, which on a skid-steered robot is larger than the drawn one.
+    """
     front_right, front_left, rear_right, rear_left = counts.T.astype(np.float64)
     left = (front_left + rear_left) / 2 * wheels.metres_per_count
     right = (front_right + rear_right) / 2 * wheels.metres_per_count
-    return left, right
+    return (left + right) / 2, (right - left) / wheels.effective_track
 
 
 def gyro_covers(stamps: Array, imu: ImuStream | None) -> NDArray[np.bool_]:
@@ -96,7 +93,7 @@ def wheel_path(
         raise InputError("no encoder readings, expected at least one", file=recording.name, field="encoders")
     if wheels is None:
         raise InputError("encoders without wheels, expected a platform with [wheels]", file=recording.name)
-    distance, turn = wheel_motion(*side_travel(encoders.counts, wheels), wheels.effective_track)
+    distance, turn = wheel_motion(encoders.counts, wheels)
     covered = gyro_covers(encoders.stamps, imu)
     if turn_of is not None and imu is not None and covered.any():
         turn = np.where(covered, turn_of(encoders.stamps, imu), turn)
