@@ -20,10 +20,8 @@ from pydantic import BaseModel, BeforeValidator, Field, Strict, ValidationError
 
 from moteslam.errors import InputError, MoteslamWarning, OutputError
 from moteslam.robot.files import read_bytes, read_yaml, write_atomically
-from moteslam.robot.pictures import FULL, decode_channels, encode_png, picture_size
-from moteslam.robot.raster import Raster
-from moteslam.robot.tables import first_complaint
-from moteslam.robot.values import expect_type
+from moteslam.robot.raster import FULL, Raster, decode_channels, encode_png, picture_size
+from moteslam.robot.values import expect_type, first_complaint
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """The values of a trinary map, int8."""
