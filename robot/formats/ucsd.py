@@ -70,7 +70,9 @@ def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, pl
         text = f"{last.file}: what it leaves out of wheels and lidar is the UCSD robot's"
         issues.append(Issue("assumed-robot", text))
     sensors = Sensors(robot, given.lidar_figures, issues)
-    lidar = _lidar(folder / f"Hokuyo{number}.npz", sensors)
+    files = {kind: folder / f"{kind}{number}.npz" for kind in ("Hokuyo", "Encoders", "Imu", "Kinect")}
+    files = {kind: file for kind, file in files.items() if file.exists()}
+    lidar = _lidar(files["Hokuyo"], sensors) if "Hokuyo" in files else None
     its = UCSD.lidar.scan
     angles = its.angle_min + its.angle_increment * np.arange(its.beams)
     is_its = lidar is None or (lidar.angles.shape == angles.shape and np.abs(lidar.angles - angles).max() < SAME_ANGLE)
@@ -81,16 +83,14 @@ def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, pl
         name=f"{folder.resolve().name}-{number}",
         platform=robot,
         lidar=lidar,
-        encoders=_encoders(folder / f"Encoders{number}.npz", sensors),
-        imu=_imu(folder / f"Imu{number}.npz", sensors),
-        rgbd=_rgbd(folder, number, issues),
+        encoders=_encoders(files["Encoders"], sensors) if "Encoders" in files else None,
+        imu=_imu(files["Imu"], sensors) if "Imu" in files else None,
+        rgbd=_rgbd(files["Kinect"], number, issues) if "Kinect" in files else None,
         warnings=tuple(issues),
     )
 
 
-def _lidar(path: Path, sensors: Sensors) -> LidarStream | None:
-    if not path.exists():
-        return None
+def _lidar(path: Path, sensors: Sensors) -> LidarStream:
     arrays = read_arrays(path, {**dict.fromkeys(SCALARS, ()), "time_stamps": ("n",), "ranges": ("beams", "n")})
     figures = {name: float(arrays[name].item()) for name in SCALARS}
     angle_min, angle_max, increment, range_min, range_max = figures.values()
@@ -113,9 +113,7 @@ def _lidar(path: Path, sensors: Sensors) -> LidarStream | None:
     return sensors.lidar(path, "ranges", arrays["time_stamps"], ranges, fan)
 
 
-def _encoders(path: Path, sensors: Sensors) -> EncoderStream | None:
-    if not path.exists():
-        return None
+def _encoders(path: Path, sensors: Sensors) -> EncoderStream:
     arrays = read_arrays(path, {"time_stamps": ("n",), "counts": (4, "n")})
     counts, stamps = arrays["counts"], arrays["time_stamps"]
     if not (np.abs(counts.astype(np.float64)) < MAX_COUNT).all() or (counts != np.round(counts)).any():
@@ -124,9 +122,7 @@ def _encoders(path: Path, sensors: Sensors) -> EncoderStream | None:
     return sensors.encoders(path, ("time_stamps", "counts"), stamps, counts.T)
 
 
-def _imu(path: Path, sensors: Sensors) -> ImuStream | None:
-    if not path.exists():
-        return None
+def _imu(path: Path, sensors: Sensors) -> ImuStream:
     names = ("angular_velocity", "linear_acceleration")
     arrays = read_arrays(path, {"time_stamps": ("n",), **dict.fromkeys(names, (3, "n"))})
     for name in names:
@@ -136,14 +132,11 @@ def _imu(path: Path, sensors: Sensors) -> ImuStream | None:
     return sensors.imu(path, ("time_stamps", "angular_velocity"), arrays["time_stamps"], angular, linear)
 
 
-def _rgbd(folder: Path, number: str, issues: list[Issue]) -> RgbdStream | None:
-    path = folder / f"Kinect{number}.npz"
-    if not path.exists():
-        return None
+def _rgbd(path: Path, number: str, issues: list[Issue]) -> RgbdStream:
     arrays = read_arrays(path, {"disparity_time_stamps": ("d",), "rgb_time_stamps": ("c",)})
     streams = []
     for field, kind in (("rgb_time_stamps", RGB), ("disparity_time_stamps", DISPARITY)):
-        images = _images(folder, kind, number, len(arrays[field]), issues)
+        images = _images(path.parent, kind, number, len(arrays[field]), issues)
         stamps, (indices,) = sort_by_stamp(path, field, arrays[field], issues, np.arange(len(arrays[field])))
         streams.append((stamps, tuple(images[i] for i in indices) if images else ()))
     (rgb, rgb_files), (disparity, disparity_files) = streams
@@ -203,20 +196,16 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
         figures = dict(zip(SCALARS, map(np.float64, limits), strict=True))
         write("Hokuyo", **figures, ranges=coded.T, time_stamps=lidar.stamps)
     if (encoders := recording.encoders) is not None and len(encoders):
-        write("Encoders", counts=_compact(encoders.counts).T, time_stamps=encoders.stamps)
+        counts, narrow = encoders.counts, encoders.counts.astype(np.int16)  # as the recordings have them
+        if np.abs(counts.astype(np.float64)).max() >= MAX_COUNT:
+            raise InputError("beyond 2^31, expected counts since the last reading", field="counts")
+        written = narrow if (narrow == counts).all() else counts.astype(np.int32)  # sums over a long way
+        write("Encoders", counts=written.T, time_stamps=encoders.stamps)
     if (imu := recording.imu) is not None and len(imu):
         rates, along = imu.angular_velocity.T, imu.linear_acceleration_g.T
         write("Imu", angular_velocity=rates, linear_acceleration=along, time_stamps=imu.stamps)
     if (rgbd := recording.rgbd) is not None and len(rgbd.rgb_stamps) and len(rgbd.disparity_stamps):
         write("Kinect", disparity_time_stamps=rgbd.disparity_stamps, rgb_time_stamps=rgbd.rgb_stamps)
-
-
-def _compact(counts: NDArray[np.int64]) -> Array:
-    """Counts as int16, as the recordings have them; as int32 where they are sums over a long way."""
-    if np.abs(counts.astype(np.float64)).max() >= MAX_COUNT:
-        raise InputError("beyond 2^31, expected counts since the last reading", field="counts")
-    narrow = counts.astype(np.int16)
-    return narrow if (narrow == counts).all() else counts.astype(np.int32)
 
 
 def _write_only(folder: Path, recording: Recording) -> tuple[Issue, ...]:

@@ -12,6 +12,7 @@ stamps. Here a comment ``# STAMP id seconds`` gives that of a vertex; other prog
 
 from __future__ import annotations
 
+import re
 import warnings
 from array import array
 from collections import Counter
@@ -229,7 +230,10 @@ def read_g2o(path: str | PathLike[str]) -> PoseGraph:
             if len(words) < named or numbers is None or len(numbers) != count:
                 what = f"{counted(named, 'id')} and {counted(count, 'finite number')}"
                 raise InputError(f"expected {what} after {tag}", file=path, line=number)
-            found[tag].append((number, [_id(word, path, number) for word in words[:named]], numbers))
+            for word in words[:named]:
+                if not re.fullmatch("[0-9]{1,19}", word) or int(word) > LARGEST_ID:
+                    raise InputError(f"{word[:40]!r}, expected the id of a vertex", file=path, line=number)
+            found[tag].append((number, [int(word) for word in words[:named]], numbers))
         elif tag.endswith("SE3:QUAT"):
             raise InputError(f"{tag}, expected a graph in the plane: VERTEX_SE2 and EDGE_SE2", file=path, line=number)
         elif not tag.startswith("#"):
@@ -275,12 +279,6 @@ def read_g2o(path: str | PathLike[str]) -> PoseGraph:
         stamps=np.array([seconds[id_][0] for id_ in ids]) if seconds else None,
         fixed=np.array([index[id_] for _, some, _ in fixed for id_ in some], np.int64),
     )
-
-
-def _id(word: str, path: Path, line: int) -> int:
-    if word.isascii() and word.isdecimal() and len(word) <= len(str(LARGEST_ID)) and int(word) <= LARGEST_ID:
-        return int(word)
-    raise InputError(f"{word[:40]!r}, expected the id of a vertex", file=path, line=line)
 
 
 def write_g2o(path: str | PathLike[str], graph: PoseGraph, *, comments: Sequence[str] = ()) -> None:
