@@ -17,9 +17,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 UNIT = 0.05
-"""Quaternions whose length is off 1 by more than this are none, however they were rounded; so rotation matrices."""
+"""Lengths of quaternions, and of rows of rotation matrices, are off 1 by less, however they were rounded."""
 FARTHEST = 1e9
-"""Positions beyond this [m] are none."""
+"""No position is farther away [m]."""
 SAME = 1e-6
 """Orientations and heights that differ by less are the same."""
 STANDS = 0.05
@@ -96,7 +96,7 @@ class PoseGraph(Summarised):
         relative: [e, 3] measured pose of the second in the frame of the first.
         information: [e, 3, 3], symmetric, of its error in the frame of the measured pose: what is left of the second's
             pose there [1/m^2, 1/(m rad), 1/rad^2].
-        stamps: [n] of the nodes [s], not decreasing; None where they are not known.
+        stamps: [n] of the nodes [s], not decreasing; None if not known.
         fixed: [k] indices of the nodes that hold the frame.
     """
 

@@ -26,7 +26,7 @@ MAX_STAMP = 1e11
 MAX_JUMP = 86400.0
 """A longer silence [s] within a stream is a broken stamp: one day."""
 MAX_SPAN = 10 * 365.25 * 86400.0
-"""A recording longer than this [s] is none: ten years."""
+"""No recording is longer [s]: ten years."""
 SET_BACK = 2.0
 """Readings of a log that are late by less [s] are those of a busy logger, whose processes are up to 1 s apart."""
 FOLLOWING, FEWEST = 10, 3
@@ -183,7 +183,7 @@ def keep_plausible(
 
 
 def plausible_rates(angular_velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Which readings [n] of a gyro [n, 3] [rad/s] can be a robot's: none beyond 100 rad/s about any axis."""
+    """Which readings [n] of a gyro [n, 3] [rad/s] can be a robot's: at most 100 rad/s about any axis."""
     return np.asarray((np.abs(angular_velocity) <= MAX_RATE).all(axis=1))
 
 

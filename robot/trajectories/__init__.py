@@ -198,9 +198,9 @@ def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
     if len(table) and unset.all():
         table[:, 0] = received
         issues += (Issue("no-stamps", "messages without stamps: those of the bag's reception are taken", len(table)),)
-    elif none := int(unset.sum()):
+    elif count := int(unset.sum()):
         table = table[~unset]
-        issues += (Issue("zero-stamps", f"{counted(none, 'message')} without a stamp left out", none),)
+        issues += (Issue("zero-stamps", f"{counted(count, 'message')} without a stamp left out", count),)
     return table, issues
 
 
