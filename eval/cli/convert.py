@@ -103,7 +103,7 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     """A trajectory, and what of its file is no part of it."""
     import numpy as np
 
-    from moteslam.robot.formats.bags.files import is_bag
+    from moteslam.robot.formats.bags.bag import is_bag
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, parts_of, read_trajectory, trajectory_format_of
     from moteslam.robot.trajectories.g2o import read_g2o, vertices_of
     from moteslam.robot.values import Issue, counted

@@ -18,9 +18,9 @@ import numpy as np
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.files import open_regular
-from moteslam.robot.formats.bags.bag import Bag, Topic
-from moteslam.robot.formats.bags.files import is_bag
-from moteslam.robot.formats.bags.frames import TRANSFORMS
+from moteslam.robot.formats.bags.bag import Bag, is_bag
+from moteslam.robot.formats.bags.motion import TRANSFORMS
+from moteslam.robot.formats.bags.storage import Topic, decode
 from moteslam.robot.trajectories import g2o, text
 from moteslam.robot.trajectories.columns import decoded
 from moteslam.robot.trajectories.text import TrajectoryFormat
@@ -160,16 +160,18 @@ def _read_bag(path: Path, name: str) -> Trajectory:
         raise InputError(error.problem, file=file, field=error.field) from error
 
 
-def _messages(bag: Bag, topics: list[Topic]) -> Iterator[tuple[Topic, int, Any]]:
+def _messages(bag: Bag, wanted: Callable[[Topic], bool]) -> Iterator[tuple[Topic, int, Any]]:
     """The messages of some topics, with the times of their reception [ns]."""
-    for topic, received, _, raw in bag.sweep(topics):
+    for topic, received, _, raw in bag.sweep(wanted):
         try:
-            yield topic, received, bag.decode(topic, raw)
+            yield topic, received, decode(topic, raw)
         except ValueError as error:
             raise InputError(f"a message of {topic.name} cannot be read: {error}") from error
 
 
 def _topics(bag: Bag) -> str:
+    for _ in bag.sweep(lambda _: False):
+        pass
     known = {one.name: one.kind for one in bag.topics if one.kind in (*POSES, PATH, *TRANSFORMS)}
     listed = ", ".join(f"{topic[:80]} ({kind.split('/')[-1]})" for topic, kind in sorted(known.items())[:12])
     return f"topics of poses: {listed or 'none'}"
@@ -177,37 +179,36 @@ def _topics(bag: Bag) -> str:
 
 def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
     """Rows of stamp, position and quaternion [n, 8] of a topic."""
-    there = [one for one in bag.topics if one.name.strip("/") == name.strip("/")]
-    kinds = {one.kind for one in there}
+
+    def is_named(topic: Topic) -> bool:
+        return topic.name.strip("/") == name.strip("/")
+
+    rows, frames, received = array("d"), Counter[tuple[str, str]](), array("d")
+    issues: tuple[Issue, ...] = ()
+    count, path = 0, None
+    for topic, time, message in _messages(bag, lambda one: is_named(one) and one.kind in (*POSES, PATH)):
+        if topic.kind == PATH:
+            count, path = count + 1, message  # the last counts
+            continue
+        frames[message.header.frame_id, getattr(message, "child_frame_id", "")] += 1
+        rows.extend(_row(message.header.stamp, *POSES[topic.kind](message)))
+        received.append(time / 1e9)
+    kinds = {one.kind for one in bag.topics if is_named(one)}
     if len(kinds) != 1 or not kinds <= {*POSES, PATH}:
         what = f"is of {', '.join(sorted(kinds))}" if kinds else "is not there"
         raise InputError(f"the topic {what}; {_topics(bag)}")
-    (kind,) = kinds
-    rows, frames = array("d"), Counter[tuple[str, str]]()
-    issues: tuple[Issue, ...] = ()
-    if kind == PATH:
-        count, path = 0, None
-        for count, (_, _, path) in enumerate(_messages(bag, there), start=1):  # noqa: B007 - the last counts
-            pass
-        if path is None:
-            raise InputError("no messages, expected a path")
+    if path is not None:
         for stamped in path.poses:
             frames[path.header.frame_id, ""] += 1
             rows.extend(_row(stamped.header.stamp, *POSES["geometry_msgs/PoseStamped"](stamped)))
         if count > 1:
             issues = (Issue("last-path", f"the last of {count} paths counts, of {len(path.poses)} poses", 1),)
-    received = array("d")
-    if kind != PATH:
-        for _, time, message in _messages(bag, there):
-            frames[message.header.frame_id, getattr(message, "child_frame_id", "")] += 1
-            rows.extend(_row(message.header.stamp, *POSES[kind](message)))
-            received.append(time / 1e9)
     table = np.array(rows).reshape(-1, 8)
     if len(frames) > 1:
         shown = ", ".join(f"{child or 'poses'} in {parent}" for parent, child in list(frames)[:3])
         raise InputError(f"poses of several frames ({shown}), expected those of one")
     if len(table) and not table[:, 0].any():
-        if kind == PATH:
+        if path is not None:
             raise InputError("the poses of the path have no stamps, expected seconds")
         table[:, 0] = received
         issues += (Issue("no-stamps", "messages without stamps: those of the bag's reception are taken", len(table)),)
@@ -249,7 +250,7 @@ def _along(bag: Bag, name: str) -> Array:
     parent, child = frames
     edges: dict[tuple[str, str], array[float]] = {}
     fixed: set[tuple[str, str]] = set()
-    for topic, _, message in _messages(bag, bag.of_kind(*TRANSFORMS)):
+    for topic, _, message in _messages(bag, lambda topic: topic.kind in TRANSFORMS):
         for one in message.transforms:
             edge = one.child_frame_id.strip("/"), one.header.frame_id.strip("/")
             row = _row(one.header.stamp, one.transform.translation, one.transform.rotation)

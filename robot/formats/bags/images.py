@@ -7,7 +7,7 @@ read; of others they would be laid on the wrong floor. Depths (REP 118) become t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.bag import Bag, Rows, Table, Topic
-from moteslam.robot.formats.bags.frames import Frames
+from moteslam.robot.formats.bags.bag import Bag, Rows, Table
+from moteslam.robot.formats.bags.motion import Frames
 from moteslam.robot.platform import CameraSpec
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.rgbd import (
@@ -47,12 +47,8 @@ _DEPTH_HEADER = 12
 
 @dataclass(frozen=True, eq=False)
 class BagImages:
-    """The images of two topics, read and decoded when they are asked for (an `ImageSource`).
-
-    Attributes:
-        bag: to read from.
-        colour, depth: the tables of the topics.
-        colour_rows, depth_rows: [m], [n] the message of each stamp.
+    """The images of two topics, read and decoded when they are asked for (an `ImageSource`); the rows [m], [n] are the
+    message of each stamp.
     """
 
     bag: Bag
@@ -63,76 +59,61 @@ class BagImages:
 
     def rgb(self, index: int) -> NDArray[np.uint8]:
         """The colour image [480, 640, 3] of a stamp."""
-        return self._image(self.colour, self.colour_rows, index, _colour_image)
+        return self._image(self.colour, self.colour_rows, index)
 
     def disparity(self, index: int) -> NDArray[np.uint16]:
         """The raw disparities [480, 640] of a stamp; raises as `rgb`."""
-        return disparity_of(self._image(self.depth, self.depth_rows, index, _depth_image))
+        return disparity_of(self._image(self.depth, self.depth_rows, index))
 
-    def _image(self, table: Table, rows: Rows, index: int, decode: Callable[[Any], NDArray[Any]]) -> NDArray[Any]:
+    def _image(self, table: Table, rows: Rows, index: int) -> NDArray[Any]:
         (message,) = self.bag.messages(table, rows[index : index + 1])
         try:
-            return decode(message)
+            return _colour_image(message) if table is self.colour else _depth_image(message)
         except ValueError as error:
             raise InputError(f"image {index}: {error}", file=self.bag.path, field=table.topic.name) from error
 
 
-def image_topics(bag: Bag, named: dict[str, Topic]) -> tuple[Topic, Topic] | None:
-    """The topics of colour and depth images of a Kinect: those named, else the first with intrinsics that agree.
-
-    Images that are not read are an issue, with the reason.
+def image_tables(bag: Bag, tables: Sequence[Table], named: Mapping[str, Sequence[str]]) -> tuple[Table, Table] | None:
+    """Of all tables those of the colour and depth images of a Kinect: those named, else the first with intrinsics that
+    agree. Images that are not read are an issue, with the reason.
     """
-    topics = bag.of_kind(COMPRESSED_IMAGE, IMAGE)
-    if not topics:
+    images = [table for table in tables if table.topic.kind in (IMAGE, COMPRESSED_IMAGE)]
+    if not images:
         return None
-    infos = bag.of_kind(CAMERA_INFO)
-    firsts: dict[str, Any] = {}
-    for topic, _, _, data in bag.sweep([*topics, *infos]):
-        if topic.name not in firsts:
-            try:
-                firsts[topic.name] = bag.decode(topic, data)
-            except ValueError as error:
-                firsts[topic.name] = str(error)
-            if len(firsts) == len(topics) + len(infos):
-                break
-    found: dict[str, Topic] = {}
+    infos = {table.topic.name: table.first for table in tables if table.topic.kind == CAMERA_INFO}
+    found: dict[str, Table] = {}
     left = []
-    for topic in topics:
-        image, parent = firsts.get(topic.name, "no message"), topic.name.rpartition("/")[0]
+    for table in images:
+        name, parent = table.topic.name, table.topic.name.rpartition("/")[0]
         # beside the image, or beside the one that it is packed of
-        beside = (firsts.get(f"{above}/camera_info") for above in (parent, parent.rpartition("/")[0]))
-        kind, problem = _kind_of(image, next((info for info in beside if info is not None), "none beside it"))
+        info = infos.get(f"{parent}/camera_info") or infos.get(f"{parent.rpartition('/')[0]}/camera_info")
+        kind, problem = ("", table.problem) if table.first is None else _kind_of(table.first, info)
         if problem:
-            left.append(f"{topic.name} ({problem})")
-        elif topic == named.get(kind, topic):
-            found.setdefault(kind, topic)
+            left.append(f"{name} ({problem})")
+        elif name in named.get(kind, (name,)):
+            found.setdefault(kind, table)
     if len(found) == 2:
         return found["rgb"], found["depth"]
-    left += [f"{one.name} (no {'depth' if kind == 'rgb' else 'colour'} beside it)" for kind, one in found.items()]
-    text = f"{bag.path.name}: images left out: {', '.join(left[:4]) or topics[0].name}"
-    bag.issues.append(Issue("images-left", text, len(topics)))
+    left += [f"{one.topic.name} (no {'depth' if kind == 'rgb' else 'colour'} beside it)" for kind, one in found.items()]
+    text = f"{bag.path.name}: images left out: {', '.join(left[:4]) or images[0].topic.name}"
+    bag.issues.append(Issue("images-left", text, len(images)))
     return None
 
 
 def _kind_of(image: Any, info: Any) -> tuple[str, str]:
-    """Whether an image is ``rgb`` or ``depth``, and why it cannot be read; texts say why there is no message."""
-    if isinstance(image, str):
-        return "", image
+    """Whether an image is ``rgb`` or ``depth``, and why it cannot be read, by its CameraInfo."""
     text = str(image.format if hasattr(image, "format") else image.encoding)
     if hasattr(image, "encoding") and text not in _COLOURS and text not in _DEPTHS:
         return "", f"encoding {text[:20]!r}"
     kind = "depth" if any(word in text for word in ("compressedDepth", *_DEPTHS)) else "rgb"
-    if isinstance(info, str):
-        return kind, f"CameraInfo: {info}"
+    if info is None:
+        return kind, "CameraInfo: none beside it"
     if (info.height, info.width) != (HEIGHT, WIDTH):
         return kind, f"{info.height} x {info.width} pixels, expected {HEIGHT} x {WIDTH}"
-    matrix = np.asarray(info.K if hasattr(info, "K") else info.k, np.float64)
+    matrix = np.asarray(info.K if hasattr(info, "K") else info.k, np.float64).reshape(3, 3)
     focal, centre = (RGB_FOCAL, RGB_CENTRE) if kind == "rgb" else (FOCAL, CENTRE)
-    shifts = [  # of the rays through the Kinect's corners in this camera's image [pixels]
-        matrix[2 + 3 * axis] + matrix[4 * axis] / focal * (corner - centre[axis]) - corner
-        for axis, size in ((0, WIDTH), (1, HEIGHT))
-        for corner in (0, size - 1)
-    ]
+    corners = np.array([[0, 0], [WIDTH - 1, HEIGHT - 1]])  # of the Kinect's image, and of the rays through them here
+    shifts = matrix[:2, 2] + np.diag(matrix)[:2] / focal * (corners - centre) - corners
     off = float(np.abs(shifts).max())
     if not off <= TOLERANCE:
         return kind, f"its corners lie {off:.0f} pixels from the Kinect's, expected at most {TOLERANCE:g}"
@@ -147,7 +128,7 @@ def rgbd_stream(bag: Bag, colour: Table, depth: Table) -> RgbdStream:
 
 def camera_mount(table: Table, frames: Frames, base: str | None) -> CameraSpec | None:
     """Where the depth camera stands on the robot; None where no transforms lead there."""
-    placed = frames.place(table.frame(), base)
+    placed = frames.place(table.frame, base)
     if placed is None:
         return None
     x, y, z = placed[0][:3, 3].tolist()

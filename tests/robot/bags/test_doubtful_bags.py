@@ -15,8 +15,8 @@ from made_bags import START, drive, imu, make_bag, odometry, placed, scan
 
 from moteslam import open_recording
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.formats.bags.messages import Event, header
-from moteslam.robot.formats.bags.records import zstd
+from moteslam.robot.formats.bags.storage import zstd
+from moteslam.robot.formats.bags.write import Event, header
 from moteslam.robot.recording import Recording
 
 SECOND = 1_000_000_000

@@ -8,8 +8,7 @@ from made_bags import START, imu, make_bag
 from numpy.typing import NDArray
 
 from moteslam import open_recording
-from moteslam.robot.formats.bags.messages import Event
-from moteslam.robot.formats.bags.write import camera_transforms, image_events, write_bag
+from moteslam.robot.formats.bags.write import Event, camera_transforms, image_events, write_bag
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import OdometryStream, Recording, RgbdStream
 from moteslam.robot.rgbd import HEIGHT, NO_DISPARITY, WIDTH, camera_frames, depth_of, disparity_of, read_frame

@@ -10,7 +10,7 @@ from made_bags import START, make_bag, placed, rolled, scan
 
 from moteslam import open_recording
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.messages import Event, header
+from moteslam.robot.formats.bags.write import Event, header
 from moteslam.robot.recording import LidarStream
 
 HALF = 3.0

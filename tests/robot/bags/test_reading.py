@@ -11,7 +11,7 @@ from made_bags import START, drive, imu, make_bag, odometry, placed, rolled, sca
 from moteslam import open_recording
 from moteslam.errors import InputError
 from moteslam.robot.formats import format_of
-from moteslam.robot.formats.bags.messages import Event, header
+from moteslam.robot.formats.bags.write import Event, header
 from moteslam.robot.recording import ChunkedRanges, Recording
 
 
