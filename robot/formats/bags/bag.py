@@ -39,14 +39,15 @@ MAX_MESSAGES = 20_000_000
 BACK = 1.0
 """A stamp further behind the latest before it [s], with all that follow, is of a clock that was set back: what waits
 in a queue is less late, or is followed by others that are not."""
-_GAP = 10
-"""A first stamp of 0 this many times the usual step before the next one is no time."""
+EARLY = 10.0
+"""A stamp of 0 is none where all others are later than this [s]."""
 MAX_RATIO = 1000
 """No file of a recording is packed tighter."""
 MAX_FILES = 10_000
 METADATA, _INFORMATION = "metadata.yaml", "rosbag2_bagfile_information"
 _MAGICS = {b"#ROSBAG V": "bag", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "db3"}
 _PART = re.compile(r"(?P<stem>.*)_(?P<number>\d+)\.(?P<ending>mcap|db3|bag)")
+_STORAGES: dict[str, type[Rosbag1 | Mcap | Database]] = {"bag": Rosbag1, "mcap": Mcap, "db3": Database}
 
 Rows = NDArray[np.intp]
 
@@ -62,8 +63,6 @@ class Table:
     Attributes:
         topic: of them.
         take: gives the numbers that are kept of a message, ``width`` of them; raises a ValueError for a broken one.
-        is_single: only the first message is looked at.
-        first: the first message that is whole.
         frame: of its header; child: the child frame of an odometry.
         flat: of all messages, as `HEAD`; numbers: flat [n * width].
         broken: how many were; problem: of the last of them.
@@ -73,8 +72,6 @@ class Table:
     topic: Topic
     take: Callable[[Any], tuple[float, ...]] = lambda _: ()
     width: int = 0
-    is_single: bool = False
-    first: Any = None
     frame: str = ""
     child: str = ""
     flat: array[int] = field(default_factory=lambda: array("q"))
@@ -109,14 +106,9 @@ class Table:
 
     @cached_property
     def unset(self) -> NDArray[np.bool_]:
-        """[n] which stamps of headers are none: 0, but for a first one that the others follow."""
-        unset = np.asarray(self.heads["stamp"] == 0)
-        later = np.sort(self.stamps[~unset])
-        if not len(later):
-            return ~unset
-        if unset.sum() == 1 and later[0] <= _GAP * (np.median(np.diff(later)) if len(later) > 1 else np.inf):
-            unset[:] = False
-        return unset
+        """[n] which stamps of headers are none."""
+        zero = np.asarray(self.stamps == 0)
+        return np.asarray(zero & (self.stamps[~zero].min(initial=2**62) > EARLY * SECOND))
 
     @property
     def cuts(self) -> list[int]:
@@ -129,14 +121,13 @@ class Bag:
     """A bag; messages are read from its files whenever they are asked for.
 
     Attributes:
-        topics: those that were met when it was gone through.
-        swept: messages that were gone through.
+        topics: those that were met when it was gone through; swept: the number of messages, so far.
     """
 
     def __init__(self, path: Path) -> None:
         self.path, self.issues = path, list[Issue]()
-        self._files = _open_files(path, self, self.issues)
-        self.topics: dict[Topic, None] = {}
+        self._files = [_open_file(file) for file in _files_of(path, self, self.issues)]
+        self.topics: set[Topic] = set()
         self.swept = 0
 
     def tell(self, code: str, topic: Topic | str, what: str, count: int = 1) -> None:
@@ -155,40 +146,38 @@ class Bag:
                 if self.swept > MAX_MESSAGES:
                     raise InputError(f"more messages than {MAX_MESSAGES}, expected fewer", file=self.path)
                 yield topic, received, (number, *place), data
-            self.topics.update(dict.fromkeys(file.topics.values()))
+            self.topics.update(file.topics.values())
             if file.damage:
                 text = f"{file.path.name}: {file.damage}; what can be read is used"
                 self.issues.append(Issue("damaged-bag", text))
 
     def fill(self, table_of: Callable[[Topic], Table | None]) -> list[Table]:
         """The tables of the topics that have one, those with most messages first; the bag is gone through once."""
-        tables: dict[Topic, Table | None] = {}
+        tables: dict[Topic, Table] = {}
 
         def wanted(topic: Topic) -> bool:
-            tables[topic] = table_of(topic)
-            return tables[topic] is not None
+            if (table := table_of(topic)) is not None:
+                tables[topic] = table
+            return table is not None
 
         for topic, received, place, data in self.sweep(wanted):
             table = tables[topic]
-            if table is None or (table.is_single and table.first):
-                continue
             try:
                 message = decode(topic, data)
                 numbers = table.take(message)
-                table.first = table.first or message
                 if (header := getattr(message, "header", None)) is None:
                     continue
                 stamp = int(header.stamp.sec) * SECOND + int(header.stamp.nanosec)
-                table.frame = table.frame or frame_name(header.frame_id)
-                table.child = table.child or frame_name(getattr(message, "child_frame_id", ""))
                 mark = hash(data[4:4096])  # behind what numbers the messages in ROS 1
                 row = array("q", (stamp, received, self.swept, *place, mark))
             except (ValueError, OverflowError) as error:
                 table.broken, table.problem = table.broken + 1, str(error)
                 continue
+            table.frame = table.frame or frame_name(header.frame_id)
+            table.child = table.child or frame_name(getattr(message, "child_frame_id", ""))
             table.flat.extend(row)
             table.numbers.extend(numbers)
-        found = [table for table in tables.values() if table is not None and (table.count or table.first)]
+        found = [table for table in tables.values() if table.count]
         return sorted(found, key=lambda table: (-table.count, table.topic.name))
 
     def messages(self, table: Table, rows: Rows) -> Iterator[Any]:
@@ -207,13 +196,9 @@ class Bag:
 
         Where the clock was set back (a simulator reset, a log played in a loop) or ahead by more than a day, the
         recording is cut, and one session is used, from 1 on, the longest if it is None: two runs are never sorted into
-        each other.
+        each other. A table is cut where its own stamps say, if they say as many cuts as those of the most.
         """
         tables = [table for table in tables if len(table)]
-        for table in tables:
-            if not table.heads["stamp"].any():
-                what = "no stamps in the headers, the times of reception are taken"
-                self.tell("no-header-stamps", table.topic, what, len(table))
         cuts = [table.cuts for table in tables]
         leader = max(range(len(tables)), key=lambda k: len(cuts[k]), default=None)
         edges = [] if leader is None else tables[leader].heads["order"][cuts[leader]].tolist()
@@ -221,11 +206,13 @@ class Bag:
         if session is not None and str(session) not in map(str, range(1, count + 1)):
             problem = f"{str(session)[:20]!r}, expected {f'1 to {count}' if count > 1 else 'the one session, 1'}"
             raise InputError(problem, file=self.path, field="sequence")
-        parts = [_parts_of(table, found, edges) for table, found in zip(tables, cuts, strict=True)]
+        parts = [
+            np.split(np.arange(len(table)), own if len(own) == len(edges) else table.heads["order"].searchsorted(edges))
+            for table, own in zip(tables, cuts, strict=True)
+        ]
         used = 0
         if count > 1:
-            first = tables[0].stamps
-            spans = [np.ptp(first[rows]) / SECOND if len(rows) else 0.0 for rows in parts[0]]
+            spans = [np.ptp(tables[0].stamps[rows]) / SECOND if len(rows) else 0.0 for rows in parts[0]]
             used = int(np.argmax(spans)) if session is None else int(session) - 1
             lengths = ", ".join(f"{index} ({span:.1f} s)" for index, span in enumerate(spans[:8], 1))
             text = f"the clock was set {counted(len(edges), 'time')} in between: the sessions are {lengths}; session "
@@ -236,10 +223,8 @@ class Bag:
 
     def has(self, table: Table | None) -> TypeGuard[Table]:
         """Whether there is anything of a table in the session that is read; where there is not, an issue says so."""
-        if table is None:
-            return False
-        if not len(table) or len(table.rows):
-            return True  # if all of it is broken, `used` says so
+        if table is None or not len(table) or len(table.rows):
+            return table is not None  # if all of it is broken, `used` says so
         self.tell("sessions", table.topic, "no message in the session that is read")
         return False
 
@@ -254,17 +239,17 @@ class Bag:
             why = f" ({table.problem})" if table.problem else ""
             problem = f"{bad} of {counted(total, 'message')} broken{why}, expected those of a {topic.kind}"
             raise InputError(problem, file=self.path, field=topic.name)
-        rows = table.rows
-        unset = int(table.unset[rows].sum())
-        rows = rows[(good & ~table.unset)[rows]]
+        rows = table.rows[(good & ~table.unset)[table.rows]]
         if not len(rows):
             raise InputError("no message in this session, expected some", file=self.path, field=topic.name)
         stamps, marks = table.stamps[rows], table.heads["mark"][rows]
         twice = np.ones(len(rows), np.bool_)
         twice[np.unique(np.column_stack((stamps, marks)), axis=0, return_index=True)[1]] = False
+        is_unstamped = not table.heads["stamp"].any()
         for code, count, what in (
+            ("no-header-stamps", len(table) * is_unstamped, "without a stamp: the times of reception are taken"),
             ("broken-messages", bad, "broken: dropped"),
-            ("unset-stamps", unset, "without a stamp (0) dropped"),
+            ("unset-stamps", int(table.unset[table.rows].sum()), "without a stamp (0) dropped"),
             ("doubles", int(twice.sum()), "recorded twice: the second is dropped"),
         ):
             if count:
@@ -275,37 +260,9 @@ class Bag:
         return (rows, times) if order is None else (rows[order], times[order])
 
 
-def _parts_of(table: Table, cuts: list[int], edges: list[int]) -> list[Rows]:
-    """The rows of each session: a table's own cuts where it has as many, else where the bag is cut."""
-    order = table.heads["order"]
-    return np.split(np.arange(len(order)), cuts if len(cuts) == len(edges) else np.searchsorted(order, edges))
-
-
 def seconds(nanoseconds: NDArray[np.int64]) -> NDArray[np.float64]:
     """Stamps [s], each the float64 nearest to it but for one rounding more."""
     return nanoseconds // SECOND + (nanoseconds % SECOND) / SECOND
-
-
-def _open_files(path: Path, owner: object, issues: list[Issue]) -> list[Rosbag1 | Mcap | Database]:
-    """A single file, those that ``metadata.yaml`` names, or the parts of a recording.
-
-    What had to be unpacked is there as long as its owner.
-    """
-    if not path.is_dir():
-        return [_open_file(path)]
-    metadata = path / METADATA
-    if not _has_metadata(path):
-        return [_open_file(part) for part in _parts(path, issues)]
-    table = read_yaml(metadata, "the metadata of a ROS 2 bag", limit=4_000_000)
-    about = table.get(_INFORMATION) if isinstance(table, dict) else None
-    names = about.get("relative_file_paths") if isinstance(about, dict) else None
-    if not isinstance(names, list) or not 0 < len(set(map(str, names))) == len(names) <= MAX_FILES:
-        raise InputError("no list of files, expected one", file=metadata, field="relative_file_paths")
-    files = [path / Path(str(name)).name for name in names]  # bags before version 4 have the folder before it
-    if missing := [file for file in files if not file.is_file() or file.resolve().parent != path.resolve()]:
-        problem = f"{missing[0].name[:80]!r}, expected the name of a file in the folder"
-        raise InputError(problem, file=metadata, field="relative_file_paths")
-    return [_open_file(_plain(file, owner)) for file in files]
 
 
 def is_bag(path: Path, kind: str | None = None) -> bool:
@@ -329,12 +286,31 @@ def _kind_of(path: Path) -> str | None:
 
 def _open_file(path: Path) -> Rosbag1 | Mcap | Database:
     kind = _kind_of(path)
+    if kind is None:
+        raise InputError("does not begin as a ROS bag, an MCAP or a SQLite file", file=path)
     with damage_in_one_line(path):
-        if kind == "bag":
-            return Rosbag1(path)
-        if kind is None:
-            raise InputError("does not begin as a ROS bag, an MCAP or a SQLite file", file=path)
-        return Mcap(path) if kind == "mcap" else Database(path)
+        return _STORAGES[kind](path)
+
+
+def _files_of(path: Path, owner: object, issues: list[Issue]) -> list[Path]:
+    """A single file, those that ``metadata.yaml`` names, or the parts of a recording; what had to be unpacked is there
+    as long as its owner.
+    """
+    if not path.is_dir():
+        return [path]
+    if not _has_metadata(path):
+        return _parts(path, issues)
+    metadata = path / METADATA
+    table = read_yaml(metadata, "the metadata of a ROS 2 bag", limit=4_000_000)
+    about = table.get(_INFORMATION) if isinstance(table, dict) else None
+    names = about.get("relative_file_paths") if isinstance(about, dict) else None
+    if not isinstance(names, list) or not 0 < len(set(map(str, names))) == len(names) <= MAX_FILES:
+        raise InputError("no list of files, expected one", file=metadata, field="relative_file_paths")
+    files = [path / Path(str(name)).name for name in names]  # bags before version 4 have the folder before it
+    if missing := [file for file in files if not file.is_file() or file.resolve().parent != path.resolve()]:
+        problem = f"{missing[0].name[:80]!r}, expected the name of a file in the folder"
+        raise InputError(problem, file=metadata, field="relative_file_paths")
+    return [_plain(file, owner) for file in files]
 
 
 def _plain(file: Path, owner: object) -> Path:
@@ -363,9 +339,8 @@ def _has_metadata(folder: Path) -> bool:
 
 def _parts(folder: Path, issues: list[Issue]) -> list[Path]:
     """The parts ``name_0.mcap``, ``name_1.mcap`` of the only recording in a folder, in order; else an empty list."""
-    files = [
-        file for _, file in zip(range(MAX_FILES), folder.iterdir(), strict=False) if file.is_file() and is_bag(file)
-    ]
+    entries = (file for _, file in zip(range(MAX_FILES), folder.iterdir(), strict=False))
+    files = [file for file in entries if file.is_file() and is_bag(file)]
     named = sorted((int(part["number"]), part["stem"], file) for file in files if (part := _PART.fullmatch(file.name)))
     if len(named) < len(files) or len({(stem, file.suffix) for _, stem, file in named}) != 1:
         return []

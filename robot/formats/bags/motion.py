@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -53,8 +54,16 @@ _MOVES = 1e-3
 """A frame that a later transform puts elsewhere by more than this [m, or of its quaternion] moves."""
 _DIGITS = 9
 
-Matrix = NDArray[np.float64]
-"""A pose in space [4, 4], homogeneous."""
+
+def _numbers(*fields: str) -> Callable[[Any], tuple[float, ...]]:
+    """What gives the numbers of some fields of a message: ``orientation.xyzw`` are four."""
+    parts = [field.rpartition(".") for field in fields]
+    return attrgetter(*(f"{field}.{axis}" for field, _, axes in parts for axis in axes))
+
+
+POSE = _numbers("pose.pose.position.xyz", "pose.pose.orientation.xyzw")
+RATES = _numbers("angular_velocity.xyz", "linear_acceleration.xyz")
+_TRANSFORM = _numbers("transform.translation.xyz", "transform.rotation.xyzw")
 
 
 @dataclass
@@ -99,8 +108,7 @@ class Frames:
         static = topic.name.endswith("tf_static")
         for each in message.transforms:
             pair = (namespace(topic.name), frame_name(each.header.frame_id), frame_name(each.child_frame_id))
-            place, turn = each.transform.translation, each.transform.rotation
-            given = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+            given = _TRANSFORM(each)
             unset = not math.hypot(*given[3:]) > _MOVES
             pose = (*given[:3], 0.0, 0.0, 0.0, 1.0) if unset else given
             edge = self._edges.get(pair)
@@ -148,7 +156,7 @@ class Frames:
 
         return max(self.odometry.values(), key=rank, default=None)
 
-    def place(self, frame: str, base: str | None) -> tuple[Matrix, list[_Edge]] | None:
+    def place(self, frame: str, base: str | None) -> tuple[NDArray[np.float64], list[_Edge]] | None:
         """Where a frame stands in another, and the transforms on the way; None where none connect them."""
         if base is None:
             return None
@@ -159,9 +167,9 @@ class Frames:
         (pose, way), (other, rest) = ours[shared], theirs[shared]
         return np.linalg.inv(other) @ pose, way + rest
 
-    def _above(self, frame: str) -> dict[str, tuple[Matrix, list[_Edge]]]:
+    def _above(self, frame: str) -> dict[str, tuple[NDArray[np.float64], list[_Edge]]]:
         """The frame and all above it, with its pose in each; of two parents both are gone up to."""
-        found: dict[str, tuple[Matrix, list[_Edge]]] = {frame: (np.eye(4), [])}
+        found: dict[str, tuple[NDArray[np.float64], list[_Edge]]] = {frame: (np.eye(4), [])}
         waiting = [frame]
         while waiting:
             below = waiting.pop(0)
@@ -206,25 +214,7 @@ class Frames:
         return Mount(x, y, z, round(yaw, _DIGITS), upside_down=up < 0)
 
 
-def pose_of(message: Any) -> tuple[float, ...]:
-    """Position and quaternion of an odometry message."""
-    place, turn = message.pose.pose.position, message.pose.pose.orientation
-    pose = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
-    if not all(abs(value) <= MAX_PLACE for value in pose):
-        raise ValueError("no pose of a robot")
-    return pose
-
-
-def rates_of(message: Any) -> tuple[float, ...]:
-    """Rates and accelerations of an inertial message."""
-    turn, push = message.angular_velocity, message.linear_acceleration
-    values = (turn.x, turn.y, turn.z, push.x, push.y, push.z)
-    if not all(map(math.isfinite, values)):
-        raise ValueError("no reading")
-    return values
-
-
-def choose_odometry(tables: Sequence[Table], topic: str, frame: str, frames: Frames) -> Table | None:
+def choose_odometry(tables: Sequence[Table], topic: str, frame: str, frames: Frames) -> list[Table]:
     """The odometry where none is named: of the robot of the lidar's topic and frame, never where it truly was."""
     bag = frames.bag
 
@@ -253,10 +243,9 @@ def choose_odometry(tables: Sequence[Table], topic: str, frame: str, frames: Fra
         what = f"of a robot that does not carry the lidar's frame {frame}; left aside"
         bag.tell("other-robot", names, what, len(others))
     candidates = [table for table in tables if table not in truth and table not in others]
-    best = max(candidates, key=rank, default=None)
-    if best is not None:
-        left_aside(bag, "odometry", best, candidates)
-    return best
+    candidates.sort(key=rank, reverse=True)
+    left_aside(bag, "odometry", candidates)
+    return candidates[:1]
 
 
 def beside(topic: str, lidar: str) -> bool:
@@ -265,12 +254,12 @@ def beside(topic: str, lidar: str) -> bool:
     return not ours or not theirs or ours == theirs
 
 
-def left_aside(bag: Bag, what: str, used: Table, tables: Sequence[Table]) -> None:
-    """An issue that names the topics of a kind that are not used, if there are any."""
-    if others := [table for table in tables if table is not used]:
-        names = ", ".join(f"{table.topic.name} ({counted(table.count, 'message')})" for table in others[:8])
-        used_ones = f"{what} of {used.topic.name} ({counted(used.count, 'message')}) used"
-        bag.issues.append(Issue("topics-left", f"{bag.path.name}: {used_ones}; left aside: {names}", len(others)))
+def left_aside(bag: Bag, what: str, tables: Sequence[Table]) -> None:
+    """Name the topics of a kind that are not used: all but the first."""
+    names = [f"{table.topic.name} ({counted(table.count, 'message')})" for table in tables[:9]]
+    if len(names) > 1:
+        text = f"{bag.path.name}: {what} of {names[0]} used; left aside: {', '.join(names[1:])}"
+        bag.issues.append(Issue("topics-left", text, len(tables) - 1))
 
 
 def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
@@ -333,7 +322,7 @@ def _path_headings(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
 def imu_stream(table: Table, frames: Frames, base: str | None) -> ImuStream:
     """The inertial readings in the robot's axes, as far as transforms say how the sensor is turned."""
     values, bag = table.values, frames.bag
-    kept, stamps = bag.used(table, plausible_rates(values[:, :3]))
+    kept, stamps = bag.used(table, plausible_rates(values[:, :3]) & np.isfinite(values).all(axis=1))
     angular, linear = values[kept, :3], values[kept, 3:] / GRAVITY
     placed = frames.place(table.frame, base)
     rotation = np.eye(3) if placed is None else placed[0][:3, :3]
@@ -360,10 +349,7 @@ def wheel_angles(message: Any) -> tuple[float, ...]:
     found = [columns.get((side, rear), columns.get((side, not rear))) for side, rear in order]
     if None in found or len(message.position) != len(names):
         raise ValueError(f"no wheels with left and right in their names: {', '.join(names)[:200]}")
-    angles = tuple(float(message.position[column]) for column in found)
-    if not all(abs(angle) <= MAX_ANGLE for angle in angles):
-        raise ValueError("no angles")
-    return angles
+    return tuple(float(message.position[column]) for column in found)
 
 
 def encoder_stream(bag: Bag, table: Table, wheels: Wheels) -> EncoderStream:
@@ -373,7 +359,7 @@ def encoder_stream(bag: Bag, table: Table, wheels: Wheels) -> EncoderStream:
     The first reading counts from 0 where the wheels had travelled less than 1 m by then, else it counts nothing:
     joints go on from where they stood. No motion is before the first reading in either case.
     """
-    kept, stamps = bag.used(table)
+    kept, stamps = bag.used(table, np.asarray((np.abs(table.values) <= MAX_ANGLE).all(axis=1)))
     totals = np.rint(table.values[kept] / angle_of_count(wheels)).astype(np.int64)
     counts = np.diff(totals, axis=0, prepend=0)
     if np.abs(counts[0]).max() * wheels.metres_per_count > SLACK:

@@ -1,4 +1,4 @@
-"""Scans of lidars: figures on opening, ranges on demand, one fan for all scans.
+"""Scans of lidars: figures on opening, ranges on demand, one fan for all scans; and images on demand.
 
 ``sensor_msgs/LaserScan`` and ``MultiEchoLaserScan`` mean what REP 117 says: positive infinity is no return, negative
 infinity too near, NaN an error; and what is beyond the limits that a message states counts as no return, or invalid.
@@ -11,11 +11,11 @@ of a lidar without return ends in it, put at that lidar's limit; a beam in which
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,8 @@ from moteslam.robot.formats.bags.bag import Bag, Rows, Table
 from moteslam.robot.formats.bags.motion import Mount
 from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, no_return_limit
 from moteslam.robot.platform import MAX_BEAMS, too_wide
-from moteslam.robot.recording import nearest_stamp
+from moteslam.robot.recording import RgbdStream, nearest_stamp
+from moteslam.robot.rgbd import decode_disparity, decode_rgb, disparity_of
 from moteslam.robot.values import counted
 
 LASER_SCAN, MULTI_ECHO = "sensor_msgs/LaserScan", "sensor_msgs/MultiEchoLaserScan"
@@ -40,9 +41,16 @@ an eighth of their step beside its beam."""
 GAP = 1.5
 """A scan further away in time than this many times between two scans is not joined: that lidar was silent."""
 
+Pixel = TypeVar("Pixel", np.uint8, np.uint16)
 Ranges = NDArray[np.float32]
 Figures = NDArray[np.float64]
 """Of scans [n, 7]: first and last angle, steps of angle and time, limits, number of beams."""
+_FIGURES = attrgetter("angle_min", "angle_max", "angle_increment", "time_increment", "range_min", "range_max")
+
+
+def figures_of(message: Any) -> tuple[float, ...]:
+    """The figures of a scan, see `Figures`."""
+    return (*_FIGURES(message), len(message.ranges))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,19 +81,12 @@ class Scans:
         return clean_ranges(self.load(indices), fan, [], "")
 
 
-def figures_of(message: Any) -> tuple[float, ...]:
-    """The figures of a scan, see `Figures`."""
-    angles = (message.angle_min, message.angle_max, message.angle_increment)
-    if not all(map(math.isfinite, angles)) or len(message.ranges) > MAX_BEAMS:
-        raise ValueError("no angles")
-    return (*angles, message.time_increment, message.range_min, message.range_max, len(message.ranges))
-
-
 def laser_scans(bag: Bag, table: Table) -> Scans:
     """The scans of a topic, each with its angles, on the fan that most of them have or on a finer one."""
     topic = table.topic.name
-    kept, stamps = bag.used(table)
-    figures = table.values[kept]
+    values = table.values
+    kept, stamps = bag.used(table, np.isfinite(values[:, :3]).all(axis=1) & (values[:, 6] <= MAX_BEAMS))
+    figures = values[kept]
 
     def keep_and_tell(code: str, good: NDArray[np.bool_], what: str) -> None:
         nonlocal kept, stamps, figures
@@ -224,3 +225,40 @@ def merged_scans(path: Path, lidars: list[Scans], mounts: list[Mount]) -> Scans:
         return rows
 
     return Scans(names, "", first.stamps, whole, load)
+
+
+@dataclass(frozen=True, eq=False)
+class BagImages:
+    """The images that this package wrote into a bag, read and decoded when they are asked for (an `ImageSource`); the
+    rows [m], [n] are the message of each stamp.
+    """
+
+    bag: Bag
+    colour: Table
+    depth: Table
+    colour_rows: Rows
+    depth_rows: Rows
+
+    def rgb(self, index: int) -> NDArray[np.uint8]:
+        """The colour image [480, 640, 3] of a stamp."""
+        return self._decoded(self.colour, self.colour_rows, index, decode_rgb)
+
+    def disparity(self, index: int) -> NDArray[np.uint16]:
+        """The raw disparities [480, 640] of a stamp; raises as `rgb`."""
+        millimetres = self._decoded(self.depth, self.depth_rows, index, decode_disparity)
+        return disparity_of(0.001 * millimetres.astype(np.float64))
+
+    def _decoded(
+        self, table: Table, rows: Rows, index: int, decode: Callable[[bytes], NDArray[Pixel]]
+    ) -> NDArray[Pixel]:
+        (message,) = self.bag.messages(table, rows[index : index + 1])
+        try:
+            return decode(message.data.tobytes())
+        except ValueError as error:
+            raise InputError(f"image {index}: {error}", file=self.bag.path, field=table.topic.name) from error
+
+
+def rgbd_stream(bag: Bag, colour: Table, depth: Table) -> RgbdStream:
+    """The frames of colour and depth images."""
+    (rgb_rows, rgb), (depth_rows, disparity) = bag.used(colour), bag.used(depth)
+    return RgbdStream(rgb, disparity, images=BagImages(bag, colour, depth, rgb_rows, depth_rows))

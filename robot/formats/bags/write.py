@@ -28,9 +28,8 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot import rgbd, se2
 from moteslam.robot.files import make_folder
+from moteslam.robot.formats.bags import motion
 from moteslam.robot.formats.bags.bag import SECOND
-from moteslam.robot.formats.bags.images import CAMERA_INFO, COMPRESSED_IMAGE
-from moteslam.robot.formats.bags.motion import GRAVITY, IMU, JOINT_STATE, ODOMETRY, TRANSFORMS, angle_of_count
 from moteslam.robot.formats.bags.scans import LASER_SCAN
 from moteslam.robot.formats.bags.storage import full_name, store
 from moteslam.robot.formats.streams import Fan
@@ -42,9 +41,10 @@ from moteslam.robot.recording import CHUNK, STREAMS, LidarStream, Recording, Rgb
 from moteslam.robot.values import Issue, counted, expect_type
 
 ODOM, BASE, LASER = "odom", "base_link", "laser"
-RGB, DEPTH = "/camera/rgb", "/camera/depth"
-_CAMERA_FRAMES = {RGB: "camera_rgb_optical_frame", DEPTH: "camera_depth_optical_frame"}
-_FORMATS = {RGB: "rgb8; png compressed bgr8", DEPTH: "16UC1; png compressed"}
+IMAGE_KINDS = IMAGE, COMPRESSED_IMAGE = "sensor_msgs/Image", "sensor_msgs/CompressedImage"
+IMAGES = ("/camera/rgb/image_raw/compressed", "/camera/depth/image_raw/compressed")
+_CAMERA_FRAMES = {"rgb": "camera_rgb_optical_frame", "depth": "camera_depth_optical_frame"}
+_FORMATS = {"rgb": "rgb8; png compressed bgr8", "depth": "16UC1; png compressed"}
 _FARTHEST = 65.535
 JOINTS = ("front_right_wheel_joint", "front_left_wheel_joint", "rear_right_wheel_joint", "rear_left_wheel_joint")
 """As written, in the order of an `EncoderStream`."""
@@ -224,7 +224,7 @@ def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]
     }
     once = [
         Event(begin, *MANIFEST, {"data": tomli_w.dumps(about)}, latched=True),
-        Event(begin, "/tf_static", TRANSFORMS[0], {"transforms": standing}, latched=True),
+        Event(begin, "/tf_static", motion.TRANSFORMS[0], {"transforms": standing}, latched=True),
     ]
     streams: list[Iterator[Event]] = [iter(once)]
     if ticks := [stream.stamps for stream in (odometry, lidar) if stream is not None]:
@@ -240,19 +240,19 @@ def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]
             }
             for (x, y, yaw), (forward, left, turn) in zip(poses, rates, strict=True)
         )
-        streams.append(_stamped(odometry.stamps, "/odom", ODOMETRY, ODOM, moves))
+        streams.append(_stamped(odometry.stamps, "/odom", motion.ODOMETRY, ODOM, moves))
         moved = (
-            Event(time, "/tf", TRANSFORMS[0], {"transforms": [transform(time, ODOM, BASE, (x, y, 0.0), turned(yaw))]})
+            (time, transform(time, ODOM, BASE, (x, y, 0.0), turned(yaw)))
             for time, (x, y, yaw) in zip(nanoseconds(odometry.stamps).tolist(), poses, strict=True)
         )
-        streams.append(moved)
+        streams.append(Event(time, "/tf", motion.TRANSFORMS[0], {"transforms": [one]}) for time, one in moved)
     if encoders is not None and wheels is not None:
-        angles = np.cumsum(encoders.counts, axis=0).astype(np.float64) * angle_of_count(wheels)
+        angles = np.cumsum(encoders.counts, axis=0).astype(np.float64) * motion.angle_of_count(wheels)
         rows = ({"name": list(JOINTS), "position": row} for row in angles)
-        streams.append(_stamped(encoders.stamps, "/joint_states", JOINT_STATE, "", rows))
+        streams.append(_stamped(encoders.stamps, "/joint_states", motion.JOINT_STATE, "", rows))
     if imu is not None:
         unknown = np.array([-1.0, *[0.0] * 8])  # no orientation is measured: sensor_msgs/Imu
-        pushes = (imu.linear_acceleration_g * GRAVITY).tolist()
+        pushes = (imu.linear_acceleration_g * motion.GRAVITY).tolist()
         readings = (
             {
                 "orientation": turned(0.0),
@@ -262,7 +262,7 @@ def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]
             }
             for angular, linear in zip(imu.angular_velocity.tolist(), pushes, strict=True)
         )
-        streams.append(_stamped(imu.stamps, "/imu", IMU, BASE, readings))
+        streams.append(_stamped(imu.stamps, "/imu", motion.IMU, BASE, readings))
     if lidar is not None:
         streams.append(_stamped(lidar.stamps, "/scan", LASER_SCAN, LASER, _scans(lidar)))
     if recording.rgbd is not None and rgbd.has_images(recording.rgbd):
@@ -312,19 +312,20 @@ def image_events(stream: RgbdStream, missing: list[int]) -> list[Iterator[Event]
     def images(stamps: NDArray[np.float64], camera: str) -> Iterator[Event]:
         for index, time in enumerate(nanoseconds(stamps).tolist()):
             try:
-                pixels = rgbd.rgb_image(stream, index) if camera == RGB else _depth(stream, index)
+                pixels = rgbd.rgb_image(stream, index) if camera == "rgb" else _depth(stream, index)
             except InputError:
                 pixels = None
             if pixels is None:
                 missing.append(index)
                 continue
             head = header(time, _CAMERA_FRAMES[camera])
-            yield Event(time, f"{camera}/camera_info", CAMERA_INFO, {"header": head, **_camera_info(camera)})
+            about = {"header": head, **_camera_info(camera)}
+            yield Event(time, f"/camera/{camera}/camera_info", "sensor_msgs/CameraInfo", about)
             content = np.frombuffer(encode_png(pixels, fast=True), np.uint8)
             values = {"header": head, "format": _FORMATS[camera], "data": content}
-            yield Event(time, f"{camera}/image_raw/compressed", COMPRESSED_IMAGE, values)
+            yield Event(time, f"/camera/{camera}/image_raw/compressed", COMPRESSED_IMAGE, values)
 
-    return [images(stream.rgb_stamps, RGB), images(stream.disparity_stamps, DEPTH)]
+    return [images(stream.rgb_stamps, "rgb"), images(stream.disparity_stamps, "depth")]
 
 
 def camera_transforms(time: int, mount: CameraSpec) -> list[Values]:
@@ -333,8 +334,8 @@ def camera_transforms(time: int, mount: CameraSpec) -> list[Values]:
 
     turn = dict(zip("xyzw", Rotation.from_matrix(rgbd.mount_rotation(mount)).as_quat().tolist(), strict=True))
     return [
-        transform(time, BASE, _CAMERA_FRAMES[DEPTH], (mount.x, mount.y, mount.z), turn),
-        transform(time, _CAMERA_FRAMES[DEPTH], _CAMERA_FRAMES[RGB], (rgbd.RGB_OFFSET, 0.0, 0.0), turned(0.0)),
+        transform(time, BASE, _CAMERA_FRAMES["depth"], (mount.x, mount.y, mount.z), turn),
+        transform(time, _CAMERA_FRAMES["depth"], _CAMERA_FRAMES["rgb"], (rgbd.RGB_OFFSET, 0.0, 0.0), turned(0.0)),
     ]
 
 
@@ -349,7 +350,7 @@ def _depth(stream: RgbdStream, index: int) -> NDArray[np.uint16] | None:
 
 def _camera_info(camera: str) -> Values:
     """A pinhole camera without distortion; its matrices by the names of ROS 1 and of ROS 2."""
-    focal, (column, row) = (rgbd.RGB_FOCAL, rgbd.RGB_CENTRE) if camera == RGB else (rgbd.FOCAL, rgbd.CENTRE)
+    focal, (column, row) = (rgbd.RGB_FOCAL, rgbd.RGB_CENTRE) if camera == "rgb" else (rgbd.FOCAL, rgbd.CENTRE)
     matrix = np.array((focal, 0, column, 0, focal, row, 0, 0, 1))
     projection = np.array((focal, 0, column, 0, 0, focal, row, 0, 0, 0, 1, 0))
     matrices = {"d": np.zeros(5), "k": matrix, "r": np.eye(3).ravel(), "p": projection}

@@ -178,8 +178,7 @@ def test_of_several_lidars_the_one_with_most_scans_is_read(tmp_path: Path, other
     [
         ({"lidar": ("/nowhere",)}, "topics.lidar"),
         ({"imu": ("/scan",)}, "topics.imu"),
-        ({"imu": ("/imu", "/imu")}, "topics.imu"),
-        ({"lidar": ("/scan", "scan")}, "topics.lidar"),
+        ({"imu": ("/imu", "/imu2")}, "topics.imu"),
         ({"radar": ("/scan",)}, "topics"),
         ({"encoders": ("/joint_states",)}, "topics.encoders"),
     ],
