@@ -70,7 +70,8 @@ class _Reading:
     def __init__(self, bag: Bag, given: GivenRobot, topics: Topics, session: str | int | None) -> None:
         self.bag, self.frames = bag, motion.Frames(bag)
         self.given, self.mounts = given.lidars()
-        self.named = {stream: self._names(stream, names) for stream, names in topics.items()}
+        named = {stream: (names,) if isinstance(names, str) else names for stream, names in topics.items()}
+        self.named = {stream: [f"/{name.removeprefix('/')}" for name in names] for stream, names in named.items()}
         self.is_ours = False
         self.manifest: write.Manifest | None = None
         tables = bag.fill(self._table_of)
@@ -107,25 +108,15 @@ class _Reading:
         used = [*self.lidars, self.odometry, self.imu, self.encoders, *self.images]
         bag.choose_session([table for table in used if table is not None], session)
 
-    def _names(self, stream: str, names: str | tuple[str, ...]) -> tuple[str, ...]:
-        """The topics that are named for a stream; none where it is not read."""
-        if stream not in KINDS:
-            raise InputError(f"{stream!r}, expected {', '.join(KINDS)}", file=self.bag.path, field="topics")
-        names = (names,) if isinstance(names, str) else names
-        full = tuple(dict.fromkeys(f"/{name.removeprefix('/')}" for name in names))
-        if len(full) > 1 and stream != "lidar":
-            raise InputError(f"{len(full)} topics, expected one", file=self.bag.path, field=f"topics.{stream}")
-        return full
-
     def _expect_named(self) -> None:
-        """Refuse topics that are not there."""
+        """Refuse streams that are none, and topics that are not there."""
         known = {stream: sorted(one.name for one in self.bag.topics if one.kind in KINDS[stream]) for stream in KINDS}
         for stream, names in self.named.items():
-            there = {table.topic.name for table in self._of(stream)}
-            if missing := [name for name in names if name not in there]:
-                kinds = " or ".join(kind.partition("/")[2] for kind in KINDS[stream])
-                expected = f"one of {', '.join(known[stream][:20])}" if known[stream] else f"a topic of {kinds}"
-                problem = f"{missing[0]!r}, expected {expected}"
+            if stream not in KINDS:
+                raise InputError(f"{stream!r}, expected {', '.join(KINDS)}", file=self.bag.path, field="topics")
+            expected = ", ".join(known[stream][:20]) or " or ".join(KINDS[stream])
+            problem = f"{', '.join(names)}: expected {'some' if stream == 'lidar' else 'one'} of {expected}"
+            if len(self._of(stream)) < len(names) or (len(names) > 1 and stream != "lidar"):
                 raise InputError(problem, file=self.bag.path, field=f"topics.{stream}")
         if strange := [topic for topic in self.mounts if topic not in known["lidar"]]:
             raise InputError(f"no lidar {strange[0]!r}", file=self.given.file, field="lidars")
@@ -152,8 +143,8 @@ class _Reading:
     def _of(self, stream: str) -> list[Table]:
         """The tables that a stream can be read from: those named, in their order, else all, those with most first."""
         found = [table for table in self.tables if table.topic.kind in KINDS[stream]]
-        names = self.named.get(stream)
-        return found if names is None else [table for name in names for table in found if table.topic.name == name]
+        names = self.named.get(stream, [])
+        return [table for name in names for table in found if table.topic.name == name] if names else found
 
     def _best_lidar(self) -> list[Table]:
         tables = self._of("lidar")

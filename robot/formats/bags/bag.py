@@ -25,7 +25,6 @@ from moteslam.robot.formats.bags.storage import (
     Topic,
     damage_in_one_line,
     decode,
-    frame_name,
     temporary_folder,
     zstd,
 )
@@ -173,8 +172,8 @@ class Bag:
             except (ValueError, OverflowError) as error:
                 table.broken, table.problem = table.broken + 1, str(error)
                 continue
-            table.frame = table.frame or frame_name(header.frame_id)
-            table.child = table.child or frame_name(getattr(message, "child_frame_id", ""))
+            table.frame = table.frame or header.frame_id.lstrip("/")
+            table.child = table.child or getattr(message, "child_frame_id", "").lstrip("/")
             table.flat.extend(row)
             table.numbers.extend(numbers)
         found = [table for table in tables.values() if table.count]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.formats.bags.bag import SECOND, Bag, Table
-from moteslam.robot.formats.bags.storage import Topic, frame_name
+from moteslam.robot.formats.bags.storage import Topic
 from moteslam.robot.formats.streams import MAX_PLACE, SLACK, keep_plausible, plausible_counts, plausible_rates
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream
@@ -30,15 +30,12 @@ TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
 ODOMETRY, IMU, JOINT_STATE = "nav_msgs/Odometry", "sensor_msgs/Imu", "sensor_msgs/JointState"
 BASES = ("base_footprint", "base_link")
 """Frames of a robot, the first that a tree has."""
-MAX_FRAMES = 10_000
-"""Different pairs of frames that are kept."""
+MAX_FRAMES = 10_000  # pairs that are kept
 LEVEL, TILTED = math.radians(2.0), math.radians(15.0)
 """A lidar tilted by less counts as level, for transforms are measured by hand; one tilted by more does not scan the
 plane that the robot drives in [rad]."""
-GRAVITY = 9.80665
-"""Standard gravity [m/s^2]."""
-MAX_ANGLE = 1e9
-"""No wheel has turned further [rad]: some 30 000 km."""
+GRAVITY = 9.80665  # [m/s^2]
+MAX_ANGLE = 1e9  # [rad]: no wheel has turned further
 REACH, MIN_PATH = 0.2, 1.0
 """Of a path, along which a direction is taken, and of one that is long enough to say any [m]."""
 MIN_TURN, FOLLOWS = math.radians(60), 0.3
@@ -46,8 +43,7 @@ MIN_TURN, FOLLOWS = math.radians(60), 0.3
 between them, which is 1 for wheels that do not slip) has headings that are none."""
 _TRUTH = re.compile(r"(^|[^a-z])(ground_?truth|groundtruth|truth|true|gt|p3d)([^a-z]|$)")
 """In the name of a topic or frame that holds where the robot truly was."""
-_WORLD = {"world", "map"}
-"""Frames in which no wheel measures."""
+_WORLD = {"world", "map"}  # frames in which no wheel measures
 _SIDES, _REAR = ("right", "left"), ("rear", "back", "hind")
 _LEVEL = 1e-6
 _MOVES = 1e-3
@@ -107,7 +103,7 @@ class Frames:
         """Keep a message of a topic, ``tf_static`` or another."""
         static = topic.name.endswith("tf_static")
         for each in message.transforms:
-            pair = (namespace(topic.name), frame_name(each.header.frame_id), frame_name(each.child_frame_id))
+            pair = (namespace(topic.name), each.header.frame_id.lstrip("/"), each.child_frame_id.lstrip("/"))
             given = _TRANSFORM(each)
             unset = not math.hypot(*given[3:]) > _MOVES
             pose = (*given[:3], 0.0, 0.0, 0.0, 1.0) if unset else given
@@ -150,11 +146,9 @@ class Frames:
 
     def odometry_under(self, frame: str) -> Table | None:
         """The odometry of transforms whose child carries a frame, else that with most."""
-
-        def rank(table: Table) -> tuple[bool, int]:
-            return self.place(frame, table.child) is not None, len(table)
-
-        return max(self.odometry.values(), key=rank, default=None)
+        tables = sorted(self.odometry.values(), key=len, reverse=True)
+        carrying = [table for table in tables if self.place(frame, table.child) is not None]
+        return next(iter(carrying or tables), None)
 
     def place(self, frame: str, base: str | None) -> tuple[NDArray[np.float64], list[_Edge]] | None:
         """Where a frame stands in another, and the transforms on the way; None where none connect them."""
@@ -193,30 +187,25 @@ class Frames:
             self.bag.tell("no-mount", topic, f"{what} stand at the robot's centre")
             return Mount()
         pose, way = placed
-        for code, is_so, what in (
-            ("mount-unturned", any(edge.unset for edge in way), "has a quaternion of length 0; it turns nothing"),
-            ("mount-moves", any(edge.moves and not edge.static for edge in way), "changes; the first is taken"),
-            ("mount-corrected", any(edge.moves and edge.static for edge in way), "was given anew; the last is taken"),
-        ):
-            if is_so:
-                self.bag.tell(code, topic, f"a transform to {frame} {what}")
-        rotation = pose[:3, :3]
-        up = float(rotation[2, 2])
-        tilt = math.acos(min(1.0, abs(up)))
+        tilt = math.acos(min(1.0, abs(float(pose[2, 2]))))
         if tilt > TILTED:
             problem = f"{frame} is tilted by {math.degrees(tilt):.0f} degrees in {base}, expected a level lidar"
             raise InputError(problem, file=self.bag.path, field=topic)
-        if tilt > LEVEL:
-            what = f"{frame} is tilted by {math.degrees(tilt):.1f} degrees; its scans count as level"
-            self.bag.tell("lidar-tilted", topic, what)
-        yaw = float(se2.wrap(math.atan2(rotation[1, 0], rotation[0, 0])))
+        for code, is_so, what in (
+            ("mount-unturned", any(edge.unset for edge in way), "by a quaternion of length 0: taken not to be turned"),
+            ("mount-moves", any(edge.moves and not edge.static for edge in way), "changes; the first place is taken"),
+            ("mount-corrected", any(edge.moves and edge.static for edge in way), "was given anew; the last is taken"),
+            ("lidar-tilted", tilt > LEVEL, f"is tilted by {math.degrees(tilt):.1f} degrees; its scans count as level"),
+        ):
+            if is_so:
+                self.bag.tell(code, topic, f"the frame {frame} {what}")
+        yaw = float(se2.wrap(math.atan2(pose[1, 0], pose[0, 0])))
         x, y, z = (round(float(value), _DIGITS) for value in pose[:3, 3])
-        return Mount(x, y, z, round(yaw, _DIGITS), upside_down=up < 0)
+        return Mount(x, y, z, round(yaw, _DIGITS), upside_down=bool(pose[2, 2] < 0))
 
 
 def choose_odometry(tables: Sequence[Table], topic: str, frame: str, frames: Frames) -> list[Table]:
     """The odometry where none is named: of the robot of the lidar's topic and frame, never where it truly was."""
-    bag = frames.bag
 
     def is_truth(table: Table) -> bool:
         parent = table.frame.rpartition("/")[2].lower()
@@ -234,17 +223,16 @@ def choose_odometry(tables: Sequence[Table], topic: str, frame: str, frames: Fra
 
     truth = [table for table in tables if is_truth(table)]
     others = [table for table in tables if table not in truth and is_other_robots(table)]
-    if truth:
-        names = ", ".join(f"{table.topic.name} (in {table.frame or 'no frame'})" for table in truth[:4])
-        what = "where the robot truly was, or an estimate in a map; not used as odometry unless it is named"
-        bag.tell("truth-left", names, what, len(truth))
-    if others:
-        names = ", ".join(table.topic.name for table in others[:4])
-        what = f"of a robot that does not carry the lidar's frame {frame}; left aside"
-        bag.tell("other-robot", names, what, len(others))
+    for code, left, what in (
+        ("truth-left", truth, "where the robot truly was, or an estimate in a map; not used unless it is named"),
+        ("other-robot", others, f"of a robot that does not carry the lidar's frame {frame}; left aside"),
+    ):
+        if left:
+            names = ", ".join(f"{table.topic.name} (in {table.frame or 'no frame'})" for table in left[:4])
+            frames.bag.tell(code, names, what, len(left))
     candidates = [table for table in tables if table not in truth and table not in others]
     candidates.sort(key=rank, reverse=True)
-    left_aside(bag, "odometry", candidates)
+    left_aside(frames.bag, "odometry", candidates)
     return candidates[:1]
 
 
@@ -272,13 +260,11 @@ def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
     headings = se2.heading(np.where(none[:, None], (0.0, 0.0, 0.0, 1.0), turns))
     along = _path_headings(places)
     if problem := _no_headings(lengths, headings, along):
+        instead = "the direction of the path is taken, which says nothing of turns on the spot"
         if along is None:
-            what = f"{problem}, and a path too short to take them from: SLAM goes without this odometry"
-            bag.tell("no-headings", topic, what, len(kept))
-            return None
-        what = f"{problem}: the direction of the path is taken, which says nothing of turns on the spot"
-        bag.tell("no-headings", topic, what, len(kept))
-        return OdometryStream(stamps, np.column_stack((places, along)))
+            instead = "the path is too short to take them from: SLAM goes without this odometry"
+        bag.tell("no-headings", topic, f"{problem}: {instead}", len(kept))
+        return None if along is None else OdometryStream(stamps, np.column_stack((places, along)))
     if count := int(none.sum()):
         bag.tell("broken-messages", topic, f"{counted(count, 'pose')} with a quaternion of length 0 dropped", count)
     return OdometryStream(stamps[~none], np.column_stack((places, headings))[~none])

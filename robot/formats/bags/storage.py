@@ -22,6 +22,8 @@ from functools import cache
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+from lz4.frame import LZ4FrameDecompressor
+
 from moteslam.errors import InputError, MoteslamError
 
 MAX_CHUNK = 256 << 20
@@ -80,17 +82,12 @@ def zstd() -> Any:
 
 def unpack(data: bytes, compression: str, limit: int) -> bytes:
     """At most ``limit`` bytes of what was packed."""
-    if compression == "bz2":
-        return bz2.BZ2Decompressor().decompress(data, max_length=limit)
-    if compression == "lz4":
-        import lz4.frame
-
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit))
-    if compression == "zstd":
-        return bytes(zstd().ZstdDecompressor().decompress(data, max_length=limit))
-    if compression not in ("", "none"):
+    if compression in ("", "none"):
+        return data[:limit]
+    packers = {"bz2": bz2.BZ2Decompressor, "lz4": LZ4FrameDecompressor, "zstd": zstd().ZstdDecompressor}
+    if compression not in packers:
         raise ValueError(f"compression {compression[:20]!r}")
-    return data[:limit]
+    return bytes(packers[compression]().decompress(data, max_length=limit))
 
 
 class _Chunk(NamedTuple):
@@ -334,11 +331,6 @@ def temporary_folder(owner: object) -> Path:
     path = Path(tempfile.mkdtemp(prefix="moteslam-"))
     weakref.finalize(owner, shutil.rmtree, path, ignore_errors=True)
     return path
-
-
-def frame_name(name: str) -> str:
-    """A frame's name without the leading slash of ROS before 2012."""
-    return name.lstrip("/")
 
 
 def full_name(kind: str) -> str:

@@ -84,10 +84,10 @@ class Manifest:
 
     def sharpened(self, fan: Fan) -> Fan:
         """The fan with the figures that the messages round, wherever they round to those of the messages."""
-        exact: dict[str, Any] = {name: value for name in FIGURES if isinstance(value := self.scan.get(name), float)}
-        return fan._replace(
-            **{name: value for name, value in exact.items() if np.float32(value) == np.float32(getattr(fan, name))}
-        )
+        for name, exact in self.scan.items():
+            if name in FIGURES and isinstance(exact, float) and np.float32(exact) == np.float32(getattr(fan, name)):
+                fan = Fan(**{**fan._asdict(), name: exact})
+        return fan
 
 
 def read_manifest(text: str, *, file: Path) -> Manifest:
@@ -104,14 +104,10 @@ def read_manifest(text: str, *, file: Path) -> Manifest:
 
 
 def write_bag(path: str | PathLike[str], recording: Recording, *, kind: Kind) -> tuple[Issue, ...]:
-    """Write a recording as a new bag; topics and what comes back equal: ``docs/reference/formats.md``.
+    """Write a recording as a new bag: a file of ROS 1, or of ROS 2 an MCAP file or a folder with a SQLite file.
 
-    The same recording gives the same bytes. What the bag does not hold is an issue each.
-
-    Args:
-        path: of a new file or, of the kind ``rosbag2``, a folder for a SQLite file and its ``metadata.yaml``.
-        recording: what to write.
-        kind: a file of ROS 1, or of ROS 2 a single MCAP file or a folder.
+    The same recording gives the same bytes. What the bag does not hold is an issue each. Topics, and what comes back
+    equal: ``docs/reference/formats.md``.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     path = Path(path)
@@ -143,14 +139,11 @@ def _write_ros2(path: Path, kind: Kind, events: Iterator[Event]) -> None:
     if kind == "rosbag2":
         make_folder(path)
     with tempfile.TemporaryDirectory(prefix=".moteslam-", dir=path.absolute().parent) as place:
-        folder = Path(place) / ("written" if kind == "mcap" else "recording")
+        folder = Path(place) / "recording"
         with Writer(folder, version=_METADATA_VERSION, storage_plugin=storage) as writer:
             write_events(writer, events, ros1=False)
-        if kind == "mcap":
-            (folder / "written.mcap").replace(path)
-            return
-        for file in folder.iterdir():
-            file.replace(path / file.name)
+        for file in folder.glob("*.mcap" if kind == "mcap" else "*"):
+            file.replace(path if kind == "mcap" else path / file.name)
 
 
 def _left_out(recording: Recording, missing: int) -> Iterator[Issue]:
@@ -209,10 +202,10 @@ def _message(types: Any, name: str, values: Values) -> Any:
 def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]) -> Iterator[Event]:
     """The messages of a recording by their times; indices of images that cannot be read are added to ``missing``."""
     lidar, imu, encoders, odometry = recording.lidar, recording.imu, recording.encoders, written.stream
-    stamps = [stream.stamps for stream in (odometry, lidar, imu, encoders) if stream is not None and len(stream)]
-    if not stamps:
+    firsts = [stream.stamps[:1] for stream in (odometry, lidar, imu, encoders) if stream is not None and len(stream)]
+    if not firsts:
         raise InputError("no readings, expected scans, odometry, wheels or an IMU", file=recording.name)
-    begin = int(nanoseconds(np.array([min(float(times[0]) for times in stamps)]))[0])
+    begin = int(nanoseconds(np.min(firsts, axis=0))[0])
     mount, camera, wheels = recording.platform.lidar, recording.platform.camera, recording.platform.wheels
     standing = [transform(begin, BASE, LASER, (mount.x, mount.y, mount.z), turned(mount.yaw))]
     standing += [] if camera is None else camera_transforms(begin, camera)
@@ -277,10 +270,8 @@ def _stamped(stamps: NDArray[np.float64], topic: str, kind: str, frame: str, row
 
 
 def twists(stamps: NDArray[np.float64], poses: se2.Poses) -> NDArray[np.float64]:
-    """Velocities [n, 3] (forward, left, turn) [m/s, m/s, rad/s] in the robot's frame, by differences of poses.
-
-    A pose has the mean velocity since the one before it, the first that of the second. One that shares its stamp with
-    the one before has the velocity of that.
+    """Velocities [n, 3] (forward, left, turn) [m/s, m/s, rad/s] in the robot's frame: the means since the pose before,
+    of the first those of the second. A pose that shares its stamp with the one before has the velocity of that.
     """
     steps, elapsed = se2.between(poses[:-1], poses[1:]), np.diff(stamps)
     if not (elapsed > 0).any():
@@ -292,15 +283,9 @@ def twists(stamps: NDArray[np.float64], poses: se2.Poses) -> NDArray[np.float64]
 
 
 def _scans(lidar: LidarStream) -> Iterator[Values]:
-    figures = {
-        "angle_min": lidar.angle_min,
-        "angle_max": lidar.angle_min + (lidar.ranges.shape[1] - 1) * lidar.angle_increment,
-        "angle_increment": lidar.angle_increment,
-        "time_increment": lidar.time_increment,
-        "scan_time": float(np.median(np.diff(lidar.stamps))) if len(lidar) > 1 else 0.0,
-        "range_min": lidar.range_min,
-        "range_max": lidar.range_max,
-    }
+    figures = {name: getattr(lidar, name) for name in FIGURES}
+    figures["angle_max"] = lidar.angle_min + (lidar.ranges.shape[1] - 1) * lidar.angle_increment
+    figures["scan_time"] = float(np.median(np.diff(lidar.stamps))) if len(lidar) > 1 else 0.0
     for first in range(0, len(lidar), CHUNK):
         rows: NDArray[np.float32] = lidar.ranges[first : first + CHUNK]
         yield from ({**figures, "ranges": ranges} for ranges in rows)
@@ -333,19 +318,18 @@ def camera_transforms(time: int, mount: CameraSpec) -> list[Values]:
     from scipy.spatial.transform import Rotation
 
     turn = dict(zip("xyzw", Rotation.from_matrix(rgbd.mount_rotation(mount)).as_quat().tolist(), strict=True))
+    rgb, depth = _CAMERA_FRAMES["rgb"], _CAMERA_FRAMES["depth"]
     return [
-        transform(time, BASE, _CAMERA_FRAMES["depth"], (mount.x, mount.y, mount.z), turn),
-        transform(time, _CAMERA_FRAMES["depth"], _CAMERA_FRAMES["rgb"], (rgbd.RGB_OFFSET, 0.0, 0.0), turned(0.0)),
+        transform(time, BASE, depth, (mount.x, mount.y, mount.z), turn),
+        transform(time, depth, rgb, (rgbd.RGB_OFFSET, 0.0, 0.0), turned(0.0)),
     ]
 
 
 def _depth(stream: RgbdStream, index: int) -> NDArray[np.uint16] | None:
     """Depths [480, 640] in millimetres, 0 where nothing was seen."""
-    if (disparity := rgbd.disparity_image(stream, index)) is None:
-        return None
-    depth = rgbd.depth_of(disparity)
-    millimetres: NDArray[np.uint16] = np.rint(1000 * np.where(depth <= _FARTHEST, depth, 0.0)).astype(np.uint16)
-    return millimetres
+    disparity = rgbd.disparity_image(stream, index)
+    depth = np.zeros(0) if disparity is None else rgbd.depth_of(disparity)
+    return np.rint(1000 * np.where(depth <= _FARTHEST, depth, 0.0)).astype(np.uint16) if len(depth) else None
 
 
 def _camera_info(camera: str) -> Values:
@@ -384,7 +368,7 @@ def transform(time: int, parent: str, child: str, place: tuple[float, float, flo
 
 
 def vector(x: float, y: float, z: float) -> Values:
-    """A ``geometry_msgs/Vector3`` or ``Point``."""
+    """A ``Vector3`` or ``Point``."""
     return {"x": x, "y": y, "z": z}
 
 
