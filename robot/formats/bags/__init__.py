@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -10,15 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from moteslam.errors import InputError
+from moteslam.errors import ConfigError, InputError
 from moteslam.robot.formats import Format, Robot, Topics
 from moteslam.robot.formats.bags import motion, scans, write
 from moteslam.robot.formats.bags.bag import Bag, Table, is_bag
 from moteslam.robot.formats.bags.storage import Topic, is_readable
+from moteslam.robot.formats.streams import Fan
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import GivenRobot, platform_of
-from moteslam.robot.recording import ChunkedRanges, LidarStream, Recording
-from moteslam.robot.values import counted
+from moteslam.robot.recording import STREAMS, ChunkedRanges, LidarStream, Recording
+from moteslam.robot.values import Issue, counted
 
 KINDS: Mapping[str, tuple[str, ...]] = {
     "lidar": (scans.LASER_SCAN, scans.MULTI_ECHO),
@@ -43,6 +47,11 @@ MANY = 0.75
 _NOT_LEVEL = ("vertical", "tilt", "nod")
 """In the name of a topic of a lidar that does not scan the plane of the floor."""
 
+_TRUTH = re.compile(r"(^|[^a-z])(ground_?truth|groundtruth|truth|true|gt|p3d)([^a-z]|$)")
+"""In the name of a topic or frame that holds where the robot truly was."""
+_WORLD = {"world", "map"}  # frames in which no wheel measures
+MAX_LETTERS = 1 << 20
+
 
 def read_bag(
     path: str | PathLike[str],
@@ -59,6 +68,39 @@ def read_bag(
     return _Reading(Bag(Path(path)), GivenRobot.read(platform), topics or {}, sequence).recording()
 
 
+@dataclass(frozen=True)
+class Manifest:
+    """What a bag says about the recording that it was written from: its streams, robot and figures of the scans."""
+
+    streams: tuple[str, ...]
+    platform: Platform
+    scan: dict[str, Any]
+
+    def sharpened(self, fan: Fan) -> Fan:
+        """The fan with the figures that the messages round, wherever they round to those of the messages."""
+        for name, exact in self.scan.items():
+            if (
+                name in write.FIGURES
+                and isinstance(exact, float)
+                and np.float32(exact) == np.float32(getattr(fan, name))
+            ):
+                fan = Fan(**{**fan._asdict(), name: exact})
+        return fan
+
+
+def read_manifest(text: str, *, file: Path) -> Manifest:
+    """What a bag says about its recording."""
+    try:
+        if len(text) > MAX_LETTERS:
+            raise ValueError(f"{len(text)} letters")
+        table = tomllib.loads(text)
+        streams, scan, robot = table["streams"], dict(table["scan"]), dict(table["platform"])
+        return Manifest(tuple(name for name in STREAMS if name in streams), platform_of(robot, file=file), scan)
+    except (ValueError, TypeError, KeyError, RecursionError, ConfigError) as error:
+        problem = f"{' '.join(str(error).split())[:200]}, expected the description of a recording"
+        raise InputError(problem, file=file, field=write.MANIFEST[0]) from error
+
+
 class _Reading:
     """A bag between its topics and its streams.
 
@@ -73,7 +115,7 @@ class _Reading:
         named = {stream: (names,) if isinstance(names, str) else names for stream, names in topics.items()}
         self.named = {stream: [f"/{name.removeprefix('/')}" for name in names] for stream, names in named.items()}
         self.is_ours = False
-        self.manifest: write.Manifest | None = None
+        self.manifest: Manifest | None = None
         tables = bag.fill(self._table_of)
         self.tables = [table for table in tables if is_readable(table.topic)]
         for table in tables:
@@ -85,9 +127,9 @@ class _Reading:
         is_computed = self.manifest is not None and "odometry" not in written
         self.lidars = self._of("lidar") if "lidar" in self.named else self._best_lidar()
         topic, frame = (self.lidars[0].topic.name, self.lidars[0].frame) if self.lidars else ("", "")
-        imus = sorted(self._of("imu"), key=lambda table: not motion.beside(table.topic.name, topic))
+        imus = sorted(self._of("imu"), key=lambda table: not beside(table.topic.name, topic))
         self.imu = next(iter(imus), None)
-        motion.left_aside(bag, "imu", imus)
+        left_aside(bag, "imu", imus)
         self.encoders = next(iter(self._of("encoders")), None)
         self.images = [table for name in write.IMAGES for table in self._of("rgbd") if table.topic.name == name]
         others = sorted(one.name for one in bag.topics if one.kind in write.IMAGE_KINDS)
@@ -99,7 +141,7 @@ class _Reading:
             bag.tell("broken-messages", "transforms", f"{counted(broken, 'broken message')} dropped", broken)
         odometry = [] if is_computed and "odometry" not in self.named else self._of("odometry")
         if not self.named.get("odometry"):
-            odometry = motion.choose_odometry(odometry, topic, frame, self.frames)
+            odometry = choose_odometry(odometry, topic, frame, self.frames)
         edge = self.frames.odometry_under(frame)
         self.odometry = next(iter(odometry), None)
         self.base = (self.odometry.child if self.odometry else "") or (edge.child if edge else self.frames.base())
@@ -137,7 +179,7 @@ class _Reading:
         return Table(topic, *NUMBERS.get(topic.kind, ())) if is_used else None
 
     def _read_manifest(self, message: Any) -> tuple[float, ...]:
-        self.manifest = self.manifest or write.read_manifest(message.data, file=self.bag.path)
+        self.manifest = self.manifest or read_manifest(message.data, file=self.bag.path)
         return ()
 
     def _of(self, stream: str) -> list[Table]:
@@ -150,7 +192,7 @@ class _Reading:
         tables = self._of("lidar")
         few = [table for table in tables if table.count < MANY * tables[0].count]
         tables.sort(key=lambda table: (table in few, any(word in table.topic.name.lower() for word in _NOT_LEVEL)))
-        motion.left_aside(self.bag, "scans", tables)
+        left_aside(self.bag, "scans", tables)
         return tables[:1]
 
     def recording(self) -> Recording:
@@ -220,6 +262,52 @@ class _Reading:
             lambda first, last: lidar.cleaned(np.arange(first, last), fan), len(lidar.stamps), fan.beams
         )
         return LidarStream(lidar.stamps, ranges, *fan[:4], robot.lidar.time_increment)
+
+
+def choose_odometry(tables: Sequence[Table], topic: str, frame: str, frames: motion.Frames) -> list[Table]:
+    """The odometry where none is named: of the robot of the lidar's topic and frame, never where it truly was."""
+
+    def is_truth(table: Table) -> bool:
+        parent = table.frame.rpartition("/")[2].lower()
+        named = (table.topic.name.lower(), table.frame.lower(), table.child.lower())
+        return parent in _WORLD or any(map(_TRUTH.search, named))
+
+    def is_other_robots(table: Table) -> bool:
+        apart = table.child in frames and frame in frames and frames.place(frame, table.child) is None
+        return apart and not (table.child in motion.BASES and any(frames.place(frame, base) for base in motion.BASES))
+
+    def rank(table: Table) -> tuple[bool, bool, bool, int]:
+        is_odom = table.frame.rpartition("/")[2].startswith("odom")
+        carries = frames.place(frame, table.child) is not None
+        return carries, beside(table.topic.name, topic), is_odom, len(table)
+
+    truth = [table for table in tables if is_truth(table)]
+    others = [table for table in tables if table not in truth and is_other_robots(table)]
+    for code, left, what in (
+        ("truth-left", truth, "where the robot truly was, or an estimate in a map; not used unless it is named"),
+        ("other-robot", others, f"of a robot that does not carry the lidar's frame {frame}; left aside"),
+    ):
+        if left:
+            names = ", ".join(f"{table.topic.name} (in {table.frame or 'no frame'})" for table in left[:4])
+            frames.bag.tell(code, names, what, len(left))
+    candidates = [table for table in tables if table not in truth and table not in others]
+    candidates.sort(key=rank, reverse=True)
+    left_aside(frames.bag, "odometry", candidates)
+    return candidates[:1]
+
+
+def beside(topic: str, lidar: str) -> bool:
+    """Whether a topic is in the namespace of the lidar's, or one of the two is in none."""
+    ours, theirs = motion.namespace(topic), motion.namespace(lidar)
+    return not ours or not theirs or ours == theirs
+
+
+def left_aside(bag: Bag, what: str, tables: Sequence[Table]) -> None:
+    """Name the topics of a kind that are not used: all but the first."""
+    names = [f"{table.topic.name} ({counted(table.count, 'message')})" for table in tables[:9]]
+    if len(names) > 1:
+        text = f"{bag.path.name}: {what} of {names[0]} used; left aside: {', '.join(names[1:])}"
+        bag.issues.append(Issue("topics-left", text, len(tables) - 1))
 
 
 _format = partial(Format, is_folder=False, read=read_bag, read_topics=read_bag)

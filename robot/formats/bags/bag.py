@@ -320,7 +320,7 @@ def _plain(file: Path, owner: object) -> Path:
         packed.seek(0)
         into = temporary_folder(owner) / file.stem
         limit = min(MAX_RATIO * file.stat().st_size, shutil.disk_usage(into.parent).total // 2)
-        with zstd().open(packed, "rb") as content, into.open("wb") as plain:
+        with zstd.open(packed, "rb") as content, into.open("wb") as plain:
             while block := content.read(1 << 20):
                 plain.write(block)
                 if plain.tell() > limit:

@@ -7,8 +7,7 @@ sensors stand. Names with and without a leading slash are the same.
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
@@ -24,7 +23,7 @@ from moteslam.robot.formats.streams import MAX_PLACE, SLACK, keep_plausible, pla
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream
 from moteslam.robot.trajectory import rotations_of
-from moteslam.robot.values import Issue, counted
+from moteslam.robot.values import counted
 
 TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
 ODOMETRY, IMU, JOINT_STATE = "nav_msgs/Odometry", "sensor_msgs/Imu", "sensor_msgs/JointState"
@@ -41,9 +40,6 @@ REACH, MIN_PATH = 0.2, 1.0
 MIN_TURN, FOLLOWS = math.radians(60), 0.3
 """A path that turns by more [rad] and agrees with the headings by less (the mean resultant length of twice the angle
 between them, which is 1 for wheels that do not slip) has headings that are none."""
-_TRUTH = re.compile(r"(^|[^a-z])(ground_?truth|groundtruth|truth|true|gt|p3d)([^a-z]|$)")
-"""In the name of a topic or frame that holds where the robot truly was."""
-_WORLD = {"world", "map"}  # frames in which no wheel measures
 _SIDES, _REAR = ("right", "left"), ("rear", "back", "hind")
 _LEVEL = 1e-6
 _MOVES = 1e-3
@@ -202,52 +198,6 @@ class Frames:
         yaw = float(se2.wrap(math.atan2(pose[1, 0], pose[0, 0])))
         x, y, z = (round(float(value), _DIGITS) for value in pose[:3, 3])
         return Mount(x, y, z, round(yaw, _DIGITS), upside_down=bool(pose[2, 2] < 0))
-
-
-def choose_odometry(tables: Sequence[Table], topic: str, frame: str, frames: Frames) -> list[Table]:
-    """The odometry where none is named: of the robot of the lidar's topic and frame, never where it truly was."""
-
-    def is_truth(table: Table) -> bool:
-        parent = table.frame.rpartition("/")[2].lower()
-        named = (table.topic.name.lower(), table.frame.lower(), table.child.lower())
-        return parent in _WORLD or any(map(_TRUTH.search, named))
-
-    def is_other_robots(table: Table) -> bool:
-        apart = table.child in frames and frame in frames and frames.place(frame, table.child) is None
-        return apart and not (table.child in BASES and any(frames.place(frame, base) for base in BASES))
-
-    def rank(table: Table) -> tuple[bool, bool, bool, int]:
-        is_odom = table.frame.rpartition("/")[2].startswith("odom")
-        carries = frames.place(frame, table.child) is not None
-        return carries, beside(table.topic.name, topic), is_odom, len(table)
-
-    truth = [table for table in tables if is_truth(table)]
-    others = [table for table in tables if table not in truth and is_other_robots(table)]
-    for code, left, what in (
-        ("truth-left", truth, "where the robot truly was, or an estimate in a map; not used unless it is named"),
-        ("other-robot", others, f"of a robot that does not carry the lidar's frame {frame}; left aside"),
-    ):
-        if left:
-            names = ", ".join(f"{table.topic.name} (in {table.frame or 'no frame'})" for table in left[:4])
-            frames.bag.tell(code, names, what, len(left))
-    candidates = [table for table in tables if table not in truth and table not in others]
-    candidates.sort(key=rank, reverse=True)
-    left_aside(frames.bag, "odometry", candidates)
-    return candidates[:1]
-
-
-def beside(topic: str, lidar: str) -> bool:
-    """Whether a topic is in the namespace of the lidar's, or one of the two is in none."""
-    ours, theirs = namespace(topic), namespace(lidar)
-    return not ours or not theirs or ours == theirs
-
-
-def left_aside(bag: Bag, what: str, tables: Sequence[Table]) -> None:
-    """Name the topics of a kind that are not used: all but the first."""
-    names = [f"{table.topic.name} ({counted(table.count, 'message')})" for table in tables[:9]]
-    if len(names) > 1:
-        text = f"{bag.path.name}: {what} of {names[0]} used; left aside: {', '.join(names[1:])}"
-        bag.issues.append(Issue("topics-left", text, len(tables) - 1))
 
 
 def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:

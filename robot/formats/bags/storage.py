@@ -13,6 +13,7 @@ import io
 import shutil
 import sqlite3
 import struct
+import sys
 import tempfile
 import weakref
 from abc import ABC, abstractmethod
@@ -26,6 +27,8 @@ from lz4.frame import LZ4FrameDecompressor
 
 from moteslam.errors import InputError, MoteslamError
 
+zstd: Any = importlib.import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
+"""Python's own from 3.14 on, before that the one that rosbags brings."""
 MAX_CHUNK = 256 << 20
 """Bytes of a chunk when it is unpacked. Recorders close one after about a megabyte, or a single larger message."""
 MAX_HEADER = 1 << 20  # bytes, of a record of ROS 1
@@ -72,19 +75,11 @@ def damage_in_one_line(path: Path) -> Iterator[None]:
         raise InputError(f"damaged: {text}", file=path) from error
 
 
-def zstd() -> Any:
-    """The module for Zstandard: Python's own from 3.14 on, before that the one that rosbags brings."""
-    try:
-        return importlib.import_module("compression.zstd")
-    except ImportError:
-        return importlib.import_module("backports.zstd")
-
-
 def unpack(data: bytes, compression: str, limit: int) -> bytes:
     """At most ``limit`` bytes of what was packed."""
     if compression in ("", "none"):
         return data[:limit]
-    packers = {"bz2": bz2.BZ2Decompressor, "lz4": LZ4FrameDecompressor, "zstd": zstd().ZstdDecompressor}
+    packers = {"bz2": bz2.BZ2Decompressor, "lz4": LZ4FrameDecompressor, "zstd": zstd.ZstdDecompressor}
     if compression not in packers:
         raise ValueError(f"compression {compression[:20]!r}")
     return bytes(packers[compression]().decompress(data, max_length=limit))

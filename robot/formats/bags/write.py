@@ -14,30 +14,28 @@ import heapq
 import math
 import sqlite3
 import tempfile
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.errors import InputError, OutputError
 from moteslam.robot import rgbd, se2
 from moteslam.robot.files import make_folder
 from moteslam.robot.formats.bags import motion
 from moteslam.robot.formats.bags.bag import SECOND
 from moteslam.robot.formats.bags.scans import LASER_SCAN
 from moteslam.robot.formats.bags.storage import full_name, store
-from moteslam.robot.formats.streams import Fan
 from moteslam.robot.formats.written import SCAN_POSES, WrittenOdometry, not_written, odometry_of
 from moteslam.robot.pictures import encode_png
-from moteslam.robot.platform import CameraSpec, Platform
-from moteslam.robot.platforms import platform_of, platform_table
-from moteslam.robot.recording import CHUNK, STREAMS, LidarStream, Recording, RgbdStream
+from moteslam.robot.platform import CameraSpec
+from moteslam.robot.platforms import platform_table
+from moteslam.robot.recording import CHUNK, STREAMS, LidarStream, OdometryStream, Recording, RgbdStream
 from moteslam.robot.values import Issue, counted, expect_type
 
 ODOM, BASE, LASER = "odom", "base_link", "laser"
@@ -47,17 +45,12 @@ _CAMERA_FRAMES = {"rgb": "camera_rgb_optical_frame", "depth": "camera_depth_opti
 _FORMATS = {"rgb": "rgb8; png compressed bgr8", "depth": "16UC1; png compressed"}
 _FARTHEST = 65.535
 JOINTS = ("front_right_wheel_joint", "front_left_wheel_joint", "rear_right_wheel_joint", "rear_left_wheel_joint")
-"""As written, in the order of an `EncoderStream`."""
-LATEST = 2.0**31
-"""The end of what messages hold as a time [s]: the year 2038."""
-_METADATA_VERSION = 8
-"""Of ``metadata.yaml``: ROS 2 Iron writes it, and releases from Humble on read it."""
+LATEST = 2.0**31  # [s]: the end of what messages hold as a time, in 2038
+_METADATA_VERSION = 8  # ROS 2 Iron writes it, and releases from Humble on read it
 MANIFEST = ("/moteslam/recording", "std_msgs/String")
-MAX_LETTERS = 1 << 20
 FIGURES = ("angle_min", "angle_increment", "range_min", "range_max", "time_increment")
 _ARRAYS = {"float32": np.float32, "float64": np.float64, "uint8": np.uint8}
 
-Kind = Literal["bag", "mcap", "rosbag2"]
 Values = dict[str, Any]
 """A message: numbers, texts, arrays, tables of these and lists of tables, by the names of its fields; the others are 0
 or empty."""
@@ -74,37 +67,8 @@ class Event:
     latched: bool = False
 
 
-@dataclass(frozen=True)
-class Manifest:
-    """What a bag says about the recording that it was written from: its streams, robot and figures of the scans."""
-
-    streams: tuple[str, ...]
-    platform: Platform
-    scan: dict[str, Any]
-
-    def sharpened(self, fan: Fan) -> Fan:
-        """The fan with the figures that the messages round, wherever they round to those of the messages."""
-        for name, exact in self.scan.items():
-            if name in FIGURES and isinstance(exact, float) and np.float32(exact) == np.float32(getattr(fan, name)):
-                fan = Fan(**{**fan._asdict(), name: exact})
-        return fan
-
-
-def read_manifest(text: str, *, file: Path) -> Manifest:
-    """What a bag says about its recording."""
-    try:
-        if len(text) > MAX_LETTERS:
-            raise ValueError(f"{len(text)} letters")
-        table = tomllib.loads(text)
-        streams, scan, robot = table["streams"], dict(table["scan"]), dict(table["platform"])
-        return Manifest(tuple(name for name in STREAMS if name in streams), platform_of(robot, file=file), scan)
-    except (ValueError, TypeError, KeyError, RecursionError, ConfigError) as error:
-        problem = f"{' '.join(str(error).split())[:200]}, expected the description of a recording"
-        raise InputError(problem, file=file, field=MANIFEST[0]) from error
-
-
-def write_bag(path: str | PathLike[str], recording: Recording, *, kind: Kind) -> tuple[Issue, ...]:
-    """Write a recording as a new bag: a file of ROS 1, or of ROS 2 an MCAP file or a folder with a SQLite file.
+def write_bag(path: str | PathLike[str], recording: Recording, *, kind: str) -> tuple[Issue, ...]:
+    """Write a recording as a new ``bag`` of ROS 1, ``mcap`` file or ``rosbag2``: a folder with a SQLite file.
 
     The same recording gives the same bytes. What the bag does not hold is an issue each. Topics, and what comes back
     equal: ``docs/reference/formats.md``.
@@ -131,7 +95,7 @@ def write_bag(path: str | PathLike[str], recording: Recording, *, kind: Kind) ->
     return (*odometry.issues, *_left_out(recording, len(missing)))
 
 
-def _write_ros2(path: Path, kind: Kind, events: Iterator[Event]) -> None:
+def _write_ros2(path: Path, kind: str, events: Iterator[Event]) -> None:
     """Write a folder beside the target, as rosbags does, and move its files to their place."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
@@ -139,7 +103,7 @@ def _write_ros2(path: Path, kind: Kind, events: Iterator[Event]) -> None:
     if kind == "rosbag2":
         make_folder(path)
     with tempfile.TemporaryDirectory(prefix=".moteslam-", dir=path.absolute().parent) as place:
-        folder = Path(place) / "recording"
+        folder = Path(place) / ("written" if kind == "mcap" else "recording")
         with Writer(folder, version=_METADATA_VERSION, storage_plugin=storage) as writer:
             write_events(writer, events, ros1=False)
         for file in folder.glob("*.mcap" if kind == "mcap" else "*"):
@@ -222,23 +186,10 @@ def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]
     streams: list[Iterator[Event]] = [iter(once)]
     if ticks := [stream.stamps for stream in (odometry, lidar) if stream is not None]:
         times = np.unique(nanoseconds(np.concatenate(ticks))).tolist()
-        streams.append(Event(time, "/clock", "rosgraph_msgs/Clock", {"clock": _stamp(time)}) for time in times)
+        clocks = ((time, {"clock": header(time, "")["stamp"]}) for time in times)
+        streams.append(Event(time, "/clock", "rosgraph_msgs/Clock", clock) for time, clock in clocks)
     if odometry is not None:
-        poses, rates = odometry.poses.tolist(), twists(odometry.stamps, odometry.poses).tolist()
-        moves = (
-            {
-                "child_frame_id": BASE,
-                "pose": {"pose": {"position": vector(x, y, 0.0), "orientation": turned(yaw)}},
-                "twist": {"twist": {"linear": vector(forward, left, 0.0), "angular": vector(0.0, 0.0, turn)}},
-            }
-            for (x, y, yaw), (forward, left, turn) in zip(poses, rates, strict=True)
-        )
-        streams.append(_stamped(odometry.stamps, "/odom", motion.ODOMETRY, ODOM, moves))
-        moved = (
-            (time, transform(time, ODOM, BASE, (x, y, 0.0), turned(yaw)))
-            for time, (x, y, yaw) in zip(nanoseconds(odometry.stamps).tolist(), poses, strict=True)
-        )
-        streams.append(Event(time, "/tf", motion.TRANSFORMS[0], {"transforms": [one]}) for time, one in moved)
+        streams.append(_moves(odometry))
     if encoders is not None and wheels is not None:
         angles = np.cumsum(encoders.counts, axis=0).astype(np.float64) * motion.angle_of_count(wheels)
         rows = ({"name": list(JOINTS), "position": row} for row in angles)
@@ -267,6 +218,20 @@ def _stamped(stamps: NDArray[np.float64], topic: str, kind: str, frame: str, row
     """The messages of a topic, with their headers."""
     for time, row in zip(nanoseconds(stamps).tolist(), rows, strict=True):
         yield Event(time, topic, kind, {"header": header(time, frame), **row})
+
+
+def _moves(odometry: OdometryStream) -> Iterator[Event]:
+    times, rates = nanoseconds(odometry.stamps).tolist(), twists(odometry.stamps, odometry.poses).tolist()
+    for time, (x, y, yaw), (forward, left, turn) in zip(times, odometry.poses.tolist(), rates, strict=True):
+        values = {
+            "header": header(time, ODOM),
+            "child_frame_id": BASE,
+            "pose": {"pose": {"position": vector(x, y, 0.0), "orientation": turned(yaw)}},
+            "twist": {"twist": {"linear": vector(forward, left, 0.0), "angular": vector(0.0, 0.0, turn)}},
+        }
+        yield Event(time, "/odom", motion.ODOMETRY, values)
+        moved = transform(time, ODOM, BASE, (x, y, 0.0), turned(yaw))
+        yield Event(time, "/tf", motion.TRANSFORMS[0], {"transforms": [moved]})
 
 
 def twists(stamps: NDArray[np.float64], poses: se2.Poses) -> NDArray[np.float64]:
@@ -303,11 +268,10 @@ def image_events(stream: RgbdStream, missing: list[int]) -> list[Iterator[Event]
             if pixels is None:
                 missing.append(index)
                 continue
-            head = header(time, _CAMERA_FRAMES[camera])
-            about = {"header": head, **_camera_info(camera)}
-            yield Event(time, f"/camera/{camera}/camera_info", "sensor_msgs/CameraInfo", about)
+            head = {"header": header(time, _CAMERA_FRAMES[camera])}
+            yield Event(time, f"/camera/{camera}/camera_info", "sensor_msgs/CameraInfo", head | _camera_info(camera))
             content = np.frombuffer(encode_png(pixels, fast=True), np.uint8)
-            values = {"header": head, "format": _FORMATS[camera], "data": content}
+            values = {**head, "format": _FORMATS[camera], "data": content}
             yield Event(time, f"/camera/{camera}/image_raw/compressed", COMPRESSED_IMAGE, values)
 
     return [images(stream.rgb_stamps, "rgb"), images(stream.disparity_stamps, "depth")]
@@ -352,13 +316,9 @@ def nanoseconds(stamps: NDArray[np.float64]) -> NDArray[np.int64]:
     return whole.astype(np.int64) * SECOND + np.rint((stamps - whole) * SECOND).astype(np.int64)
 
 
-def _stamp(time: int) -> Values:
-    return {"sec": time // SECOND, "nanosec": time % SECOND}
-
-
 def header(time: int, frame: str) -> Values:
     """A header of a time [ns] and a frame."""
-    return {"stamp": _stamp(time), "frame_id": frame}
+    return {"stamp": {"sec": time // SECOND, "nanosec": time % SECOND}, "frame_id": frame}
 
 
 def transform(time: int, parent: str, child: str, place: tuple[float, float, float], turn: Values) -> Values:

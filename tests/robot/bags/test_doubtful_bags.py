@@ -276,7 +276,7 @@ def test_recordings_that_are_no_parts_of_one_are_not_put_together(tmp_path: Path
 
 def test_files_packed_as_a_whole_are_unpacked(tmp_path: Path) -> None:
     folder = make_bag(tmp_path, drive(), "folder")
-    (folder / "made.db3.zstd").write_bytes(zstd().compress((folder / "made.db3").read_bytes()))
+    (folder / "made.db3.zstd").write_bytes(zstd.compress((folder / "made.db3").read_bytes()))
     (folder / "made.db3").unlink()
     text = (folder / "metadata.yaml").read_text().replace("made.db3", "made.db3.zstd")
     text = text.replace("compression_mode: ''", "compression_mode: FILE")
@@ -284,7 +284,7 @@ def test_files_packed_as_a_whole_are_unpacked(tmp_path: Path) -> None:
     recording = open_recording(folder)
     assert recording.warnings == ()
     assert recording.lidar.ranges[19, 0] == np.float32(1.19)
-    (folder / "made.db3.zstd").write_bytes(zstd().compress(bytes(200_000_000)))
+    (folder / "made.db3.zstd").write_bytes(zstd.compress(bytes(200_000_000)))
     with pytest.raises(InputError, match="unpacks to more than a recording does: unpack it with zstd -d"):
         open_recording(folder)
 
