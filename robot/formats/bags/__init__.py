@@ -78,14 +78,8 @@ class Manifest:
 
     def sharpened(self, fan: Fan) -> Fan:
         """The fan with the figures that the messages round, wherever they round to those of the messages."""
-        for name, exact in self.scan.items():
-            if (
-                name in write.FIGURES
-                and isinstance(exact, float)
-                and np.float32(exact) == np.float32(getattr(fan, name))
-            ):
-                fan = Fan(**{**fan._asdict(), name: exact})
-        return fan
+        rounded = {name: np.float32(value) == np.float32(getattr(fan, name)) for name, value in self.scan.items()}
+        return fan._replace(**{name: value for name, value in self.scan.items() if rounded[name]})
 
 
 def read_manifest(text: str, *, file: Path) -> Manifest:
@@ -94,9 +88,10 @@ def read_manifest(text: str, *, file: Path) -> Manifest:
         if len(text) > MAX_LETTERS:
             raise ValueError(f"{len(text)} letters")
         table = tomllib.loads(text)
-        streams, scan, robot = table["streams"], dict(table["scan"]), dict(table["platform"])
-        return Manifest(tuple(name for name in STREAMS if name in streams), platform_of(robot, file=file), scan)
-    except (ValueError, TypeError, KeyError, RecursionError, ConfigError) as error:
+        scan = {name: value for name in write.FIGURES if isinstance(value := table["scan"].get(name), float)}
+        streams = tuple(name for name in STREAMS if name in table["streams"])
+        return Manifest(streams, platform_of(dict(table["platform"]), file=file), scan)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, ConfigError) as error:
         problem = f"{' '.join(str(error).split())[:200]}, expected the description of a recording"
         raise InputError(problem, file=file, field=write.MANIFEST[0]) from error
 
@@ -310,24 +305,12 @@ def left_aside(bag: Bag, what: str, tables: Sequence[Table]) -> None:
         bag.issues.append(Issue("topics-left", text, len(tables) - 1))
 
 
-_format = partial(Format, is_folder=False, read=read_bag, read_topics=read_bag)
+def _format(name: str, kind: str, *endings: str) -> Format:
+    write_it = None if kind == "db3" else partial(write.write_bag, kind=kind)
+    return Format(name, kind == "rosbag2", partial(is_bag, kind=kind), read_bag, read_bag, write_it, endings)
 
-ROSBAG1 = _format(
-    "ROS 1 bag",
-    recognise=partial(is_bag, kind="bag"),
-    write=partial(write.write_bag, kind="bag"),
-    endings=(".bag",),
-)
-MCAP = _format(
-    "MCAP file of ROS",
-    recognise=partial(is_bag, kind="mcap"),
-    write=partial(write.write_bag, kind="mcap"),
-    endings=(".mcap",),
-)
-DB3 = _format("SQLite file of ROS 2", recognise=partial(is_bag, kind="db3"))
-ROSBAG2 = _format(
-    "ROS 2 bag (a folder with metadata.yaml)",
-    is_folder=True,
-    recognise=is_bag,
-    write=partial(write.write_bag, kind="rosbag2"),
-)
+
+ROSBAG1 = _format("ROS 1 bag", "bag", ".bag")
+MCAP = _format("MCAP file of ROS", "mcap", ".mcap")
+DB3 = _format("SQLite file of ROS 2", "db3")
+ROSBAG2 = _format("ROS 2 bag (a folder with metadata.yaml)", "rosbag2")

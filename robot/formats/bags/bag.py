@@ -33,15 +33,12 @@ from moteslam.robot.values import Issue, counted
 
 SECOND = 1_000_000_000
 """Nanoseconds."""
-MAX_MESSAGES = 20_000_000
-"""No bag has more: an hour of twenty streams at 250 Hz."""
+MAX_MESSAGES = 20_000_000  # an hour of twenty streams at 250 Hz
 BACK = 1.0
 """A stamp further behind the latest before it [s], with all that follow, is of a clock that was set back: what waits
 in a queue is less late, or is followed by others that are not."""
-EARLY = 10.0
-"""A stamp of 0 is none where all others are later than this [s]."""
-MAX_RATIO = 1000
-"""No file of a recording is packed tighter."""
+EARLY = 10.0  # [s]: a stamp of 0 is none where all others are later
+MAX_RATIO = 1000  # no file of a recording is packed tighter
 MAX_FILES = 10_000
 METADATA, _INFORMATION = "metadata.yaml", "rosbag2_bagfile_information"
 _MAGICS = {b"#ROSBAG V": "bag", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "db3"}
@@ -60,11 +57,10 @@ class Table:
     """What is kept of the messages of a topic, in the order they were written.
 
     Attributes:
-        topic: of them.
         take: gives the numbers that are kept of a message, ``width`` of them; raises a ValueError for a broken one.
-        frame: of its header; child: the child frame of an odometry.
-        flat: of all messages, as `HEAD`; numbers: flat [n * width].
-        broken: how many were; problem: of the last of them.
+        frame, child: of the first header, and of an odometry.
+        flat, numbers: of all messages, as `HEAD`, and flat [n * width].
+        broken, problem: how many were, and what is wrong with the last of them.
         rows: of the session of the clock that is read, after `Bag.choose_session`.
     """
 

@@ -31,10 +31,8 @@ from moteslam.robot.values import counted
 
 LASER_SCAN, MULTI_ECHO = "sensor_msgs/LaserScan", "sensor_msgs/MultiEchoLaserScan"
 
-SAMPLE = 64
-"""Scans, spread over the bag, that are looked at for the limit where the messages state none."""
-MAX_STEP = 0.01
-"""Between two beams [s]: no lidar is slower."""
+SAMPLE = 64  # scans that are looked at for the limit where the messages state none
+MAX_STEP = 0.01  # between two beams [s]: no lidar is slower
 FINER = 4
 """Of scans with beams of their own each, the common fan has this many beams for one of theirs: an endpoint lies up to
 an eighth of their step beside its beam."""
@@ -55,14 +53,8 @@ def figures_of(message: Any) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Scans:
-    """The scans of a topic.
-
-    Attributes:
-        topic: their name.
-        frame: in which the beams' angles are.
-        stamps: [n] rising [s].
-        fan: of all of them.
-        load: ``load(indices)`` reads the ranges [k, beams] [m] of some scans, raw.
+    """The scans of a topic, their stamps [n] rising [s]; ``load(indices)`` reads the ranges [k, beams] [m] of some,
+    raw; the beams' angles are in a frame.
     """
 
     topic: str
@@ -196,8 +188,7 @@ def _finer_fan(figures: Figures, steps: NDArray[np.float64], common: Fan) -> Fan
 def _most_frequent(values: NDArray[np.float64]) -> float:
     """The value that most messages have; 0 where that is not a number."""
     numbers, counts = np.unique(values, return_counts=True)
-    value = float(numbers[np.argmax(counts)])
-    return 0.0 if np.isnan(value) else value
+    return float(np.nan_to_num(numbers[np.argmax(counts)], posinf=np.inf, neginf=-np.inf))
 
 
 def merged_scans(path: Path, lidars: list[Scans], mounts: list[Mount]) -> Scans:
