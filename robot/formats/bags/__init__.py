@@ -24,23 +24,16 @@ from moteslam.robot.platforms import GivenRobot, platform_of
 from moteslam.robot.recording import STREAMS, ChunkedRanges, LidarStream, Recording
 from moteslam.robot.values import Issue, counted
 
-KINDS: Mapping[str, tuple[str, ...]] = {
-    "lidar": (scans.LASER_SCAN, scans.MULTI_ECHO),
-    "odometry": (motion.ODOMETRY,),
-    "imu": (motion.IMU,),
-    "encoders": (motion.JOINT_STATE,),
-    "rgbd": (write.COMPRESSED_IMAGE,),
+KINDS: Mapping[str, tuple[str, Callable[[Any], tuple[float, ...]], int]] = {
+    scans.LASER_SCAN: ("lidar", scans.figures_of, 7),
+    scans.MULTI_ECHO: ("lidar", scans.figures_of, 7),
+    motion.ODOMETRY: ("odometry", motion.POSE, 7),
+    motion.IMU: ("imu", motion.RATES, 6),
+    motion.JOINT_STATE: ("encoders", motion.wheel_angles, 4),
+    write.COMPRESSED_IMAGE: ("rgbd", lambda _: (), 0),
 }
-"""By stream, the types that it can be read from."""
-
-NUMBERS: Mapping[str, tuple[Callable[[Any], tuple[float, ...]], int]] = {
-    scans.LASER_SCAN: (scans.figures_of, 7),
-    scans.MULTI_ECHO: (scans.figures_of, 7),
-    motion.ODOMETRY: (motion.POSE, 7),
-    motion.IMU: (motion.RATES, 6),
-    motion.JOINT_STATE: (motion.wheel_angles, 4),
-}
-"""By type, what is kept of each message, and how many numbers that are."""
+"""By type, the stream that is read from its messages, what is kept of each, and how many numbers that are."""
+_STREAMS = dict.fromkeys(stream for stream, _, _ in KINDS.values())
 
 MANY = 0.75
 """A lidar with this share of the most scans competes with it."""
@@ -132,8 +125,10 @@ class _Reading:
             what = "images of a bag that this package did not write: left out"
             bag.tell("images-left", ", ".join(others[:4]), what, len(others))
         self.frames.keep(motion.namespace(topic))
-        if broken := sum(table.broken for table in self.tables if table.topic.kind in motion.TRANSFORMS):
-            bag.tell("broken-messages", "transforms", f"{counted(broken, 'broken message')} dropped", broken)
+        for table in tables:
+            if table.broken and table.topic.kind not in KINDS:
+                what = f"{counted(table.broken, 'message')} broken: dropped"
+                bag.tell("broken-messages", table.topic, what, table.broken)
         odometry = [] if is_computed and "odometry" not in self.named else self._of("odometry")
         if not self.named.get("odometry"):
             odometry = choose_odometry(odometry, topic, frame, self.frames)
@@ -147,13 +142,16 @@ class _Reading:
 
     def _expect_named(self) -> None:
         """Refuse streams that are none, and topics that are not there."""
-        known = {stream: sorted(one.name for one in self.bag.topics if one.kind in KINDS[stream]) for stream in KINDS}
+        known: dict[str, list[str]] = {stream: [] for stream in _STREAMS}
+        for topic in sorted(self.bag.topics):
+            if topic.kind in KINDS:
+                known[KINDS[topic.kind][0]].append(topic.name)
         for stream, names in self.named.items():
-            if stream not in KINDS:
-                raise InputError(f"{stream!r}, expected {', '.join(KINDS)}", file=self.bag.path, field="topics")
-            expected = ", ".join(known[stream][:20]) or " or ".join(KINDS[stream])
-            problem = f"{', '.join(names)}: expected {'some' if stream == 'lidar' else 'one'} of {expected}"
+            if stream not in known:
+                raise InputError(f"{stream!r}, expected {', '.join(known)}", file=self.bag.path, field="topics")
             if len(self._of(stream)) < len(names) or (len(names) > 1 and stream != "lidar"):
+                expected = f"{'some' if stream == 'lidar' else 'one'} of {', '.join(known[stream][:20]) or 'none'}"
+                problem = f"{', '.join(names)}: expected {expected}"
                 raise InputError(problem, file=self.bag.path, field=f"topics.{stream}")
         if strange := [topic for topic in self.mounts if topic not in known["lidar"]]:
             raise InputError(f"no lidar {strange[0]!r}", file=self.given.file, field="lidars")
@@ -167,11 +165,10 @@ class _Reading:
         if topic[:2] == write.MANIFEST:
             self.is_ours = True
             return Table(topic, self._read_manifest)
-        stream = next((stream for stream, kinds in KINDS.items() if topic.kind in kinds), "")
-        if stream not in ("lidar", "odometry", "imu", *(KINDS if self.is_ours else self.named)):
-            return None
-        is_used = topic.name in self.named.get(stream, (topic.name,))
-        return Table(topic, *NUMBERS.get(topic.kind, ())) if is_used else None
+        stream, take, width = KINDS.get(topic.kind, ("", None, 0))
+        is_read = stream in ("lidar", "odometry", "imu", *(_STREAMS if self.is_ours else self.named))
+        is_read &= topic.name in self.named.get(stream, (topic.name,))
+        return Table(topic, take, width) if take is not None and is_read else None
 
     def _read_manifest(self, message: Any) -> tuple[float, ...]:
         self.manifest = self.manifest or read_manifest(message.data, file=self.bag.path)
@@ -179,7 +176,7 @@ class _Reading:
 
     def _of(self, stream: str) -> list[Table]:
         """The tables that a stream can be read from: those named, in their order, else all, those with most first."""
-        found = [table for table in self.tables if table.topic.kind in KINDS[stream]]
+        found = [table for table in self.tables if KINDS.get(table.topic.kind, ("",))[0] == stream]
         names = self.named.get(stream, [])
         return [table for name in names for table in found if table.topic.name == name] if names else found
 
@@ -228,15 +225,7 @@ class _Reading:
         is_given = given is not None or (
             alone and (self.given.platform is not None or {"x", "y", "yaw"} <= self.given.lidar_figures.keys())
         )
-        told = len(self.bag.issues)
-        try:
-            mount = self.frames.lidar_mount(lidar.topic, lidar.frame, self.base)
-        except InputError:
-            if not is_given:
-                raise
-            mount = motion.Mount()
-        if is_given:
-            del self.bag.issues[told:]
+        mount = self.frames.lidar_mount(lidar.topic, lidar.frame, self.base, is_given=is_given)
         return mount if given is None else motion.Mount(given.x, given.y, given.z, given.yaw, mount.upside_down)
 
     def _stated(self, lidar: scans.Scans | None, mount: motion.Mount) -> Platform:

@@ -175,16 +175,19 @@ class Frames:
                 waiting.append(parent)
         return found
 
-    def lidar_mount(self, topic: str, frame: str, base: str | None) -> Mount:
-        """The mount of the lidar whose scans are in a frame; the robot's centre where no transforms lead there."""
+    def lidar_mount(self, topic: str, frame: str, base: str | None, *, is_given: bool) -> Mount:
+        """The mount of the lidar whose scans are in a frame; the robot's centre where no transforms lead there. What is
+        wrong with it does not matter where it is given.
+        """
         placed = self.place(frame, base)
         if placed is None:
             what = f"no transform from {base or ' or '.join(BASES)} to {frame or 'its frame'}; the lidar is taken to"
-            self.bag.tell("no-mount", topic, f"{what} stand at the robot's centre")
+            if not is_given:
+                self.bag.tell("no-mount", topic, f"{what} stand at the robot's centre")
             return Mount()
         pose, way = placed
         tilt = math.acos(min(1.0, abs(float(pose[2, 2]))))
-        if tilt > TILTED:
+        if tilt > TILTED and not is_given:
             problem = f"{frame} is tilted by {math.degrees(tilt):.0f} degrees in {base}, expected a level lidar"
             raise InputError(problem, file=self.bag.path, field=topic)
         for code, is_so, what in (
@@ -193,7 +196,7 @@ class Frames:
             ("mount-corrected", any(edge.moves and edge.static for edge in way), "was given anew; the last is taken"),
             ("lidar-tilted", tilt > LEVEL, f"is tilted by {math.degrees(tilt):.1f} degrees; its scans count as level"),
         ):
-            if is_so:
+            if is_so and not is_given:
                 self.bag.tell(code, topic, f"the frame {frame} {what}")
         yaw = float(se2.wrap(math.atan2(pose[1, 0], pose[0, 0])))
         x, y, z = (round(float(value), _DIGITS) for value in pose[:3, 3])
