@@ -199,11 +199,8 @@ class _Reading:
             streams["imu"] = motion.imu_stream(self.imu, self.frames, self.base)
         if bag.has(self.encoders):
             # by the wheels that they were written by, else by those that are given
-            wheels = robot.wheels if self.manifest is None else self.manifest.platform.wheels
-            if wheels is None:
-                problem = "joints of wheels, expected a platform with [wheels] to count them by"
-                raise InputError(problem, file=path, field=self.encoders.topic.name)
-            streams["encoders"] = motion.encoder_stream(bag, self.encoders, wheels)
+            counted_by = robot if self.manifest is None else self.manifest.platform
+            streams["encoders"] = motion.encoder_stream(bag, self.encoders, counted_by)
         if all(stream is None for stream in streams.values()):
             kinds = ", ".join(sorted({topic.kind[:60] for topic in bag.topics})[:8]) or "no topics"
             raise InputError(f"{kinds}: expected LaserScan, Odometry or Imu", file=path)
@@ -216,16 +213,16 @@ class _Reading:
         """The scans of the lidar, or of several as one about the robot's centre, and where it stands."""
         found = [scans.laser_scans(self.bag, table) for table in self.lidars]
         if len(found) > 1:
-            return scans.merged_scans(self.bag.path, found, [self._mount(one) for one in found]), motion.Mount()
-        return (found[0], self._mount(found[0])) if found else (None, motion.Mount())
+            return scans.merged_scans(self.bag.path, found, list(map(self._mount, self.lidars))), motion.Mount()
+        return (found[0], self._mount(self.lidars[0])) if found else (None, motion.Mount())
 
-    def _mount(self, lidar: scans.Scans) -> motion.Mount:
+    def _mount(self, lidar: Table) -> motion.Mount:
         """Where a lidar stands by the transforms; where a caller says it, these matter only for which way is up."""
-        given, alone = self.mounts.get(lidar.topic), len(self.lidars) == 1
+        given, alone = self.mounts.get(lidar.topic.name), len(self.lidars) == 1
         is_given = given is not None or (
             alone and (self.given.platform is not None or {"x", "y", "yaw"} <= self.given.lidar_figures.keys())
         )
-        mount = self.frames.lidar_mount(lidar.topic, lidar.frame, self.base, is_given=is_given)
+        mount = self.frames.lidar_mount(lidar.topic.name, lidar.frame, self.base, is_given=is_given)
         return mount if given is None else motion.Mount(given.x, given.y, given.z, given.yaw, mount.upside_down)
 
     def _stated(self, lidar: scans.Scans | None, mount: motion.Mount) -> Platform:

@@ -187,11 +187,10 @@ class Bag:
                     raise InputError(problem, file=self.path, field=table.topic.name) from error
 
     def choose_session(self, tables: Sequence[Table], session: str | int | None) -> None:
-        """Settle which messages of all tables, the lidar's first, are read: those of one session of the clock.
+        """Settle which messages of all tables, the lidar's first, are read: of a session, from 1 on, else the longest.
 
-        Where the clock was set back (a simulator reset, a log played in a loop) or ahead by more than a day, the
-        recording is cut, and one session is used, from 1 on, the longest if it is None: two runs are never sorted into
-        each other. A table is cut where its own stamps say, if they say as many cuts as those of the most.
+        The recording is cut where the clock was set back (a simulator reset, a log played in a loop) or ahead by more
+        than a day; a table where its own stamps say, if they say as many cuts as those of the most.
         """
         tables = [table for table in tables if len(table)]
         cuts = [table.cuts for table in tables]

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
+from moteslam.robot.formats import streams
 from moteslam.robot.formats.bags.bag import SECOND, Bag, Table
 from moteslam.robot.formats.bags.storage import Topic
-from moteslam.robot.formats.streams import MAX_PLACE, SLACK, keep_plausible, plausible_counts, plausible_rates
-from moteslam.robot.platform import Wheels
+from moteslam.robot.formats.streams import MAX_PLACE, SLACK, plausible_rates
+from moteslam.robot.platform import Platform, Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream
 from moteslam.robot.trajectory import rotations_of
 from moteslam.robot.values import counted
@@ -267,8 +268,7 @@ def imu_stream(table: Table, frames: Frames, base: str | None) -> ImuStream:
     rotation = np.eye(3) if placed is None else placed[0][:3, :3]
     if np.abs(rotation - np.eye(3)).max() > _LEVEL:
         angular, linear = angular @ rotation.T, linear @ rotation.T
-        turn = math.degrees(math.acos(min(1.0, max(-1.0, (float(np.trace(rotation)) - 1) / 2))))
-        what = f"{table.frame} is turned by {turn:.1f} degrees in {base}; its readings are turned into the robot's axes"
+        what = f"{table.frame} is turned in {base}; its readings are turned into the robot's axes"
         bag.tell("imu-turned", table.topic, what)
     return ImuStream(stamps, angular, linear)
 
@@ -291,21 +291,24 @@ def wheel_angles(message: Any) -> tuple[float, ...]:
     return tuple(float(message.position[column]) for column in found)
 
 
-def encoder_stream(bag: Bag, table: Table, wheels: Wheels) -> EncoderStream:
+def encoder_stream(bag: Bag, table: Table, robot: Platform) -> EncoderStream:
     """The counters of the wheels. An angle is counts times that of one, and written angles are sums of counts, which
     come back exactly as long as they stay below 2^50.
 
     The first reading counts from 0 where the wheels had travelled less than 1 m by then, else it counts nothing:
     joints go on from where they stood. No motion is before the first reading in either case.
     """
+    field, wheels = table.topic.name, robot.wheels
+    if wheels is None:
+        raise InputError(
+            "joints of wheels, expected a platform with [wheels] to count them by", file=bag.path, field=field
+        )
     kept, stamps = bag.used(table, np.asarray((np.abs(table.values) <= MAX_ANGLE).all(axis=1)))
     totals = np.rint(table.values[kept] / angle_of_count(wheels)).astype(np.int64)
     counts = np.diff(totals, axis=0, prepend=0)
     if np.abs(counts[0]).max() * wheels.metres_per_count > SLACK:
         counts[0] = 0
-    plausible = plausible_counts(stamps, counts, wheels.metres_per_count)
-    field = table.topic.name
-    return EncoderStream(*keep_plausible(bag.path, field, plausible, "beyond 100 m/s", bag.issues, stamps, counts))
+    return streams.encoder_stream(bag.path, (field, field), stamps, counts, robot, bag.issues)
 
 
 def angle_of_count(wheels: Wheels) -> float:

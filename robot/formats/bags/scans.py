@@ -53,12 +53,9 @@ def figures_of(message: Any) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Scans:
-    """The scans of a topic, their stamps [n] rising [s]; ``load(indices)`` reads the ranges [k, beams] [m] of some,
-    raw; the beams' angles are in a frame.
-    """
+    """The scans of a topic, their stamps [n] rising [s]; ``load(indices)`` reads the ranges [k, beams] [m] of some."""
 
     topic: str
-    frame: str
     stamps: Stamps
     fan: Fan
     load: Callable[[Rows], Ranges]
@@ -75,8 +72,7 @@ class Scans:
 
 def laser_scans(bag: Bag, table: Table) -> Scans:
     """The scans of a topic, each with its angles, on the fan that most of them have or on a finer one."""
-    topic = table.topic.name
-    values = table.values
+    topic, values = table.topic.name, table.values
     kept, stamps = bag.used(table, np.isfinite(values[:, :3]).all(axis=1) & (values[:, 6] <= MAX_BEAMS))
     figures = values[kept]
 
@@ -114,7 +110,7 @@ def laser_scans(bag: Bag, table: Table) -> Scans:
                 row[:] = ranges
         return rows[:, ::-1] if fan.time_increment < 0 else rows
 
-    scans = Scans(topic, table.frame, stamps, fan, load)
+    scans = Scans(topic, stamps, fan, load)
     if abs(fan.time_increment) * fan.beams > 2 * (scans.period or np.inf) or abs(fan.time_increment) > MAX_STEP:
         what = f"time_increment of {fan.time_increment:g} s is more than scans take; not used"
         bag.tell("time-increment", topic, what)
@@ -215,7 +211,7 @@ def merged_scans(path: Path, lidars: list[Scans], mounts: list[Mount]) -> Scans:
                 _lay(rows[row], np.where(np.isinf(ranges), np.inf, np.hypot(x, y)), np.arctan2(y, x), whole)
         return rows
 
-    return Scans(names, "", first.stamps, whole, load)
+    return Scans(names, first.stamps, whole, load)
 
 
 @dataclass(frozen=True, eq=False)

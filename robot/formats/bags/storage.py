@@ -49,8 +49,7 @@ class Topic(NamedTuple):
 
 
 Place = tuple[int, int, int]
-"""Where a message lies in its file: first byte of its chunk, or 0, first byte there, bytes; of SQLite the number of its
-row in the middle."""
+"""Where a message lies in its file: first byte of its chunk, or 0, first byte there, bytes; of SQLite 0, row, 0."""
 Message = tuple[Topic, int, Place, bytes]
 """A message: of which topic, when it was received [ns], where it lies, and its bytes."""
 
@@ -68,11 +67,9 @@ def damage_in_one_line(path: Path) -> Iterator[None]:
         yield
     except MoteslamError:
         raise
-    except OSError as error:
-        raise InputError(f"{error.strerror or error}, expected a ROS bag", file=path) from error
     except Exception as error:  # each library has exceptions of its own; a MemoryError is a size from a broken header
-        text = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError(f"damaged: {text}", file=path) from error
+        text = getattr(error, "strerror", None) or " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"cannot be read as a ROS bag: {text}", file=path) from error
 
 
 def unpack(data: bytes, compression: str, limit: int) -> bytes:
@@ -151,12 +148,10 @@ class Records(ABC):
         """The file itself, or an unpacked chunk of it: never more than it declares, however far it would unpack."""
         if begin and self._kept[0] != begin:
             _, stored, compression, size = self._chunks[begin]
-            if size > MAX_CHUNK:
-                raise InputError(f"chunk at byte {begin} of {size} bytes unpacked, expected fewer", file=self.path)
-            data = unpack(_read(file, begin, stored), compression, size + 1)
+            data = unpack(_read(file, begin, min(stored, MAX_CHUNK)), compression, min(size, MAX_CHUNK) + 1)
             if len(data) != size:
-                found = "more" if len(data) > size else len(data)
-                raise InputError(f"chunk at byte {begin} unpacks to {found}, expected {size} bytes", file=self.path)
+                problem = f"chunk at byte {begin}: {len(data)} bytes or more unpacked, expected {size}, fewer than 2^28"
+                raise InputError(problem, file=self.path)
             self._kept = (begin, io.BytesIO(data))
         return self._kept[1] if begin else file
 

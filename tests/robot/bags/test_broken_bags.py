@@ -113,10 +113,14 @@ def changed(content: bytes, after: bytes, value: bytes) -> bytes:
 @pytest.mark.parametrize(
     ("kind", "change", "problem"),
     [
-        ("bag", lambda content: content[: len(content) // 8], "cut short|damaged|expected"),
-        ("db3", lambda content: content[: len(content) // 2], "not a recording known here|damaged"),
-        ("bz2", lambda content: changed(content, b"size=", struct.pack("<I", 1000)), "unpacks to more, expected 1000"),
-        ("lz4", lambda content: changed(content, b"size=", struct.pack("<I", 2**32 - 1)), "4294967295 bytes unpacked"),
+        ("bag", lambda content: content[: len(content) // 8], "cut short|cannot be read|expected"),
+        ("db3", lambda content: content[: len(content) // 2], "not a recording known here|cannot be read"),
+        (
+            "bz2",
+            lambda content: changed(content, b"size=", struct.pack("<I", 1000)),
+            "1001 bytes or more .* 1000",
+        ),
+        ("lz4", lambda content: changed(content, b"size=", struct.pack("<I", 2**32 - 1)), "expected 4294967295, fewer"),
         ("bag", lambda content: content.replace(b"V2.0", b"V1.2", 1), "a bag of format 1.2, expected 2.0: .*reindex"),
         ("bag", lambda content: content[:13], "no topics"),
         ("mcap", lambda content: content[:8], "no topics"),

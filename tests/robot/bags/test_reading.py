@@ -56,7 +56,7 @@ def test_ranges_are_read_from_the_bag_again(tmp_path: Path) -> None:
     lidar = open_recording(path).lidar
     assert isinstance(lidar.ranges, ChunkedRanges)
     path.unlink()
-    with pytest.raises(InputError, match=r"made\.bag: No such file"):
+    with pytest.raises(InputError, match=r"made\.bag: .*No such file"):
         lidar.ranges[0]
 
 
