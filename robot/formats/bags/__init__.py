@@ -125,7 +125,7 @@ class _Reading:
             what = "images of a bag that this package did not write: left out"
             bag.tell("images-left", ", ".join(others[:4]), what, len(others))
         self.frames.keep(motion.namespace(topic))
-        for table in tables:
+        for table in self.tables:
             if table.broken and table.topic.kind not in KINDS:
                 what = f"{counted(table.broken, 'message')} broken: dropped"
                 bag.tell("broken-messages", table.topic, what, table.broken)

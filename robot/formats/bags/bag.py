@@ -37,7 +37,7 @@ MAX_MESSAGES = 20_000_000  # an hour of twenty streams at 250 Hz
 BACK = 1.0
 """A stamp further behind the latest before it [s], with all that follow, is of a clock that was set back: what waits
 in a queue is less late, or is followed by others that are not."""
-EARLY = 10.0  # [s]: a stamp of 0 is none where all others are later
+GAP = 10  # a first stamp of 0 this many times the usual step before the next one is no time
 MAX_RATIO = 1000  # no file of a recording is packed tighter
 MAX_FILES = 10_000
 METADATA, _INFORMATION = "metadata.yaml", "rosbag2_bagfile_information"
@@ -101,11 +101,14 @@ class Table:
 
     @cached_property
     def unset(self) -> NDArray[np.bool_]:
-        """[n] which stamps of headers are none."""
-        zero = np.asarray(self.stamps == 0)
-        return np.asarray(zero & (self.stamps[~zero].min(initial=2**62) > EARLY * SECOND))
+        """[n] which stamps of headers are none: 0, but for a first one that the others follow."""
+        zero = self.stamps == 0
+        later = np.sort(self.stamps[~zero])
+        usual = np.median(np.diff(later)) if len(later) > 1 else np.inf
+        is_first = zero.sum() == 1 and later[:1].max(initial=0) <= GAP * usual
+        return np.asarray(zero & bool(len(later) and not is_first))
 
-    @property
+    @cached_property
     def cuts(self) -> list[int]:
         """The rows before which the clock was set."""
         rows = np.flatnonzero(~self.unset)
@@ -190,20 +193,20 @@ class Bag:
         """Settle which messages of all tables, the lidar's first, are read: of a session, from 1 on, else the longest.
 
         The recording is cut where the clock was set back (a simulator reset, a log played in a loop) or ahead by more
-        than a day; a table where its own stamps say, if they say as many cuts as those of the most.
+        than a day: each table where its own stamps say so near by, else where those of the table with most cuts do.
         """
         tables = [table for table in tables if len(table)]
-        cuts = [table.cuts for table in tables]
-        leader = max(range(len(tables)), key=lambda k: len(cuts[k]), default=None)
-        edges = [] if leader is None else tables[leader].heads["order"][cuts[leader]].tolist()
+        leader = max(tables, key=lambda table: len(table.cuts), default=None)
+        edges = [] if leader is None else leader.heads["order"][leader.cuts].tolist()
         count = len(edges) + 1
         if session is not None and str(session) not in map(str, range(1, count + 1)):
             problem = f"{str(session)[:20]!r}, expected {f'1 to {count}' if count > 1 else 'the one session, 1'}"
             raise InputError(problem, file=self.path, field="sequence")
-        parts = [
-            np.split(np.arange(len(table)), own if len(own) == len(edges) else table.heads["order"].searchsorted(edges))
-            for table, own in zip(tables, cuts, strict=True)
-        ]
+        parts = []
+        for table in tables:
+            order = table.heads["order"]
+            near = {min(edges, key=lambda edge: abs(edge - order[cut])): cut for cut in table.cuts}
+            parts.append(np.split(np.arange(len(table)), [near.get(one, order.searchsorted(one)) for one in edges]))
         used = 0
         if count > 1:
             spans = [np.ptp(tables[0].stamps[rows]) / SECOND if len(rows) else 0.0 for rows in parts[0]]
