@@ -303,28 +303,6 @@ def test_the_length_of_an_index_record_is_not_looked_at(tmp_path: Path) -> None:
     assert len(open_recording(path).lidar) == 20
 
 
-@pytest.mark.parametrize(("topic", "x", "code"), [("/tf_static", 0.3, "mount-corrected"), ("/tf", 0.1, "mount-moves")])
-def test_of_static_transforms_the_last_counts(tmp_path: Path, topic: str, x: float, code: str) -> None:
-    mounts = [placed(index, "base_link", "laser", (0.1 + 0.2 * index, 0.0, 0.0), topic=topic) for index in range(2)]
-    recording = open_recording(make_bag(tmp_path, [*mounts, scan(0, [1.0, 2.0])]))
-    assert recording.platform.lidar.x == pytest.approx(x)
-    assert codes(recording) == [code]
-
-
-def test_a_transform_without_a_turn_is_told(tmp_path: Path) -> None:
-    mount = placed(0, "base_link", "laser", (0.1, 0.0, 0.0))
-    mount.values["transforms"][0]["transform"]["rotation"]["w"] = 0.0
-    recording = open_recording(make_bag(tmp_path, [mount, scan(0, [1.0, 2.0])]))
-    assert (recording.platform.lidar.x, recording.platform.lidar.yaw) == (pytest.approx(0.1), 0.0)
-    assert codes(recording) == ["mount-unturned"]
-
-
-def test_of_two_parents_the_one_that_leads_to_the_base_counts(tmp_path: Path) -> None:
-    events = [placed(index, "camera", "laser", (9.0, 0.0, 0.0)) for index in range(5)]
-    events += [placed(0, "base_link", "laser", (0.2, 0.0, 0.0)), placed(0, "odom", "base_link"), scan(0, [1.0, 2.0])]
-    assert open_recording(make_bag(tmp_path, events)).platform.lidar.x == pytest.approx(0.2)
-
-
 def test_a_negative_time_between_beams_is_honoured(tmp_path: Path) -> None:
     events = [scan(0.1 * i, [1.0, 2.0, 3.0], time_increment=-0.01) for i in range(5)]
     recording = open_recording(make_bag(tmp_path, events))
