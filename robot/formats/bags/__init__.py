@@ -107,9 +107,11 @@ class _Reading:
         tables = bag.fill(self._table_of)
         self.tables = [table for table in tables if is_readable(table.topic)]
         for table in tables:
+            what = f"{counted(table.broken, 'message')} of {table.topic.kind}"
             if table not in self.tables:
-                what = f"{table.topic.kind} by another definition than the usual one, left aside"
-                bag.tell("other-definition", table.topic, what, table.count)
+                bag.tell("other-definition", table.topic, f"{what} by another definition: left aside", table.broken)
+            elif table.broken and table.topic.kind not in KINDS:
+                bag.tell("broken-messages", table.topic, f"{what} broken: dropped", table.broken)
         self._expect_named()
         written = self.manifest.streams if self.manifest is not None else ()
         is_computed = self.manifest is not None and "odometry" not in written
@@ -125,10 +127,6 @@ class _Reading:
             what = "images of a bag that this package did not write: left out"
             bag.tell("images-left", ", ".join(others[:4]), what, len(others))
         self.frames.keep(motion.namespace(topic))
-        for table in self.tables:
-            if table.broken and table.topic.kind not in KINDS:
-                what = f"{counted(table.broken, 'message')} broken: dropped"
-                bag.tell("broken-messages", table.topic, what, table.broken)
         odometry = [] if is_computed and "odometry" not in self.named else self._of("odometry")
         if not self.named.get("odometry"):
             odometry = choose_odometry(odometry, topic, frame, self.frames)
@@ -193,14 +191,16 @@ class _Reading:
         lidar, mount = self._scans_and_mount()
         robot = self.given.platform or self.given.over(self._stated(lidar, mount))
         streams: dict[str, Any] = {"lidar": None if lidar is None else self._lidar(lidar, mount, robot)}
-        if bag.has(self.odometry):
-            streams["odometry"] = motion.odometry_stream(bag, self.odometry)
-        if bag.has(self.imu):
-            streams["imu"] = motion.imu_stream(self.imu, self.frames, self.base)
-        if bag.has(self.encoders):
-            # by the wheels that they were written by, else by those that are given
-            counted_by = robot if self.manifest is None else self.manifest.platform
-            streams["encoders"] = motion.encoder_stream(bag, self.encoders, counted_by)
+        wheels = robot if self.manifest is None else self.manifest.platform  # that were counted by, else those given
+        for name, table, read in (
+            ("odometry", self.odometry, partial(motion.odometry_stream, bag)),
+            ("imu", self.imu, partial(motion.imu_stream, self.frames, self.base)),
+            ("encoders", self.encoders, partial(motion.encoder_stream, bag, wheels)),
+        ):
+            if table is not None and len(table) and not len(table.rows):
+                bag.tell("sessions", table.topic, "no message in the session that is read")
+            elif table is not None:
+                streams[name] = read(table)
         if all(stream is None for stream in streams.values()):
             kinds = ", ".join(sorted({topic.kind[:60] for topic in bag.topics})[:8]) or "no topics"
             raise InputError(f"{kinds}: expected LaserScan, Odometry or Imu", file=path)

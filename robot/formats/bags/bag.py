@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import groupby
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,13 +217,6 @@ class Bag:
             self.issues.append(Issue("sessions", f"{self.path.name}: {text}", len(edges)))
         for table, rows in zip(tables, parts, strict=True):
             table.rows = rows[used]
-
-    def has(self, table: Table | None) -> TypeGuard[Table]:
-        """Whether there is anything of a table in the session that is read; where there is not, an issue says so."""
-        if table is None or not len(table) or len(table.rows):
-            return table is not None  # if all of it is broken, `used` says so
-        self.tell("sessions", table.topic, "no message in the session that is read")
-        return False
 
     def used(self, table: Table, good: NDArray[np.bool_] | None = None) -> tuple[Rows, Stamps]:
         """Which messages of a table are used, in the order of their stamps, and these [s]; ``good`` [n] are what their

@@ -259,7 +259,7 @@ def _path_headings(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
     return se2.wrap(np.interp(np.arange(len(places)), known, directions - np.pi * reversals))
 
 
-def imu_stream(table: Table, frames: Frames, base: str | None) -> ImuStream:
+def imu_stream(frames: Frames, base: str | None, table: Table) -> ImuStream:
     """The inertial readings in the robot's axes, as far as transforms say how the sensor is turned."""
     values, bag = table.values, frames.bag
     kept, stamps = bag.used(table, plausible_rates(values[:, :3]) & np.isfinite(values).all(axis=1))
@@ -291,7 +291,7 @@ def wheel_angles(message: Any) -> tuple[float, ...]:
     return tuple(float(message.position[column]) for column in found)
 
 
-def encoder_stream(bag: Bag, table: Table, robot: Platform) -> EncoderStream:
+def encoder_stream(bag: Bag, robot: Platform, table: Table) -> EncoderStream:
     """The counters of the wheels. An angle is counts times that of one, and written angles are sums of counts, which
     come back exactly as long as they stay below 2^50.
 
