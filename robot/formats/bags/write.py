@@ -32,9 +32,9 @@ from moteslam.robot.formats.bags.bag import SECOND
 from moteslam.robot.formats.bags.scans import LASER_SCAN
 from moteslam.robot.formats.bags.storage import full_name, store
 from moteslam.robot.formats.written import SCAN_POSES, WrittenOdometry, not_written, odometry_of
-from moteslam.robot.pictures import encode_png
 from moteslam.robot.platform import CameraSpec
 from moteslam.robot.platforms import platform_table
+from moteslam.robot.raster import encode_png
 from moteslam.robot.recording import CHUNK, STREAMS, LidarStream, OdometryStream, Recording, RgbdStream
 from moteslam.robot.values import Issue, counted, expect_type
 
