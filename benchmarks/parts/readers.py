@@ -120,7 +120,7 @@ def _write_bag_of_poses(path: Path) -> None:
     """A bag of ROS 1 with poses and transforms."""
     from rosbags.rosbag1 import Writer
 
-    from moteslam.robot.formats.bags.messages import Event, header, transform, turned, vector, write_events
+    from moteslam.robot.formats.bags.write import Event, header, transform, turned, vector, write_events
 
     turn, events = turned(1.3), []
     for k in range(9):

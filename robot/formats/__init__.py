@@ -87,7 +87,6 @@ def open_recording(
             platform = bundled_platform(file.name)
     if streams and known.read_topics is not None:
         left = {"lidar", "odometry", "imu", "encoders", "rgbd"} - set(streams)
-        left = left - {"rgbd"} | ({"rgb", "depth"} if "rgbd" in left else set())
         topics = {**dict.fromkeys(left, ()), **(topics or {})}
     if not topics:
         return known.read(path, sequence, platform)

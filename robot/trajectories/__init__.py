@@ -18,9 +18,9 @@ import numpy as np
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.files import open_regular
-from moteslam.robot.formats.bags.bag import Bag, Topic
-from moteslam.robot.formats.bags.files import is_bag
-from moteslam.robot.formats.bags.frames import TRANSFORMS
+from moteslam.robot.formats.bags.bag import Bag, is_bag
+from moteslam.robot.formats.bags.motion import TRANSFORMS
+from moteslam.robot.formats.bags.storage import Topic, decode
 from moteslam.robot.trajectories import text
 from moteslam.robot.trajectories.columns import columns_of, decoded, finite_numbers, numbered
 from moteslam.robot.trajectory import UNIT, Array, Trajectory, interpolated, trajectory_of
@@ -151,16 +151,18 @@ def _read_bag(path: Path, name: str) -> Trajectory:
         raise InputError(error.problem, file=file, field=error.field) from error
 
 
-def _messages(bag: Bag, topics: list[Topic]) -> Iterator[tuple[Topic, int, Any]]:
+def _messages(bag: Bag, wanted: Callable[[Topic], bool]) -> Iterator[tuple[Topic, int, Any]]:
     """The messages of some topics, with the times of their reception [ns]."""
-    for topic, received, _, raw in bag.sweep(topics):
+    for topic, received, _, raw in bag.sweep(wanted):
         try:
-            yield topic, received, bag.decode(topic, raw)
+            yield topic, received, decode(topic, raw)
         except ValueError as error:
             raise InputError(f"a message of {topic.name} cannot be read: {error}") from error
 
 
 def _topics(bag: Bag) -> str:
+    for _ in bag.sweep(lambda topic: False):
+        pass
     known = {one.name: one.kind for one in bag.topics if one.kind in (*POSES, PATH, *TRANSFORMS)}
     listed = ", ".join(f"{topic[:80]} ({kind.split('/')[-1]})" for topic, kind in sorted(known.items())[:12])
     return f"topics of poses: {listed or 'none'}"
@@ -168,32 +170,32 @@ def _topics(bag: Bag) -> str:
 
 def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
     """Rows of stamp, position and quaternion [n, 8] of a topic."""
-    there = [one for one in bag.topics if one.name.strip("/") == name.strip("/")]
-    kinds = {one.kind for one in there}
+    rows, received = array("d"), array("d")
+    frames: dict[str, None] = {}
+    path = None
+    for topic, time, message in _messages(bag, lambda topic: _is_named(topic, name) and topic.kind in (*POSES, PATH)):
+        received.append(time / 1e9)
+        if topic.kind == PATH:
+            path = message
+            continue
+        rows.extend(_row(message.header.stamp, attrgetter(POSES[topic.kind])(message)))
+        frames[f"{getattr(message, 'child_frame_id', '') or 'poses'} in {message.header.frame_id}"] = None
+    kinds = {topic.kind for topic in bag.topics if _is_named(topic, name)}
     if len(kinds) != 1 or not kinds <= {*POSES, PATH}:
         what = f"is of {', '.join(sorted(kinds))}" if kinds else "is not there"
         raise InputError(f"the topic {what}; {_topics(bag)}")
-    (kind,) = kinds
-    rows, received = array("d"), array("d")
-    frames: dict[str, None] = {}
-    message = None
-    for _, time, message in _messages(bag, there):
-        received.append(time / 1e9)
-        if kind != PATH:
-            rows.extend(_row(message.header.stamp, attrgetter(POSES[kind])(message)))
-            frames[f"{getattr(message, 'child_frame_id', '') or 'poses'} in {message.header.frame_id}"] = None
     if len(frames) > 1:
         raise InputError(f"poses of several frames ({', '.join([*frames][:3])}), expected those of one")
     issues: tuple[Issue, ...] = ()
-    if kind == PATH and message is not None:
-        for one in message.poses:
+    if path is not None:
+        for one in path.poses:
             rows.extend(_row(one.header.stamp, one.pose))
         if len(received) > 1:
-            text = f"the last of {len(received)} paths counts, of {len(message.poses)} poses"
+            text = f"the last of {len(received)} paths counts, of {len(path.poses)} poses"
             issues = (Issue("last-path", text, 1),)
     table = np.array(rows).reshape(-1, 8)
     unset = table[:, 0] == 0
-    if kind == PATH and len(table) and unset.all():
+    if path is not None and len(table) and unset.all():
         raise InputError("the poses of the path have no stamps, expected seconds")
     if len(table) and unset.all():
         table[:, 0] = received
@@ -202,6 +204,10 @@ def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
         table = table[~unset]
         issues += (Issue("zero-stamps", f"{counted(count, 'message')} without a stamp left out", count),)
     return table, issues
+
+
+def _is_named(topic: Topic, name: str) -> bool:
+    return topic.name.strip("/") == name.strip("/")
 
 
 def _row(stamp: Any, pose: Any) -> tuple[float, ...]:
@@ -239,7 +245,7 @@ def _along(bag: Bag, name: str) -> Array:
     parent, child = frames
     edges: dict[str, dict[str, array[float]]] = {}  # the frames above one, with rows of transforms
     fixed: set[tuple[str, str]] = set()
-    for topic, _, message in _messages(bag, bag.of_kind(*TRANSFORMS)):
+    for topic, _, message in _messages(bag, lambda topic: topic.kind in TRANSFORMS):
         for one in message.transforms:
             below, above = one.child_frame_id.strip("/"), one.header.frame_id.strip("/")
             rows = edges.setdefault(below, {}).setdefault(above, array("d"))
