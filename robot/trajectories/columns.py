@@ -58,7 +58,8 @@ ROLES = (
     (rf"(?:(?:.* )?{_PLACE}(?: .*)? )?([xyz])", r"\1"),
 )
 """What the words of a name say: the first pattern that fits them all."""
-LONGEST_NAME = 200
+LONGEST_NAME, MOST_NAMES = 200, 1000
+"""Characters of a name, and names of columns, that are looked at."""
 SECONDS = {
     **dict.fromkeys(("s", "sec", "secs", "seconds"), "s"),
     **dict.fromkeys(("ms", "msec", "milliseconds"), "ms"),
@@ -213,7 +214,7 @@ def named(names: Sequence[str], *, header: bool = False) -> Columns | None:
     """The columns that names stand for, of a stamp and a position; a header must name both, a comment need not."""
     found: dict[str, tuple[int, str]] = {}  # column and unit, by role
     scale: dict[str, float] = {}
-    for index, name in enumerate(names):
+    for index, name in enumerate(names[:MOST_NAMES]):
         role, unit = _role(name)
         if role in found and role not in TIMES:
             both = f"both {names[found[role][0]].strip()[:60]} and {name.strip()[:60]}"

@@ -17,6 +17,7 @@ import warnings
 from array import array
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 from os import PathLike
@@ -188,7 +189,7 @@ def read_kitti(path: str | PathLike[str]) -> Trajectory:
     found = trajectory_of(path, stamps, position, quaternions_of(rotation), lines=lines, warnings=issues)
     # as written, without a way through quaternions
     heading = se2.wrap(np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]))
-    return Trajectory(stamps, np.column_stack((position[:, :2], heading)), found.oriented, found.space, found.warnings)
+    return replace(found, poses=np.column_stack((position[:, :2], heading)))
 
 
 def write_kitti(path: str | PathLike[str], trajectory: Trajectory) -> None:
