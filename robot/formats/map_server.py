@@ -74,12 +74,11 @@ def read_map(path: str | PathLike[str]) -> Raster:
     """
     about, pixels = _read(Path(path))
     percent = _occupancies(pixels, about, between=False)
+    low, high = FREE_PERCENT, OCCUPIED_PERCENT
     if about.mode == "raw":
-        beyond = np.where(percent >= round(100 * about.occupied_thresh), OCCUPIED_PERCENT, UNKNOWN_PERCENT)
-        known = np.where(percent <= round(100 * about.free_thresh), FREE_PERCENT, beyond)
-        percent = np.where(percent >= 0, known, UNKNOWN_PERCENT)
-    known = np.where(percent == OCCUPIED_PERCENT, OCCUPIED, FREE)
-    return _raster(np.where(percent == UNKNOWN_PERCENT, UNKNOWN, known), about)
+        low, high = round(100 * about.free_thresh), round(100 * about.occupied_thresh)
+    which = [percent < 0, percent <= low, percent >= high]
+    return _raster(np.select(which, [UNKNOWN, FREE, OCCUPIED], UNKNOWN), about)
 
 
 def read_occupancy(path: str | PathLike[str]) -> Raster:

@@ -253,21 +253,23 @@ def _along(bag: Bag, name: str) -> Array:
                 fixed.add((below, above))
                 del rows[:]  # the last counts
             rows.extend(_row(one.header.stamp, one.transform))
-    ways: dict[str, list[tuple[str, str]]] = {child: []}  # from the child upward, the shortest
-    queue = [child]
-    for below in queue:
-        for above in edges.get(below, ()):
-            if above not in ways:
-                ways[above] = [*ways[below], (below, above)]
-                queue.append(above)
-    if parent not in ways:
+    under = {child: ""}  # from the child upward by the shortest way, which frame is below one
+    for below in (queue := [child]):
+        new = [above for above in edges.get(below, ()) if above not in under]
+        under |= dict.fromkeys(new, below)
+        queue += new
+    if parent not in under:
         pairs = ", ".join([f"{above}:{below}" for below, some in edges.items() for above in some][:12])
         raise InputError(f"no transforms lead from {parent} to {child}; the bag has {pairs or 'none'}")
-    tables = [_in_order(np.array(edges[below][above]).reshape(-1, 8))[0] for below, above in ways[parent]]
-    for (below, above), table in zip(ways[parent], tables, strict=True):
+    chain, above = list[tuple[str, str]](), parent
+    while above != child:
+        chain.insert(0, (under[above], above))
+        above = under[above]
+    tables = [_in_order(np.array(edges[below][above]).reshape(-1, 8))[0] for below, above in chain]
+    for (below, above), table in zip(chain, tables, strict=True):
         if not (np.abs(np.linalg.norm(table[:, 4:], axis=1) - 1) < UNIT).all():
             raise InputError(f"{above}:{below} has a quaternion of another length than 1")
-    moving = [table[:, 0] for edge, table in zip(ways[parent], tables, strict=True) if edge not in fixed]
+    moving = [table[:, 0] for edge, table in zip(chain, tables, strict=True) if edge not in fixed]
     if not moving:
         raise InputError(f"{parent}:{child} is fixed, expected a frame that moves")
     stamps = max(moving, key=len)
