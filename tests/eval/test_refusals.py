@@ -52,7 +52,6 @@ LINES = {
         ("--log-every nan", "--log-every: nan, expected a finite number above 0"),
         ("--odometry-noise 0.1 2", "--odometry-noise: 0.1 2, expected 0 to 1"),
         ("--format rosbag", "'--format': 'rosbag' is not one of 'ucsd', 'carmen'."),
-        ("--format carmen", "--format: 1081 beams over 270 degrees from -135, expected for a CARMEN log 180 or "),
         ("--platform turtlebot3 --camera", "room.toml: platform.camera: none, expected a camera to simulate"),
     ],
     "scenarios ": [

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.formats import streams
 from moteslam.robot.formats.bags.bag import SECOND, Bag, Table
 from moteslam.robot.formats.bags.storage import Topic
-from moteslam.robot.formats.streams import MAX_PLACE, SLACK, plausible_rates
+from moteslam.robot.formats.streams import MAX_PLACE, SLACK, Sensors, plausible_rates
 from moteslam.robot.platform import Platform, Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream
 from moteslam.robot.trajectory import rotations_of
@@ -308,7 +307,7 @@ def encoder_stream(bag: Bag, robot: Platform, table: Table) -> EncoderStream:
     counts = np.diff(totals, axis=0, prepend=0)
     if np.abs(counts[0]).max() * wheels.metres_per_count > SLACK:
         counts[0] = 0
-    return streams.encoder_stream(bag.path, (field, field), stamps, counts, robot, bag.issues)
+    return Sensors(robot, {}, bag.issues).encoders(bag.path, (field, field), stamps, counts)
 
 
 def angle_of_count(wheels: Wheels) -> float:
