@@ -80,6 +80,11 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
+def interval(first: str, last: str) -> str:
+    """``2 to 3``; one of them where they are the same."""
+    return first if first == last else f"{first} to {last}"
+
+
 def when(spans: list[tuple[float, float]]) -> str:
     """Times [s], ``from 2.00 to 3.00 s``; spans less than a second apart are one."""
     joined = spans[:1]
