@@ -27,20 +27,15 @@ CHUNK = 256
 _KEPT = 4
 """Chunks that are kept: neighbouring scans, and two places of a recording that are compared."""
 
-_GAP, _LEAST_GAP = 10.0, 0.5
-"""Readings have a gap between them where they are this many times as far apart as the median of the latest 1000, and by
-more than the second [s]."""
-LATEST = 1000
-"""How many intervals that is the median of."""
+_GAP, LATEST, _LEAST_GAP = 10.0, 1000, 0.5
+"""Readings have a gap between them where they are this many times as far apart as the median of so many latest
+intervals, and by more than this [s]."""
 
 
 class ChunkedRanges:
-    """Ranges that are read when they are asked for, and forgotten again.
+    """Ranges that ``load(first, last)`` reads, as float32 [last - first, beams] [m], when they are asked for.
 
-    Args:
-        load: ``load(first, last)`` reads the ranges [last - first, beams] of scans as float32 [m].
-        scans: n.
-        beams: of a scan.
+    A few chunks of them are kept.
     """
 
     dtype = np.dtype(np.float32)

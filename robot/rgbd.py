@@ -169,10 +169,8 @@ def pairs(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """The disparity images that are used and the colour image of each, the nearest in time, by their indices.
 
-    Args:
-        stream: the stamps.
-        interval: shortest time between two disparity images that are chosen [s], give or take a quarter of a frame.
-        largest_gap: between the two images of a frame [s].
+    Disparity images are at least an interval [s] apart, give or take a quarter of a frame, and from their colour image
+    by at most the largest gap [s].
     """
     rgb, disparity = stream.rgb_stamps, stream.disparity_stamps
     if not len(rgb) or not len(disparity):

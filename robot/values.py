@@ -167,10 +167,8 @@ def validated(
 ) -> Model:
     """The model of a table; a `ConfigError` in pydantic's words names the file and the field.
 
-    Args:
-        model, table, file: the model, and the table as read from the file.
-        above: the key that the table stands under there.
-        kinds: of the items of its lists that are one of several models; no part of the field that an error names.
+    The table stands under the key ``above`` there. ``kinds`` of items of its lists, where these are one of several
+    models, are no part of the field.
     """
     try:
         return model.model_validate(table)
