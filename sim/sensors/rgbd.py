@@ -43,19 +43,12 @@ _NOISE_LENGTH = 1 << 20
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Shots(Summarised):
-    """What one camera takes.
+    """What one camera takes."""
 
-    Attributes:
-        stamps: [n] as the host stamps them [s].
-        poses: [n, 3] the robot's true poses when they are taken.
-        times: [n] when they are taken, from the drive's first moment [s].
-        numbers: [n] of each among all that reached the host, whose noise it has.
-    """
-
-    stamps: Array
-    poses: Array
-    times: Array
-    numbers: NDArray[np.intp]
+    stamps: Array  # [n] as the host stamps them [s]
+    poses: Array  # [n, 3] the robot's true poses when they are taken
+    times: Array  # [n] when they are taken, from the drive's first moment [s]
+    numbers: NDArray[np.intp]  # [n] of each among all that reached the host, whose noise it has
 
     def __getitem__(self, chosen: NDArray[Any]) -> Shots:
         return Shots(self.stamps[chosen], self.poses[chosen], self.times[chosen], self.numbers[chosen])
