@@ -211,7 +211,15 @@ def _compared(name: str, reference: str, found: dict[str, tuple[Array, Array]]) 
 
 
 def agreement(
-    first: Array, last: Array, turns: Array, stamps: Array, headings: Array, lags: Array, drifts: Array = _NO_DRIFT
+    first: Array,
+    last: Array,
+    turns: Array,
+    stamps: Array,
+    headings: Array,
+    lags: Array,
+    drifts: Array = _NO_DRIFT,
+    *,
+    lag_costs: float = 0.0,
 ) -> tuple[float, float, float]:
     """Lag [s] and drift [s/s] of a clock at which its turns agree best with those of another, and their correlation.
 
@@ -219,6 +227,7 @@ def agreement(
         first, last, turns: [k] when each turn of the other began and ended [s], and how large it was [rad].
         stamps, headings: [n] of the clock [s], and what turns there, unwrapped [rad].
         lags, drifts: to be tried; a drift counts from the middle of the turns.
+        lag_costs: the correlation that a lag of a second has to gain, so that of equals the smaller counts.
     """
     limit = 3 * np.median(np.abs(turns)) + 0.05
     expected = np.clip(turns, -limit, limit)
@@ -232,7 +241,7 @@ def agreement(
         turned = turned - turned.mean(axis=1, keepdims=True)
         scale = np.sqrt((expected**2).sum() * (turned**2).sum(axis=1))
         correlation = (expected * turned).sum(axis=1) / np.maximum(scale, 1e-9)
-        score = np.abs(correlation) - 0.004 * np.abs(lags) - abs(drift)  # of equals, the one that says least
+        score = np.abs(correlation) - lag_costs * np.abs(lags) - abs(drift)
         k = int(score.argmax())
         if score[k] > best:
             best, found = float(score[k]), (float(lags[k]), drift, float(correlation[k]))
