@@ -175,6 +175,8 @@ def validated(
     except ValidationError as error:
         field, problem = first_complaint(error, kinds)
         raise ConfigError(problem, file=file, field=".".join(filter(None, (above, field))) or None) from error
+    except ConfigError as error:  # of a validator that knows the field
+        raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
 
 
 def first_complaint(error: ValidationError, kinds: Collection[str] = ()) -> tuple[str, str]:

@@ -219,7 +219,7 @@ def load_scenario(
             raise ConfigError(f"no scenario of this name, expected one of {expected}", file=text)
     table = {"name": path.stem, **read_toml(path, "a scenario's .toml file")}
     changed = _changed(_with_files_beside(table, path, within=True), platform, noise, settings)
-    return _validated(_with_files_beside(changed, path), file=name_or_path)
+    return validated(Scenario, _with_files_beside(changed, path), file=name_or_path, kinds=_KINDS)
 
 
 def _changed(
@@ -239,14 +239,8 @@ def _changed(
 
 def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = None) -> Scenario:
     """A scenario from a table as TOML gives it; ``file`` is named in errors, and files in the table lie beside it."""
-    return _validated(_with_files_beside(table, None if file is None else Path(file)), file=file)
-
-
-def _validated(table: Table, *, file: str | PathLike[str] | None) -> Scenario:
-    try:
-        return validated(Scenario, table, file=file, kinds=_KINDS)
-    except ConfigError as error:
-        raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
+    beside = None if file is None else Path(file)
+    return validated(Scenario, _with_files_beside(table, beside), file=file, kinds=_KINDS)
 
 
 def _with_files_beside(table: Table, file: Path | None, *, within: bool = False) -> Table:
