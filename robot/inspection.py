@@ -42,7 +42,7 @@ WINDOWS, SAMPLE = 1000, 12
 
 @dataclass(frozen=True)
 class StreamReport:
-    """The stamps of one stream; what takes two different stamps is None where there are none."""
+    """The stamps of one stream; figures that take two different stamps are None without them."""
 
     name: str
     readings: int

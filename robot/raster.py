@@ -168,7 +168,7 @@ def read_map_arrays(path: str | PathLike[str], name: str = "log_odds") -> Raster
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height that the header of a picture declares; None where the data are no picture known here."""
+    """Width and height that the header of a picture declares; None if the format is not known here."""
     if data.startswith(PNG) and len(data) >= 24:
         return int.from_bytes(data[16:20]), int.from_bytes(data[20:24])
     if header := _NETPBM.match(data[:_LONGEST_HEADER]):
@@ -186,7 +186,7 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
 
 
 def decode_picture(data: bytes, how: int) -> NDArray[Any] | None:
-    """A picture as OpenCV decodes it with an ``IMREAD_`` flag; None where it is none, cut short or damaged."""
+    """A picture as OpenCV decodes it with an ``IMREAD_`` flag; None if that fails, or it is cut short or damaged."""
     import cv2
 
     if data.startswith(PNG):  # on many threads at once: nothing of all the process is touched
@@ -224,9 +224,9 @@ def _is_complete_png(data: bytes) -> bool:
 def decode_channels(data: bytes) -> NDArray[np.uint16] | None:
     """All channels of a picture as the file has them, with 65535 for the largest value of a channel.
 
-    [H, W, C]: grey, or red, green and blue, or these and opacity; None where the data are no picture, cut short or
-    damaged, or hold no whole numbers of up to 16 bits; nor are Netpbm files read whose largest value is neither 255 nor
-    65535, since OpenCV does not scale by it.
+    [H, W, C]: grey, or red, green and blue, or these and opacity; None if the data cannot be decoded, are cut short or
+    damaged, or hold other than whole numbers of up to 16 bits; and for Netpbm files whose largest value is neither 255
+    nor 65535, since OpenCV does not scale by it.
     """
     import cv2
 

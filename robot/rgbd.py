@@ -106,7 +106,7 @@ def optical_rays(*, colour: bool) -> NDArray[np.float64]:
 
 
 MAX_BYTES = 16 << 20
-"""A PNG file larger than this is no image of 640 x 480 pixels."""
+"""Images are files of at most this size: more than 640 x 480 pixels take."""
 LARGEST_GAP = 0.05
 """A colour image further from the disparity image than this [s] shows another view (the real one's cameras lose
 frames of their own, for 0.2 s at a time)."""
@@ -188,12 +188,12 @@ def pairs(
 
 
 def decode_rgb(content: bytes) -> NDArray[np.uint8]:
-    """A colour image [480, 640, 3], red, green, blue, of a PNG or JPEG file; a ValueError where it is none."""
+    """A colour image [480, 640, 3], red, green, blue, of a PNG or JPEG file; otherwise a ValueError."""
     return np.ascontiguousarray(_decoded(content, np.uint8, (3, 4))[..., 2::-1])
 
 
 def decode_disparity(content: bytes) -> NDArray[np.uint16]:
-    """An image [480, 640] of 16 bits; a ValueError where it is none."""
+    """An image [480, 640] of 16 bits; otherwise a ValueError."""
     return np.ascontiguousarray(_decoded(content, np.uint16, (1,))[..., 0])
 
 
@@ -217,14 +217,14 @@ def _decoded(content: bytes, dtype: type, channels: tuple[int, ...]) -> NDArray[
 
 
 def rgb_image(stream: RgbdStream, index: int) -> NDArray[np.uint8] | None:
-    """The colour image of a stamp; None where it is missing."""
+    """The colour image of a stamp; None if missing."""
     if stream.images is not None:
         return stream.images.rgb(index)
     return _read(stream.rgb_files, index, decode_rgb)
 
 
 def disparity_image(stream: RgbdStream, index: int) -> NDArray[np.uint16] | None:
-    """The raw disparities of a stamp; None where they are missing."""
+    """The raw disparities of a stamp; None if missing."""
     if stream.images is not None:
         return stream.images.disparity(index)
     return _read(stream.disparity_files, index, decode_disparity)
@@ -240,7 +240,7 @@ def _read(files: tuple[Path | None, ...], index: int, decode: Callable[[bytes], 
 
 
 def read_frame(stream: RgbdStream, disparity: int, rgb: int) -> CameraFrame | str | None:
-    """The frame of two images, by their indices; None where one is missing, a text on one that cannot be decoded."""
+    """The frame of two images, by their indices; None if one is missing, a text on one that cannot be decoded."""
     try:
         depth, colour = disparity_image(stream, disparity), rgb_image(stream, rgb)
     except InputError as error:

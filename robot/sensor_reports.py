@@ -56,10 +56,10 @@ class RangeNoise:
 
 @dataclass(frozen=True)
 class LidarReport:
-    """The scans. What is measured of the ranges, from ``nearest`` on, is None where they were not read."""
+    """The scans. What is measured of the ranges, from ``nearest`` on, is None if they were not read."""
 
     beams: int  # in a scan; of an interlaced lidar, bearings of its grid
-    interlace: int  # a scan measures every so manieth beam
+    interlace: int  # k if a scan measures every k-th beam
     angle_min: float  # of the first beam, in the lidar's frame [rad]
     angle_increment: float  # between beams [rad]
     turns: Literal["clockwise", "counterclockwise"]
@@ -68,7 +68,7 @@ class LidarReport:
     range_max: float
     nearest: float | None = None  # shortest and longest range of an endpoint [m]
     farthest: float | None = None
-    resolution: float | None = None  # usual step between distinct ranges [m]; None where they have no common one
+    resolution: float | None = None  # usual step between distinct ranges [m]; None without a common one
     noise_at_rest: RangeNoise | None = None  # None without encoders, or where the wheels never rest
     no_return: float | None = None  # share (0 to 1) of the beams without return
     invalid: float | None = None  # share of the beams without a usable reading

@@ -207,7 +207,7 @@ def read_toml(path: str | PathLike[str], what: str) -> Table:
 
 
 def merged(base: Table, over: Table) -> Table:
-    """``base`` with the single values of ``over`` in place of its own, tables within tables."""
+    """``base`` overridden by the single values of ``over``, tables within tables."""
     result = dict(base)
     for key, value in over.items():
         below = result.get(key)

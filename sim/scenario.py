@@ -45,7 +45,7 @@ Fault = Annotated[
     Cart | Tilt | RepeatedScans | StuckWheels | Gap | StaleOdometry | OdometryJump | Carried,
     Field(discriminator="kind"),
 ]
-"""What goes wrong in a run, each kind a table of its own."""
+"""What goes wrong in a run, a table for each kind."""
 _KINDS = tuple(fault.model_fields["kind"].default for fault in get_args(get_args(Fault)[0]))
 
 
@@ -164,7 +164,7 @@ class Scenario(Section):
 
 
 def with_camera(scenario: Scenario) -> Scenario:
-    """The scenario with a camera that records and a floor to see, where it has none of its own."""
+    """The scenario with a camera that records and a floor to see, if it lacks them."""
     sensor = scenario.camera or check_camera(scenario.platform.camera).sensor
     if sensor is None:
         raise ConfigError("not known, expected the camera's figures", field="platform.camera.sensor")

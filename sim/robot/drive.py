@@ -35,7 +35,7 @@ class Drive(Summarised):
     velocities: Array  # [n, 3] true velocity in the world [m/s, m/s] and yaw rate [rad/s]
     wheel_travel: Array  # [n, 4] how far the rims of the FR, FL, RR, RL wheel have turned since the start [m]
     end: str  # why it ended: arrived, stuck or out of time
-    tracks: Tracks | None = None  # where people and doors were; None where there are none
+    tracks: Tracks | None = None  # of people and doors; None without any
 
     @property
     def truth(self) -> Trajectory:
