@@ -253,7 +253,7 @@ def read_frame(stream: RgbdStream, disparity: int, rgb: int) -> CameraFrame | st
 def camera_frames(
     stream: RgbdStream, *, interval: float = 0.0, largest_gap: float = LARGEST_GAP, count: FrameCount | None = None
 ) -> Iterator[CameraFrame]:
-    """The frames in the order of their stamps, decoded on all cores, two a core at a time.
+    """The frames in the order of their stamps, decoded on all cores, some ahead.
 
     An image that is missing or cannot be read leaves its frame out; ``count`` counts it.
     """
@@ -262,8 +262,11 @@ def camera_frames(
     frames = list(zip(depth.tolist(), colour.tolist(), strict=True))
     cores = processor_count()
     with ThreadPoolExecutor(cores) as pool:
-        for first in range(0, len(frames), 2 * cores):
-            for frame in pool.map(lambda pair: read_frame(stream, *pair), frames[first : first + 2 * cores]):
+        ready: Iterator[CameraFrame | str | None] = iter(())
+        for first in range(0, len(frames) + cores, cores):
+            following = pool.map(lambda pair: read_frame(stream, *pair), frames[first : first + cores])
+            for frame in ready:
                 count.note(frame)
                 if isinstance(frame, CameraFrame):
                     yield frame
+            ready = following
