@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -92,9 +92,9 @@ def read_manifest(text: str, *, file: Path) -> Manifest:
 class _Reading:
     """A bag between its topics and its streams.
 
-    Of several topics with a type the one with most messages is read, and an issue names the others. Of lidars with
-    nearly as many scans, one whose topic is called vertical or tilted comes last. Wheels are read where they are named,
-    or known by what this package wrote into the bag; images of such a bag alone, for others are of another camera.
+    Of several topics with a type the one with most messages is read, and an issue names the others. Wheels are read
+    where they are named, or in a bag that this package wrote; images of such a bag alone, for others are of another
+    camera.
     """
 
     def __init__(self, bag: Bag, given: GivenRobot, topics: Topics, session: str | int | None) -> None:
@@ -188,9 +188,12 @@ class _Reading:
     def recording(self) -> Recording:
         """The streams, on the robot."""
         bag, path = self.bag, self.bag.path
-        lidar, mount = self._scans_and_mount()
+        placed = [self._placed(table) for table in self.lidars]
+        lidar, mount = placed[0] if placed else (None, motion.Mount())
+        if len(placed) > 1:  # one fan about the robot's centre
+            lidar, mount = scans.merged_scans(path, placed), motion.Mount()
         robot = self.given.platform or self.given.over(self._stated(lidar, mount))
-        streams: dict[str, Any] = {"lidar": None if lidar is None else self._lidar(lidar, mount, robot)}
+        streams: dict[str, Any] = {"lidar": None if lidar is None else self._lidar(lidar, robot)}
         wheels = robot if self.manifest is None else self.manifest.platform  # that were counted by, else those given
         for name, table, read in (
             ("odometry", self.odometry, partial(motion.odometry_stream, bag)),
@@ -209,21 +212,16 @@ class _Reading:
         name = path.resolve().name.removesuffix(path.suffix)
         return Recording(name=name, platform=robot, warnings=tuple(bag.issues), **streams)
 
-    def _scans_and_mount(self) -> tuple[scans.Scans | None, motion.Mount]:
-        """The scans of the lidar, or of several as one about the robot's centre, and where it stands."""
-        found = [scans.laser_scans(self.bag, table) for table in self.lidars]
-        if len(found) > 1:
-            return scans.merged_scans(self.bag.path, found, list(map(self._mount, self.lidars))), motion.Mount()
-        return (found[0], self._mount(self.lidars[0])) if found else (None, motion.Mount())
-
-    def _mount(self, lidar: Table) -> motion.Mount:
-        """Where a lidar stands by the transforms; where a caller says it, these matter only for which way is up."""
-        given, alone = self.mounts.get(lidar.topic.name), len(self.lidars) == 1
-        is_given = given is not None or (
-            alone and (self.given.platform is not None or {"x", "y", "yaw"} <= self.given.lidar_figures.keys())
-        )
-        mount = self.frames.lidar_mount(lidar.topic.name, lidar.frame, self.base, is_given=is_given)
-        return mount if given is None else motion.Mount(given.x, given.y, given.z, given.yaw, mount.upside_down)
+    def _placed(self, table: Table) -> tuple[scans.Scans, motion.Mount]:
+        """The scans of a lidar, and where it stands by the transforms, which say what is up, or as a caller says."""
+        given, is_given = self.mounts.get(table.topic.name), table.topic.name in self.mounts
+        if len(self.lidars) == 1:
+            is_given |= self.given.platform is not None or {"x", "y", "yaw"} <= self.given.lidar_figures.keys()
+        lidar = scans.laser_scans(self.bag, table)
+        mount, is_upside_down = self.frames.lidar_mount(lidar.topic, table.frame, self.base, is_given=is_given)
+        if is_upside_down:
+            lidar = replace(lidar, fan=lidar.fan.flipped())
+        return lidar, mount if given is None else motion.Mount(given.x, given.y, given.z, given.yaw)
 
     def _stated(self, lidar: scans.Scans | None, mount: motion.Mount) -> Platform:
         """The robot that the bag states: of one that this package wrote, the whole; else where its lidar stands."""
@@ -231,12 +229,11 @@ class _Reading:
             return self.manifest.platform
         if lidar is None:
             return Platform()
-        place = {"x": mount.x, "y": mount.y, "z": mount.z, "yaw": mount.yaw}
-        return platform_of({"lidar": {**place, "time_increment": lidar.fan.time_increment}}, file=self.bag.path)
+        table = {"lidar": {**mount._asdict(), "time_increment": lidar.fan.time_increment}}
+        return platform_of(table, file=self.bag.path)
 
-    def _lidar(self, lidar: scans.Scans, mount: motion.Mount, robot: Platform) -> LidarStream:
+    def _lidar(self, lidar: scans.Scans, robot: Platform) -> LidarStream:
         fan = self.manifest.sharpened(lidar.fan) if self.manifest is not None else lidar.fan
-        fan = fan.flipped() if mount.upside_down else fan
         field = f"{lidar.topic}: angle_increment"
         fan = fan.over(self.given.lidar_figures, fan.beams, file=self.bag.path, field=field)
         ranges = ChunkedRanges(
@@ -249,9 +246,8 @@ def choose_odometry(tables: Sequence[Table], topic: str, frame: str, frames: mot
     """The odometry where none is named: of the robot of the lidar's topic and frame, never where it truly was."""
 
     def is_truth(table: Table) -> bool:
-        parent = table.frame.rpartition("/")[2].lower()
-        named = (table.topic.name.lower(), table.frame.lower(), table.child.lower())
-        return parent in _WORLD or any(map(_TRUTH.search, named))
+        named = f"{table.topic.name} {table.child} {table.frame}".lower()
+        return table.frame.rpartition("/")[2].lower() in _WORLD or _TRUTH.search(named) is not None
 
     def is_other_robots(table: Table) -> bool:
         apart = table.child in frames and frame in frames and frames.place(frame, table.child) is None

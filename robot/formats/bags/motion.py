@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,15 +67,13 @@ class _Edge:
     unset: bool = False  # the quaternion has length 0
 
 
-@dataclass(frozen=True)
-class Mount:
-    """Where a lidar stands in the robot's frame [m, rad], and whether its beams turn the other way, seen from above."""
+class Mount(NamedTuple):
+    """Where a lidar stands in the robot's frame [m, rad]."""
 
     x: float = 0.0
     y: float = 0.0
     z: float = 0.0
     yaw: float = 0.0
-    upside_down: bool = False
 
 
 def namespace(topic: str) -> str:
@@ -175,16 +173,16 @@ class Frames:
                 waiting.append(parent)
         return found
 
-    def lidar_mount(self, topic: str, frame: str, base: str | None, *, is_given: bool) -> Mount:
-        """The mount of the lidar whose scans are in a frame; the robot's centre where no transforms lead there. What is
-        wrong with it does not matter where it is given.
+    def lidar_mount(self, topic: str, frame: str, base: str | None, *, is_given: bool) -> tuple[Mount, bool]:
+        """The mount of the lidar whose scans are in a frame, the robot's centre where no transforms lead there, and
+        whether it hangs upside down. What is wrong with it does not matter where it is given.
         """
         placed = self.place(frame, base)
         if placed is None:
             what = f"no transform from {base or ' or '.join(BASES)} to {frame or 'its frame'}; the lidar is taken to"
             if not is_given:
                 self.bag.tell("no-mount", topic, f"{what} stand at the robot's centre")
-            return Mount()
+            return Mount(), False
         pose, way = placed
         tilt = math.acos(min(1.0, abs(float(pose[2, 2]))))
         if tilt > TILTED and not is_given:
@@ -200,7 +198,7 @@ class Frames:
                 self.bag.tell(code, topic, f"the frame {frame} {what}")
         yaw = float(se2.wrap(math.atan2(pose[1, 0], pose[0, 0])))
         x, y, z = (round(float(value), _DIGITS) for value in pose[:3, 3])
-        return Mount(x, y, z, round(yaw, _DIGITS), upside_down=bool(pose[2, 2] < 0))
+        return Mount(x, y, z, round(yaw, _DIGITS)), bool(pose[2, 2] < 0)
 
 
 def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:

@@ -187,26 +187,25 @@ def _most_frequent(values: NDArray[np.float64]) -> float:
     return float(np.nan_to_num(numbers[np.argmax(counts)], posinf=np.inf, neginf=-np.inf))
 
 
-def merged_scans(path: Path, lidars: list[Scans], mounts: list[Mount]) -> Scans:
+def merged_scans(path: Path, lidars: list[tuple[Scans, Mount]]) -> Scans:
     """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps."""
-    first, names = lidars[0], ", ".join(scans.topic for scans in lidars)
-    if len(set(mounts)) < len(mounts):
+    first, names = lidars[0][0], ", ".join(scans.topic for scans, _ in lidars)
+    if len({mount for _, mount in lidars}) < len(lidars):
         table = f'[lidars."{first.topic}"] with x, y, yaw for each in the platform\'s file'
         problem = f"two lidars at one place, expected a transform to each, or a table {table}"
         raise InputError(problem, file=path, field=names)
-    fans = [one.fan.flipped() if mount.upside_down else one.fan for one, mount in zip(lidars, mounts, strict=True)]
-    beams = min(MAX_BEAMS, round(2 * np.pi / min(abs(fan.angle_increment) for fan in fans)))
-    reach = max(fan.range_max + float(np.hypot(mount.x, mount.y)) for fan, mount in zip(fans, mounts, strict=True))
+    beams = min(MAX_BEAMS, round(2 * np.pi / min(abs(scans.fan.angle_increment) for scans, _ in lidars)))
+    reach = max(scans.fan.range_max + float(np.hypot(mount.x, mount.y)) for scans, mount in lidars)
     whole = Fan(-np.pi + np.pi / beams, 2 * np.pi / beams, 0.0, reach, beams)
 
     def load(indices: Rows) -> Ranges:
         rows = np.full((len(indices), beams), np.nan, np.float32)
-        for scans, fan, mount in zip(lidars, fans, mounts, strict=True):
+        for scans, mount in lidars:
             near = nearest_stamp(scans.stamps, first.stamps[indices])
             used = np.flatnonzero(np.abs(scans.stamps[near] - first.stamps[indices]) <= GAP * scans.period)
-            angles = mount.yaw + fan.angles
-            for row, ranges in zip(used, scans.cleaned(near[used], fan).astype(np.float64), strict=True):
-                placed = np.where(np.isinf(ranges), fan.range_max, ranges)
+            angles = mount.yaw + scans.fan.angles
+            for row, ranges in zip(used, scans.cleaned(near[used], scans.fan).astype(np.float64), strict=True):
+                placed = np.where(np.isinf(ranges), scans.fan.range_max, ranges)
                 x, y = mount.x + placed * np.cos(angles), mount.y + placed * np.sin(angles)
                 _lay(rows[row], np.where(np.isinf(ranges), np.inf, np.hypot(x, y)), np.arctan2(y, x), whole)
         return rows
