@@ -84,7 +84,7 @@ LINES = {
         ("good.tum a.bag", "--to: good.tum is a trajectory: expected a name that ends in .csv, .g2o, .kitti, "),
         ("good.tum a --to carmen", "--to: good.tum is a trajectory: 'carmen', expected one of euroc, g2o, kitti, tum"),
         ("good.tum a.g2o --start 3", "--start: of a recording, expected none for a trajectory"),
-        ("bad.tum a.g2o", "bad.tum:1: no line of a trajectory"),
+        ("bad.tum a.g2o", "bad.tum:1: not a line of a trajectory"),
         ("early.tum a.csv", "stamps: stamps below 0 or beyond 1e11 s, expected seconds between"),
     ],
     "evaluate good.tum ": [

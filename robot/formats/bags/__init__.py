@@ -92,9 +92,9 @@ def read_manifest(text: str, *, file: Path) -> Manifest:
 class _Reading:
     """A bag between its topics and its streams.
 
-    Of several topics with a type the one with most messages is read, and an issue names the others. Of lidars with
-    nearly as many scans, one whose topic is called vertical or tilted comes last. Wheels are read where they are named,
-    or known by what this package wrote into the bag; images of such a bag alone, for others are of another camera.
+    Of several topics with a type the one with most messages is read, and an issue names the others. Wheels are read
+    where they are named, or in a bag that this package wrote; images of such a bag alone, for others are of another
+    camera.
     """
 
     def __init__(self, bag: Bag, given: GivenRobot, topics: Topics, session: str | int | None) -> None:
@@ -246,9 +246,8 @@ def choose_odometry(tables: Sequence[Table], topic: str, frame: str, frames: mot
     """The odometry where none is named: of the robot of the lidar's topic and frame, never where it truly was."""
 
     def is_truth(table: Table) -> bool:
-        parent = table.frame.rpartition("/")[2].lower()
-        named = (table.topic.name.lower(), table.frame.lower(), table.child.lower())
-        return parent in _WORLD or any(map(_TRUTH.search, named))
+        named = f"{table.topic.name} {table.child} {table.frame}".lower()
+        return table.frame.rpartition("/")[2].lower() in _WORLD or _TRUTH.search(named) is not None
 
     def is_other_robots(table: Table) -> bool:
         apart = table.child in frames and frame in frames and frames.place(frame, table.child) is None
