@@ -186,13 +186,9 @@ def trajectory_of(
 
 def rotations_of(quaternions: Array) -> Array:
     """The rotation matrices [n, 3, 3] of quaternions [n, 4] (x, y, z, w) of any length but 0."""
-    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
-    )
-    return np.moveaxis(np.array(rows), -1, 0)
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_quat(quaternions).as_matrix())
 
 
 def quaternions_of(rotations: Array) -> Array:

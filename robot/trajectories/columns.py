@@ -72,12 +72,9 @@ METRES, RADIANS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}, {"rad": 1.0
 
 def decoded(content: bytes, errors: str = "strict") -> str:
     """UTF-8, or UTF-16 where a byte order mark or the zeros of its ASCII characters show it."""
-    zeros = [content[k:2000:2].count(0) for k in (0, 1)]
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return content.decode("utf-16", errors)
-    if max(zeros) > 4 * min(zeros) + 8:
-        return content.decode("utf-16-le" if zeros[1] > zeros[0] else "utf-16-be", errors)
-    return content.decode("utf-8-sig", errors)
+    return content.decode("utf-16-le" if content[1:2000:2].count(0) > 8 else "utf-8-sig", errors)
 
 
 def all_lines(path: Path, what: str) -> Iterator[tuple[int, str]]:
