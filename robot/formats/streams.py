@@ -30,6 +30,8 @@ SET_BACK = 2.0
 """Readings of a log that are late by less [s] are those of a busy logger, whose processes are up to 1 s apart."""
 FOLLOWING, FEWEST = 10, 3
 """Readings that all stay behind after a clock was set back; near the end of the recording the second."""
+AGAIN = 0.75
+"""Scans that equal the one before within this share of the time between new ones, ten of them, are given again."""
 MAX_DROPPED = 3
 """Up to this many readings that cannot be are always dropped; more of them only up to a tenth of the stream."""
 
@@ -162,6 +164,25 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
     return (order if issues else None), tuple(issues)
 
 
+def given_again(
+    path: Path, field: str, stamps: Stamps, same: NDArray[np.bool_], issues: list[Issue]
+) -> NDArray[np.bool_]:
+    """Which scans [n] a driver published again, sooner than its lidar measures, under a later stamp; told.
+
+    ``same`` [n] says which equal the one before. A lidar that stands may measure the same again, a period later.
+    """
+    new = np.flatnonzero(~same)
+    period = np.percentile(np.diff(stamps[new]), 10) if len(new) > 1 else 0.0
+    late = stamps - stamps[np.maximum.accumulate(np.where(same, 0, np.arange(len(same))))]
+    again = same & (late < AGAIN * period)
+    count = int(again.sum())
+    if count < FOLLOWING:
+        return np.zeros(len(stamps), np.bool_)
+    text = f"{count} scans given again {np.median(late[again]):.3f} s later, before the lidar can have measured anew: "
+    issues.append(Issue("doubles", f"{path.name}: {field}: {text}dropped, since nothing was measured then", count))
+    return np.asarray(again)
+
+
 def sort_by_stamp(
     path: Path, field: str, stamps: Array, issues: list[Issue], *values: Array
 ) -> tuple[Stamps, tuple[Array, ...]]:
@@ -269,6 +290,11 @@ def lidar_stream(
     beams = ranges.shape[1]
     fan = fan.over(given, beams, file=path, field="angle_increment")
     stamps, (order,) = sort_by_stamp(path, field, stamps, issues, np.arange(len(stamps)))
+    same = np.zeros(len(order), np.bool_)
+    for scan in range(1, len(order)):
+        same[scan] = np.array_equal(ranges[order[scan]], ranges[order[scan - 1]], equal_nan=True)
+    kept = ~given_again(path, field, stamps, same, issues)
+    stamps, order = stamps[kept], order[kept]
     sequence = None if odometry is None else _sequence(path, field, odometry, order, issues)
     clean = clean_ranges(ranges[order], fan, issues, f"{path.name}: {field}")
     poses = None if odometry is None else odometry[order]

@@ -204,7 +204,7 @@ class Bag:
                 stamp = int(header.stamp.sec) * SECOND + int(header.stamp.nanosec)
                 frame = table.frames.setdefault(frame_name(header.frame_id), len(table.frames))
                 table.child = table.child or frame_name(getattr(message, "child_frame_id", ""))
-                mark = hash(data[4:4096])  # behind what numbers the messages in ROS 1
+                mark = hash(data[12:4096])  # behind the number and stamp
                 row = array("q", (stamp, received, order, *place, mark, frame))
             except (ValueError, OverflowError):
                 if table is None:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import Bag, Rows, Table
 from moteslam.robot.formats.bags.frames import Mount
-from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, no_return_limit
+from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, given_again, no_return_limit
 from moteslam.robot.platform import MAX_BEAMS, too_wide
 from moteslam.robot.recording import nearest_stamp
 from moteslam.robot.values import counted
@@ -80,6 +80,9 @@ def laser_scans(bag: Bag, table: Table) -> Scans:
     """The scans of a topic, each with its angles, on the fan that most of them have or on a finer one."""
     topic = table.topic.name
     kept, stamps = bag.used(table)
+    same = np.diff(table.heads["mark"][kept], prepend=0) == 0
+    new = ~given_again(bag.path, topic, stamps, same, bag.issues)
+    kept, stamps = kept[new], stamps[new]
     figures = table.values[kept]
 
     def keep_and_tell(code: str, good: NDArray[np.bool_], what: str) -> None:
