@@ -5,21 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.values import Issue, Summarised, counted, frozen, span
+from moteslam.robot.recording import Stream
+from moteslam.robot.values import Issue, Summarised, counted, frozen
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 UNIT = 0.05
-"""Quaternions whose length is off 1 by more than this are none, however they were rounded; so rotation matrices."""
+"""Lengths of quaternions, and of rows of rotation matrices, are off 1 by less, however they were rounded."""
 FARTHEST = 1e9
-"""Positions beyond this [m] are none."""
+"""No position is farther away [m]."""
 SAME = 1e-6
 """Orientations and heights that differ by less are the same."""
 STANDS = 0.05
@@ -42,7 +44,7 @@ class Space:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(Summarised):
+class Trajectory(Stream):
     """Poses of a frame over time.
 
     Attributes:
@@ -53,24 +55,16 @@ class Trajectory(Summarised):
         warnings: what was assumed or left out when it was read.
     """
 
-    stamps: Array
     poses: Array
     oriented: bool = True
     space: Space | None = None
     warnings: tuple[Issue, ...] = ()
+    _reading: ClassVar[str] = "pose"
 
     def __post_init__(self) -> None:
-        stamps, poses = frozen(self.stamps, np.float64), frozen(self.poses, np.float64)
-        if stamps.ndim != 1 or poses.shape != (len(stamps), 3):
-            found = f"stamps {list(stamps.shape)} and poses {list(poses.shape)}"
-            raise InputError(f"{found}, expected [n] and [n, 3]", field="poses")
-        if (np.diff(stamps) < 0).any():
-            raise InputError("stamps go back, expected rising seconds", field="stamps")
-        object.__setattr__(self, "stamps", stamps)
-        object.__setattr__(self, "poses", poses)
-
-    def __len__(self) -> int:
-        return len(self.stamps)
+        for name in ("stamps", "poses"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
+        super().__post_init__()
 
     @property
     def length(self) -> float:
@@ -82,7 +76,7 @@ class Trajectory(Summarised):
         return Trajectory(stamps, se2.interpolate(self.stamps, self.poses, stamps), self.oriented)
 
     def _summary(self) -> str:
-        return f"{counted(len(self), 'pose')}, {span(self.stamps)}, {self.length:.1f} m"
+        return f"{super()._summary()}, {self.length:.1f} m"
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -96,7 +90,7 @@ class PoseGraph(Summarised):
         relative: [e, 3] measured pose of the second in the frame of the first.
         information: [e, 3, 3], symmetric, of its error in the frame of the measured pose: what is left of the second's
             pose there [1/m^2, 1/(m rad), 1/rad^2].
-        stamps: [n] of the nodes [s], not decreasing; None where they are not known.
+        stamps: [n] of the nodes [s], not decreasing; None if not known.
         fixed: [k] indices of the nodes that hold the frame.
     """
 

@@ -91,14 +91,14 @@ def open_recording(
     if not topics:
         return known.read(path, sequence, platform)
     if known.read_topics is None:
-        raise InputError(f"a {known.name} has no topics, expected none to be named", file=path, field="topics")
+        raise InputError(f"a {known.name} has no topics, expected no names of topics", file=path, field="topics")
     return known.read_topics(path, sequence, platform, topics)
 
 
 def expect_no_sequence(path: str | PathLike[str], sequence: str | int | None) -> None:
     """Refuse the name of a sequence of a format that holds one a file."""
     if sequence is not None:
-        raise InputError("a log of one sequence, expected none to be named", file=path, field="sequence")
+        raise InputError("a log of one sequence, expected no name of one", file=path, field="sequence")
 
 
 def write_recording(path: str | PathLike[str], recording: Recording, *, to: str | None = None) -> tuple[Issue, ...]:

@@ -185,7 +185,7 @@ def _count_at(words: list[bytes], at: int, what: str, *, least: int = 1) -> int:
 
 
 def _placed(poses: list[bytes], stamps: list[bytes]) -> list[float]:
-    """Poses x y theta [m, rad], three words each, and the ipc and the logger stamp [s], 0 where there is none."""
+    """Poses x y theta [m, rad], three words each, and the ipc and the logger stamp [s], else 0."""
     values, (ipc, logger) = _numbers(poses), _numbers([*stamps, b"0", b"0"][:2])
     if any(abs(value) > MAX_PLACE for value in values):
         raise ValueError(f"pose beyond {MAX_PLACE:.0f} m or rad, expected a robot's")
@@ -212,7 +212,7 @@ class _Laser(NamedTuple):
     begins: NDArray[np.intp]  # [n] the first beam on the grid; -1 for scans of another lidar
     angle_min: float  # of the grid, as its step [rad]
     step: float
-    interlace: int  # a scan measures every so manieth beam of the grid
+    interlace: int  # of that many neighbouring beams a scan measures one
 
     @property
     def scans(self) -> int:
@@ -256,7 +256,7 @@ def _laser(line: str, rows: Rows) -> _Laser:
 
 
 def _on_grid(laser: _Laser, flat: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The ranges [m, beams] of the scans on the grid; 0, which says nothing, at the beams that a scan has not."""
+    """The ranges [m, beams] of the scans on the grid; 0, an invalid range, at the beams that a scan lacks."""
     beams = laser.rows["beams"].astype(np.intp)
     stops = laser.begins + laser.interlace * (beams - 1) + 1
     used = laser.begins >= 0
@@ -270,7 +270,7 @@ def _on_grid(laser: _Laser, flat: NDArray[np.float32]) -> NDArray[np.float32]:
 def _chosen(path: Path, log: _Lines, issues: list[Issue]) -> _Laser | None:
     """The kind of line with most scans (of equals, the one that states its angles); others are left aside.
 
-    Raw scans are read if there are none with a pose: logs that have both hold the same ranges in them.
+    Raw scans are read if no scan has a pose: logs that have both hold the same ranges in them.
     """
     for line, count in log.rear.items():
         text = f"{path.name}: {counted(count, f'{line} scan')} of a rear laser left aside"

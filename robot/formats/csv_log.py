@@ -92,9 +92,9 @@ class CsvTable(Section):
 
 
 class LidarTable(CsvTable):
-    """The scans, a line each; in ``ranges`` an empty cell says nothing, ``inf`` is no return.
+    """The scans, a line each; in ``ranges`` an empty cell is invalid, ``inf`` is no return.
 
-    Angles are counterclockwise positive; below ``range_min`` [m] a range says nothing, from ``range_max`` [m] on it is
+    Angles are counterclockwise positive; below ``range_min`` [m] a range is invalid, from ``range_max`` [m] on it is
     no return. ``odometry`` are the columns of x, y and theta of the robot's odometry pose at the scan.
     """
 

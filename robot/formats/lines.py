@@ -78,7 +78,7 @@ class TextLines:
 
         Args:
             used: how many lines could be.
-            missing: what is wrong with a log in which none could be.
+            missing: what is wrong with a log without a line that could.
         """
         number, problem = self.first or (None, f"{self.damage}{'; ' if self.damage else ''}{missing}")
         if not used:

@@ -47,7 +47,7 @@ Percent = NDArray[np.int8]
 
 
 def _number(value: object) -> object:
-    """What is text to YAML 1.1 is a number to the programs that write it, as 5e-2; a truth is none."""
+    """What is text to YAML 1.1 is a number to the programs that write it, as 5e-2; a truth value is not."""
     if isinstance(value, bool):
         raise ValueError("expected a number")
     return value

@@ -26,7 +26,7 @@ MAX_STAMP = 1e11
 MAX_JUMP = 86400.0
 """A longer silence [s] within a stream is a broken stamp: one day."""
 MAX_SPAN = 10 * 365.25 * 86400.0
-"""A recording longer than this [s] is none: ten years."""
+"""No recording is longer [s]: ten years."""
 SET_BACK = 2.0
 """Readings of a log that are late by less [s] are those of a busy logger, whose processes are up to 1 s apart."""
 FOLLOWING, FEWEST = 10, 3
@@ -191,30 +191,9 @@ def sort_by_stamp(
     return (stamps, values) if order is None else (stamps[order], tuple(value[order] for value in values))
 
 
-def keep_plausible(
-    path: Path, field: str, plausible: NDArray[np.bool_], what: str, issues: list[Issue], *values: Array
-) -> tuple[Array, ...]:
-    """The plausible readings [k, ...] of values [n, ...]; the others are dropped and counted."""
-    dropped = int((~plausible).sum())
-    if not dropped:
-        return values
-    if dropped == len(plausible) or dropped > max(MAX_DROPPED, len(plausible) // 10):
-        problem = f"{dropped} of {len(plausible)} readings {what}, expected those of a robot"
-        raise InputError(problem, file=path, field=field)
-    issues.append(Issue("implausible-readings", f"{path.name}: {field}: {dropped} readings {what} dropped", dropped))
-    return tuple(value[plausible] for value in values)
-
-
 def plausible_rates(angular_velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Which readings [n] of a gyro [n, 3] [rad/s] can be a robot's: none beyond 100 rad/s about any axis."""
+    """Which readings [n] of a gyro [n, 3] [rad/s] can be a robot's: at most 100 rad/s about any axis."""
     return np.asarray((np.abs(angular_velocity) <= MAX_RATE).all(axis=1))
-
-
-def plausible_counts(stamps: Stamps, counts: Array, metres_per_count: float) -> NDArray[np.bool_]:
-    """Which readings [n] of wheel counters [n, 4] can be a robot's: no wheel beyond 100 m/s (and 1 m for jitter)."""
-    elapsed = np.diff(stamps, prepend=stamps[:1])
-    travel = np.abs(counts.astype(np.float64)).max(axis=1) * metres_per_count
-    return np.asarray(travel <= SLACK + MAX_SPEED * elapsed)
 
 
 def clean_ranges(ranges: NDArray[np.float32], fan: Fan, issues: list[Issue], head: str) -> NDArray[np.float32]:
@@ -301,16 +280,30 @@ class Sensors:
         """Counts [n, 4] since the last reading, without those of more than 100 m/s."""
         stamps, (counts,) = sort_by_stamp(file, fields[0], stamps, self.issues, counts)
         if self.robot.wheels is not None:
-            plausible = plausible_counts(stamps, counts, self.robot.wheels.metres_per_count)
-            stamps, counts = keep_plausible(file, fields[1], plausible, "beyond 100 m/s", self.issues, stamps, counts)
+            travel = np.abs(counts.astype(np.float64)).max(axis=1) * self.robot.wheels.metres_per_count
+            plausible = travel <= SLACK + MAX_SPEED * np.diff(stamps, prepend=stamps[:1])
+            stamps, counts = self._keep(file, fields[1], plausible, "beyond 100 m/s", stamps, counts)
         return EncoderStream(stamps, counts.astype(np.int64))
 
     def imu(self, file: Path, fields: tuple[str, str], stamps: Array, angular: Array, linear: Array) -> ImuStream:
         """Turn rates [n, 3] [rad/s], without those beyond 100 rad/s, and accelerations [n, 3] [g]."""
         stamps, values = sort_by_stamp(file, fields[0], stamps, self.issues, angular, linear)
-        what, rates = "beyond 100 rad/s", plausible_rates(values[0])
-        stamps, angular, linear = keep_plausible(file, fields[1], rates, what, self.issues, stamps, *values)
+        plausible = plausible_rates(values[0])
+        stamps, angular, linear = self._keep(file, fields[1], plausible, "beyond 100 rad/s", stamps, *values)
         return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))
+
+    def _keep(
+        self, file: Path, field: str, plausible: NDArray[np.bool_], what: str, *values: Array
+    ) -> tuple[Array, ...]:
+        """The plausible readings [k, ...] of values [n, ...]; a few others are dropped and counted."""
+        dropped = int((~plausible).sum())
+        if dropped and (dropped == len(plausible) or dropped > max(MAX_DROPPED, len(plausible) // 10)):
+            problem = f"{dropped} of {len(plausible)} readings {what}, expected those of a robot"
+            raise InputError(problem, file=file, field=field)
+        if dropped:
+            text = f"{file.name}: {field}: {dropped} readings {what} dropped"
+            self.issues.append(Issue("implausible-readings", text, dropped))
+        return tuple(value[plausible] for value in values)
 
 
 def _sequence(

@@ -52,7 +52,7 @@ def ucsd_sequences(folder: Path) -> tuple[str, ...]:
 def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, platform: Robot = None) -> Recording:
     """Read one sequence of a folder in the UCSD layout, which may be left out where there is only one.
 
-    A ``platform.toml`` that is given lies, key by key, over the folder's own; over the UCSD robot where it has none.
+    A ``platform.toml`` that is given lies, key by key, over the folder's own; or over the UCSD robot.
     """
     folder = Path(folder)
     known = ucsd_sequences(folder)
@@ -173,7 +173,7 @@ def _images(folder: Path, kind: str, sequence: str, count: int, issues: list[Iss
 def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: str | int) -> None:
     """Write the streams of a recording in the UCSD layout, and its platform as ``platform.toml``.
 
-    No return is written as ``range_max + 1`` and a reading that says nothing as 0.001 m (as NaN where that is not
+    No return is written as ``range_max + 1`` and an invalid range as 0.001 m (as NaN where that is not
     below ``range_min``), so that ``read_ucsd`` gives the same back, bit for bit. Streams without readings, odometry
     poses and images are left out. The folder exists; ``sequence`` is the number (or word) in the file names.
     """

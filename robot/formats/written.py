@@ -81,7 +81,7 @@ def odometry_of(recording: Recording) -> WrittenOdometry:
 CLASSIC_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
 """Degrees between the beams of the lasers that classic CARMEN logs are of, by the number of beams."""
 OWN_PARAMETERS = {"z": "robot_frontlaser_height", "time_increment": "robot_frontlaser_time_increment"}
-"""Parameters of our own for what CARMEN has none: the lidar's height [m], and the time between its beams [s]."""
+"""Parameters of our own, which CARMEN lacks: the lidar's height [m], and the time between its beams [s]."""
 _OFFSETS = {"offset": "x", "side_offset": "y", "angular_offset": "yaw"}
 
 
@@ -162,9 +162,9 @@ ACCELERATION = ("acceleration_x", "acceleration_y", "acceleration_z")
 def write_csv(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:
     """Write a recording as a TOML and, beside it, a CSV file a stream: ``walk.toml``, ``walk-lidar.csv`` and so on.
 
-    Numbers have the fewest digits that read back the same; no return is ``inf``, a reading that says nothing an empty
-    cell. So ``read_csv_log`` gives the same streams and robot back, bit for bit, as long as the finite ranges are
-    above 0 and lie within ``range_min <= r < range_max``. Images are left out, which is an issue.
+    No return is ``inf``, an invalid range an empty cell. ``read_csv_log`` gives the same streams and robot back, bit
+    for bit, as long as the finite ranges are above 0 and lie within ``range_min <= r < range_max``. Images are left
+    out, which is an issue.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     path = Path(path)

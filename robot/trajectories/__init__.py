@@ -161,7 +161,7 @@ def _messages(bag: Bag, wanted: Callable[[Topic], bool]) -> Iterator[tuple[Topic
 
 
 def _topics(bag: Bag) -> str:
-    for _ in bag.sweep(lambda _: False):
+    for _ in bag.sweep(lambda topic: False):
         pass
     known = {one.name: one.kind for one in bag.topics if one.kind in (*POSES, PATH, *TRANSFORMS)}
     listed = ", ".join(f"{topic[:80]} ({kind.split('/')[-1]})" for topic, kind in sorted(known.items())[:12])
@@ -170,21 +170,17 @@ def _topics(bag: Bag) -> str:
 
 def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
     """Rows of stamp, position and quaternion [n, 8] of a topic."""
-
-    def is_named(topic: Topic) -> bool:
-        return topic.name.strip("/") == name.strip("/")
-
     rows, received = array("d"), array("d")
     frames: dict[str, None] = {}
     path = None
-    for topic, time, message in _messages(bag, lambda one: is_named(one) and one.kind in (*POSES, PATH)):
+    for topic, time, message in _messages(bag, lambda topic: _is_named(topic, name) and topic.kind in (*POSES, PATH)):
         received.append(time / 1e9)
         if topic.kind == PATH:
-            path = message  # the last counts
+            path = message
             continue
         rows.extend(_row(message.header.stamp, attrgetter(POSES[topic.kind])(message)))
         frames[f"{getattr(message, 'child_frame_id', '') or 'poses'} in {message.header.frame_id}"] = None
-    kinds = {one.kind for one in bag.topics if is_named(one)}
+    kinds = {topic.kind for topic in bag.topics if _is_named(topic, name)}
     if len(kinds) != 1 or not kinds <= {*POSES, PATH}:
         what = f"is of {', '.join(sorted(kinds))}" if kinds else "is not there"
         raise InputError(f"the topic {what}; {_topics(bag)}")
@@ -199,15 +195,19 @@ def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
             issues = (Issue("last-path", text, 1),)
     table = np.array(rows).reshape(-1, 8)
     unset = table[:, 0] == 0
+    if path is not None and len(table) and unset.all():
+        raise InputError("the poses of the path have no stamps, expected seconds")
     if len(table) and unset.all():
-        if path is not None:
-            raise InputError("the poses of the path have no stamps, expected seconds")
         table[:, 0] = received
         issues += (Issue("no-stamps", "messages without stamps: those of the bag's reception are taken", len(table)),)
-    elif none := int(unset.sum()):
+    elif count := int(unset.sum()):
         table = table[~unset]
-        issues += (Issue("zero-stamps", f"{counted(none, 'message')} without a stamp left out", none),)
+        issues += (Issue("zero-stamps", f"{counted(count, 'message')} without a stamp left out", count),)
     return table, issues
+
+
+def _is_named(topic: Topic, name: str) -> bool:
+    return topic.name.strip("/") == name.strip("/")
 
 
 def _row(stamp: Any, pose: Any) -> tuple[float, ...]:

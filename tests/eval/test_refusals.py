@@ -73,7 +73,7 @@ LINES = {
         ("a.log --streams imu", "no odometry poses, expected them for a CARMEN log"),
         ("a.log --topics lidar", "--topics: 'lidar', expected STREAM=TOPIC with a stream of lidar, odometry, "),
         ("a.log --topics lidar=/a --topics lidar=/b", "--topics: lidar twice, expected lidars to merge as "),
-        ("a.log --topics lidar=/scan", "has no topics, expected none to be named"),
+        ("a.log --topics lidar=/scan", "has no topics, expected no names of topics"),
         ("a.log --sequence 7", " (option --sequence)\n"),
         ("a.xyz", "--to: 'a.xyz' has the ending of no format, expected one of .log, .log.gz, .clf, "),
         ("a.log --to nothing", "--to: 'nothing', expected one of ucsd, carmen, csv, bag, rosbag2, mcap"),
