@@ -99,11 +99,12 @@ def replay(
 def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) -> tuple[Recording, tuple[Issue, ...]]:
     """The recording as SLAM is to take it in, and what of it is not as stated.
 
-    Without a side to mend, headings that are of no use are mended alone.
+    Without a side to mend, only that is corrected of which it is known which side is wrong.
     """
     from moteslam.robot.values import Issue
     from moteslam.slam.calibration.calibrate import PAIRS, calibrate
-    from moteslam.slam.calibration.findings import calibrated, findings, with_form
+    from moteslam.slam.calibration.findings import findings
+    from moteslam.slam.calibration.mended import calibrated, corrected
 
     found = calibrate(recording, pairs=PAIRS if side is not None else FEW_PAIRS)
     if found is None:
@@ -111,8 +112,9 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
         return recording, () if side is None else (Issue("not-calibrated", text),)
     about = findings(found, recording)
     if side is None:
-        moves = tuple(Issue(issue.code, f"{issue.message}; see --calibrate") for issue in about.moves)
-        return (with_form(recording, found.form) if about.unusable else recording), moves
+        ends = dict.fromkeys(about.decided, "corrected")
+        moves = tuple(Issue(one.code, f"{one.message}; {ends.get(one.code, 'see --calibrate')}") for one in about.moves)
+        return (corrected(recording, found) if about.decided else recording), moves
     mended = calibrated(recording, found, side)
     return mended, tuple(Issue(issue.code, f"{issue.message}; mended by the {side}") for issue in about.issues)
 

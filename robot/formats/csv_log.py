@@ -275,7 +275,7 @@ def _read(
                 raise ValueError("NaN or infinite, expected finite numbers")
             found.extend(array("f", [float(cells[index] or b"0") * metres for index in span]))
         except (ValueError, OverflowError) as error:
-            lines.drop(number, str(error)[:100])
+            lines.drop(number, _not_a_number(cells, header, [*finite, *span]) or str(error)[:100])
             continue
         values.extend(row)
         count += 1
@@ -283,6 +283,17 @@ def _read(
     scale = [SECONDS[table.stamp_unit], *(unit for _, unit in table.columns.values())]
     numbers = np.array(values, np.float64).reshape(count, len(scale)) * scale
     return file, numbers[:, 0], numbers[:, 1:], np.array(found, np.float32).reshape(count, len(span))
+
+
+def _not_a_number(cells: list[bytes], header: list[str] | None, columns: list[int]) -> str:
+    """The first cell of some columns that is none, by the name of its column; empty if all are, or some are missing."""
+    for index in columns if len(cells) > max(columns) else ():
+        try:
+            float(cells[index] or b"0")
+        except ValueError:
+            name = f"column {index + 1}" if header is None else header[index]
+            return f"{name[:40]}: {cells[index][:40].decode('utf-8', 'replace')!r}, expected a number"
+    return ""
 
 
 def _index(path: Path, field: str, column: Column, header: list[str] | None, file: Path) -> int:

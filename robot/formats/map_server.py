@@ -30,6 +30,8 @@ OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 UNKNOWN_PERCENT, FREE_PERCENT, OCCUPIED_PERCENT = -1, 0, 100
 FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY = 254, 0, 205
 """The greys that map_saver writes for them in the mode trinary."""
+BLACK, WHITE = 26, 229
+"""Greys beyond these are meant to be known."""
 
 MAX_IMAGE_BYTES = 256_000_000
 MAX_YAML_BYTES = 100_000
@@ -208,9 +210,19 @@ def _of(pixels: NDArray[np.uint16], about: MapFile, between: bool) -> Percent:
 
 
 def _warn_of_thresholds(path: Path, about: MapFile, pixels: NDArray[np.uint16]) -> None:
-    """Warn where all greys are map_saver's and the thresholds, as its 0.25 of years, make its 205 of unknown known."""
+    """Warn where the thresholds leave neither black nor white known, or only one of them.
+
+    And where all greys are map_saver's and the thresholds, as its 0.25 of years, make its 205 of unknown known.
+    """
     grey = (pixels[..., 0] >> 8).ravel()
     if about.mode == "raw" or (pixels[..., :3] != pixels[..., :1]).any():
+        return
+    ends = pixels.reshape(-1, pixels.shape[2])[[int(grey.argmin()), int(grey.argmax())]]
+    if grey.min() < BLACK and grey.max() > WHITE and UNKNOWN_PERCENT in _of(ends, about, between=False):
+        says = f"free_thresh {about.free_thresh:g}, occupied_thresh {about.occupied_thresh:g}"
+        what = f"{says}: its black or its white cells count as unknown, and scores of this map mean nothing"
+        mend = f"map_saver's are {FREE_THRESHOLD:g} and {OCCUPIED_THRESHOLD:g}"
+        warnings.warn(MoteslamWarning(f"{path}: {what}; {mend}"), stacklevel=4)
         return
     counts = np.bincount(grey, minlength=256)
     if about.negate and counts[255 - UNKNOWN_GREY]:

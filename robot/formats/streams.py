@@ -31,6 +31,8 @@ SET_BACK = 2.0
 """Readings of a log that are late by less [s] are those of a busy logger, whose processes are up to 1 s apart."""
 FOLLOWING, FEWEST = 10, 3
 """Readings that all stay behind after a clock was set back; near the end of the recording the second."""
+AGAIN = 0.75
+"""Scans that equal the one before within this share of the time between new ones, ten of them, are given again."""
 MAX_DROPPED = 3
 """Up to this many readings that cannot be are always dropped; more of them only up to a tenth of the stream."""
 
@@ -131,7 +133,9 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
     bad = ~(np.abs(stamps) <= MAX_STAMP)
     if bad.any():
         first = int(np.argmax(bad))
-        refuse(f"{stamps[first]:.6g} at reading {first}, expected finite seconds below 1e11")
+        units = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
+        hint = [f": are they {unit}?" for scale, unit in units.items() if 1e8 < stamps[first] / scale < 1e10]
+        refuse(f"stamp {stamps[first]:.6g} at reading {first}, expected finite seconds below 1e11{''.join(hint)}")
     issues = []
     kept = np.arange(len(stamps))
     unset = (stamps == 0) & (np.min(stamps[stamps != 0], initial=np.inf) > MAX_JUMP) & stamps.any()
@@ -156,6 +160,25 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
         text = f"{file.name}: {field}: {count} stamps go back; the readings were sorted by stamp"
         issues.append(Issue("stamps-go-back", text, count))
     return (order if issues else None), tuple(issues)
+
+
+def given_again(
+    path: Path, field: str, stamps: Stamps, same: NDArray[np.bool_], issues: list[Issue]
+) -> NDArray[np.bool_]:
+    """Which scans [n] a driver published again, sooner than its lidar measures, under a later stamp; told.
+
+    ``same`` [n] says which equal the one before. A lidar that stands may measure the same again, a period later.
+    """
+    new = np.flatnonzero(~same)
+    period = np.percentile(np.diff(stamps[new]), 10) if len(new) > 1 else 0.0
+    late = stamps - stamps[np.maximum.accumulate(np.where(same, 0, np.arange(len(same))))]
+    again = same & (late < AGAIN * period)
+    count = int(again.sum())
+    if count < FOLLOWING:
+        return np.zeros(len(stamps), np.bool_)
+    text = f"{count} scans given again {np.median(late[again]):.3f} s later, before the lidar can have measured anew: "
+    issues.append(Issue("doubles", f"{path.name}: {field}: {text}dropped, since nothing was measured then", count))
+    return np.asarray(again)
 
 
 def sort_by_stamp(
@@ -237,6 +260,11 @@ class Sensors:
         """Ranges [n, beams] [m] as reported, poses [n, 3] logged with the scans; ``interlace`` as in `LidarStream`."""
         fan = fan.over(self.given, ranges.shape[1], file=file, field="angle_increment")
         stamps, (order,) = sort_by_stamp(file, field, stamps, self.issues, np.arange(len(stamps)))
+        same = np.zeros(len(order), np.bool_)
+        for scan in range(1, len(order)):
+            same[scan] = np.array_equal(ranges[order[scan]], ranges[order[scan - 1]], equal_nan=True)
+        new = ~given_again(file, field, stamps, same, self.issues)
+        stamps, order = stamps[new], order[new]
         sequence = None if odometry is None else _sequence(file, field, odometry, order, self.issues)
         clean = clean_ranges(ranges[order], fan, self.issues, f"{file.name}: {field}")
         poses = None if odometry is None else odometry[order]

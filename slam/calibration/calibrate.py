@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from copy import copy
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,42 +13,24 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.values import expect_type
-from moteslam.slam.calibration.hand_eye import CLOCKS, Fit, Pairs, Parameter, Path, clock, covariances, fit
-from moteslam.slam.calibration.scan_pairs import Beams, refine, register
+from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Fit, Pairs, Parameter, Path, clock, fit
+from moteslam.slam.calibration.registered import FEWEST, GOOD, TURNING, RegisteredPairs, choose_pairs
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
-from moteslam.slam.inputs.synchronise import in_order, sweep_seconds
+from moteslam.slam.inputs.synchronise import in_order
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 PAIRS = 300
 """Of a recording."""
-MOTION, SHORTEST, LONGEST = (0.5, 0.4), 0.3, 2.0
-"""A pair is about this far apart [m], or turned [rad], and apart from at least to at most this long [s]."""
-FEWEST, GOOD = 40, 0.75
-"""Fewer pairs, or a smaller share of them that are registered, say nothing."""
-BEAMS = 360
-"""Of a scan, about."""
-TURNS = (0.0, -0.3, 0.3)
-"""Turns that the registration of a pair begins with, one after the other [rad]."""
-ROUNDS = 8
-"""Of the scale of the angles, at most."""
-OFFSET = 0.1
-"""Prior standard deviation of a common offset of the ranges [m]; it would pass for a scale of the angles."""
-ANGLE_FLOOR = 0.0015
-"""The standard deviation of that scale is no smaller."""
 AGREES, AGREES_LOGGED = 0.6, 0.35
 """Turns of scans and odometry that correlate less are not of the same motion: with clocks to be found, and without."""
 BETTER, EVIDENCE = 0.4, 60.0
 """Odometry is read in another way where that costs less than this share, and over all pairs less by this much."""
+EXPLAINED = 0.6
+"""Two clocks explain what scans show where the odometry costs less than this share of what it does with one."""
 UNFIT = 7.0
 """Odometry that costs more in every way does not measure the motion of the scans."""
-SKEWED = 0.002
-"""A share of endpoints that fits better, while the robot turns, with the beams in the other order in time: then that is
-the right order. In a short sweep it makes no difference."""
-TURNING = 0.05
-"""Scans whose turns deviate by less show nothing of odometry [rad]."""
 WITNESS = 5.0
 """With the stated angles the odometry must cost this much more over all pairs, unless it is wheels alone, whose turns
 are poor: scans of one side of the robot are biased by a few percent."""
@@ -61,6 +44,9 @@ MOVES = 0.05
 """The direction of a path is taken over this distance [m]."""
 FORMS = ("stated", "turns", "y", "path")
 """How odometry poses are read: as stated, with their headings or their y negated, headings along the path."""
+QUARTER, AHEAD = 0.15, 0.8
+"""A mount is a quarter turn off within the first [rad]; a path goes one way as seen by its headings where this share of
+it does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +57,15 @@ class Calibration:
         angle_scale: angles between beams, over the stated; ``angle_deviation`` its standard deviation.
         mirrored: the beams, or the odometry, go the other way round.
         form: of `FORMS`, the one that odometry poses fit the scans in.
+        quarter: what is to be added to the headings in that form [rad]: a quarter turn to either side where they point
+            aside of their own path and of the lidar as it is stated, else 0.
+        wrong: which one turns the wrong way where one does and a third witness (the gyro, or wheels beside it) bears
+            the other out; empty where nothing decides.
         fit: the mount and the rest; its clocks are one where they do not differ clearly.
         correlation: of the turns of scans and odometry.
         clocks: a fit with the difference of the clocks; None if the odometry is logged with the scans.
-        shared_clock: the clocks do not differ clearly.
+        shared_clock: the clocks do not differ clearly, or the scans fit no better with two.
+        late: ``gyro`` where its stamps alone are off, and not those of the wheels; else empty.
         reversed: mirrored beams are in the wrong order in time, too: an array that is to be read from its end.
         fits: the odometry measures the motion of the scans; else nothing but the angles is known.
     """
@@ -82,11 +73,14 @@ class Calibration:
     angle_scale: float
     angle_deviation: float
     mirrored: bool
+    wrong: Literal["", "lidar", "odometry", "gyro"]
     form: str
+    quarter: float
     fit: Fit
     correlation: float
     clocks: Fit | None
     shared_clock: bool
+    late: Literal["", "gyro"]
     fits: bool
     reversed: bool
 
@@ -117,18 +111,24 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
     path = odometry_path(recording, SyncConfig()) if poses is None else OdometryPath(lidar.stamps, poses)
     if path is None:
         return None
-    before, after = _pairs(lidar, path.at(lidar.stamps), pairs)
+    before, after = choose_pairs(lidar, path.at(lidar.stamps), pairs)
     if len(before) < FEWEST:
         return None
-    scans = _RegisteredPairs(recording, lidar, before, after)
+    scans = RegisteredPairs(recording, lidar, before, after)
     if not scans.enough(GOOD / 2) or scans.pairs.motions[:, 2].std() < TURNING:
         return None
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
     form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
     at = _at(in_form(path, form))
+    wrong = _wrong(recording, path, scans.pairs) if mirrored else ""
     is_reversed = scans.mirror(lidar) if mirrored else False
     angle_scale, deviation = scans.scale_angles()
     best = fit(scans.pairs, at, (offset, drift), shared=logged)
+    quarter = 0.0
+    if not mirrored and recording.encoders is None:
+        aside = float(se2.wrap(best.values[Parameter.YAW] - recording.platform.lidar.yaw))
+        quarter = _quarter(in_form(path, form).poses, aside)
+        at = _at(in_form(path, form, quarter))
     scans.refine(best.expected(scans.first, scans.last, at))
     if not scans.enough(GOOD):
         return None
@@ -139,33 +139,65 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
         as_stated = fit(witness.pairs, at, (offset, drift), shared=logged)
         if (as_stated.cost - clocks.cost) * len(scans.pairs.first) < WITNESS:
             scans, clocks, deviation = witness, as_stated, abs(angle_scale - 1)
-    shared = logged or not clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
+    one = clocks if logged else fit(scans.pairs, at, (0.0, 0.0), shared=True)
+    differ = not logged and _clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
+    shared = not (differ and clocks.cost < EXPLAINED * one.cost)
+    late: Literal["", "gyro"] = ""
     start = clocks.values[Parameter.OFFSET] + clocks.values[Parameter.DRIFT] * (scans.first.min() - clocks.middle)
     began_as_one = abs(start) < (LATE_WHEELS if wheels_alone else LATE)
     if wheels_alone and began_as_one:  # the body follows its wheels late, and in turns aside, by about the same time
         clocks = fit(scans.pairs, at, (offset, drift), shared=False, slip=max(-start, 0.0))
     best = clocks._replace(values=clocks.values.copy())
     if shared and not logged and not wheels_alone:
-        best = fit(scans.pairs, at, (0.0, 0.0), shared=True)
+        best = one
     if not shared and began_as_one:
         best.values[Parameter.OFFSET] -= start
+    if differ and recording.imu is not None and recording.encoders is not None:
+        offset = float(clocks.values[Parameter.OFFSET])
+        moved = odometry_path(with_stamps(recording, ("imu",), lambda stamps: stamps - offset), SyncConfig())
+        assert moved is not None
+        alone = fit(scans.pairs, _at(moved), (0.0, 0.0), shared=True)
+        if alone.cost < EXPLAINED * min(one.cost, clocks.cost):
+            shared, late, best = False, "gyro", alone
+            best.values[Parameter.OFFSET] = offset
     fits = read is not None and min(best.cost, clocks.cost) < UNFIT
     clocks_or_none = None if logged else clocks
     return Calibration(
-        angle_scale, deviation, mirrored, form, best, correlation, clocks_or_none, shared, fits, is_reversed
+        angle_scale=angle_scale,
+        angle_deviation=deviation,
+        mirrored=mirrored,
+        wrong=wrong,
+        form=form,
+        quarter=quarter,
+        fit=best,
+        correlation=correlation,
+        clocks=clocks_or_none,
+        shared_clock=shared,
+        late=late,
+        fits=fits,
+        reversed=is_reversed,
     )
 
 
-def clocks_differ(found: Fit, duration: float, *, wheels_alone: bool) -> bool:
+def _clocks_differ(found: Fit, duration: float, *, wheels_alone: bool) -> bool:
     """Whether the stamps of scans and odometry clearly are of two clocks."""
     (offset, drift), (about_offset, about_drift) = found.values[CLOCKS], found.deviations[CLOCKS]
     late = abs(offset) > max(LATE_WHEELS if wheels_alone else LATE, SIGMAS * about_offset)
-    apart = abs(drift) * duration > LATE and abs(drift) > max(DRIFT, SIGMAS * about_drift)
-    return bool(late or apart)
+    drifts = max(DRIFT, SIGMAS * about_drift) < abs(drift) < MOST_DRIFT
+    return bool(late or (drifts and abs(drift) * duration > LATE))
 
 
-def in_form(path: OdometryPath, form: str) -> OdometryPath:
-    """A path read in one of the `FORMS`."""
+def with_stamps(recording: Recording, names: Sequence[str], change: Callable[[Array], Array]) -> Recording:
+    """The same with the stamps [n] [s] of some streams changed."""
+    streams = {name: getattr(recording, name) for name in names}
+    changed = {
+        name: replace(stream, stamps=change(stream.stamps)) for name, stream in streams.items() if stream is not None
+    }
+    return recording.replace(**changed)
+
+
+def in_form(path: OdometryPath, form: str, quarter: float = 0.0) -> OdometryPath:
+    """A path read in one of the `FORMS`, with an angle [rad] added to its headings."""
     x, y, heading = path.poses.T
     if form == "turns":
         heading = -heading
@@ -173,7 +205,33 @@ def in_form(path: OdometryPath, form: str) -> OdometryPath:
         y = -y
     elif form == "path":
         heading = _along(path.poses)
-    return OdometryPath(path.stamps, np.stack((x, y, heading), axis=1))
+    return OdometryPath(path.stamps, np.stack((x, y, heading + quarter), axis=1))
+
+
+def _quarter(poses: Array, aside: float) -> float:
+    """The quarter turn by which headings of a path [n, 3] are off, 0 if the lidar may be: it is aside by an angle."""
+    quarter = float(np.copysign(np.pi / 2, aside))
+    steps = np.diff(poses[:, 0] + 1j * poses[:, 1]) * np.exp(-1j * poses[:-1, 2])
+    way, total = complex(steps.sum()), float(np.abs(steps).sum())
+    one_way = abs(way) > AHEAD * total and abs(float(se2.wrap(np.angle(way) - quarter))) < np.pi / 4
+    return quarter if abs(aside - quarter) < QUARTER and one_way else 0.0
+
+
+def _wrong(recording: Recording, path: OdometryPath, pairs: Pairs) -> Literal["", "lidar", "odometry", "gyro"]:
+    """Which of scans and odometry turns the wrong way, by a third that turns: the gyro, or wheels beside a gyro."""
+    imu, alone = recording.imu, path.by_wheels
+    other: Literal["odometry", "gyro"]
+    if recording.encoders is not None and alone is not None:
+        stamps, headings, other = path.stamps, alone[:, 2], "gyro"
+    elif recording.encoders is None and imu is not None and len(imu) > 1:
+        headings = np.cumsum(imu.angular_velocity[:, 2] * np.diff(imu.stamps, prepend=imu.stamps[0]))
+        stamps, other = imu.stamps, "odometry"
+    else:
+        return ""
+    *_, correlation = clock(pairs, stamps, np.unwrap(headings), shared=False)
+    if abs(correlation) < AGREES:
+        return ""
+    return "lidar" if correlation < 0 else other
 
 
 def _at(path: OdometryPath) -> Path:
@@ -194,7 +252,7 @@ def _along(poses: Array) -> Array:
 
 
 def _read(
-    scans: _RegisteredPairs, path: OdometryPath, *, logged: bool, poses: bool
+    scans: RegisteredPairs, path: OdometryPath, *, logged: bool, poses: bool
 ) -> tuple[str, bool, float, tuple[float, float]] | None:
     """In which form the odometry fits the scans, whether one of them is mirrored, the correlation, and the clocks."""
     best: tuple[str, bool, float, tuple[float, float]] | None = None
@@ -217,118 +275,3 @@ def _read(
     if best is not None and best[1] and best[0] in ("turns", "y"):  # one wrong sign in place of two
         best = ("y" if best[0] == "turns" else "turns", False, *best[2:])
     return best
-
-
-class _RegisteredPairs:
-    """Pairs of scans of a recording, registered.
-
-    Attributes:
-        first, last: [k] times of the scans, in the middle of their sweeps [s].
-    """
-
-    def __init__(self, recording: Recording, lidar: LidarStream, before: Indices, after: Indices) -> None:
-        total, sweep = lidar.ranges.shape[1], sweep_seconds(recording, lidar)
-        self.first, self.last = lidar.stamps[before] + sweep / 2, lidar.stamps[after] + sweep / 2
-        self._seconds = self.last - self.first
-        beams = np.arange(0, total, max(1, round(total / BEAMS)))
-        self._beams = Beams(lidar.angles[beams], beams / max(total - 1, 1), sweep)
-        scans = np.unique(np.concatenate((before, after)))
-        ranges = np.asarray(lidar.ranges[scans], np.float64)[:, beams]
-        ranges[~np.isfinite(ranges)] = np.nan
-        self._ranges = ranges[np.searchsorted(scans, before)], ranges[np.searchsorted(scans, after)]
-        self._found = register(*self._ranges, self._beams, self._seconds, TURNS)
-
-    def enough(self, share: float) -> bool:
-        """Whether enough pairs are registered, and this share of all."""
-        return bool(self._found.good.sum() >= FEWEST and self._found.good.mean() >= share)
-
-    @property
-    def pairs(self) -> Pairs:
-        """Those that are."""
-        good = self._found.good
-        about = covariances(self._found.information[good], self._found.deviation[good])
-        return Pairs(self.first[good], self.last[good], self._found.motions[good], about)
-
-    def stated(self) -> _RegisteredPairs:
-        """The same with the angles as they were before ``scale_angles``."""
-        assert self._found is not None
-        other = copy(self)
-        other._beams = self._stated
-        other.refine(self._found.motions, anew=True)
-        return other
-
-    def refine(self, motions: Array, *, anew: bool = False) -> None:
-        """Register from motions [k, 3] that are expected, and keep what fits better, unless it is done anew."""
-        self._found = refine(*self._ranges, self._beams, self._seconds, motions, None if anew else self._found)
-
-    def mirror(self, lidar: LidarStream) -> bool:
-        """Take the beams the other way round; whether they are measured in the other order, too."""
-        beams, motions = self._beams, self._found.motions * (1, -1, -1)
-        turned = beams._replace(angles=-beams.angles)
-        backwards = beams._replace(angles=lidar.angles[0] + lidar.angles[-1] - beams.angles, shares=1 - beams.shares)
-        found = [(each, refine(*self._ranges, each, self._seconds, motions)) for each in (turned, backwards)]
-        turning = np.abs(motions[:, 2]) > TURNING
-        shares = [float(each.fit[turning].mean()) for _, each in found] if turning.any() else [0.0, 0.0]
-        is_reversed = beams.sweep > 0 and shares[1] > shares[0] + SKEWED
-        self._beams, self._found = found[int(is_reversed)]
-        return is_reversed
-
-    def scale_angles(self) -> tuple[float, float]:
-        """The scale of the angles between beams at which the scans fit each other best, and its deviation.
-
-        Gauss-Newton of what all pairs have in common, this scale and an offset of the ranges; a scale that differs
-        between the sectors of the fan adds to the deviation, and the pairs are registered again after each step.
-        """
-        self._stated = self._beams
-        scale, offset, deviation, stated = 1.0, 0.0, 1.0, self._beams.angles
-        for _ in range(ROUNDS):
-            good = self._found.good
-            weight = 1 / np.maximum(self._found.deviation[good], 0.003) ** 2
-            gradient = self._found.gradients[good] * weight[:, None]
-            about = np.einsum("kvw,k->vw", self._found.about_warps[good], weight)
-            about[0, 0] += 1 / OFFSET**2
-            slope = gradient.sum(axis=0)
-            slope[0] += offset / OFFSET**2
-            both = np.zeros((len(about), 2))
-            both[0, 0], both[1:, 1] = 1.0, 1.0
-            inverse = np.linalg.inv(both.T @ about @ both + 1e-6 * np.eye(2))
-            shift, step = np.clip(-inverse @ (slope @ both), -0.1, 0.1)
-            parts = np.array([part.sum(axis=0) for part in np.array_split(gradient @ both, 25)])
-            sectors = -np.linalg.solve(about + 1e-6 * np.eye(len(about)), slope)[1:]
-            spread = np.sqrt((inverse @ (parts.T @ parts) @ inverse)[1, 1])
-            deviation = float(np.linalg.norm((spread, sectors.std() / np.sqrt(len(sectors)), ANGLE_FLOOR)))
-            scale, offset = scale * (1 + step), offset + shift
-            if abs(step) < 0.002 and abs(shift) < 0.003:
-                break
-            self._beams = self._beams._replace(angles=stated[0] + scale * (stated - stated[0]))
-            self._ranges = self._ranges[0] + shift, self._ranges[1] + shift
-            self.refine(self._found.motions, anew=True)
-        return float(scale), deviation
-
-
-def _pairs(lidar: LidarStream, odometry: Array, count: int) -> tuple[Indices, Indices]:
-    """Pairs of scans all over a recording: a third of them evenly by scans, by the way, and by turns of the odometry.
-
-    Those by odometry begin a scan after the step that they are chosen by, or before: its noise is in none of them.
-    """
-    stamps, n = lidar.stamps, len(lidar)
-    motion, seconds = np.abs(se2.between(odometry[:-1], odometry[1:])), np.diff(stamps)
-    size = np.hypot(motion[:, 0], motion[:, 1]) / MOTION[0] + motion[:, 2] / MOTION[1]
-    moving = size > 0.1 * np.percentile(size, 90)
-    span, usual = LONGEST, 1.0
-    if moving.any():
-        usual = float(np.median(size[moving]))
-        rate = float(np.median(size[moving] / np.maximum(seconds[moving], 1e-3)))
-        span = min(max(1 / rate, SHORTEST), LONGEST)
-    evenly = (np.arange(count // 3) + 0.5) / (count // 3)
-    beside = np.where(np.arange(count // 3) % 2, 1, -1)
-    begins = [evenly * (n - 1)]
-    for step in (np.minimum(size, 5 * usual), np.minimum(motion[:, 2], np.pi / 4)):
-        way = np.concatenate(([0.0], np.cumsum(step)))
-        begins.append(np.interp(evenly * way[-1], way, np.arange(n)) + beside)
-    first = np.unique(np.clip(np.concatenate(begins), 0, n - 1).astype(np.intp))
-    last = np.maximum(np.searchsorted(stamps, stamps[first] + span), first + 1)
-    first, last = first[last < n], last[last < n]
-    apart = stamps[last] - stamps[first]
-    use = (apart > 0) & (apart < 3 * max(span, float(np.median(seconds))))
-    return first[use], last[use]

@@ -1,11 +1,11 @@
-"""What is certain of a calibration: what it says, what mends it, and a recording mended by it."""
+"""What is certain of a calibration: what it says, and the lines of a platform that mend it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from math import degrees, hypot
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recording
 from moteslam.robot.values import Issue
-from moteslam.slam.calibration.calibrate import SIGMAS, Calibration, in_form
+from moteslam.slam.calibration.calibrate import SIGMAS, Calibration
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
-from moteslam.slam.inputs.odometry_path import OdometryPath
 
 Array = NDArray[np.float64]
-Side = Literal["lidar", "odometry"]
 
 ANGLES = 0.012
 """Smaller differences move no result by a tenth of a metre: of angles over the stated,"""
@@ -33,11 +31,20 @@ FAR, TURNED, LONG = 0.15, 0.14, 0.06
 WITHIN = 1.96
 """Standard deviations to either side of a value that it lies within, in 95 of 100 cases."""
 WRONG = {
-    "turns": ("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
-    "y": ("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
-    "path": ("odometry-headings", "odometry: its headings do not follow the way that it drives, and are of no use"),
+    ("turns", False): ("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
+    ("y", False): ("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
+    ("path", False): (
+        "odometry-headings",
+        "odometry: its headings do not follow the way that it drives, and are of no use",
+    ),
+    ("stated", True): ("odometry-headings", "odometry: its headings are a quarter turn off the way that it drives"),
+    ("turns", True): (
+        "odometry-headings",
+        "odometry: its headings turn clockwise, and count from a quarter turn off its own path, as a compass's do",
+    ),
+    ("y", True): ("odometry-signs", "odometry: its x and y are swapped against its own headings"),
 }
-"""The code and the text of the forms of odometry poses that are not as stated."""
+"""The code and the text of the forms of odometry poses that are not as stated, without and with a quarter turn."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +73,13 @@ class Findings:
         figures: all estimates.
         issues: what is certain.
         moves: those that move the result of SLAM by more than a tenth of a metre.
-        unusable: the odometry's headings are certainly wrong.
+        decided: codes of those of which it is known which side is wrong: ``mended.corrected`` mends them.
     """
 
     figures: tuple[Figure, ...]
     issues: tuple[Issue, ...]
     moves: tuple[Issue, ...]
-    unusable: bool
+    decided: frozenset[str]
 
 
 def findings(calibration: Calibration, recording: Recording) -> Findings:
@@ -81,25 +88,23 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     assert lidar is not None
     c = calibration
     told: list[tuple[str, str, bool]] = []  # code, text, whether it moves the result
-    figures = _figures(c, recording)
+    figures = figures_of(c, recording)
     certain = {figure.name.split(" ")[0]: figure for figure in figures if figure.certain}
-    right = _lidar(lidar, c, certain)
-    if not c.fits:
-        text = f"odometry: it does not measure the motion that scans show (correlation of turns {c.correlation:.2f}): "
-        told.append(("odometry-unfit", text + "of another run, clock or robot, or broken; leave its stream out", True))
-    x, y, yaw = _mount(c, recording, certain)
-    toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"
-    if c.form in WRONG and c.fits:
-        told.append((*WRONG[c.form], True))
-    if c.mirrored and c.fits:
-        beams = "are in the other order, the last one first"
-        if not c.reversed:
-            beams = f"go the other way round, in platform.toml: [lidar] {toml}"
+    right = lidar_of(lidar, c, certain)
+    if not c.correlation:
+        told.append(("odometry-unfit", "odometry: it turns at no offset of its clock as the scans do: left out", True))
+    elif not c.fits:
         text = (
-            f"scans and odometry turn in opposite directions (correlation {-abs(c.correlation):.2f}): a mirror image "
-            f"of the place, if anything. Either the beams {beams}; or the odometry has y and turns of the wrong sign"
+            f"odometry: it turns as the scans do (correlation {c.correlation:.2f}), but the motions do not fit: stamps "
         )
-        told.append(("mirrored", text, True))
+        text += "of either are rounded or out of order, or its lengths or turns are in other units"
+        told.append(("odometry-unfit", text, True))
+    x, y, yaw = mount_of(c, recording, certain)
+    toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"
+    if c.fits and (wrong := WRONG.get((c.form, c.quarter != 0))) is not None:
+        told.append((*wrong, True))
+    if c.mirrored and c.fits:
+        told.append(("mirrored", _mirrored(c, toml), True))
     if (angles := certain.get("angles")) is not None:
         text = f"lidar: angles between beams are {_percent(angles)} stated: walls come out bent, turns wrong. "
         told.append(("lidar-angles", f"{text}In platform.toml: [lidar] {toml}", True))
@@ -108,7 +113,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         parts = [
             f"{one.name.split(' ')[0]} {one.value:.3g} ({_interval(one)}), stated {one.stated:.3g}" for one in mounts
         ]
-        text = f"lidar: mounted {'backwards' if backwards else 'elsewhere'} by the odometry: {'; '.join(parts)}. "
+        where = "backwards, unless the odometry drives so," if backwards else "elsewhere"
+        text = f"lidar: mounted {where} by the odometry: {'; '.join(parts)}. "
         far = hypot(x - mount.x, y - mount.y) > FAR or abs(se2.wrap(yaw - mount.yaw)) > TURNED
         text += f"In platform.toml: [lidar] x = {x:.3f}, y = {y:.3f}, yaw = {yaw:.4f}"
         told.append(("lidar-mount", text, bool(far)))
@@ -126,68 +132,41 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"odometry: robot turns {_percent(turns)} odometry does: its track is wrong, or its angles no radians"
         told.append(("odometry-turn-scale", text, True))
     if (late := certain.get("offset")) is not None:
-        side = "earlier" if late.value > 0 else "later"
+        side = ("later", "earlier")[int((late.value > 0) != (c.late == "gyro"))]
         text = f"lidar: scans are stamped {abs(late.value):.2f} s ({_interval(late)}) {side} than the odometry of them"
+        if c.late == "gyro":
+            text = f"imu: stamped {abs(late.value):.2f} s ({_interval(late)}) {side} than scans and wheels"
         told.append(("clock-offset", f"{text}: every turn is smeared", True))
     if (drift := certain.get("drift")) is not None:
         text = f"lidar: its clock runs {1000 * -drift.value:+.2f} ms a second against the odometry's, 95 %: "
         text += f"{1000 * (-drift.value - WITHIN * drift.deviation):+.2f} to "
         text += f"{1000 * (-drift.value + WITHIN * drift.deviation):+.2f}"
         told.append(("clock-drift", text, True))
+    decided = {"clock-offset", "clock-drift", "odometry-signs", "odometry-headings"}
+    decided |= {"mirrored"} if c.wrong else set()
+    decided |= set() if c.correlation else {"odometry-unfit"}
     issues = tuple(Issue(code, text) for code, text, _ in told)
     moves = tuple(Issue(code, text) for code, text, much in told if much)
-    return Findings(figures, issues, moves, c.fits and c.form in WRONG)
+    return Findings(figures, issues, moves, frozenset(decided & {issue.code for issue in issues}))
 
 
-def calibrated(recording: Recording, calibration: Calibration, side: Side) -> Recording:
-    """A recording mended by what is certain.
-
-    Args:
-        recording: that the calibration was made of.
-        calibration: of it.
-        side: what is taken to be wrong where the two contradict each other and scans cannot say which is: one that is
-            a mirror image, the ratio of lengths, the clock.
-    """
-    c = replace(calibration, mirrored=calibration.mirrored and calibration.fits)
-    mirrored, lidar_is_wrong = c.mirrored, side == "lidar"
-    if mirrored and not lidar_is_wrong:  # the mount was found in the mirror
-        signs = [-1 if k in (Parameter.Y, Parameter.YAW) else 1 for k in Parameter]
-        c = replace(c, mirrored=False, fit=c.fit._replace(values=c.fit.values * signs))
-    certain = {figure.name.split(" ")[0] for figure in _figures(c, recording) if figure.certain}
-    x, y, yaw = _mount(c, recording, certain)
-    scale = c.fit.values[Parameter.LENGTHS] if "lengths" in certain else 1.0
-    offset, drift = c.fit.values[CLOCKS] if not c.shared_clock else (0.0, 0.0)
-    mended = recording.replace(
-        platform=recording.platform.model_copy(
-            update={"lidar": recording.platform.lidar.model_copy(update={"x": x, "y": y, "yaw": yaw})}
-        )
-    )
-    if c.form in WRONG and c.fits:
-        mended = with_form(mended, c.form)
-    lidar = mended.lidar
-    assert lidar is not None
-    lidar = _lidar(lidar, c, certain)
-    if not lidar_is_wrong:
-        return _other_odometry(mended.replace(lidar=lidar), mirrored, float(scale), offset, drift, c.fit.middle)
-    stamps = lidar.stamps + offset + drift * (lidar.stamps - c.fit.middle)
-    factor = np.float32(1 / scale)
-    ranges = lidar.ranges if scale == 1 else _read(lidar, lambda ranges: ranges * factor)
-    return mended.replace(lidar=replace(lidar, stamps=stamps, ranges=ranges, range_max=lidar.range_max / scale))
+def _mirrored(c: Calibration, toml: str) -> str:
+    """Scans and odometry turn in opposite directions: which of them is wrong, and what mends it."""
+    beams = "are in the other order, the last one first"
+    if not c.reversed:
+        beams = f"go the other way round, in platform.toml: [lidar] {toml}"
+    if c.wrong == "lidar":
+        return f"lidar: odometry and its gyro turn the other way than the scans: the beams {beams}"
+    if c.wrong == "odometry":
+        return "odometry: scans and gyro turn the other way: its y and turns have the wrong sign"
+    if c.wrong == "gyro":
+        return "imu: scans and wheels turn the other way: its yaw rate has the wrong sign"
+    text = f"scans and odometry turn in opposite directions (correlation {-abs(c.correlation):.2f}): a mirror image of "
+    return f"{text}the place, if anything. Either the beams {beams}; or the odometry has y and turns of the wrong sign"
 
 
-def with_form(recording: Recording, form: str) -> Recording:
-    """The same with its odometry poses read in another form, see `FORMS`."""
-    lidar, odometry = recording.lidar, recording.odometry
-    if lidar is not None and lidar.odometry is not None:
-        poses = in_form(OdometryPath(lidar.stamps, lidar.odometry), form).poses
-        recording = recording.replace(lidar=replace(lidar, odometry=poses))
-    if odometry is not None:
-        poses = in_form(OdometryPath(odometry.stamps, odometry.poses), form).poses
-        recording = recording.replace(odometry=replace(odometry, poses=poses))
-    return recording
-
-
-def _figures(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
+def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
+    """All estimates beside what the recording and its platform state."""
     mount = recording.platform.lidar
     x, y, yaw, lengths, turns_over_scans, *_ = c.fit.values.tolist()
     about_x, about_y, about_yaw, about_lengths, about_turns, *_ = c.fit.deviations.tolist()
@@ -228,16 +207,17 @@ def _span(lidar: LidarStream | None) -> float:
     return 0.0 if lidar is None else abs(lidar.angle_increment) * (lidar.ranges.shape[1] - 1)
 
 
-def _lidar(lidar: LidarStream, c: Calibration, certain: Collection[str]) -> LidarStream:
+def lidar_of(lidar: LidarStream, c: Calibration, certain: Collection[str]) -> LidarStream:
     """With the angles that are certain."""
     if c.mirrored and c.reversed:
-        lidar = replace(lidar, ranges=_read(lidar, lambda ranges: np.ascontiguousarray(ranges[:, ::-1])))
+        lidar = replace(lidar, ranges=changed_ranges(lidar, lambda ranges: np.ascontiguousarray(ranges[:, ::-1])))
     sign = -1.0 if c.mirrored and not c.reversed else 1.0
     scale = c.angle_scale if "angles" in certain else 1.0
     return replace(lidar, angle_min=sign * lidar.angle_min, angle_increment=sign * scale * lidar.angle_increment)
 
 
-def _mount(c: Calibration, recording: Recording, certain: Collection[str]) -> tuple[float, float, float]:
+def mount_of(c: Calibration, recording: Recording, certain: Collection[str]) -> tuple[float, float, float]:
+    """x, y [m] and yaw [rad] of the lidar, as stated but for what is certain."""
     mount, values = recording.platform.lidar, c.fit.values
     x = float(values[Parameter.X]) if "x" in certain else mount.x
     y = float(values[Parameter.Y]) if "y" in certain else mount.y
@@ -245,43 +225,13 @@ def _mount(c: Calibration, recording: Recording, certain: Collection[str]) -> tu
     return x, y, float(values[Parameter.YAW]) if turned else mount.yaw
 
 
-def _read(lidar: LidarStream, change: Callable[[Any], Any]) -> Ranges:
+def changed_ranges(lidar: LidarStream, change: Callable[[Any], Any]) -> Ranges:
     """The ranges, changed; those of a file when they are asked for."""
     if isinstance(lidar.ranges, np.ndarray):
         changed: Ranges = change(lidar.ranges)
         return changed
     ranges = lidar.ranges
     return ChunkedRanges(lambda first, last: change(ranges[first:last]), *ranges.shape)
-
-
-def _other_odometry(
-    recording: Recording, mirrored: bool, scale: float, offset: float, drift: float, middle: float
-) -> Recording:
-    """With the odometry on the lidar's clock, as long as its ranges, and turning as its scans do."""
-    sign = np.array((scale, -scale, -1.0) if mirrored else (scale, scale, 1.0))
-    changes: dict[str, Any] = {}
-    lidar, wheels = recording.lidar, recording.platform.wheels
-    assert lidar is not None
-    if lidar.odometry is not None:
-        changes["lidar"] = replace(lidar, odometry=lidar.odometry * sign)
-    for name in ("odometry", "encoders", "imu"):
-        if (stream := getattr(recording, name)) is not None:
-            shifted = middle + (stream.stamps - offset - middle) / (1 + drift)
-            changes[name] = replace(stream, stamps=shifted)
-    if "odometry" in changes:
-        changes["odometry"] = replace(changes["odometry"], poses=changes["odometry"].poses * sign)
-    if mirrored and "encoders" in changes:
-        changes["encoders"] = replace(changes["encoders"], counts=changes["encoders"].counts[:, [1, 0, 3, 2]])
-    if mirrored and "imu" in changes:
-        changes["imu"] = replace(changes["imu"], angular_velocity=changes["imu"].angular_velocity * (1, 1, -1))
-    if scale != 1 and "encoders" in changes and wheels is not None:
-        longer = {
-            "metres_per_count": wheels.metres_per_count * scale,
-            "effective_track": wheels.effective_track * scale,
-        }
-        changed = {"wheels": wheels.model_copy(update=longer)}
-        changes["platform"] = recording.platform.model_copy(update=changed)
-    return recording.replace(**changes)
 
 
 def _interval(figure: Figure) -> str:

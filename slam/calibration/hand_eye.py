@@ -30,8 +30,8 @@ DEGENERATE = 0.2
 """A direction that scans measure by less than this share of the other they do not measure."""
 UNMEASURED = 1.0
 """Variance from which on a length counts as not measured [m^2]."""
-FEWEST = 15
-"""Fewer pairs that measure a length give no ratio."""
+FEWEST, LONG_ENOUGH = 15, 0.1
+"""Fewer pairs that measure a length give no ratio; one of a pair alone is of lengths from the second on [m]."""
 BLOCKS = 25
 """Parts of a recording whose scatter gives the deviations."""
 MEDIAN = 0.6745
@@ -243,6 +243,10 @@ def _ratio_of_lengths(pairs: Pairs, expected: Array, robust: Array) -> tuple[flo
         deviation = float(np.sqrt((_parts(weight * apart) ** 2).sum())) / total
         size = np.abs(apart) * np.sqrt(whole)
         weight = whole * np.maximum(1 - (size / max(5 * float(np.median(size[counts])), 1e-9)) ** 2, 0) ** 2
+    usual = measured & (np.abs(by_odometry) > LONG_ENOUGH)
+    middle = float(np.median(by_scans[usual] / by_odometry[usual])) if usual.sum() >= FEWEST else 1.0
+    if abs(ratio - middle) > abs(ratio - 1) / 2:  # it is of a few pairs, along a corridor perhaps
+        deviation = max(deviation, abs(ratio - middle))
     return ratio, deviation
 
 

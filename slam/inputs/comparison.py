@@ -41,11 +41,12 @@ class ComparedBeams:
         self.closed = bool(len(beams) * abs(self.step) > 2 * np.pi - 1.5 * abs(self.step))
 
 
-def compare_scans(beams: ComparedBeams, ranges: NDArray[np.float32], odometry: Array) -> tuple[Flags, Flags]:
-    """Which endpoints of each of some scans travel to the next, and which stand still in the world: [k, b] each.
+def compare_scans(beams: ComparedBeams, ranges: NDArray[np.float32], odometry: Array) -> tuple[Flags, Flags, Flags]:
+    """Which endpoints of each of some scans travel to the next, which stand in the world, and which may: [k, b] each.
 
     An endpoint that tells the two apart travels where the same beam has the same range and the place where a wall would
-    be is seen through; it stands where the next scan has an endpoint there and the beam another range.
+    be is seen through; it stands where the next scan has an endpoint there and the beam another range. An endpoint may
+    do either where a wall would have moved, the beam has an endpoint again, and not both are so.
 
     Args:
         ranges: [k + 1, b] along them [m].
@@ -59,12 +60,13 @@ def compare_scans(beams: ComparedBeams, ranges: NDArray[np.float32], odometry: A
         kept = np.abs(after - before)
         displaced, expected, seen = _expected(beams, before, after, moved)
         there = (np.abs(seen - expected) <= SAME * displaced).any(axis=0)
-        stand = (displaced > LEAST_MOVED) & ~(kept <= OTHER * displaced) & there
+        may = (displaced > LEAST_MOVED) & np.isfinite(after) & ~((kept <= OTHER * displaced) & there)
+        stand = may & there
         travel = kept <= SAME * displaced
         for motion in (moved, straight):
             displaced, expected, seen = _expected(beams, before, after, motion)
             travel &= (displaced > LEAST_MOVED) & (seen >= expected + OTHER * displaced).all(axis=0)
-    return travel, stand
+    return travel, stand, may
 
 
 def _expected(beams: ComparedBeams, before: Array, after: Array, moved: Array) -> tuple[Array, Array, Array]:

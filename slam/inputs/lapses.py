@@ -206,7 +206,7 @@ def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: Compar
         turn = float(se2.wrap(steps.heading(float(lidar.stamps[scan])) - steps.heading(float(lidar.stamps[since]))))
         going = np.array((speed * (lidar.stamps[scan] - lidar.stamps[since]), 0.0, turn))
         some = np.asarray(lidar.ranges[np.array((since, scan))])[:, fan.beams]
-        travel, stand = (int(flags.sum()) for flags in compare_scans(fan, some, np.vstack((np.zeros(3), going))))
+        travel, stand, _ = (int(flags.sum()) for flags in compare_scans(fan, some, np.vstack((np.zeros(3), going))))
         if travel >= BEAMS and stand <= travel / 4:
             return Lapse("stale", begin, float(lidar.stamps[scan]), named=False)
         if stand >= BEAMS and travel <= stand / 4:

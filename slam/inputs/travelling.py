@@ -42,6 +42,9 @@ STANDS = 1e-3
 """Odometry that moves by less than this [m] or [rad] stands."""
 BEAMS = 5
 """Fewer beams than this say nothing of the wheels."""
+TRUSTED = 0.5
+"""Share of the endpoints that may stand or travel that stood so far: 0.6 to 0.95 where odometry, mount and clock are
+right; 0.1 to 0.45 where they are not, and nothing follows from walls that are elsewhere."""
 MEMORY = 4
 """Walls that were seen in the latest comparisons, this many, must be seen now."""
 PAIRS_AT_ONCE = 256
@@ -135,9 +138,9 @@ def travelling(
     for first in range(0, len(compared) - 1, PAIRS_AT_ONCE):
         some = compared[first : first + PAIRS_AT_ONCE + 1]
         ranges = np.asarray(lidar.ranges[some])[:, beams]
-        travel, stand = compare_scans(fan, ranges, odometry[some])
+        travel, stand, may = compare_scans(fan, ranges, odometry[some])
         for k in np.flatnonzero(np.diff(path[some]) < FARTHEST).tolist():
-            found.compare(int(some[k]), int(some[k + 1]), ranges[k + 1], travel[k], stand[k])
+            found.compare(int(some[k]), int(some[k + 1]), ranges[k + 1], travel[k], stand[k], may[k])
     along = () if found.along is None else (found.along,)
     there_was = sorted((*_runs("repeated", repeated), *found.seen, *along), key=lambda one: one.first)
     if not there_was:
@@ -220,14 +223,17 @@ class _Follower:
         self._for = np.zeros(beams)  # comparisons that speak for it
         self._range = np.full(beams, np.nan)
         self._walls = [0] * MEMORY  # beams that were seen to stand, of the latest comparisons
+        self._stood = self._might = 0  # of all comparisons, and those that might have
         self._spins = False
 
-    def compare(self, first: int, last: int, ranges: NDArray[np.float32], travel: Flags, stand: Flags) -> None:
+    def compare(
+        self, first: int, last: int, ranges: NDArray[np.float32], travel: Flags, stand: Flags, may: int
+    ) -> None:
         """Take in a comparison.
 
         Args:
             ranges: [beams] of the latter [m].
-            travel, stand: [beams] of the endpoints of the former.
+            travel, stand, may: [beams] of the endpoints of the former.
         """
         if self.epochs and (np.abs(ranges - self.epochs[-1]) <= NEAR + NEAR_SHARE * self.epochs[-1]).any():
             self.along = (self.along or Episode("along", last, last))._replace(last=last)
@@ -236,6 +242,7 @@ class _Follower:
         if self._wheels(first, last, new, int(travel.sum()), walls):
             return
         self._walls = [*self._walls[1:], walls]
+        self._stood, self._might = self._stood + walls, self._might + int((may & ~travel).sum())
         if not travel.any() and not self._for.any():
             return
         again = travel & (np.abs(ranges - self._range) <= NEAR + NEAR_SHARE * self._range)
@@ -247,8 +254,15 @@ class _Follower:
         self._for[stand] = np.maximum(self._for[stand] - 1, 0)
         self._begin(last)
 
+    @property
+    def _trusted(self) -> bool:
+        """Whether walls are where the odometry says."""
+        return self._stood > TRUSTED * self._might
+
     def _begin(self, scan: int) -> None:
         """From a scan on, what is known by then."""
+        if not self._trusted:
+            return
         travels = self._for >= TRAVELS
         beside = np.convolve(travels, np.ones(WIDE), "valid") >= WIDE  # runs of as many
         travels = np.convolve(beside, np.ones(WIDE), "full") > 0
@@ -265,7 +279,7 @@ class _Follower:
         if went_on:
             self._spins = travel > walls
         else:
-            self._spins = new >= BEAMS and walls <= new / 4 and max(self._walls) >= BEAMS
+            self._spins = self._trusted and new >= BEAMS and walls <= new / 4 and max(self._walls) >= BEAMS
         if not went_on and not self._spins:
             return False
         if self.odometry is self._measured:

@@ -52,6 +52,26 @@ def lidar_of(path: Path) -> LidarStream:
     return open_recording(path).lidar
 
 
+@pytest.mark.parametrize(
+    ("scans", "names"),
+    [
+        ("t,r0,r1,r2\nnoon,1,2,3\n", "t: 'noon', expected a number"),
+        ("t,r0,r1,r2\n0,1,2,far\n", "r2: 'far', expected a number"),
+        ("t,r0,r1,r2\n1.3e12,1,2,3\n", "milliseconds"),
+    ],
+)
+def test_a_refusal_names_the_column_or_the_unit(tmp_path: Path, scans: str, names: str) -> None:
+    with pytest.raises(InputError, match=names):
+        open_recording(write(tmp_path, scans=scans))
+
+
+def test_rows_published_twice_are_dropped(tmp_path: Path) -> None:
+    rows = "".join(f"{0.1 * k + late:.2f},{1 + k},2,3\n" for k in range(9) for late in (0, 0.02, 0.04))
+    recording = open_recording(write(tmp_path, scans="t,r0,r1,r2\n" + rows))
+    assert [(issue.code, issue.count) for issue in recording.warnings] == [("doubles", 18)]
+    np.testing.assert_allclose(recording.lidar.stamps, 0.1 * np.arange(9))
+
+
 def test_the_example_of_the_guide(tmp_path: Path) -> None:
     examples = re.findall(r"<!-- (\S+) -->\n```\w+\n(.*?)```", GUIDE.read_text("utf-8"), re.DOTALL)
     for name, text in examples:

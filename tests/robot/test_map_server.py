@@ -167,6 +167,10 @@ def map_of(folder: Path, greys: list[int], picture: str = "m.png", **changes: An
         ),
         ([0, 205, 254], {}, ""),
         ([255, 50, 1], {"negate": 1}, ""),
+        ([0, 205, 254], {"free_thresh": 0.0}, "free_thresh 0, occupied_thresh 0.65: its black or its white"),
+        ([0, 205, 254], {"occupied_thresh": 1.0}, "occupied_thresh 1: its black or its white"),
+        ([0, 205, 254], {"free_thresh": 0.0, "occupied_thresh": 1.0, "negate": 1}, "count as unknown"),
+        ([205, 254], {"occupied_thresh": 1.0}, ""),  # a map of nothing but free space
         ([0, 100, 205, 254], {"free_thresh": 0.25}, ""),  # other greys: a map of somebody else
         ([0, 205, 254], {"free_thresh": 0.25, "mode": "raw"}, ""),
         ([0, 254], {"free_thresh": 0.25}, ""),

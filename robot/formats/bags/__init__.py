@@ -40,8 +40,8 @@ MANY = 0.75
 _NOT_LEVEL = ("vertical", "tilt", "nod")
 """In the name of a topic of a lidar that does not scan the plane of the floor."""
 
-_TRUTH = re.compile(r"(^|[^a-z])(ground_?truth|groundtruth|truth|true|gt|p3d)([^a-z]|$)")
-"""In the name of a topic or frame that holds where the robot truly was."""
+_TRUTH = re.compile(r"(^|[^a-z])([a-z]*truth|true|gt|p3d|model_states?|mocap|vicon|vrpn|optitrack)([^a-z]|$)")
+"""In the name of a topic or frame that holds where the robot truly was: of simulators, and of cameras in a hall."""
 _WORLD = {"world", "map"}  # frames in which no wheel measures
 MAX_LETTERS = 1 << 20
 

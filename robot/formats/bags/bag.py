@@ -166,7 +166,7 @@ class Bag:
                 if (header := getattr(message, "header", None)) is None:
                     continue
                 stamp = int(header.stamp.sec) * SECOND + int(header.stamp.nanosec)
-                mark = hash(data[4:4096])  # behind what numbers the messages in ROS 1
+                mark = hash(data[12:4096])  # behind the number and stamp
                 row = array("q", (stamp, received, self.swept, *place, mark))
             except (ValueError, OverflowError) as error:
                 table.broken, table.problem = table.broken + 1, str(error)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import Bag, Rows, Table
 from moteslam.robot.formats.bags.motion import Mount
-from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, no_return_limit
+from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, given_again, no_return_limit
 from moteslam.robot.platform import MAX_BEAMS, too_wide
 from moteslam.robot.recording import RgbdStream, nearest_stamp
 from moteslam.robot.rgbd import decode_disparity, decode_rgb, disparity_of
@@ -74,6 +74,9 @@ def laser_scans(bag: Bag, table: Table) -> Scans:
     """The scans of a topic, each with its angles, on the fan that most of them have or on a finer one."""
     topic, values = table.topic.name, table.values
     kept, stamps = bag.used(table, np.isfinite(values[:, :3]).all(axis=1) & (values[:, 6] <= MAX_BEAMS))
+    same = np.diff(table.heads["mark"][kept], prepend=0) == 0
+    new = ~given_again(bag.path, topic, stamps, same, bag.issues)
+    kept, stamps = kept[new], stamps[new]
     figures = values[kept]
 
     def keep_and_tell(code: str, good: NDArray[np.bool_], what: str) -> None:

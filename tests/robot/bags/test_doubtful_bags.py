@@ -157,6 +157,22 @@ def test_doubles_and_empty_scans_are_left_aside_and_counted(tmp_path: Path) -> N
     assert len(recording.odometry) == 20
 
 
+@pytest.mark.parametrize("late", [0.02, 0.06], ids=["at once", "half a period later"])
+def test_scans_published_twice_are_dropped_before_anything_is_made_of_their_stamps(tmp_path: Path, late: float) -> None:
+    once = [scan(0.12 * i, [1.0 + i, *[2.0] * 19], time_increment=0.005) for i in range(30)]
+    again = [stamped(each, START / SECOND + 0.12 * i + late) for i, each in enumerate(once)]
+    events = [each for pair in zip(once, again, strict=True) for each in pair]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert [(issue.code, issue.count) for issue in recording.warnings] == [("doubles", 30), ("no-mount", 1)]
+    assert len(recording.lidar) == 30
+    assert recording.lidar.time_increment == pytest.approx(0.005)
+
+
+def test_scans_of_a_robot_that_stands_are_no_doubles(tmp_path: Path) -> None:
+    events = [scan(0.12 * i, [1.0 + max(i - 20, 0), 2.0, 3.0]) for i in range(40)]
+    assert len(open_recording(make_bag(tmp_path, events)).lidar) == 40
+
+
 def other_odometry(topic: str, frame: str, child: str, count: int, *, x: float = 9.0) -> list[Event]:
     events = [odometry(0.05 * index, (x, 0.0, 0.0), topic=topic, child=child) for index in range(count)]
     return [replace(event, values={**event.values, "header": header(event.time, frame)}) for event in events]
@@ -169,6 +185,9 @@ def other_odometry(topic: str, frame: str, child: str, count: int, *, x: float =
         ("/base_pose_ground_truth", "odom", "base_link", "truth-left"),
         ("/gt", "odom", "base_link", "truth-left"),
         ("/p3d/odom", "odom", "base_link", "truth-left"),
+        ("/ego/basetruth", "odom", "base_link", "truth-left"),
+        ("/gazebo/model_states/robot", "odom", "base_link", "truth-left"),
+        ("/vrpn/robot/odom", "odom", "base_link", "truth-left"),
         ("/truth", "odom", "base_link", "truth-left"),
         ("/localised", "map", "base_link", "truth-left"),
         ("/state", "/world", "base_link", "truth-left"),

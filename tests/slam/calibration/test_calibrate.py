@@ -14,7 +14,8 @@ from moteslam.robot.recording import ChunkedRanges, OdometryStream, Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.calibration.calibrate import Calibration, calibrate
-from moteslam.slam.calibration.findings import calibrated, findings
+from moteslam.slam.calibration.findings import findings
+from moteslam.slam.calibration.mended import calibrated, corrected
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
 Fault = Callable[[Recording], Recording]
@@ -106,7 +107,7 @@ def test_nothing_is_found_where_nothing_is_wrong(platform: str, form: Fault) -> 
     assert found is not None
     about = findings(found, recording)
     assert about.issues == about.moves == ()
-    assert not about.unusable
+    assert not about.decided
 
 
 @pytest.mark.parametrize("platform", WORLDS)
@@ -173,7 +174,19 @@ def test_odometry_of_another_drive_fits_in_no_way() -> None:
     recording = recording.replace(odometry=shifted)
     found = calibrate(recording)
     assert found is not None
-    assert [issue.code for issue in findings(found, recording).issues] == ["odometry-unfit"]
+    (issue,) = findings(found, recording).issues
+    assert issue.code == "odometry-unfit"
+    assert "left out" in issue.message
+    assert corrected(recording, found).odometry is None
+
+
+def test_stamps_of_whole_seconds_are_not_taken_for_another_clock() -> None:
+    recording = poses_of(driven("ucsd"))
+    whole = replace(recording.odometry, stamps=np.floor(recording.odometry.stamps))
+    recording = lidar(stamps=lambda s: np.floor(s.stamps))(recording.replace(odometry=whole))
+    found = calibrate(recording)
+    assert found.shared_clock
+    assert not findings(found, recording).decided
 
 
 @pytest.mark.parametrize("fault", [NARROW, LONG, REVERSED, DRIFTS, mount(x=0.2, y=0.2, yaw=0.2)])
@@ -200,14 +213,63 @@ def test_odometry_that_is_mended_leaves_the_lidar_as_it_is(fault: Fault) -> None
 
 
 def test_wheels_and_gyro_are_mended_too() -> None:
-    recording = LONG(REVERSED(driven("ucsd")))
+    """Of wheels without a gyro scans cannot say whether they or the beams are the mirror image."""
+    recording = LONG(REVERSED(driven("lms200")))
     mended = calibrated(recording, calibrate(recording), "odometry")
     assert mended.platform.wheels.metres_per_count == pytest.approx(
         1.1 * recording.platform.wheels.metres_per_count, rel=0.02
     )
     assert (mended.encoders.counts == recording.encoders.counts[:, [1, 0, 3, 2]]).all()
-    assert (mended.imu.angular_velocity[:, 2] == -recording.imu.angular_velocity[:, 2]).all()
     assert findings(calibrate(mended), mended).issues == ()
+
+
+def with_gyro(fault: Fault) -> Fault:
+    """The fault of odometry poses, with the gyro beside them."""
+    return lambda r: fault(r).replace(imu=r.imu)
+
+
+def gyro_turned(r: Recording) -> Recording:
+    return r.replace(imu=replace(r.imu, angular_velocity=r.imu.angular_velocity * (1, 1, -1)))
+
+
+MIRRORED = poses(lambda p: p * (1, -1, -1))
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "begins"),
+    [
+        (with_gyro(MIRRORED), "mirrored", "odometry:"),
+        (REVERSED, "mirrored", "lidar:"),
+        (lambda r: REVERSED(poses_of(r).replace(imu=r.imu)), "mirrored", "lidar:"),
+        (gyro_turned, "mirrored", "imu:"),
+        (poses(lambda p: np.column_stack((p[:, :2], np.pi / 2 - p[:, 2]))), "odometry-headings", "odometry: its head"),
+        (poses(lambda p: p[:, [1, 0, 2]]), "odometry-signs", "odometry: its x and y are swapped"),
+        (poses(lambda p: p + np.array((0, 0, np.pi / 2))), "odometry-headings", "odometry: its headings are a quarter"),
+        (poses(lambda p: p * (1, 1, -1)), "odometry-signs", "odometry: its headings turn"),
+        (late(-5), "clock-offset", "lidar:"),
+        (lambda r: r.replace(imu=replace(r.imu, stamps=r.imu.stamps + 0.3)), "clock-offset", "imu:"),
+    ],
+    ids=["odometry", "beams", "beams, poses", "gyro", "compass", "x and y", "quarter", "turns", "early", "late gyro"],
+)
+def test_of_what_it_is_known_which_side_is_wrong_is_corrected(fault: Fault, code: str, begins: str) -> None:
+    recording = fault(driven("ucsd"))
+    found = calibrate(recording)
+    about = findings(found, recording)
+    assert about.decided == {code}
+    assert [issue.code for issue in about.issues] == [code]
+    assert about.issues[0].message.startswith(begins)
+    mended = corrected(recording, found)
+    assert findings(calibrate(mended), mended).issues == ()
+
+
+@pytest.mark.parametrize("fault", [MIRRORED, poses(lambda p: p * (1.1, 1.1, 1)), mount(yaw=np.pi), LONG])
+def test_what_may_be_wrong_on_either_side_is_left(fault: Fault) -> None:
+    recording = fault(driven("ucsd"))
+    found = calibrate(recording)
+    about = findings(found, recording)
+    assert about.moves
+    assert not about.decided
+    assert corrected(recording, found).lidar.ranges is recording.lidar.ranges
 
 
 def test_ranges_in_their_file_are_scaled_when_they_are_read() -> None:

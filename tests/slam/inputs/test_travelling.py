@@ -11,6 +11,8 @@ from slam_rooms import ANGLES, recorded, seen_from
 
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import simulate
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.synchronise import Inputs, synchronise
 
@@ -95,6 +97,14 @@ def test_wheels_that_spin_move_nothing():
     expected = se2.between(true[0], true[-1])
     assert np.hypot(*(travelled - expected)[:2]) < 0.3  # without: 1.2
     assert not taken_in(recorded(corridor(true), true)).issues
+
+
+def test_by_a_mount_that_is_wrong_nothing_spins_or_travels():
+    recording = simulate(load_scenario("office", platform="urg04lx"), 8).recording
+    lidar = recording.platform.lidar
+    backwards = lidar.model_copy(update={"yaw": lidar.yaw + np.pi})
+    assert codes(taken_in(recording)) == []
+    assert codes(taken_in(recording.replace(platform=recording.platform.model_copy(update={"lidar": backwards})))) == []
 
 
 def test_a_scan_that_the_driver_gives_again_is_left_out_while_the_robot_moves():

@@ -1,0 +1,131 @@
+"""A recording mended by what its calibration says is certain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot.recording import Recording
+from moteslam.slam.calibration.calibrate import Calibration, in_form, with_stamps
+from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar_of, mount_of
+from moteslam.slam.calibration.hand_eye import CLOCKS, Parameter
+from moteslam.slam.inputs.odometry_path import OdometryPath
+
+Array = NDArray[np.float64]
+Side = Literal["lidar", "odometry"]
+
+
+def corrected(recording: Recording, calibration: Calibration) -> Recording:
+    """A recording without what is certainly wrong, where it is known which side is: ``Findings.decided``."""
+    c = calibration
+    lidar = recording.lidar
+    assert lidar is not None
+    if not c.correlation:
+        return recording.replace(encoders=None, imu=None, odometry=None, lidar=replace(lidar, odometry=None))
+    return calibrated(recording, c, None)
+
+
+def calibrated(recording: Recording, calibration: Calibration, side: Side | None) -> Recording:
+    """A recording mended by what is certain.
+
+    Args:
+        recording: that the calibration was made of.
+        calibration: of it.
+        side: what is taken to be wrong where the two contradict each other and scans cannot say which is: one that is
+            a mirror image, the ratio of lengths, the clock; None mends only the odometry's clock and poses, and the
+            mirror image if a third witness says which it is.
+    """
+    c = calibration
+    mirror = (c.wrong or side) if c.mirrored and c.fits else None
+    c = replace(c, mirrored=mirror == "lidar")
+    if mirror in ("odometry", "gyro"):  # the mount was found in the mirror
+        signs = [-1 if k in (Parameter.Y, Parameter.YAW) else 1 for k in Parameter]
+        c = replace(c, fit=c.fit._replace(values=c.fit.values * signs))
+    certain = {figure.name.split(" ")[0] for figure in figures_of(c, recording) if figure.certain}
+    if side is None:
+        certain &= {"offset", "drift"}
+    x, y, yaw = mount_of(c, recording, certain)
+    scale = float(c.fit.values[Parameter.LENGTHS]) if "lengths" in certain else 1.0
+    offset, drift = c.fit.values[CLOCKS] if not c.shared_clock else (0.0, 0.0)
+    mended = recording.replace(
+        platform=recording.platform.model_copy(
+            update={"lidar": recording.platform.lidar.model_copy(update={"x": x, "y": y, "yaw": yaw})}
+        )
+    )
+    if c.fits:
+        mended = _in_form(mended, c)
+    lidar = mended.lidar
+    assert lidar is not None
+    mended = mended.replace(lidar=lidar_of(lidar, c, certain))
+    if mirror in ("odometry", "gyro"):
+        mended = _mirror_image(mended, gyro=mirror == "gyro" or not c.wrong, poses=mirror == "odometry")
+    if c.late == "gyro":
+        mended, offset, drift = with_stamps(mended, ("imu",), lambda stamps: stamps - offset), 0.0, 0.0
+    if side == "lidar":
+        return _other_lidar(mended, scale, offset, drift, c.fit.middle)
+    return _other_odometry(mended, scale, offset, drift, c.fit.middle)
+
+
+def _in_form(recording: Recording, c: Calibration) -> Recording:
+    """The same with its odometry poses read in the form that fits."""
+    lidar, odometry = recording.lidar, recording.odometry
+    if (c.form, c.quarter) == ("stated", 0.0):
+        return recording
+    if lidar is not None and lidar.odometry is not None:
+        poses = in_form(OdometryPath(lidar.stamps, lidar.odometry), c.form, c.quarter).poses
+        recording = recording.replace(lidar=replace(lidar, odometry=poses))
+    if odometry is not None:
+        poses = in_form(OdometryPath(odometry.stamps, odometry.poses), c.form, c.quarter).poses
+        recording = recording.replace(odometry=replace(odometry, poses=poses))
+    return recording
+
+
+def _mirror_image(recording: Recording, *, gyro: bool, poses: bool) -> Recording:
+    """With the gyro's turns negated, and with poses and wheels mirrored."""
+    lidar, odometry, encoders, imu = recording.lidar, recording.odometry, recording.encoders, recording.imu
+    changes: dict[str, Any] = {}
+    if gyro and imu is not None:
+        changes["imu"] = replace(imu, angular_velocity=imu.angular_velocity * (1, 1, -1))
+    if poses and encoders is not None:
+        changes["encoders"] = replace(encoders, counts=encoders.counts[:, [1, 0, 3, 2]])
+    if poses and odometry is not None:
+        changes["odometry"] = replace(odometry, poses=odometry.poses * (1, -1, -1))
+    if poses and lidar is not None and lidar.odometry is not None:
+        changes["lidar"] = replace(lidar, odometry=lidar.odometry * (1, -1, -1))
+    return recording.replace(**changes)
+
+
+def _other_lidar(recording: Recording, scale: float, offset: float, drift: float, middle: float) -> Recording:
+    """With the scans on the odometry's clock, and their ranges as long as it."""
+    lidar = recording.lidar
+    assert lidar is not None
+    stamps = lidar.stamps + offset + drift * (lidar.stamps - middle)
+    factor = np.float32(1 / scale)
+    ranges = lidar.ranges if scale == 1 else changed_ranges(lidar, lambda ranges: ranges * factor)
+    return recording.replace(lidar=replace(lidar, stamps=stamps, ranges=ranges, range_max=lidar.range_max / scale))
+
+
+def _other_odometry(recording: Recording, scale: float, offset: float, drift: float, middle: float) -> Recording:
+    """With the odometry on the lidar's clock, and as long as its ranges."""
+    longer = np.array((scale, scale, 1.0))
+    changes: dict[str, Any] = {}
+    lidar, wheels = recording.lidar, recording.platform.wheels
+    assert lidar is not None
+    if lidar.odometry is not None:
+        changes["lidar"] = replace(lidar, odometry=lidar.odometry * longer)
+    if recording.odometry is not None:
+        changes["odometry"] = replace(recording.odometry, poses=recording.odometry.poses * longer)
+    if scale != 1 and recording.encoders is not None and wheels is not None:
+        changed = {
+            "metres_per_count": wheels.metres_per_count * scale,
+            "effective_track": wheels.effective_track * scale,
+        }
+        changes["platform"] = recording.platform.model_copy(update={"wheels": wheels.model_copy(update=changed)})
+
+    def on_the_lidars_clock(stamps: Array) -> Array:
+        return middle + (stamps - offset - middle) / (1 + drift)
+
+    return with_stamps(recording.replace(**changes), ("odometry", "encoders", "imu"), on_the_lidars_clock)

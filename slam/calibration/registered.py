@@ -1,0 +1,152 @@
+"""Pairs of scans all over a recording, registered, and the scale of the angles at which they fit best."""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.robot.recording import LidarStream, Recording
+from moteslam.slam.calibration.hand_eye import Pairs, covariances
+from moteslam.slam.calibration.scan_pairs import Beams, refine, register
+from moteslam.slam.inputs.synchronise import sweep_seconds
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+MOTION, SHORTEST, LONGEST = (0.5, 0.4), 0.3, 2.0
+"""A pair is about this far apart [m], or turned [rad], and apart from at least to at most this long [s]."""
+FEWEST, GOOD = 40, 0.75
+"""Fewer pairs, or a smaller share of them that are registered, say nothing."""
+BEAMS = 360
+"""Of a scan, about."""
+TURNS = (0.0, -0.3, 0.3)
+"""Turns that the registration of a pair begins with, one after the other [rad]."""
+ROUNDS = 8
+"""Of the scale of the angles, at most."""
+OFFSET = 0.1
+"""Prior standard deviation of a common offset of the ranges [m]; it would pass for a scale of the angles."""
+ANGLE_FLOOR = 0.0015
+"""The standard deviation of that scale is no smaller."""
+SKEWED = 0.002
+"""A share of endpoints that fits better, while the robot turns, with the beams in the other order in time: then that is
+the right order. In a short sweep it makes no difference."""
+TURNING = 0.05
+"""Scans whose turns deviate by less show nothing of odometry [rad]."""
+
+
+class RegisteredPairs:
+    """Pairs of scans of a recording, registered.
+
+    Attributes:
+        first, last: [k] times of the scans, in the middle of their sweeps [s].
+    """
+
+    def __init__(self, recording: Recording, lidar: LidarStream, before: Indices, after: Indices) -> None:
+        total, sweep = lidar.ranges.shape[1], sweep_seconds(recording, lidar)
+        self.first, self.last = lidar.stamps[before] + sweep / 2, lidar.stamps[after] + sweep / 2
+        self._seconds = self.last - self.first
+        beams = np.arange(0, total, max(1, round(total / BEAMS)))
+        self._beams = Beams(lidar.angles[beams], beams / max(total - 1, 1), sweep)
+        scans = np.unique(np.concatenate((before, after)))
+        ranges = np.asarray(lidar.ranges[scans], np.float64)[:, beams]
+        ranges[~np.isfinite(ranges)] = np.nan
+        self._ranges = ranges[np.searchsorted(scans, before)], ranges[np.searchsorted(scans, after)]
+        self._found = register(*self._ranges, self._beams, self._seconds, TURNS)
+
+    def enough(self, share: float) -> bool:
+        """Whether enough pairs are registered, and this share of all."""
+        return bool(self._found.good.sum() >= FEWEST and self._found.good.mean() >= share)
+
+    @property
+    def pairs(self) -> Pairs:
+        """Those that are."""
+        good = self._found.good
+        about = covariances(self._found.information[good], self._found.deviation[good])
+        return Pairs(self.first[good], self.last[good], self._found.motions[good], about)
+
+    def stated(self) -> RegisteredPairs:
+        """The same with the angles as they were before ``scale_angles``."""
+        assert self._found is not None
+        other = copy(self)
+        other._beams = self._stated
+        other.refine(self._found.motions, anew=True)
+        return other
+
+    def refine(self, motions: Array, *, anew: bool = False) -> None:
+        """Register from motions [k, 3] that are expected, and keep what fits better, unless it is done anew."""
+        self._found = refine(*self._ranges, self._beams, self._seconds, motions, None if anew else self._found)
+
+    def mirror(self, lidar: LidarStream) -> bool:
+        """Take the beams the other way round; whether they are measured in the other order, too."""
+        beams, motions = self._beams, self._found.motions * (1, -1, -1)
+        turned = beams._replace(angles=-beams.angles)
+        backwards = beams._replace(angles=lidar.angles[0] + lidar.angles[-1] - beams.angles, shares=1 - beams.shares)
+        found = [(each, refine(*self._ranges, each, self._seconds, motions)) for each in (turned, backwards)]
+        turning = np.abs(motions[:, 2]) > TURNING
+        shares = [float(each.fit[turning].mean()) for _, each in found] if turning.any() else [0.0, 0.0]
+        is_reversed = beams.sweep > 0 and shares[1] > shares[0] + SKEWED
+        self._beams, self._found = found[int(is_reversed)]
+        return is_reversed
+
+    def scale_angles(self) -> tuple[float, float]:
+        """The scale of the angles between beams at which the scans fit each other best, and its deviation.
+
+        Gauss-Newton of what all pairs have in common, this scale and an offset of the ranges; a scale that differs
+        between the sectors of the fan adds to the deviation, and the pairs are registered again after each step.
+        """
+        self._stated = self._beams
+        scale, offset, deviation, stated = 1.0, 0.0, 1.0, self._beams.angles
+        for _ in range(ROUNDS):
+            good = self._found.good
+            weight = 1 / np.maximum(self._found.deviation[good], 0.003) ** 2
+            gradient = self._found.gradients[good] * weight[:, None]
+            about = np.einsum("kvw,k->vw", self._found.about_warps[good], weight)
+            about[0, 0] += 1 / OFFSET**2
+            slope = gradient.sum(axis=0)
+            slope[0] += offset / OFFSET**2
+            both = np.zeros((len(about), 2))
+            both[0, 0], both[1:, 1] = 1.0, 1.0
+            inverse = np.linalg.inv(both.T @ about @ both + 1e-6 * np.eye(2))
+            shift, step = np.clip(-inverse @ (slope @ both), -0.1, 0.1)
+            parts = np.array([part.sum(axis=0) for part in np.array_split(gradient @ both, 25)])
+            sectors = -np.linalg.solve(about + 1e-6 * np.eye(len(about)), slope)[1:]
+            spread = np.sqrt((inverse @ (parts.T @ parts) @ inverse)[1, 1])
+            deviation = float(np.linalg.norm((spread, sectors.std() / np.sqrt(len(sectors)), ANGLE_FLOOR)))
+            scale, offset = scale * (1 + step), offset + shift
+            if abs(step) < 0.002 and abs(shift) < 0.003:
+                break
+            self._beams = self._beams._replace(angles=stated[0] + scale * (stated - stated[0]))
+            self._ranges = self._ranges[0] + shift, self._ranges[1] + shift
+            self.refine(self._found.motions, anew=True)
+        return float(scale), deviation
+
+
+def choose_pairs(lidar: LidarStream, odometry: Array, count: int) -> tuple[Indices, Indices]:
+    """Pairs of scans all over a recording: a third of them evenly by scans, by the way, and by turns of the odometry.
+
+    Those by odometry begin a scan after the step that they are chosen by, or before: its noise is in none of them.
+    """
+    stamps, n = lidar.stamps, len(lidar)
+    motion, seconds = np.abs(se2.between(odometry[:-1], odometry[1:])), np.diff(stamps)
+    size = np.hypot(motion[:, 0], motion[:, 1]) / MOTION[0] + motion[:, 2] / MOTION[1]
+    moving = size > 0.1 * np.percentile(size, 90)
+    span, usual = LONGEST, 1.0
+    if moving.any():
+        usual = float(np.median(size[moving]))
+        rate = float(np.median(size[moving] / np.maximum(seconds[moving], 1e-3)))
+        span = min(max(1 / rate, SHORTEST), LONGEST)
+    evenly = (np.arange(count // 3) + 0.5) / (count // 3)
+    beside = np.where(np.arange(count // 3) % 2, 1, -1)
+    begins = [evenly * (n - 1)]
+    for step in (np.minimum(size, 5 * usual), np.minimum(motion[:, 2], np.pi / 4)):
+        way = np.concatenate(([0.0], np.cumsum(step)))
+        begins.append(np.interp(evenly * way[-1], way, np.arange(n)) + beside)
+    first = np.unique(np.clip(np.concatenate(begins), 0, n - 1).astype(np.intp))
+    last = np.maximum(np.searchsorted(stamps, stamps[first] + span), first + 1)
+    first, last = first[last < n], last[last < n]
+    apart = stamps[last] - stamps[first]
+    use = (apart > 0) & (apart < 3 * max(span, float(np.median(seconds))))
+    return first[use], last[use]
