@@ -30,7 +30,6 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # the twins
 from parts.harness import count, result_file, stamp
-from parts.rays import raycasting
 from parts.tasks import (
     Contender,
     Loops,
@@ -38,6 +37,7 @@ from parts.tasks import (
     grid_update,
     integration,
     matching,
+    raycasting,
     registration,
     search,
     thinning,

@@ -18,7 +18,7 @@ from tile_pools import (
 )
 from twins import tsdf
 
-from moteslam.kernels.gauss_newton import CONVERGED_SHIFT, CONVERGED_TURN, solve
+from moteslam.kernels.gauss_newton import CONVERGED_SHIFT, CONVERGED_TURN
 from moteslam.kernels.registration import (
     COST,
     CROSSED,
@@ -34,9 +34,7 @@ from moteslam.kernels.registration import (
     RegistrationOptions,
     register_scans,
 )
-from moteslam.kernels.runtime import ti
 from moteslam.kernels.tiles import CELLS, SIDE, STEPS, WEIGHT_BITS
-from moteslam.kernels.types import F32_2D, kernel
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -183,28 +181,6 @@ def test_endpoints_off_the_walls_are_counted(room: Pool, far: float) -> None:
     expected = np.count_nonzero((coarse.weights[iy, ix] > 0) & (np.abs(coarse.steps[iy, ix]) >= least))
     assert fit[FAR] == pytest.approx(expected, abs=2)  # of which some lie between two cells
     assert 0 < fit[FAR] < 0.5 * fit[KNOWN]
-
-
-@kernel
-def _keep_in_view(values: F32_2D):
-    for i in range(values.shape[0]):
-        a, b = values[i, 0], values[i, 1]
-        a, b = a - b, a + b
-        pair = ti.Vector([a, b], dt=ti.f32)
-        solved = solve(
-            ti.Vector([2.0, 0.5, 0.0, 3.0, -0.5, 4.0], dt=ti.f32), ti.Vector([pair[0], pair[1], 1.0], dt=ti.f32)
-        )
-        for k in ti.static(range(3)):
-            values[i, k] = solved[k]
-
-
-def test_the_solver_and_assignment_of_two_at_once() -> None:
-    """Kernels turn (cos, sin) by a rotation of (cos, sin): both must be read before either is written."""
-    values = np.array([(1.0, 0.0, 0.0), (0.3, -2.0, 0.0)], np.float32)
-    matrix = np.array([(2.0, 0.5, 0.0), (0.5, 3.0, -0.5), (0.0, -0.5, 4.0)])
-    expected = [np.linalg.solve(matrix, (a - b, a + b, 1.0)) for a, b, _ in values.astype(float)]
-    _keep_in_view(values)
-    np.testing.assert_allclose(values, expected, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("theta", [0.0, 0.7])

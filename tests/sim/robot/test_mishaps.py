@@ -29,6 +29,12 @@ def mishap(kind: str, **keys: Any) -> dict[str, Any]:
     return {"kind": kind, "start": START, "duration": DURATION, **keys}
 
 
+def blind(table: dict[str, Any]) -> dict[str, Any]:
+    """The same with commands in place of the route."""
+    commands = {"start": [2.0, 2.0, 0.0], "steps": [{"duration": 4.0, "speed": 0.5}]}
+    return {**{key: value for key, value in table.items() if key != "route"}, "commands": commands}
+
+
 def within(stamps: np.ndarray, *, margin: float = 0.0) -> np.ndarray:
     return (stamps >= START + margin) & (stamps < START + DURATION - margin)
 
@@ -119,23 +125,19 @@ def test_by_default_it_is_carried_ten_metres_on_or_back_or_to_an_end(
 
 
 def test_a_robot_that_drives_blind_does_the_rest_of_its_commands(table: dict[str, Any]) -> None:
-    task = {key: value for key, value in table.items() if key != "route"}
-    task["commands"] = {"start": [2.0, 2.0, 0.0], "steps": [{"duration": 4.0, "speed": 0.5}]}
-    plain = true_drive(parse_scenario(task))
-    carried = true_drive(parse_scenario({**task, "faults": [mishap("carried", start=3.0, to=[5.0, 6.0, 0.0])]}))
+    task = blind(table)
+    plain, carried = driven(task), driven(task, mishap("carried", start=3.0, to=[5.0, 6.0, 0.0]))
     assert carried.wheel_travel[-1].mean() == pytest.approx(plain.wheel_travel[-1].mean(), abs=0.4)
     assert carried.poses[-1, 1] == pytest.approx(6.0, abs=0.05)
     assert carried.poses[-1, 0] > 5.8
 
 
 def test_mishaps_that_cannot_be_are_refused(table: dict[str, Any]) -> None:
-    blind = {key: value for key, value in table.items() if key != "route"}
-    blind["commands"] = {"start": [2.0, 2.0, 0.0], "steps": [{"duration": 4.0, "speed": 0.5}]}
     walls = {"rooms": table["world"]["rooms"], "walls": [{"points": [[0.0, 4.0], [5.5, 4.0]]}]}
     below = {**table, "world": walls, "route": {"waypoints": [[2.0, 2.0], [7.0, 2.0]]}}
     for task, faults, field in (
         (table, [mishap("carried", start=8.0), mishap("stuck_wheels")], "faults.0.start"),
-        (blind, [mishap("carried", along=1.0)], "faults.0.to"),
+        (blind(table), [mishap("carried", along=1.0)], "faults.0.to"),
         (below, [mishap("carried", to=[3.0, 6.0, 0.0])], "faults.0.to"),
         (table, [mishap("carried", along=50.0)], "faults.0.along"),
         (table, [mishap("carried", along=-50.0)], "faults.0.along"),

@@ -10,7 +10,6 @@ import pytest
 from slam_rooms import ANGLES, recorded, seen_from
 
 from moteslam.robot import se2
-from moteslam.robot.recording import Recording
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.synchronise import Inputs, synchronise
 
@@ -34,23 +33,15 @@ def driven(metres: np.ndarray | None = None) -> np.ndarray:
     return np.column_stack((x, 0.05 * np.sin(x), 0.1 * np.cos(3 * x)))
 
 
-def taken_in(recording: Recording) -> Inputs:
-    return synchronise(recording, SyncConfig())
-
-
-def endpoints(inputs: Inputs, scan: int) -> np.ndarray:
-    return inputs.scans.points(scan)
-
-
 def codes(inputs: Inputs) -> list[str]:
     return [issue.code for issue in inputs.issues]
 
 
 def test_a_corridor_has_nothing_that_travels():
     recording = recorded(corridor(driven()), driven())
-    inputs = taken_in(recording)
+    inputs = synchronise(recording)
     assert not inputs.issues
-    assert len(endpoints(inputs, SCANS - 1)) == len(ANGLES)
+    assert len(inputs.scans.points(SCANS - 1)) == len(ANGLES)
 
 
 @pytest.mark.parametrize("what", ["load", "floor"])
@@ -60,11 +51,11 @@ def test_what_travels_is_left_out_once_it_is_known(what: str):
         held = np.where(ahead, (0.9 if what == "load" else 2.5) / np.cos(ANGLES), np.inf)
     walls = corridor(driven())
     noise = np.random.default_rng(1).normal(0, 0.005, walls.shape)
-    inputs = taken_in(recorded(np.minimum(walls, held + noise), driven()))
+    inputs = synchronise(recorded(np.minimum(walls, held + noise), driven()))
     assert codes(inputs) == ["travels-along"]
     block = inputs.scans.block(0, SCANS)
     for scan in range(30, SCANS):
-        points = endpoints(inputs, scan)
+        points = inputs.scans.points(scan)
         np.testing.assert_array_equal(block.of(scan), points)
         cut = walls[scan] > held + 0.3  # the walls behind it
         assert len(points) == pytest.approx((~cut).sum(), abs=12)
@@ -75,10 +66,10 @@ def test_what_travels_is_left_out_once_it_is_known(what: str):
 def test_it_is_causal():
     held = np.where(np.abs(ANGLES) < 0.35, 0.9 / np.cos(ANGLES), np.inf)
     ranges = np.minimum(corridor(driven()), held)
-    whole = taken_in(recorded(ranges, driven()))
-    part = taken_in(recorded(ranges[:40], driven()[:40]))
+    whole = synchronise(recorded(ranges, driven()))
+    part = synchronise(recorded(ranges[:40], driven()[:40]))
     for scan in range(40):
-        np.testing.assert_array_equal(endpoints(whole, scan), endpoints(part, scan))
+        np.testing.assert_array_equal(whole.scans.points(scan), part.scans.points(scan))
     np.testing.assert_array_equal(whole.odometry[:40], part.odometry)
 
 
@@ -89,23 +80,23 @@ def test_wheels_that_spin_move_nothing():
     steps = se2.between(true[:-1], true[1:])
     steps[39:59] = (0.06, 0.0, 0.0)
     odometry = se2.accumulate(np.vstack((np.zeros(3), steps)))
-    inputs = taken_in(recorded(corridor(true), odometry))
+    inputs = synchronise(recorded(corridor(true), odometry))
     assert codes(inputs) == ["wheels-spin"]
     travelled = se2.between(inputs.odometry[0], inputs.odometry[-1])
     expected = se2.between(true[0], true[-1])
     assert np.hypot(*(travelled - expected)[:2]) < 0.3  # without: 1.2
-    assert not taken_in(recorded(corridor(true), true)).issues
+    assert not synchronise(recorded(corridor(true), true)).issues
 
 
 def test_a_scan_that_the_driver_gives_again_is_left_out_while_the_robot_moves():
     ranges = corridor(driven())
     ranges[40:50] = ranges[39]
-    inputs = taken_in(recorded(ranges, driven()))
+    inputs = synchronise(recorded(ranges, driven()))
     assert codes(inputs) == ["scans-repeat"]
     assert inputs.issues[0].count == 10
-    assert [len(endpoints(inputs, scan)) for scan in (39, 40, 49, 50)] == [len(ANGLES), 0, 0, len(ANGLES)]
+    assert [len(inputs.scans.points(scan)) for scan in (39, 40, 49, 50)] == [len(ANGLES), 0, 0, len(ANGLES)]
     still = np.repeat(driven()[39:40], SCANS, axis=0)
-    assert not taken_in(recorded(np.repeat(ranges[39:40], SCANS, axis=0), still)).issues
+    assert not synchronise(recorded(np.repeat(ranges[39:40], SCANS, axis=0), still)).issues
 
 
 def test_scans_far_apart_and_the_papers_filter_are_left_alone():
@@ -117,4 +108,4 @@ def test_scans_far_apart_and_the_papers_filter_are_left_alone():
     assert lidar.odometry is not None
     some = slice(None, None, 13)
     sparse = replace(lidar, stamps=lidar.stamps[some], ranges=lidar.ranges[some], odometry=lidar.odometry[some])
-    assert not taken_in(replace(recording, lidar=sparse)).issues
+    assert not synchronise(replace(recording, lidar=sparse)).issues

@@ -227,9 +227,8 @@ def test_a_correction_by_a_scan_that_has_waited_moves_those_after_it(monkeypatch
     before, after = (np.array([key.pose for key in backend.keys]) for backend in (plain, corrected))
     np.testing.assert_array_equal(before[:7], after[:7])
     np.testing.assert_allclose(after[7:9], se2.compose((0.0, 1.0, 0.0), before[7:9]), atol=1e-9)
-    np.testing.assert_allclose(
-        [key.motion for key in plain.keys[7:9]], [key.motion for key in corrected.keys[7:9]], atol=1e-9
-    )
+    one, other = ([key.motion for key in backend.keys[7:9]] for backend in (plain, corrected))
+    np.testing.assert_allclose(one, other, atol=1e-9)
     moved = se2.between(as_it_was.estimate().trajectory_final.poses, revised.estimate().trajectory_final.poses)
     np.testing.assert_allclose(np.hypot(moved[:, 0], moved[:, 1]), 1.0, atol=0.03)
 
