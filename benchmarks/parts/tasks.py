@@ -83,7 +83,7 @@ class Contender(NamedTuple):
 
 
 class Task(NamedTuple):
-    """A kernel, and by name who is measured beside it; ``C`` can be called only where there are ``Loops``."""
+    """A kernel, and by name who is measured beside it."""
 
     unit: str
     kernel: Contender
@@ -92,15 +92,14 @@ class Task(NamedTuple):
 
 
 class Loops:
-    """The functions of ``loops.c`` and ``maps.c``, in a library; None where they are not compiled."""
+    """The functions of ``loops.c`` and ``maps.c``, in a library."""
 
-    def __init__(self, library: Path | None) -> None:
-        self.library = None if library is None else ctypes.CDLL(str(library))
+    def __init__(self, library: Path) -> None:
+        self.library = ctypes.CDLL(str(library))
 
     def bind(self, name: str, *arguments: Any) -> Callable[[], Any]:
         """A call of a function: C-contiguous arrays are handed over as pointers, floats in single precision."""
-        given = [_given(argument) for argument in arguments]
-        function: Any = None if self.library is None else self.library[name]
+        given, function = [_given(argument) for argument in arguments], self.library[name]
         return lambda: function(*given)
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from moteslam.kernels import runtime
 from moteslam.kernels.runtime import ti
 from moteslam.kernels.types import F32, F32_1D, I32, I32_2D, U32, func, kernel, template
 
@@ -47,46 +46,22 @@ def cache_of(tmp_path: Path) -> Path:
     return folder
 
 
-UNCHANGED = """
-import importlib, os, pkgutil, sys, threading
-import taichi
+OFFLINE = """
+import os, sys
 
 def no_network(event, arguments):
     if event in ("socket.connect", "socket.getaddrinfo", "socket.gethostbyname", "socket.sendto"):
         os.write(2, f"{event} {arguments}".encode())
         os._exit(70)
 
-def parts():
-    # functions, classes and modules of Taichi's modules, and what its classes define, by name
-    found = {}
-    for name, module in list(sys.modules.items()):
-        if name.partition(".")[0] == "taichi" and module is not None:
-            for key, value in vars(module).items():
-                if callable(value) or isinstance(value, type(sys)):
-                    found[name, key] = value
-                if isinstance(value, type) and value.__module__.startswith("taichi"):
-                    members = {k: v for k, v in vars(value).items() if callable(v) or hasattr(v, "__get__")}
-                    found |= {(name, key, k): v for k, v in members.items()}
-    return found
-
 sys.addaudithook(no_network)
-before, variables = parts(), dict(os.environ)
-assert ("taichi.lang.ast.ast_transformer", "ASTTransformer", "build_range_for") in before
-import moteslam.kernels
-for module in pkgutil.iter_modules(moteslam.kernels.__path__):
-    importlib.import_module(f"moteslam.kernels.{module.name}")
-{kernel}
-for thread in set(threading.enumerate()) - {threading.main_thread()}:
-    thread.join()
-after = parts()
-assert [name for name, value in before.items() if after.get(name) is not value] == []
-assert os.environ == variables
+variables = dict(os.environ)
 """
 
 
-def test_a_first_kernel_asks_no_network_and_leaves_taichi_and_the_environment_as_they_were(tmp_path: Path) -> None:
+def test_a_first_kernel_asks_no_network_and_leaves_the_environment_as_it_was(tmp_path: Path) -> None:
     asked = {"TI_ARCH": "vulkan", "TI_SKIP_VERSION_CHECK": "OFF", "ENABLE_TAICHI_HEADER_PRINT": "0"}
-    assert run(UNCHANGED.replace("{kernel}", KERNEL), tmp_path, **asked) == ""
+    assert run(OFFLINE + KERNEL + "assert os.environ == variables", tmp_path, **asked) == ""
 
 
 def test_a_first_kernel_prints_nothing_and_fills_the_cache_alone(tmp_path: Path) -> None:
@@ -191,21 +166,6 @@ def test_as_many_threads_as_processors_have_one_each_and_others_are_free(
 def test_a_system_that_does_not_place_threads_computes_all_the_same(tmp_path: Path) -> None:
     code = "import os\nfor name in ('sched_getaffinity', 'sched_setaffinity'):\n    vars(os).pop(name, None)\n"
     assert run(code + KERNEL, tmp_path) == ""
-
-
-@pytest.mark.parametrize(("arch", "threads"), [("cpu", 1), ("cpu", 2), ("cpu", 16), ("cuda", 8)])
-def test_a_loop_over_few_pieces_of_work_is_long_enough_for_all_threads(
-    monkeypatch: pytest.MonkeyPatch, arch: str, threads: int
-) -> None:
-    """Each piece is in a batch of its own where there are few; one thread and a GPU need no more passes."""
-    monkeypatch.setattr(runtime, "_runtime", runtime.Runtime(arch, threads, False, None))
-    assert runtime.passes_for(0) == runtime.passes_for(10_000 * threads) == 1
-    alone = arch == "cuda" or threads == 1
-    assert runtime.passes_for(5) == (1 if alone else runtime.BATCH)
-    some = 40 * threads
-    if not alone:
-        assert some * runtime.passes_for(some) >= runtime.BATCH * runtime.BATCHES * threads
-        assert some * (runtime.passes_for(some) - 1) < runtime.BATCH * runtime.BATCHES * threads
 
 
 @kernel

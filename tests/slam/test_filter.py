@@ -109,12 +109,6 @@ def test_in_a_preview_the_largest_y_is_on_top_and_walls_stay(rows: int, columns:
     assert not blue[: height // 2].any()
 
 
-@pytest.mark.parametrize("place", [0.0, 1e4])
-def test_a_preview_of_a_robot_that_never_moved_and_knows_nothing(place: float) -> None:
-    nothing = Raster(np.zeros((10, 10), np.float32), 0.05)
-    assert preview_png(nothing, np.array([(place, -place, 0.0)] * 2)).startswith(b"\x89PNG")
-
-
 def test_the_preset_defaults_online_pose_is_the_mean_of_the_best_particles_mode():
     recording, _ = circled_room(scans=40)
     session = SlamSession(recording, resolve_config("default", ["particles=20"]), seed=0)

@@ -6,13 +6,11 @@ from graph_cases import WALL, key_scan
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
-from moteslam.slam.backend.graph import step_registration
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import MAX_RANGE, Nodes
 from moteslam.slam.backend.graph.odometry_model import SAFETY, fit_odometry, turned_aside
 from moteslam.slam.backend.graph.step_registration import Prediction, StepRegistration
 from moteslam.slam.inputs.step import thin
-from moteslam.slam.registration.registrar import Registration
 
 
 def nodes_of(steps: np.ndarray) -> Nodes:
@@ -175,25 +173,3 @@ def test_where_several_places_are_open_the_filters_choice_stands():
     found = steps.add(scan(TRUE_STEP), Prediction(chosen, np.array((1.0, 1.0, 0.2)), False, chosen, open=True))
     np.testing.assert_array_equal(found.step, chosen)
     np.testing.assert_array_equal(found.information, 0.0)
-
-
-def test_a_good_odometry_is_where_the_search_begins():
-    np.testing.assert_array_equal(step_registration._turned(np.array((0.1, 0.1, 0.15))), np.zeros((1, 3)))
-    np.testing.assert_allclose(step_registration._turned(np.full(3, 0.45))[:, 2], (-0.4, -0.2, 0, 0.2, 0.4))
-    assert len(step_registration._turned(np.full(3, 50.0))) == 31
-
-
-def test_what_is_far_is_compared_with_the_most_probable_that_is_near():
-    """Round a corner the true place knows a third of the endpoints, as well; straight on all of the corridor fits."""
-    spread, points, config = np.array((0.1, 0.1, 0.1)), 100, GraphConfig()
-    offsets = np.array(((1.0, 0.0, 0.0), (0.3, 0.3, 0.2), (0.02, 0.0, 0.0), (0.2, 0.2, 0.0), (0.0, 0.2, 0.0)))
-    known = np.array((90.0, 90.0, 40.0, 90.0, 90.0))
-    costs = config.registration.unknown_cost * (points - known) + np.array((0.1, 0.5, 0.5, 0.5, 0.1)) * known
-    likelihoods, none = np.full(5, 0.9), np.zeros(5)
-    found = Registration(offsets, np.zeros((5, 3, 3)), costs, known, likelihoods, none, offsets, none, np.zeros((5, 3)))
-    np.testing.assert_array_equal(step_registration._far(found, spread), (True, True, False, False, False))
-    assert step_registration._better(found, spread) != 2
-    some = Registration(*(values[:4] for values in found))
-    assert step_registration._nearest(some, spread, points, config) == 2
-    assert step_registration._nearest(found, 2 * spread, points, config) == 4
-    assert step_registration._nearest(found, spread / 100, points, config) == 2
