@@ -12,6 +12,7 @@ from moteslam.eval.metrics.loops import score_loops
 from moteslam.eval.metrics.relations import evaluate_relations, read_relations
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
+from moteslam.robot.platforms import load_platform
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.scenario import load_scenario
@@ -140,7 +141,8 @@ def test_in_a_round_tank_the_odometry_decides_about_turns(platform: str, tmp_pat
         f'description = "A tank."\nwhy = "It is round."\nroute.waypoints = {3 * circle(2.0, 24)[:-1]}\n'
         f"[[world.walls]]\npoints = {circle(4.0, 96)}\n"
     )
-    simulation = simulate(load_scenario(tmp_path / "tank.toml", platform=platform), 230)
+    tank = load_scenario(tmp_path / "tank.toml")
+    simulation = simulate(tank.model_copy(update={"platform": load_platform(platform)}), 230)
     found = run(simulation.recording)
     dead, online, final = (
         absolute_trajectory_error(path, simulation.truth).rotation.rmse
