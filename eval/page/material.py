@@ -16,7 +16,7 @@ from moteslam.eval.results import MAX_BYTES, is_result_folder, read_result_folde
 from moteslam.eval.sweep.store import opened
 from moteslam.eval.sweep.tables import group_of, succeeds
 from moteslam.robot.files import read_text
-from moteslam.robot.tables import read_toml
+from moteslam.robot.values import read_toml
 
 SUCCESS = {"final.ate": 0.5}
 """Of runs in result folders: limits as of ``SweepSpec.success``."""

@@ -12,7 +12,7 @@ from moteslam.robot.noise import Noise
 from moteslam.sim.logged import Logging, logged
 from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.sensors.clock import EPOCH
-from moteslam.sim.sensors.lidar_faults import Cart
+from moteslam.sim.sensors.faults import Cart
 from moteslam.sim.simulate import Simulation, simulate
 
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -17,7 +17,7 @@ from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
 from moteslam.robot.platform import Body, CameraSpec, EncoderSpec, ImuSpec, LidarSpec, Platform, Wheels
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.raster import Raster
-from moteslam.robot.tables import Section
+from moteslam.robot.values import Section
 from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import bundled_scenarios, load_scenario, parse_scenario, scenario_table
 from moteslam.sim.simulate import simulate, true_drive

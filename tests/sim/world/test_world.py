@@ -16,8 +16,7 @@ from moteslam.sim.simulate import simulate, true_drive
 from moteslam.sim.world.layout import Doorway, Layout, Recess, Room, RoomDoorway, Wall
 from moteslam.sim.world.pieces import Box, Pillar, Shelf
 from moteslam.sim.world.random_corridors import random_corridors
-from moteslam.sim.world.surroundings import lived_in
-from moteslam.sim.world.world import World, true_map
+from moteslam.sim.world.world import World, lived_in, true_map
 
 
 def total(segments: np.ndarray) -> float:
