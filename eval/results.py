@@ -8,26 +8,22 @@ import platform
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from moteslam.errors import InputError
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
 from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops, write_particles
 from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
-from moteslam.robot.files import make_folder, read_text, write_atomically
+from moteslam.robot.files import make_folder, write_atomically
 from moteslam.robot.formats.map_server import map_image, trinary, write_map, write_picture
 from moteslam.robot.pictures import encode_png
 from moteslam.robot.raster import MapArrays, Raster, write_map_arrays
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Poses, between, compose
-from moteslam.robot.tables import first_complaint
 from moteslam.robot.trajectories.g2o import write_g2o
 from moteslam.robot.trajectories.text import write_tum
 from moteslam.robot.trajectory import Trajectory
@@ -40,9 +36,6 @@ if TYPE_CHECKING:
 
 PACKAGES = ("moteslam", "taichi", "numpy")
 """Whose versions are recorded."""
-MAX_BYTES = 50_000_000
-"""No file of a result folder that is read here is larger."""
-T = TypeVar("T")
 GRAPH_COMMENTS = (
     "pose graph of moteslam: final poses, and the relative poses that were measured, with their information",
     "edges between consecutive ids are the chain, all others loops that were accepted",
@@ -219,52 +212,6 @@ def _begun_at(pose: Poses, trajectory: Trajectory) -> Trajectory:
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
     """Write JSON that any reader takes."""
     write_atomically(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
-
-
-@dataclass(frozen=True)
-class ResultFolder:
-    """What ``metrics.json`` says of each metric, its value and unit or why it is absent, and ``run.json``."""
-
-    values: dict[str, float]
-    units: dict[str, str]
-    absent: dict[str, str]
-    run: dict[str, Any]
-
-
-class _Score(BaseModel):
-    value: float | None = None
-    unit: str = ""
-    absent: str = ""
-
-
-class _Scores(BaseModel):
-    metrics: dict[str, _Score]
-
-
-def is_result_folder(folder: Path) -> bool:
-    """Whether a folder holds the two files that ``read_result_folder`` reads."""
-    return all((folder / name).is_file() for name in ("metrics.json", "run.json"))
-
-
-def read_result_folder(folder: Path) -> ResultFolder:
-    """Read the two files, as ``write_results`` writes them."""
-    scores = _read(_Scores, folder / "metrics.json").metrics
-    run = _read(dict[str, Any], folder / "run.json")
-    there = {name: one for name, one in scores.items() if one.value is not None}
-    return ResultFolder(
-        {name: one.value for name, one in there.items() if one.value is not None},
-        {name: one.unit for name, one in there.items()},
-        {name: one.absent for name, one in scores.items() if one.value is None},
-        run,
-    )
-
-
-def _read(kind: type[T], file: Path) -> T:
-    try:
-        return TypeAdapter(kind).validate_json(read_text(file, "a file of a result folder", limit=MAX_BYTES))
-    except ValidationError as error:
-        field, problem = first_complaint(error)
-        raise InputError(problem, file=file, field=field or None) from error
 
 
 def environment() -> dict[str, dict[str, str]]:

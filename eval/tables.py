@@ -6,7 +6,8 @@ import csv
 import io
 import re
 import unicodedata
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 Rows = Sequence[Sequence[str]]
 """Of cells, the first one the head; all of one length."""
@@ -45,6 +46,30 @@ def _literal(character: str) -> str:
     if unicodedata.category(character) in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"):
         return character.encode("unicode_escape").decode("ascii")
     return character
+
+
+class Column(NamedTuple):
+    """A figure in a table: the head of its column, its place in a dict, as ``ate/rmse``, and how it is written."""
+
+    head: str
+    place: str
+    form: str = ""
+    unit: str = ""
+    factor: float = 1
+
+    def cell(self, figures: Mapping[str, Any]) -> str:
+        """The figure of a dict, a dash where it has none."""
+        found: Any = figures
+        for key in self.place.split("/"):
+            found = None if found is None else found.get(key)
+        if found is None or isinstance(found, str):
+            return "-" if found is None else found
+        return f"{self.factor * found:{self.form}} {self.unit}".rstrip()
+
+
+def rows_of(columns: Sequence[Column], figures: Iterable[Mapping[str, Any]]) -> Rows:
+    """The rows of a table, the head and one a dict."""
+    return [[column.head for column in columns], *([column.cell(each) for column in columns] for each in figures)]
 
 
 def aligned(rows: Rows) -> str:

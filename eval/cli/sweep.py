@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import chain
-from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,7 +12,6 @@ from typer.core import TyperGroup
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.compare import affordable, affordable_lines
 from moteslam.eval.cli.interrupt import Interrupted
 from moteslam.eval.cli.sweep_tables import metric_names, summary_lines, summed_up, total
 from moteslam.eval.cli.text import answer, note, progress_bar, say
@@ -119,7 +117,7 @@ def run(
             except (Interrupted, KeyboardInterrupt) as error:
                 error.add_note(f"interrupted, {counted(done, 'run')} in {target}: the same command goes on")
                 raise
-        found = summed_up(store, wanted, None)
+        found = summed_up(store, None)
     lines = chain(summary_lines(found, "text"), [f"recorded in {literal(target)}"])
     answer(found, lines, as_json=as_json)
     if found["runs"].keys() - {"ok", "pending"} and "ok" not in found["runs"]:
@@ -162,34 +160,22 @@ def list_specs(
 def show(
     file: File,
     metrics: options.Metrics = None,
-    budget: Annotated[
-        str | None, typer.Option(metavar="TIME", help="The best configuration within this processor time a scan.")
-    ] = None,
     form: options.Format = "text",
     as_json: options.Json = False,
 ) -> None:
     """Sum up the runs recorded so far: median with its 95 % interval, quartiles, successes.
-
-    With --budget, of a sweep made with --time: the configurations that cost at most that much, the best first, and
-    in how many of the same runs the best one beats each.
 
     \b
     Examples:
       moteslam sweep show particles.sweep
       moteslam sweep show particles.sweep --metric final.ate --metric map_f1
       moteslam sweep show particles.sweep --format latex > table.tex
-      moteslam sweep show timed.sweep --budget 10ms
     """  # noqa: D301
-    from moteslam.eval.sweep.spec import SweepSpec
     from moteslam.eval.sweep.store import opened
 
-    names = metric_names(metrics)
-    if budget is not None:
-        within = affordable(file, budget, names)
-        answer(within, affordable_lines(within, names[0], form), as_json=as_json)
-        return
+    metric_names(metrics)
     with opened(file) as store:
-        found = summed_up(store, SweepSpec.model_validate_json(store.spec), metrics)
+        found = summed_up(store, metrics)
     answer(found, summary_lines(found, form), as_json=as_json)
     if not as_json and form != "text" and set(found["runs"]) != {"ok"}:
         note(f"warning: {file}: {total(found)}")
@@ -217,29 +203,24 @@ def plot(
       moteslam sweep plot range.sweep --metric final.ate --metric map_f1 --label "reach [m]" --out range.png
     """  # noqa: D301
     from moteslam.eval.report.sweep_curves import draw_sweep
-    from moteslam.eval.sweep.spec import SweepSpec
-    from moteslam.eval.sweep.store import opened
-    from moteslam.eval.sweep.tables import summaries, varying
+    from moteslam.eval.runs import read_runs, varying
     from moteslam.robot.files import folder_for
 
     names = metric_names(metrics)
     options.expect_new(out, ".png", force=force)
-    with opened(file) as store:
-        spec = SweepSpec.model_validate_json(store.spec)
-        found = summaries(store.rows(), names, dict(spec.success))
-    if not found:
+    rows = [row for row in read_runs([file]) if row.status]
+    if not rows:
         raise InputError("no run was made yet, expected some", file=file)
-    known = varying([group.about for group in found])
-    column = along or next(iter(spec.vary), None)
+    known = varying([row.about for row in rows])
+    column = along or next((key for row in rows for key, _ in row.run.varied), None)
     if column not in known:
         problem = "needed where no key varies" if column is None else f"{column!r}"
         raise ConfigError(f"{problem}, expected one of {', '.join(known)}", field="--x")
     for name in names:
-        best = (group.values[name].best for group in found)
-        if not any(value is not None and isfinite(value) for value in best):
+        if not any(row.status == "ok" and name in row.known for row in rows):
             raise InputError(f"no run that ended well has {name}, expected a metric of the sweep", file=file)
     with folder_for(out):
-        draw_sweep(out, found, names, column=column, label=label)
+        draw_sweep(out, rows, names, column=column, label=label)
     say(f"wrote {literal(out)}")
 
 

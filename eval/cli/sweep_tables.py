@@ -1,18 +1,16 @@
-"""What ``moteslam sweep show`` finds and prints: a summary for each configuration and scenario."""
+"""What ``moteslam sweep show`` and ``compare`` find of the runs of a sweep, and how numbers stand in their tables."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
 from math import isinf
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from moteslam.errors import ConfigError
 from moteslam.eval.tables import FORMATS
 
 if TYPE_CHECKING:
-    from moteslam.eval.sweep.spec import SweepSpec
     from moteslam.eval.sweep.store import Row, Store
 
 PARTS = ("median", "low", "high", "low_quartile", "high_quartile")
@@ -27,27 +25,29 @@ def metric_names(given: list[str] | None) -> list[str]:
     return given or ["final.ate"]
 
 
-def summed_up(store: Store, spec: SweepSpec, wanted: list[str] | None) -> dict[str, Any]:
+def summed_up(store: Store, wanted: list[str] | None) -> dict[str, Any]:
     """A sweep's hash, its numbers of runs by status, and its groups: what they have in common, successes, summaries."""
-    from moteslam.eval.sweep.tables import summaries
+    from moteslam.eval.runs import grouped, summary_of
+    from moteslam.eval.statistics import Proportion
 
-    runs = list(store.rows())
+    rows = [row for row in store.rows() if row.status]
+    names = _measured(rows, wanted, store)
     groups = [
         {
-            "group": group.about,
-            "runs": group.runs,
-            "success": group.success.as_dict(),
-            "metrics": {name: asdict(summary) for name, summary in group.values.items()},
+            "group": dict(about),
+            "runs": len(members),
+            "success": Proportion(sum(row.succeeded for row in members), len(members)).as_dict(),
+            "metrics": {name: asdict(summary_of(members, name)) for name in names},
         }
-        for group in summaries(runs, _measured(runs, wanted, store.path), dict(spec.success))
+        for about, members in grouped(rows, lambda row: tuple(row.about.items())).items()
     ]
     counts = {name or "pending": count for name, count in store.counts().items()}
     return {"hash": store.digest, "runs": counts, "groups": groups}
 
 
-def _measured(runs: list[Row], wanted: list[str] | None, file: Path) -> list[str]:
+def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[str]:
     """The metrics that are wanted; by default ``final.ate``, or the first of those that were measured."""
-    there = list(dict.fromkeys(name for row in runs if row.status == "ok" for name in (*row.values, *row.costs)))
+    there = list(dict.fromkeys(name for row in rows if row.status == "ok" for name in (*row.values, *row.costs)))
     if not there:
         return wanted or ["final.ate"]
     if wanted is None:
@@ -57,13 +57,13 @@ def _measured(runs: list[Row], wanted: list[str] | None, file: Path) -> list[str
         if name not in there:
             alike = [one for one in there if one.endswith(f".{name}")] or there
             problem = f"{name!r}, which was not measured, expected one of {', '.join(alike)}"
-            raise ConfigError(problem, file=file, field="--metric")
+            raise ConfigError(problem, file=store.path, field="--metric")
     return wanted
 
 
 def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
     """A row a group: of each metric the median with its intervals; in ``csv`` every number has a column of its own."""
-    from moteslam.eval.sweep.tables import varying
+    from moteslam.eval.runs import varying
     from moteslam.robot.values import interval
 
     groups = found["groups"]
@@ -77,11 +77,8 @@ def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
         for each in groups:
             success = each["success"]
             share = f" ({100 * success['low']:.0f} to {100 * success['high']:.0f} %)" * (form != "csv")
-            cells = [
-                *(str(each["group"].get(key, "")) for key in about),
-                str(each["runs"]),
-                f"{success['count']}{share}",
-            ]
+            cells = [*(str(each["group"].get(key, "")) for key in about), str(each["runs"])]
+            cells.append(f"{success['count']}{share}")
             for one in each["metrics"].values():
                 if form == "csv":
                     cells += [digits(one[part]) for part in PARTS]
@@ -102,13 +99,9 @@ def total(found: dict[str, Any]) -> str:
 
 def with_unit(name: str) -> str:
     """A metric with its unit, as ``final.ate [m]``; what is no metric as it is."""
-    from moteslam.eval.metrics.registry import metric
+    from moteslam.eval.runs import unit_of
 
-    try:
-        unit = metric(name).unit
-    except ConfigError:  # scans, distance, or of a plug-in that is not here
-        return name
-    return f"{name} [{unit}]" if unit else name
+    return f"{name} [{unit}]" if (unit := unit_of(name)) else name
 
 
 def digits(value: float | None) -> str:

@@ -21,10 +21,10 @@ from markupsafe import Markup, escape
 from moteslam.errors import ConfigError
 from moteslam.eval.metrics.registry import chosen, metric
 from moteslam.eval.page import charts
-from moteslam.eval.page.material import Key, Material, ReportRun
+from moteslam.eval.page.material import Material
 from moteslam.eval.page.player import Budget, playable
+from moteslam.eval.runs import better, by_configuration, grouped, summary_of, unit_of, values_of
 from moteslam.eval.statistics import Proportion, compare
-from moteslam.eval.sweep.tables import better
 from moteslam.eval.tables import literal
 from moteslam.robot.values import interval
 
@@ -54,40 +54,38 @@ def page(
     unknown metric or baseline.
     """
     runs, names = material.runs, _metrics(material, metrics)
-    by_configuration = charts.grouped(runs, lambda run: run.configuration)
-    if baseline is not None and baseline not in by_configuration:
-        expected = ", ".join(map(repr, list(by_configuration)[:8]))
+    configurations = by_configuration(runs)
+    if baseline is not None and baseline not in configurations:
+        expected = ", ".join(map(repr, list(configurations)[:8]))
         raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
-    first = baseline or next(iter(by_configuration))
-    units, meanings = dict.fromkeys(names, ""), dict.fromkeys(names, "")
+    first = baseline or next(iter(configurations))
+    measured = {name: unit for run in runs for name, unit in run.units.items() if unit}
+    units = {name: measured.get(name) or unit_of(name) for name in names}
+    meanings = dict.fromkeys(names, "")
     for name in names:
         with suppress(ConfigError):  # of a plug-in that is not here
-            units[name], meanings[name] = metric(name).unit, metric(name).meaning
-        units[name] = material.units.get(name) or units[name]
-    player_of: dict[int, int | None] = {}
+            meanings[name] = metric(name).meaning
+    played = [run for run in runs if run.folder is not None]
+    budget = Budget.of(max(len(played), 1))
     players: list[tuple[str, Markup]] = []
-    budget = Budget.of(max(sum(run.folder is not None for run in runs), 1))
-    for number, run in enumerate(runs):
-        player_of[number] = None if run.folder is None else len(players)
-        if run.folder is not None:
-            players.append((f"{run.configuration}: {run.name}", data_block(playable(run.folder, budget))))
-            progress(len(players))
-    keys = list(dict.fromkeys(key for run in runs for key, _ in run.varied))
+    for run in played:
+        assert run.folder is not None
+        players.append((f"{run.run.configured}: {run.name}", data_block(playable(run.folder, budget))))
+        progress(len(players))
+    keys = list(dict.fromkeys(key for run in runs for key, _ in run.run.varied))
     drawn = [
         {
-            "spread": charts.spread(runs, name, units[name]),
-            "pairs": charts.paired(runs, first, name, units[name]),
+            "spread": charts.spread(configurations, name, units[name]),
+            "pairs": charts.paired(configurations, first, name, units[name]),
             "curves": [one for key in keys if (one := charts.curves(runs, key, name, units[name])) is not None],
         }
         for name in names
     ]
-    others = [name for name in by_configuration if name != first]
+    others = [name for name in configurations if name != first]
+    values = {name: {each: values_of(rows, name) for each, rows in configurations.items()} for name in names}
     pairs = {
-        name: [
-            (other, compare(*(_values(by_configuration[one], name) for one in (first, other)), better=better(name)))
-            for other in others
-        ]
-        for name in names
+        name: [(other, compare(each[first], each[other], better=better(name))) for other in others]
+        for name, each in values.items()
     }
     return _render(
         {
@@ -98,12 +96,11 @@ def page(
             "units": units,
             "meanings": meanings,
             "runs": runs,
-            "configurations": by_configuration,
-            "places": charts.grouped(runs, lambda run: ", ".join(filter(None, (run.place, run.platform, run.noise)))),
+            "configurations": configurations,
+            "places": grouped(runs, lambda run: run.place),
             "baseline": first,
             "pairs": pairs if others else {},
             "failures": [run for run in runs if run.status != "ok"],
-            "player_of": player_of,
             "players": players,
             "charts": data_block(drawn),
             "has_curves": any(each["curves"] for each in drawn),
@@ -139,8 +136,8 @@ def _render(context: dict[str, Any]) -> str:
         "lines": lambda text: Markup("\n").join(escape(literal(line)) for line in text.splitlines()),
         "key": lambda value: "" if value is None else repr(value),  # by which a cell is sorted
         "success": lambda runs: Proportion(sum(run.succeeded for run in runs), len(runs)),
-        "summary": charts.summary_of,
-        "by_configuration": lambda runs: charts.grouped(runs, lambda run: run.configuration),
+        "summary": summary_of,
+        "by_configuration": by_configuration,
         "s": lambda count: "" if count == 1 else "s",
     }
     policy = (
@@ -158,7 +155,7 @@ def _hash(text: str) -> str:
 
 def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     """The metrics that are shown."""
-    having = list(dict.fromkeys(name for run in material.runs for name in run.values))
+    having = list(dict.fromkeys(name for run in material.runs for name in run.known))
     if wanted:
         try:
             chosen(wanted)
@@ -171,12 +168,6 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(found or having or material.wanted or ["final.ate"]))[
         : max(MOST_METRICS, len(set(material.wanted)))
     ]
-
-
-def _values(runs: Sequence[ReportRun], metric: str) -> dict[Key, float | None]:
-    """By case, None of runs that failed; runs of which the metric is absent are left out."""
-    having = [run for run in runs if run.status != "ok" or metric in run.values]
-    return {run.case: run.values[metric] if run.status == "ok" else None for run in having}
 
 
 def _number(value: float | None) -> str:

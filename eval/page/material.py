@@ -12,57 +12,13 @@ from typing import Any
 import tomli_w
 
 from moteslam.errors import InputError
-from moteslam.eval.results import MAX_BYTES, is_result_folder, read_result_folder
-from moteslam.eval.sweep.store import opened
-from moteslam.eval.sweep.tables import group_of, succeeds
+from moteslam.eval.runs import MAX_BYTES, grouped, is_result_folder, prefix_of, read_result_folder
+from moteslam.eval.sweep.store import Row, opened
 from moteslam.robot.files import read_text
 from moteslam.robot.tables import read_toml
 
-SUCCESS = {"final.ate": 0.5}
-"""Of runs in result folders: limits as of ``SweepSpec.success``."""
 DEPTH = 3
 """Of folders in which result folders are looked for."""
-Key = tuple[Any, ...]
-
-
-@dataclass(frozen=True)
-class ReportRun:
-    """A run as the report sees it.
-
-    Attributes:
-        place: scenario or recording; platform, noise and seed are empty where they are its own or not known.
-        duration: at which the drive was cut [s], if it was.
-        configuration, base: its name, with what varies and without.
-        status, error, absent: as of a row of a sweep.
-        succeeded: whether all limits were kept.
-        folder: of its result, if it has one.
-    """
-
-    place: str
-    seed: int | None
-    configuration: str
-    base: str
-    values: dict[str, float]
-    absent: dict[str, str]
-    succeeded: bool
-    platform: str = ""
-    noise: str = ""
-    duration: float | None = None
-    varied: tuple[tuple[str, Any], ...] = ()
-    status: str = "ok"
-    error: str = ""
-    folder: Path | None = None
-
-    @property
-    def case(self) -> Key:
-        """Runs of two configurations with the same are a pair."""
-        return self.place, self.platform, self.noise, self.duration, self.seed
-
-    @property
-    def name(self) -> str:
-        """For people: where it drove."""
-        seed = "" if self.seed is None else f"seed {self.seed}"
-        return ", ".join(filter(None, (self.place, self.platform, self.noise, seed)))
 
 
 @dataclass
@@ -70,21 +26,22 @@ class Material:
     """All that a report is made of.
 
     Attributes:
-        runs: in their order.
-        units: by metric.
+        runs: in their order, those that were made.
         documents: title and text of what was run: specifications of sweeps, configurations.
         facts: title, and names with values: versions, hardware.
-        issues: what was wrong with recordings and runs, and how many runs had it.
         pending, wanted: runs of sweeps that were not made yet, and metrics that the specifications name.
     """
 
-    runs: list[ReportRun] = field(default_factory=list)
-    units: dict[str, str] = field(default_factory=dict)
+    runs: list[Row] = field(default_factory=list)
     documents: list[tuple[str, str]] = field(default_factory=list)
     facts: dict[str, dict[str, str]] = field(default_factory=dict)
-    issues: Counter[str] = field(default_factory=Counter)
     pending: int = 0
     wanted: list[str] = field(default_factory=list)
+
+    @property
+    def issues(self) -> Counter[str]:
+        """What was wrong with recordings and runs, and how many runs had it."""
+        return Counter(str(issue["message"]) for run in self.runs for issue in run.issues)
 
 
 def gather(paths: Sequence[Path]) -> Material:
@@ -93,22 +50,18 @@ def gather(paths: Sequence[Path]) -> Material:
     Raises:
         InputError: a path of another kind, or damaged; or no run.
     """
-    material = Material()
-    sweeps: list[Path] = []
-    folders: list[Path] = []
+    found: list[Path] = []
     for path in paths:
-        if path.is_dir():
-            within = list(_within(path, DEPTH))
-            if not within:
-                raise InputError("no result folder and no .sweep file in it, expected some", file=path)
-            folders += [each for each in within if each.is_dir()]
-            sweeps += [each for each in within if not each.is_dir()]
-        elif not path.exists():
+        within = list(_within(path, DEPTH)) if path.is_dir() else [path]
+        if not within:
+            raise InputError("no result folder and no .sweep file in it, expected some", file=path)
+        if not path.exists():
             raise InputError("there is no such file or folder, expected a .sweep file or a result folder", file=path)
-        else:
-            sweeps.append(path)
+        found += within
+    folders, sweeps = ([path for path in found if path.is_dir() == wanted] for wanted in (True, False))
+    material = Material()
     for path in sweeps:
-        _take_sweep(material, path, f"{path.stem}: " if len(sweeps) > 1 or folders else "")
+        _take_sweep(material, path, prefix_of(path, found))
     _take_folders(material, folders)
     if not material.runs:
         raise InputError("no run was made yet, expected at least one", file=paths[0])
@@ -134,88 +87,49 @@ def _within(folder: Path, depth: int) -> Iterable[Path]:
 def _take_sweep(material: Material, path: Path, prefix: str) -> None:
     with opened(path) as store:
         spec = json.loads(store.spec)
-        success = dict(spec.get("success", SUCCESS))
         material.wanted += [name for name in spec.get("metrics") or () if name not in material.wanted]
         material.documents.append((f"Specification of {path.name}", tomli_w.dumps(spec)))
         for title, facts in store.environment.items():
-            material.facts.setdefault(f"{title} of {path.name}", facts)
-        for row in store.rows():
-            if not row.status:
-                material.pending += 1
-                continue
-            material.units |= row.units
-            material.issues.update(str(issue["message"]) for issue in row.issues)
-            run = row.run
-            if run.version:
-                material.facts.setdefault(f"programs of {path.name}", {})[run.configuration] = run.version
-            material.runs.append(
-                ReportRun(
-                    place=str(dict(group_of(row))["scenario"]),
-                    platform=Path(run.platform).stem,
-                    noise=run.noise,
-                    seed=run.seed,
-                    duration=run.duration,
-                    configuration=prefix + run.configured,
-                    varied=run.varied,
-                    base=prefix + run.configuration,
-                    status=row.status,
-                    error=row.error,
-                    values=row.known,
-                    absent=row.absent,
-                    succeeded=succeeds(row, success),
-                )
-            )
+            material.facts.setdefault(f"{title} of {path.name}", dict(facts))
+        rows = [row.renamed(prefix + row.run.configuration) for row in store.rows()]
+    made = [row for row in rows if row.status]
+    material.runs += made
+    material.pending += len(rows) - len(made)
+    if programs := {row.run.configuration: row.run.version for row in made if row.run.version}:
+        material.facts[f"programs of {path.name}"] = programs
 
 
 def _take_folders(material: Material, folders: Sequence[Path]) -> None:
     """Result folders: those of one configuration, by the text of ``config.toml``, are runs of it."""
-    texts: dict[str, list[Path]] = {}
-    for folder in folders:
-        text = read_text(folder / "config.toml", "a file of a result folder", limit=MAX_BYTES)
-        texts.setdefault(text, []).append(folder)
+    rows = [read_result_folder(folder) for folder in folders]
+    texts = grouped(rows, lambda row: read_text(_config(row), "a file of a result folder", limit=MAX_BYTES))
     names = _names(texts)
     for text, members in texts.items():
         material.documents.append((f"Configuration {names[text]}", text))
-        material.runs += [_run_of(material, folder, names[text]) for folder in members]
+        material.runs += [row.renamed(names[text]) for row in members]
+        for row in members:
+            for title, facts in row.facts.items():
+                material.facts.setdefault(title.capitalize(), dict(facts))
 
 
-def _run_of(material: Material, folder: Path, configuration: str) -> ReportRun:
-    result = read_result_folder(folder)
-    about, values = result.run, result.values
-    material.units |= result.units
-    try:
-        material.issues.update(issue["message"] for issue in about.get("warnings", ()))
-        for title in ("versions", "hardware"):
-            facts = {name: str(value) for name, value in about.get(title, {}).items()}
-            material.facts.setdefault(title.capitalize(), facts)
-    except (AttributeError, KeyError, TypeError) as error:
-        raise InputError("not as `moteslam replay` writes it", file=folder / "run.json") from error
-    seed = about.get("seed")
-    limits = [(values.get(name), limit) for name, limit in SUCCESS.items()]
-    return ReportRun(
-        place=str(about.get("scenario") or about.get("recording") or folder.name),
-        seed=seed if isinstance(seed, int) else None,
-        configuration=configuration,
-        base=configuration,
-        values=values,
-        absent=result.absent,
-        succeeded=all(value is not None and value <= limit for value, limit in limits),
-        folder=folder,
-    )
+def _config(row: Row) -> Path:
+    assert row.folder is not None
+    return row.folder / "config.toml"
 
 
-def _names(texts: dict[str, list[Path]]) -> dict[str, str]:
+def _names(texts: dict[str, list[Row]]) -> dict[str, str]:
     """A name for each configuration: what it sets otherwise than the first one, else the folder of its runs."""
     if len(texts) < 2:
         return dict.fromkeys(texts, "configuration")
-    tables = {text: _flat(read_toml(members[0] / "config.toml", "a config.toml")) for text, members in texts.items()}
+    tables = {text: _flat(read_toml(_config(rows[0]), "a config.toml")) for text, rows in texts.items()}
     keys = dict.fromkeys(key for table in tables.values() for key in table)
     first = next(iter(tables.values()))
     changed = [key for key in keys if any(table.get(key) != first.get(key) for table in tables.values())]
     names: dict[str, str] = {}
-    for text, members in texts.items():
-        parents = {folder.parent for folder in members}
-        name = next(iter(parents)).name if len(parents) == 1 and len(members) > 1 else members[0].name
+    for text, rows in texts.items():
+        folders = [_config(row).parent for row in rows]
+        together = len(rows) > 1 and len({folder.parent for folder in folders}) == 1
+        name = folders[0].parent.name if together else folders[0].name
         if 0 < len(changed) <= 3:
             name = ", ".join(f"{key}={tables[text].get(key, '-')}" for key in changed)
         same = sum(name == other or other.startswith(f"{name} (") for other in names.values())

@@ -32,22 +32,22 @@ class PlannedRun(Section):
 
     scenario: str
     """Its name, or the path of its file; empty where a recording is replayed."""
-    recording: str
+    recording: str = ""
     """Path of it; empty where a scenario is simulated."""
-    platform: str
-    noise: str
+    platform: str = ""
+    noise: str = ""
     """In place of the scenario's own; empty for that."""
-    duration: float | None
+    duration: float | None = None
     """The drive ends after this time [s]; None for the scenario's own."""
     seed: int
     """Of simulation and SLAM."""
     configuration: str
-    preset: str
-    settings: tuple[str, ...]
+    preset: str = ""
+    settings: tuple[str, ...] = ()
     """``key=value`` over scenario, robot and preset, with their prefixes; sorted."""
-    varied: tuple[tuple[str, Scalar], ...]
+    varied: tuple[tuple[str, Scalar], ...] = ()
     """Keys and values of what varies, in the order of the specification."""
-    metrics: tuple[str, ...]
+    metrics: tuple[str, ...] = ()
     command: tuple[tuple[str, ...] | str, ...] = ()
     """An external SLAM in place of the preset: see ``Command``; empty for none."""
 

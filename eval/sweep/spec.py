@@ -23,7 +23,7 @@ MAX_RUNS = 1_000_000
 PREFIXES = ("slam.", "scenario.", "platform.")
 """What a key that varies, or that a configuration sets, begins with: whose key it is."""
 NAME = r"^[\w.+-]{1,80}$"
-SUCCESS_ATE = 0.5
+SUCCESS = {"final.ate": 0.5}
 """A run succeeds, where nothing else is said, with a final ATE of at most this [m]."""
 
 Scalar = bool | int | float | str
@@ -134,7 +134,7 @@ class SweepSpec(Section):
     """Keys that take these values, in every combination."""
     metrics: tuple[str, ...] = ()
     """What is measured, by name; all metrics that are not costly by default."""
-    success: dict[str, NotNegative] = Field(default_factory=lambda: {"final.ate": SUCCESS_ATE})
+    success: dict[str, NotNegative] = Field(default_factory=lambda: dict(SUCCESS))
     """A run succeeds if each of these metrics is present and at most this large."""
     timeout: Positive = 1800.0
     """A run that takes longer has failed [s]."""

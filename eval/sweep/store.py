@@ -7,7 +7,8 @@ import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from urllib.parse import quote
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.metrics.catalogue import COSTS
 from moteslam.eval.sweep.plan import PlannedRun, digest, plan, shard
-from moteslam.eval.sweep.spec import SweepSpec
+from moteslam.eval.sweep.spec import SUCCESS, SweepSpec
 from moteslam.eval.sweep.workers import Outcome
 from moteslam.robot.files import staged_file
 
@@ -40,11 +41,12 @@ CREATE TABLE costs (
 """
 Environment = Mapping[str, Mapping[str, str]]
 """Versions and hardware, by name."""
+Key = tuple[Any, ...]
 
 
 @dataclass(frozen=True)
 class Row:
-    """A run of a sweep as it is recorded; the dicts are by metric.
+    """A run of a sweep as it is recorded, or of a result folder; the dicts are by metric.
 
     Attributes:
         status: as of ``Outcome``; empty of one that was not made yet.
@@ -52,21 +54,65 @@ class Row:
         absent: reasons.
         costs: times and memory, where they were measured.
         issues: of recording and run.
+        succeeded: whether it ended well, with each metric of ``SweepSpec.success`` present and within its limit.
+        folder: of its result, if it has one.
+        facts: versions and hardware of a result folder.
     """
 
     run: PlannedRun
     status: str
     error: str
-    values: dict[str, float | None]
-    units: dict[str, str]
-    absent: dict[str, str]
-    costs: dict[str, float]
+    values: Mapping[str, float | None]
+    units: Mapping[str, str]
+    absent: Mapping[str, str]
+    costs: Mapping[str, float] = field(default_factory=dict)
     issues: tuple[dict[str, Any], ...] = ()
+    succeeded: bool = False
+    folder: Path | None = None
+    facts: Environment = field(default_factory=dict)
 
-    @property
+    @cached_property
     def known(self) -> dict[str, float]:
         """Values and costs that are not absent."""
-        return {name: value for name, value in (self.values | self.costs).items() if value is not None}
+        return {name: value for name, value in {**self.values, **self.costs}.items() if value is not None}
+
+    @cached_property
+    def about(self) -> dict[str, Any]:
+        """What a run has in common with those of other seeds, by column."""
+        run = self.run
+        place = run.scenario or Path(run.recording).name
+        return {
+            "scenario": Path(place).stem if place.endswith(".toml") else place,
+            "platform": Path(run.platform).stem,
+            "noise": run.noise,
+            "configuration": run.configuration,
+            "version": run.version,
+            **dict(run.varied),
+        }
+
+    @property
+    def case(self) -> Key:
+        """Where, robot, noise, duration and seed: runs of two configurations with the same are a pair."""
+        return self.about["scenario"], self.about["platform"], self.run.noise, self.run.duration, self.run.seed
+
+    @property
+    def place(self) -> str:
+        """For people: where it drove, with which robot and noise."""
+        return ", ".join(filter(None, (str(self.about[key]) for key in ("scenario", "platform", "noise"))))
+
+    @property
+    def name(self) -> str:
+        """The same, with the seed."""
+        return f"{self.place}, seed {self.run.seed}"
+
+    def renamed(self, configuration: str) -> Row:
+        """The same with another name of its configuration."""
+        return replace(self, run=self.run.model_copy(update={"configuration": configuration}))
+
+
+def within(values: Mapping[str, float | None], limits: Mapping[str, float] = SUCCESS) -> bool:
+    """Whether each of some values is present and within its limit."""
+    return all((value := values.get(name)) is not None and value <= limit for name, limit in limits.items())
 
 
 class Store:
@@ -111,18 +157,21 @@ class Store:
         """All runs, in their order."""
         columns = "id, run, coalesce(status, ''), coalesce(error, ''), coalesce(issues, '[]')"
         query = f"SELECT {columns} FROM runs ORDER BY number"
+        success = json.loads(self.spec).get("success", SUCCESS)
         for run, text, status, error, issues in self._connection.execute(query):
             found = self._connection.execute("SELECT name, value, unit, absent FROM results WHERE run = ?", (run,))
             results = found.fetchall()
+            values = {name: value for name, value, _, _ in results}
             yield Row(
                 PlannedRun.model_validate_json(text),
                 status,
                 error,
-                {name: value for name, value, _, _ in results},
+                values,
                 {name: unit for name, value, unit, _ in results if value is not None},
                 {name: absent for name, _, _, absent in results if absent is not None},
                 dict(self._connection.execute("SELECT name, value FROM costs WHERE run = ?", (run,))),
                 tuple(json.loads(issues)),
+                succeeded=status == "ok" and within(values, success),
             )
 
     def take(self, other: Store) -> None:
@@ -135,7 +184,7 @@ class Store:
             if row.status and known is None:
                 values: dict[str, Any] = {
                     name: {"value": value, "unit": row.units.get(name, ""), "absent": row.absent.get(name)}
-                    for name, value in (row.values | row.costs).items()
+                    for name, value in {**row.values, **row.costs}.items()
                 }
                 self.record(Outcome(row.run, row.status, row.error, {"values": values, "issues": row.issues}))
             elif known is not None and row.status and (known.status, known.values) != (row.status, row.values):

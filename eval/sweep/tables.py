@@ -1,17 +1,14 @@
-"""The runs of a sweep as tables: a row a configuration and scenario, with its intervals, or a row a run."""
+"""A sweep as a table, a row a run, written and read back; and where two of them differ."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.errors import InputError, OutputError
 from moteslam.eval.metrics.catalogue import COSTS
-from moteslam.eval.metrics.registry import metric
-from moteslam.eval.statistics import Better, Proportion, Summary
 from moteslam.eval.sweep.store import Row, opened
 from moteslam.eval.tables import comma_separated, literal
 from moteslam.robot.files import read_text, write_atomically
@@ -23,68 +20,6 @@ ABOUT = ("id", "scenario", "recording", "platform", "noise", "seed", "configurat
 
 Table = dict[str, dict[str, str]]
 """Of each run, by its id, every column as text."""
-
-
-@dataclass(frozen=True)
-class GroupSummary:
-    """The runs of one configuration on one scenario, over its seeds: what they have in common by column, how many were
-    made, and how many of these succeeded, as of ``SweepSpec.success``; summaries by metric.
-    """
-
-    about: dict[str, Any]
-    runs: int
-    success: Proportion
-    values: dict[str, Summary]
-
-
-def group_of(row: Row) -> dict[str, Any]:
-    """What a run has in common with those of other seeds, by column."""
-    run = row.run
-    place = run.scenario or Path(run.recording).name
-    return {
-        "scenario": Path(place).stem if place.endswith(".toml") else place,
-        "platform": Path(run.platform).stem,
-        "noise": run.noise,
-        "configuration": run.configuration,
-        "version": run.version,
-        **dict(run.varied),
-    }
-
-
-def summaries(rows: Iterable[Row], metrics: Sequence[str], success: dict[str, float]) -> list[GroupSummary]:
-    """A summary for each configuration on each scenario, in the order of their first runs; of runs that were made."""
-    groups: dict[tuple[Any, ...], list[Row]] = {}
-    for row in rows:
-        if row.status:
-            groups.setdefault(tuple(group_of(row).items()), []).append(row)
-    found = []
-    for group, members in groups.items():
-        good = [row.known for row in members if row.status == "ok"]
-        failed = len(members) - len(good)
-        values = {name: Summary.of([one.get(name) for one in good], failed, better=better(name)) for name in metrics}
-        succeeded = Proportion(sum(succeeds(row, success) for row in members), len(members))
-        found.append(GroupSummary(dict(group), len(members), succeeded, values))
-    return found
-
-
-def varying(groups: Sequence[dict[str, Any]]) -> list[str]:
-    """The columns in which some of the groups have something."""
-    keys = dict.fromkeys(key for group in groups for key in group)
-    return [key for key in keys if any(group.get(key, "") != "" for group in groups)]
-
-
-def better(name: str) -> Better:
-    """Which values of a metric are better; lower of one where neither is."""
-    try:
-        return metric(name).better or "lower"
-    except ConfigError:  # scans, distance
-        return "lower"
-
-
-def succeeds(row: Row, success: dict[str, float]) -> bool:
-    """Whether a run ended well, with each value present and within its limit."""
-    values = [(row.values.get(name), limit) for name, limit in success.items()]
-    return row.status == "ok" and all(value is not None and value <= limit for value, limit in values)
 
 
 def read_table(path: Path) -> Table:
