@@ -127,6 +127,11 @@ class Evidence:
         return nees_from_start(online, known.covariances, truth)
 
     @property
+    def time_taken(self) -> Cost:
+        """``InputError`` where it was not measured."""
+        return needed(self.cost, "time was measured")
+
+    @property
     def within_spread(self) -> float:
         """How often the true pose, anchored at the start, lies in the particles' 95 % ellipsoid at an update."""
         known, online, truth = self._known()

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from moteslam.eval.metrics.catalogue import COSTS
 from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
-from moteslam.eval.metrics.registry import Value, measure
+from moteslam.eval.metrics.registry import COSTS, Value, measure
 from moteslam.eval.metrics.relations import Relations, is_relations, read_relations
 from moteslam.eval.scores import beside, evidence_of, true_map_beside, truth_file
 from moteslam.eval.sweep.external import Command, estimate

@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import quote
 
 from moteslam.errors import ConfigError, InputError, OutputError
-from moteslam.eval.metrics.catalogue import COSTS
+from moteslam.eval.metrics.registry import COSTS
 from moteslam.eval.sweep.plan import PlannedRun, digest, plan, shard
 from moteslam.eval.sweep.spec import SUCCESS, SweepSpec
 from moteslam.eval.sweep.workers import Outcome

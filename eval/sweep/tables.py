@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from moteslam.errors import InputError, OutputError
-from moteslam.eval.metrics.catalogue import COSTS
+from moteslam.eval.metrics.registry import COSTS
 from moteslam.eval.sweep.store import Row, opened
 from moteslam.eval.tables import comma_separated, literal
 from moteslam.robot.files import read_text, write_atomically

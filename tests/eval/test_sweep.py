@@ -18,7 +18,7 @@ from made_sweeps import recorded, swept
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.cli import main
-from moteslam.eval.metrics.catalogue import COSTS
+from moteslam.eval.metrics.registry import COSTS
 from moteslam.eval.runs import summary_of
 from moteslam.eval.sweep.plan import PlannedRun, plan, shard
 from moteslam.eval.sweep.spec import numbers, read_spec
