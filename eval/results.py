@@ -55,7 +55,7 @@ def write_results(
     figures: bool = True,
     run: Mapping[str, Any] | None = None,
 ) -> Figures:
-    """Fill a result folder (its files: ``docs/reference/formats.md``).
+    """Fill a result folder (its files: ``docs/reference/formats.md``); what ``metrics.json`` holds.
 
     Args:
         folder: made if need be; files in it are replaced.
@@ -63,14 +63,9 @@ def write_results(
         truth: what to score it with, on the clock of the recording; it is written too.
         recording: whose scans are drawn along dead reckoning, and show which loops are possible and which walls seen.
         true_map: trinary, in the frame of the truth, to score the map with.
-        snapshots: of the map over time, for the figure that shows it.
-        stages: of the coloured floor over time, likewise.
+        snapshots, stages: of the map and of the coloured floor over time, for the figures that show them.
         figures: draw them.
         run: more about the run for ``run.json``: the command, threads, times.
-
-    Returns:
-        what ``metrics.json`` holds. A truth without stamps in common with the run is an ``InputError``, before anything
-        is written.
     """
     from moteslam.eval.report.maps import draw_texture_over_time
 
@@ -118,11 +113,7 @@ def write_results(
 
 
 def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None = None) -> None:
-    """Write a map, and the coloured floor, as pictures, as map_server and nav2 read them (trinary), and as arrays.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
+    """Write a map, and the coloured floor, as pictures, as map_server and nav2 read them (trinary), and as arrays."""
     cells: dict[str, Any] = {"cell_size": occupancy.cell_size, "origin": occupancy.origin}
     write_atomically(folder / "map.png", encode_png(map_image(occupancy.values)))
     write_map(folder / "map.pgm", Raster(trinary(occupancy.values), **cells))
@@ -136,66 +127,52 @@ def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None 
         write_map_arrays(folder / "texture.npz", MapArrays(kind="texture", arrays=arrays, **cells))
 
 
-def draw_figures(
-    folder: Path,
-    estimate: Estimate,
-    run: Evidence,
-    *,
-    snapshots: Sequence[Snapshot] = (),
-) -> None:
+def draw_figures(folder: Path, estimate: Estimate, run: Evidence, *, snapshots: Sequence[Snapshot] = ()) -> None:
     """Draw the figures of a run into a folder, with what is known of it."""
     from moteslam.eval.report import curves, maps, particles
 
-    name, truth = estimate.name, run.truth
+    def title(text: str) -> str:
+        return f"{estimate.name}: {text}"
+
+    online, final, odometry = estimate.trajectory, estimate.trajectory_final, estimate.dead_reckoning
+    truth, diagnostics = run.truth, estimate.diagnostics
     maps.draw_trajectories(
         folder / "trajectories.png",
         estimate.map,
-        slam=estimate.trajectory_final,
-        dead_reckoning=_begun_at(estimate.trajectory_final.poses[0], estimate.dead_reckoning),
-        truth=None if truth is None else from_same_start(truth, estimate.trajectory_final),
-        title=f"{name}: the map and the paths on it",
+        slam=final,
+        dead_reckoning=_begun_at(final.poses[0], odometry),
+        truth=None if truth is None else from_same_start(truth, final),
+        title=title("the map and the paths on it"),
     )
     if snapshots:
-        maps.draw_over_time(
-            folder / "over_time.png",
-            snapshots,
-            trajectory=estimate.trajectory,
-            title=f"{name}: trajectory and map over time",
-        )
+        file = folder / "over_time.png"
+        maps.draw_over_time(file, snapshots, trajectory=online, title=title("trajectory and map over time"))
     maps.draw_dead_reckoning(
         folder / "dead_reckoning.png",
-        estimate.dead_reckoning,
+        odometry,
         recording=run.recording,
-        truth=None if truth is None else from_same_start(truth, estimate.dead_reckoning),
-        title=f"{name}: dead reckoning",
+        truth=None if truth is None else from_same_start(truth, odometry),
+        title=title("dead reckoning"),
     )
     if estimate.loops:
-        maps.draw_loops(
-            folder / "loops.png",
-            estimate.map,
-            estimate.loops,
-            trajectory=estimate.trajectory_final,
-            title=f"{name}: loops on the map",
-        )
+        file = folder / "loops.png"
+        maps.draw_loops(file, estimate.map, estimate.loops, trajectory=final, title=title("loops on the map"))
     if len(estimate.particle_stamps):
-        particles.draw_particles(folder / "particles.png", particles.Cloud.of(estimate), title=f"{name}: particles")
-        updated = estimate.diagnostics["updated"] > 0
+        particles.draw_particles(folder / "particles.png", particles.Cloud.of(estimate), title=title("particles"))
+        updated = diagnostics["updated"] > 0
+        n_eff, resampled, count = (diagnostics[name][updated] for name in ("n_eff", "resampled", "particles"))
         curves.draw_effective_particles(
             folder / "effective_particles.png",
-            estimate.trajectory.stamps[updated],
-            estimate.diagnostics["n_eff"][updated],
-            estimate.diagnostics["resampled"][updated],
-            particles=estimate.diagnostics["particles"][updated],
-            title=f"{name}: effective number of particles",
+            online.stamps[updated],
+            n_eff,
+            resampled,
+            particles=count,
+            title=title("effective number of particles"),
         )
     if truth is not None:
-        curves.draw_error(
-            folder / "error.png",
-            slam=run.track(ONLINE).ate,
-            final=run.track(FINAL).ate,
-            dead_reckoning=run.track(DEAD_RECKONING).ate,
-            title=f"{name}: error over time, after alignment",
-        )
+        slam, last, first = (run.track(name).ate for name in (ONLINE, FINAL, DEAD_RECKONING))
+        about = title("error over time, after alignment")
+        curves.draw_error(folder / "error.png", slam=slam, final=last, dead_reckoning=first, title=about)
 
 
 def from_same_start(truth: Trajectory, trajectory: Trajectory) -> Trajectory:

@@ -97,12 +97,8 @@ PARTICLE_SHAPES: dict[str, Shape] = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnostics(Summarised):
-    """What ``diagnostics.csv`` holds.
-
-    Attributes:
-        stamps: [n] of the scans [s].
-        covariances: [n, 3, 3] of the online poses.
-        values: [n] by name: ``state`` as of ``LocalisationState``, and ``VALUES``, as in ``Estimate.diagnostics``.
+    """What ``diagnostics.csv`` holds: of the scans the stamps [n] [s], covariances [n, 3, 3] of the online poses, and
+    values [n] by name: ``state`` as of ``LocalisationState``, and ``VALUES``, as in ``Estimate.diagnostics``.
     """
 
     stamps: NDArray[np.float64]
@@ -115,10 +111,10 @@ class Particles(Summarised):
     """What ``particles.npz`` holds.
 
     Attributes:
-        stamps: [u] float64, of the updates of the filter [s].
-        paths: [K, u, 3] float32, paths that end in the particles of the last update.
-        spread: [u, 3] float32, standard deviation of all particles after every update: along and across their mean
-            heading [m], and of the heading [rad].
+        stamps: [u] of the updates of the filter [s].
+        paths: [K, u, 3] paths that end in the particles of the last update.
+        spread: [u, 3] standard deviation of all particles after every update, along and across their mean heading [m],
+            and of the heading [rad].
     """
 
     stamps: NDArray[np.float64]

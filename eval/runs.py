@@ -1,7 +1,8 @@
-"""Runs with their figures, read from sweeps and result folders alike, grouped, and summed up."""
+"""Runs with their figures, read from sweeps and result folders alike, grouped, summed up, exported, and told apart."""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,12 +10,13 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from moteslam.errors import ConfigError, InputError
-from moteslam.eval.metrics.registry import metric
+from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.eval.metrics.registry import COSTS, metric
 from moteslam.eval.statistics import Better, Summary
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.store import Key, Row, opened, within
-from moteslam.robot.files import read_text
+from moteslam.eval.tables import comma_separated, literal
+from moteslam.robot.files import read_text, write_atomically
 from moteslam.robot.tables import first_complaint
 
 MAX_BYTES = 50_000_000
@@ -202,3 +204,85 @@ def varying(groups: Sequence[Mapping[str, Any]]) -> list[str]:
     """The columns in which some of the groups have something."""
     keys = dict.fromkeys(key for group in groups for key in group)
     return [key for key in keys if any(group.get(key, "") != "" for group in groups)]
+
+
+MAX_BYTES = 1_000_000_000
+"""No exported table is larger."""
+ABOUT = ("id", "scenario", "recording", "platform", "noise", "seed", "configuration")
+"""Columns that say which run a row is, beside those with a point that vary."""
+
+Table = dict[str, dict[str, str]]
+"""Of each run, by its id, every column as text."""
+
+
+def read_table(path: Path) -> Table:
+    """The runs of a sweep, or of a table that ``sweep export`` wrote, those that were made."""
+    if path.suffix == ".csv":
+        rows = list(csv.DictReader(read_text(path, "a table of a sweep", limit=MAX_BYTES).splitlines()))
+        if not rows or not set(rows[0]) >= {*ABOUT, "status", "error"}:
+            raise InputError("expected a table that `moteslam sweep export` wrote", file=path)
+    else:
+        with opened(path) as store:
+            rows = list(csv.DictReader(as_csv(list(store.rows())).splitlines()))
+    return {row["id"]: {name: value or "" for name, value in row.items()} for row in rows if row["status"]}
+
+
+def differences(first: Table, second: Table) -> list[dict[str, str]]:
+    """The cells of the runs that both have which differ, times and memory left out, in the order of the first.
+
+    Of each: ``run``, in words, ``column``, and what stands there in the ``first`` and the ``second``.
+    """
+    found = []
+    for run, row in first.items():
+        other = second.get(run)
+        if other is None:
+            continue
+        for column in dict.fromkeys((*row, *other)):
+            one, two = row.get(column, ""), other.get(column, "")
+            if one != two and column not in COSTS:
+                found.append({"run": _name(row), "column": column, "first": one, "second": two})
+    return found
+
+
+def columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
+    """Every run as a row: what it is, what became of it, its values, and its times at the end, by column."""
+
+    def each(*mappings: Mapping[str, Any]) -> dict[str, list[Any]]:
+        """A column for each key that any of these has, a mapping a row."""
+        names = dict.fromkeys(name for one in mappings for name in one)
+        return {name: [one.get(name) for one in mappings] for name in names}
+
+    table: dict[str, list[Any]] = {name: [getattr(row.run, name) for row in rows] for name in ABOUT}
+    if any(row.run.version for row in rows):
+        table["version"] = [row.run.version for row in rows]
+    table |= each(*(dict(row.run.varied) for row in rows))
+    table |= {"status": [row.status for row in rows], "error": [literal(row.error) for row in rows]}
+    return table | each(*(row.values for row in rows)) | each(*(row.costs for row in rows))
+
+
+def as_csv(rows: Sequence[Row]) -> str:
+    """The columns as CSV: numbers with the fewest digits that read back the same, empty for None."""
+    table = columns(rows)
+    return comma_separated([list(table), *(list(map(_text, row)) for row in zip(*table.values(), strict=True))]) + "\n"
+
+
+def write_parquet(path: Path, rows: Sequence[Row]) -> None:
+    """Write the columns as Parquet."""
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as error:
+        raise OutputError("needs pyarrow, expected it installed: pip install 'moteslam[parquet]'", file=path) from error
+    table = pyarrow.BufferOutputStream()
+    parquet.write_table(pyarrow.table(columns(rows)), table)
+    write_atomically(path, table.getvalue().to_pybytes())
+
+
+def _text(value: object) -> str:
+    return "" if value is None else repr(value) if isinstance(value, float) else str(value)
+
+
+def _name(row: Mapping[str, str]) -> str:
+    parts = [row["scenario"] or Path(row["recording"]).name, row["platform"], row["noise"], f"seed {row['seed']}"]
+    varied = [f"{name}={value}" for name, value in row.items() if name.startswith(("slam.", "scenario.", "platform."))]
+    return ", ".join([part for part in parts if part] + [row["configuration"], *varied])

@@ -13,7 +13,7 @@ import numpy as np
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, in_plane, match, oriented, spatial
 from moteslam.eval.metrics.ate import AteResult, PoseErrors, absolute_trajectory_error
-from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, in_words, lever_arm, on_another_clock
+from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, lever_arm
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
 from moteslam.eval.metrics.registry import Value, measure
@@ -91,23 +91,17 @@ def score_estimate(
     recording: Recording | None = None,
     true_map: Raster | None = None,
 ) -> Figures:
-    """Score a run.
+    """Score a run by a truth on the clock of its recording.
 
-    Args:
-        estimate: the run.
-        truth: on the clock of its recording.
-        recording: its scans show which loops are possible, and which walls were seen.
-        true_map: trinary, in the frame of the truth; without it the map is not scored.
-
-    Raises:
-        InputError: the truth has no stamps in common with the run.
+    The recording's scans show which loops are possible, and which walls were seen. Without a true map, trinary and in
+    the frame of the truth, the map is not scored.
     """
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     return figures_of(estimate, evidence_of(estimate, truth, recording=recording, true_map=true_map))
 
 
 def figures_of(estimate: Estimate, run: Evidence) -> Figures:
-    """The same of a run whose evidence is at hand."""
+    """The same of a run whose evidence is at hand; ``InputError``: a truth on another clock."""
     stamps, diagnostics = estimate.trajectory.stamps, estimate.diagnostics
     if run.truth is not None:
         match(estimate.trajectory, run.truth)  # a truth on another clock is an error, not an absent figure
@@ -183,12 +177,9 @@ def against(
 ) -> Evaluation:
     """Score a trajectory by another one or by relations; arguments that are not of that kind change nothing.
 
-    Args:
-        estimate, reference: what is scored, and by what.
-        align, scale: of the absolute error, as in ``absolute_trajectory_error``.
-        delta, unit, all_pairs: of the relative error, as in ``relative_pose_error``; an estimate that is shorter than
-            ``delta`` has none, which a warning says.
-        max_difference: between stamps that belong together [s].
+    ``align`` and ``scale`` are those of the absolute error, ``delta``, ``unit`` and ``all_pairs`` of the relative one:
+    an estimate that is shorter than ``delta`` has none, which a warning says. Stamps that belong together differ by at
+    most ``max_difference`` [s].
     """
     if isinstance(reference, Relations):
         found = evaluate_relations(
@@ -199,7 +190,9 @@ def against(
     try:
         ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
     except InputError as error:
-        raise on_another_clock(error, clock_offset(estimate, reference)) from None
+        if (offset := clock_offset(estimate, reference)) is None:
+            raise
+        raise InputError(f"{error.problem}; {offset}", file=error.file, field=error.field) from None
     issues = doubts(estimate, reference, ate)
     question = "are these the same drive, on the same clock?"
     issues += few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
@@ -244,7 +237,7 @@ def _explained(
         return (Issue("lever-arm", f"{text}the two are paths of different points of it, of lidar and base, say"),)
     if offset is None:
         return ()
-    return (Issue("clocks-differ", in_words(replace(offset, rmse=after, before=ate.rmse))),)
+    return (Issue("clocks-differ", str(replace(offset, rmse=after, before=ate.rmse))),)
 
 
 def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> Evaluation:
@@ -270,12 +263,8 @@ def measured(
 ) -> dict[str, Value]:
     """Metrics of a trajectory of any SLAM, by name; those that need what is not there are absent, with the reason.
 
-    Args:
-        estimate: the trajectory.
-        reference: a trajectory or relations.
-        recording: of its drive.
-        occupancy, true_map: map_server ``.yaml`` files of its map, in the frame of the estimate, and of the true one.
-        names: of the metrics; with a true map its accuracy is measured, too.
+    ``occupancy`` and ``true_map`` are map_server ``.yaml`` files of its map, in the frame of the estimate, and of the
+    true one; with a true map its accuracy is measured, too.
     """
     truth = reference if isinstance(reference, Trajectory) else None
     if truth is not None and any(tilt_of(spatial(one).positions) > TILT for one in (estimate, truth)):

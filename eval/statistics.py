@@ -54,18 +54,11 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Summary:
-    """The values of a figure over runs.
+    """The values of a figure over ``runs``, of which some failed and some have no value for another reason
+    (``absent``).
 
     Runs that failed count as worse than all others: they move the median and the quartiles, which are infinite where
-    too many failed.
-
-    Attributes:
-        runs: how many there were, failed and absent ones among them.
-        failed: how many failed.
-        absent: how many have no value for another reason; these count nowhere.
-        median, low_quartile, high_quartile: of values and failures.
-        low, high: bounds of the 95 % bootstrap interval of the median.
-        best, worst: of values and failures.
+    too many failed. ``low`` and ``high`` bound the 95 % bootstrap interval of the median.
     """
 
     runs: int
@@ -127,13 +120,12 @@ class Proportion:
 
 @dataclass(frozen=True)
 class Comparison:
-    """How a second configuration does against a first one on the same runs.
+    """How a second configuration does against a first one on the same runs: wins, losses and ties of it among the
+    pairs.
 
     A run that failed loses against one that did not; where both failed, neither wins, and the pair has no difference.
 
     Attributes:
-        pairs: runs that both have.
-        wins, losses, ties: of the second one.
         median: of the differences, second less first; infinite where failures decide it, None without any.
         low, high: bounds of its 95 % bootstrap interval.
         p: of the two-sided sign test; 1 where neither wins.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import degrees
 from typing import Annotated, Any
 
@@ -31,13 +30,14 @@ def platforms(
     """  # noqa: D301
     import tomli_w
 
+    from moteslam.robot.platform import field_of_view
     from moteslam.robot.platforms import bundled_platforms, load_platform, platform_table
 
     if name is not None:
         chosen = platform_table(load_platform(name))
         answer(chosen, [tomli_w.dumps(chosen).rstrip("\n")], as_json=as_json)
         return
-    found = {
+    found: dict[str, dict[str, Any]] = {
         each: {
             "description": robot.description,
             "beams": robot.lidar.scan.beams,
@@ -51,26 +51,14 @@ def platforms(
         }
         for each, robot in ((each, load_platform(each)) for each in bundled_platforms())
     }
-    answer(found, _platform_lines(found), as_json=as_json)
-
-
-def _platform_lines(found: dict[str, dict[str, Any]]) -> Iterator[str]:
-    from moteslam.robot.platform import field_of_view
-
     rows = [("robot", "beams", "field of view", "rate", "range", "top speed", "what it is")]
-    for name, one in found.items():
-        rows.append(
-            (
-                name,
-                f"{one['beams']}",
-                f"{degrees(field_of_view(one['beams'], one['angle_increment_rad'])):.1f} deg",
-                f"{one['rate_hz']:g} Hz",
-                f"{one['range_min_m']:g} to {one['range_max_m']:g} m",
-                "-" if one["top_speed_m_s"] is None else f"{one['top_speed_m_s']:g} m/s",
-                one["description"],
-            )
-        )
-    yield aligned(rows)
+    for each, one in found.items():
+        view = degrees(field_of_view(one["beams"], one["angle_increment_rad"]))
+        reach = f"{one['range_min_m']:g} to {one['range_max_m']:g} m"
+        speed = "-" if one["top_speed_m_s"] is None else f"{one['top_speed_m_s']:g} m/s"
+        scan = (str(one["beams"]), f"{view:.1f} deg", f"{one['rate_hz']:g} Hz", reach)
+        rows.append((each, *scan, speed, one["description"]))
+    answer(found, [aligned(rows)], as_json=as_json)
 
 
 def metrics(as_json: options.Json = False) -> None:
@@ -87,7 +75,7 @@ def metrics(as_json: options.Json = False) -> None:
     """  # noqa: D301
     from moteslam.eval.metrics.registry import METRICS
 
-    found = {
+    found: dict[str, dict[str, Any]] = {
         name: {
             "of": "run" if one.of_trajectory is None else "trajectory",
             "unit": one.unit,
@@ -98,14 +86,12 @@ def metrics(as_json: options.Json = False) -> None:
         }
         for name, one in METRICS.items()
     }
-    answer(found, _metric_lines(found), as_json=as_json)
-
-
-def _metric_lines(found: dict[str, dict[str, Any]]) -> Iterator[str]:
+    lines = []
     for title, of in (("of each trajectory", "trajectory"), ("of a run", "run")):
         rows = [("", "unit", "better", "", "")]
         for name, one in found.items():
             if one["of"] == of:
                 source = one["source"] + "; costly" * one["costly"]
                 rows.append((name, one["unit"], one["better"] or "", one["meaning"], source))
-        yield from (title, aligned(rows), "")
+        lines += [title, aligned(rows), ""]
+    answer(found, lines, as_json=as_json)

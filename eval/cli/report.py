@@ -45,8 +45,7 @@ def report(
       moteslam report before after --metric final.ate --metric map_f1 --title "before and after"
     """  # noqa: D301
     options.expect_new(out, ".html", ".htm", force=force)
-    from moteslam.eval.page.document import page
-    from moteslam.eval.page.material import gather
+    from moteslam.eval.page.document import gather, page
     from moteslam.robot.files import folder_for, write_atomically
     from moteslam.robot.values import counted
 

@@ -12,8 +12,8 @@ from typer.core import TyperGroup
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.compare import metric_names, summary_lines, summed_up, total
 from moteslam.eval.cli.interrupt import Interrupted
-from moteslam.eval.cli.sweep_tables import metric_names, summary_lines, summed_up, total
 from moteslam.eval.cli.text import answer, note, progress_bar, say
 from moteslam.eval.tables import aligned, literal
 
@@ -257,7 +257,7 @@ def diff(
     Examples:
       moteslam sweep diff mine.sweep published.csv
     """  # noqa: D301
-    from moteslam.eval.sweep.tables import differences, read_table
+    from moteslam.eval.runs import differences, read_table
 
     first, second = read_table(file), read_table(other)
     common = first.keys() & second.keys()
@@ -297,8 +297,8 @@ def export(
       moteslam sweep export particles.sweep --out particles.csv
       moteslam sweep export particles.sweep --out particles.parquet
     """  # noqa: D301
+    from moteslam.eval.runs import as_csv, write_parquet
     from moteslam.eval.sweep.store import opened
-    from moteslam.eval.sweep.tables import as_csv, write_parquet
     from moteslam.robot.files import write_atomically
 
     options.expect_new(out, ".csv", ".parquet", force=force)

@@ -62,9 +62,6 @@ def match(
     ``max_difference`` [s] away (evo's rule). Interpolated, the one is evaluated at the stamps of the other, see
     ``covered``: the reference (True), neither (False), by default the one with more poses, and neither where they have
     as many, most of them at the same stamps.
-
-    Raises:
-        InputError: a trajectory is empty, or no pose has a partner.
     """
     expect_type(estimate, Trajectory, "estimate", "read_trajectory(path) reads one")
     expect_type(reference, Trajectory, "reference", "read_trajectory(path) reads one")
@@ -154,9 +151,6 @@ def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStr
     Where the trajectory has a pose for every scan, in order, these are taken; else poses are interpolated at the scans'
     stamps: if it has more poses than there are scans wherever it covers them, if not at the scans within
     ``MAX_DIFFERENCE`` of a pose.
-
-    Raises:
-        InputError: no scans, or fewer than two with a pose; poses that are not finite.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     expect_type(trajectory, Trajectory, "trajectory", "read_trajectory(path) reads one")
@@ -261,11 +255,8 @@ def planar(space: Space, turn: Array, first: Array) -> Array:
 def in_plane(
     estimate: Trajectory, reference: Trajectory, rotation: Array, translation: Array
 ) -> tuple[Trajectory, Trajectory]:
-    """Two trajectories with their plane of motion turned into x and y.
-
-    Args:
-        estimate, reference: of which one moves in another plane.
-        rotation, translation: that lay the estimate on the reference.
+    """Two trajectories, one of which moves in another plane, with that turned into x and y; a rotation [3, 3] and a
+    translation [3] lay the estimate on the reference.
     """
     there, on = spatial(estimate), spatial(reference)
     turn = upright(on.positions)

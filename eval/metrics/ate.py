@@ -34,12 +34,8 @@ STANDING = 0.01
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PoseErrors(Summarised):
-    """Errors of poses, and their statistics.
-
-    Attributes:
-        stamps: [n] of the poses [s]; [n, 2] of pairs of poses.
-        errors: [n] of the position [m].
-        rotation_errors: [n] of the rotation [rad], from 0; None where one of the two trajectories has none.
+    """Errors of poses at stamps [n] [s], or of pairs of poses at stamps [n, 2]: of the position [n] [m], and of the
+    rotation [n] [rad], from 0; None where one of the two trajectories has none.
     """
 
     stamps: Array
@@ -90,12 +86,11 @@ class AteResult(PoseErrors):
     """The absolute trajectory error: distances to the reference, and differences of heading.
 
     Attributes:
-        aligned: [n, 3] the estimate's poses, laid on the reference.
-        reference: [n, 3] the poses they are compared with.
+        aligned, reference: [n, 3] the estimate's poses, laid on the reference, and those they are compared with.
         transform: [3] what laid them there, a pose of the estimate's frame in the reference's.
         scale: that the estimate was multiplied by before; 1 unless it was asked for.
-        motion: of trajectories that are compared in space, the rotation [3, 3] and translation [3] that laid the
-            estimate on the reference; poses are then those in the plane of motion.
+        motion: in space, the rotation [3, 3] and translation [3] that laid the estimate on the reference; poses are
+            then those in the plane of motion.
     """
 
     aligned: Poses
@@ -128,9 +123,6 @@ def absolute_trajectory_error(
             headings.
         from_start: lay only the first poses on each other, in place of that.
         scale: with the alignment, multiply the estimate by the scale of least squares.
-
-    Raises:
-        InputError: no poses, or no stamps in common; or a scale from the start alone.
     """
     if from_start and scale:
         raise InputError("given with from_start, expected one of the two", field="scale")

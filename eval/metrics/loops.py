@@ -47,10 +47,10 @@ class LoopResult(PoseErrors):
     """The accepted loops [n] of a run whose scans, at the stamps [n, 2], the truth covers, against it.
 
     Attributes:
-        possible: how many later key scans have a possible loop; None without a recording.
-        bound: how many of those a loop binds that was accepted and is not false.
-        overruled: how many loops were edges of the graph, but not confirmed by the final path.
-        overruled_false: how many of those are false.
+        possible, bound: how many later key scans have a possible loop, None without a recording, and how many of those
+            a loop binds that was accepted and is not false.
+        overruled, overruled_false: how many loops were edges of the graph, but not confirmed by the final path, and how
+            many of these are false.
         issues: why precision or recall cannot be had.
     """
 
@@ -111,15 +111,8 @@ def score_loops(
 
     A key scan with a possible loop (``possible_loops``) is bound by a loop that was accepted and is not false, whose
     later scan is at most ``BOUND_PATH`` of path from the key scan, and whose earlier scan is at most as far from one of
-    the key scan's partners.
-
-    Args:
-        loops: the candidates, whatever became of them.
-        truth: on the clock of the recording; accepted loops outside of it are left out.
-        recording, scans: as of ``scan_residuals``; their endpoints show which loops are possible: no recall without.
-
-    Raises:
-        InputError: something of another type, a truth without poses, or a recording without scans.
+    the key scan's partners. Loops outside of the truth, on the clock of the recording, are left out. Without the
+    recording, whose endpoints show which loops are possible, there is no recall.
     """
     expect_type(truth, Trajectory, "truth", "read_trajectory(path) reads one")
     if not len(truth):
@@ -160,13 +153,10 @@ def _errors(loops: Sequence[LoopCandidate], truth: Trajectory) -> tuple[Array, A
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PossibleLoops(Summarised):
-    """The pairs of key scans between which a loop is possible.
+    """The pairs [p] of key scans between which a loop is possible: indices in the recording, and path driven up to
+    both.
 
-    Attributes:
-        earlier, later: [p] indices of the scans in the recording.
-        stamps: [n] of all scans that the truth covers [s].
-        path: [n] driven up to each of those [m].
-        places: [p, 2] driven up to the earlier and the later scan of each pair [m].
+    ``stamps`` [n] are of all scans that the truth covers [s], ``path`` [n] is driven up to each [m].
     """
 
     earlier: Indices
@@ -191,10 +181,8 @@ def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | No
 
     Key scans are the first within each ``SPACING`` of true path or turn, whatever the run took for its own. A loop is
     possible between two of them that are more than ``MIN_PATH`` of path apart, at most ``MAX_DISTANCE`` apart, and
-    share at least ``MIN_SHARED`` of their endpoints, laid at the true poses.
-
-    Raises:
-        InputError: no scans; or, of the field ``trajectory``, fewer than two of them with a true pose.
+    share at least ``MIN_SHARED`` of their endpoints, laid at the true poses. ``InputError`` of the field
+    ``trajectory``: fewer than two scans with a true pose.
     """
     from scipy.spatial import cKDTree
 

@@ -31,9 +31,8 @@ FARTHEST = 1.0
 
 @dataclass(frozen=True)
 class MapAccuracy:
-    """A map against the true map: the metrics ``map_precision`` to ``map_known``.
-
-    And how many wall cells the map has, and how many cells of the true surface were seen.
+    """A map against the true map: the metrics ``map_precision`` to ``map_known``, how many wall cells the map has, and
+    how many cells of the true surface were seen.
     """
 
     precision: float
@@ -51,15 +50,9 @@ def map_accuracy(
 ) -> MapAccuracy:
     """Score a map by the true one, values [H, W] of ``FREE``, ``OCCUPIED`` or ``UNKNOWN``, of any cell size each.
 
-    The true surface are the true wall cells beside free ones: nobody sees the inside of a wall.
-
-    Args:
-        estimate, truth: the maps.
-        transform: [3] pose of the estimate's frame in the true one, as ``absolute_trajectory_error`` finds it.
-        seen: [p, 2] what the lidar saw, in the true frame: recall is over the surface within ``SAME_WALL`` of a point.
-
-    Raises:
-        InputError: maps of other values, or without a wall.
+    The true surface are the true wall cells beside free ones: nobody sees the inside of a wall. ``transform`` [3] is
+    the pose of the estimate's frame in the true one, as ``absolute_trajectory_error`` finds it. With what the lidar
+    saw, ``seen`` [p, 2] in the true frame, recall is over the surface within ``SAME_WALL`` of a point of it.
     """
     for raster, name in ((estimate, "estimate"), (truth, "truth")):
         expect_type(raster, Raster, name, "read_map(path) reads one")
@@ -151,11 +144,7 @@ class MapConsistency:
 
 
 def map_consistency(recording: Recording, trajectory: Trajectory, *, scans: Scans | None = None) -> MapConsistency:
-    """Score a trajectory by the map that the scans of its recording draw under it; arguments as of ``scan_residuals``.
-
-    Raises:
-        InputError: no scans, fewer than two of them with a pose, or none that sees what another one saw.
-    """
+    """Score a trajectory by the map that its recording's scans draw under it; arguments as of ``scan_residuals``."""
     lidar, index, poses = placed_scans(recording, trajectory)
     used = evenly(_spaced(poses), MAX_SCANS)
     synchronised = synchronise(recording).scans if scans is None else scans
@@ -207,12 +196,8 @@ def _surface(scans: Scans, lidar: LidarStream, index: int, pose: Array) -> tuple
 
 
 def _between_scans(points: Array, normals: Array, owners: NDArray[np.intp], path: Array) -> tuple[Array, Array, Array]:
-    """Distances [m] of some endpoints to the nearest one of near scans, of far scans, and of far ones on the same side.
-
-    Args:
-        points, normals: [p, 2].
-        owners: [p] the scan of each.
-        path: [p] driven up to it [m].
+    """Distances [m] of some endpoints [p, 2] with normals [p, 2], each of a scan [p] after some path [p] [m], to the
+    nearest one of near scans, of far scans, and of far ones on the same side.
     """
     from scipy.spatial import cKDTree
 

@@ -36,9 +36,7 @@ HEAD = 100_000
 class Relations(Summarised):
     """Where the robot was at one time, seen from where it was at another.
 
-    Attributes:
-        stamps: [n, 2] the time of the frame and of the pose in it [s].
-        poses: [n, 3] the pose at the second time in the frame of the first.
+    ``poses`` [n, 3] are at the second of the stamps [n, 2] [s], in the frame of the first.
     """
 
     stamps: Array
@@ -50,12 +48,8 @@ class Relations(Summarised):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RelationResult(PoseErrors):
-    """The errors of the relations that could be used, at their stamps [n, 2].
-
-    Attributes:
-        total: relations in the file.
-        is_at_stamps: [n] which have a pose at both of their stamps.
-        is_clear: [n] whose stamps each belong to exactly one pose.
+    """The errors of the relations that could be used, at their stamps [n, 2], of ``total`` in the file; which of them
+    [n] have a pose at both of their stamps, and which are clear: their stamps each belong to exactly one pose.
     """
 
     rotation_errors: Array
@@ -118,11 +112,7 @@ def is_relations(path: str | PathLike[str]) -> bool:
 
 
 def read_relations(path: str | PathLike[str]) -> Relations:
-    """Read ``t1 t2 x y z roll pitch yaw`` lines (metres, radians), of which x, y and yaw count.
-
-    Raises:
-        InputError: not a text file of at most 500 MB, a line without eight finite numbers, or no line.
-    """
+    """Read ``t1 t2 x y z roll pitch yaw`` lines (metres, radians), of which x, y and yaw count."""
     path = Path(path)
     rows: list[list[float]] = []
     for number, line in data_lines(path, "relations"):
@@ -144,13 +134,10 @@ def evaluate_relations(
     The error of a relation is the pose est (-) ref, where both are the pose at t2 seen from the pose at t1: the
     length of its translation [m] and its absolute angle [rad].
 
-    A log may repeat a stamp for distinct scans, and then it is unknown which of them a relation meant. The *clear*
-    relations are those whose two stamps each belong to exactly one pose of the trajectory. Of several poses with one
-    stamp the first stands for it. A stamp between two poses at most ``MAX_GAP`` apart has the pose interpolated there,
-    unless ``interpolate`` is false. The stamps of a relation and of its pose are at most ``tolerance`` apart [s].
-
-    Raises:
-        InputError: no relation can be used.
+    A log may repeat a stamp for distinct scans, and then it is unknown which of them a relation meant. Of several poses
+    with one stamp the first stands for it. A stamp between two poses at most ``MAX_GAP`` apart has the pose
+    interpolated there, unless ``interpolate`` is false. The stamps of a relation and of its pose are at most
+    ``tolerance`` apart [s].
     """
     expect_type(trajectory, Trajectory, "trajectory", "read_trajectory(path) reads one")
     expect_type(relations, Relations, "relations", "read_relations(path) reads some")

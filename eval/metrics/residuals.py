@@ -49,12 +49,9 @@ class ResidualResult(Summarised):
     Attributes:
         median, quantile_90, beyond_3_cm: of the residuals [m], [m], and the share of those above 3 cm.
         unseen: share of the endpoints compared that have no residual against any other scan.
-        no_return: share of all beams of the recording without a return (``inf``); those without a usable reading
-            (``nan``) are not among them.
-        residuals, endpoints: how many there are, and how many endpoints were compared.
-        matched: how many scans have a pose.
-        stamps, medians: [n] of the scans whose endpoints were compared [s], and their median residuals [m]; NaN for a
-            scan without any.
+        no_return: share of all beams with a usable reading that met nothing (``inf``).
+        residuals, endpoints, matched: how many there are, how many endpoints were compared, how many scans have a pose.
+        stamps, medians: [n] of the scans compared [s], and their median residuals [m], NaN without any.
     """
 
     median: float
@@ -84,7 +81,7 @@ class ResidualResult(Summarised):
 
 
 def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans | None = None) -> ResidualResult:
-    """How noisy the scans of a recording are, and how well a trajectory lays them on each other.
+    """How noisy the scans of a recording are, and how well a trajectory on its clock lays them on each other.
 
     The scans used are the first within each ``SPACING`` of path or turn. Every second of them is compared with the
     others less than ``PATH_REACH`` of path away. A residual is the distance of an endpoint of the one scan to the lines
@@ -93,14 +90,7 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
     other scan did not see the place: its nearest endpoint is more than ``REACH`` away, or on no line, or the last of a
     surface with the foot beyond it. Noise of standard deviation s across a surface gives a median of about 0.87 s.
 
-    Args:
-        recording: with a lidar.
-        trajectory: of the robot, on the recording's clock; which poses are taken: ``placed_scans``.
-        scans: the recording's as ``synchronise(recording)`` gives them; made here by default.
-
-    Raises:
-        InputError: no scans, fewer than two of them with a pose, a robot that stands, poses that are not finite, or
-            no residual at all.
+    Which poses are taken: ``placed_scans``. ``scans`` are the recording's as ``synchronise(recording)`` gives them.
     """
     lidar, index, poses = placed_scans(recording, trajectory)
     path, turned = travelled(poses)

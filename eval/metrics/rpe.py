@@ -54,12 +54,8 @@ class RpeResult(PoseErrors):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DriftResult(Summarised):
-    """Errors of relative poses over lengths of path, divided by the length.
-
-    Attributes:
-        lengths: [n] of each part of the path that was compared [m], one of ``LENGTHS``.
-        translation: [n] error of its translation per metre [m/m].
-        rotation: [n] error of its rotation per metre [rad/m].
+    """Errors of relative poses over lengths [n] of path [m], of ``LENGTHS``, divided by the length: of translation [n]
+    [m/m] and of rotation [n] [rad/m].
     """
 
     lengths: Array
@@ -79,16 +75,9 @@ def relative_pose_error(
 ) -> RpeResult:
     """The relative pose error (Sturm et al. 2012), with the pairs that evo takes: measured on the estimate.
 
-    The pairs follow each other end to end, each the shortest that reaches ``delta``; with ``all_pairs`` one begins at
-    every pose and ends where its length is nearest to ``delta``, within ten per cent.
-
-    Args:
-        estimate, reference, max_difference, interpolate: see ``match``.
-        delta, unit: how far apart the poses of a pair are: metres of path, seconds, or poses (a whole number).
-        all_pairs: a pair from every pose on, rather than one after another.
-
-    Raises:
-        InputError: no stamps in common, a delta that is no length, or a trajectory shorter than delta.
+    The pairs follow each other end to end, each the shortest that reaches ``delta``: metres of path, seconds, or a
+    whole number of poses. With ``all_pairs`` one begins at every pose and ends where its length is nearest to
+    ``delta``, within ten per cent. How poses are matched: see ``match``.
     """
     if unit not in get_args(Unit):
         raise InputError(f"{unit!r}, expected one of {', '.join(get_args(Unit))}", field="unit")
@@ -111,9 +100,6 @@ def drift(estimate: Trajectory, reference: Trajectory) -> DriftResult:
 
     From every pose on, and over each of ``LENGTHS`` of the reference's path, the error of the relative pose divided by
     that length.
-
-    Raises:
-        InputError: no stamps in common, or a drive shorter than the shortest length.
     """
     matched = match(*oriented(estimate, reference))
     path, _ = travelled(matched.reference)
@@ -135,9 +121,6 @@ def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> PoseError
 
     Each pose is compared with the earliest one within ``SAME_PLACE`` of it by the reference that lies more than
     ``LEAST_PATH`` of path before it.
-
-    Raises:
-        InputError: no stamps in common, or a drive that comes back to no place.
     """
     from scipy.spatial import cKDTree
 

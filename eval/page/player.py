@@ -60,9 +60,6 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
 
     Lengths are whole millimetres (errors tenths), angles milliradians, times milliseconds from the first scan; each
     number but the first of a list is the difference from the one before. Of errors each is the largest since the last.
-
-    Raises:
-        InputError: a file of the folder that is missing or damaged.
     """
     final, online, odometry = (
         read_tum(folder / f"{name}.tum") for name in ("trajectory_final", "trajectory", "dead_reckoning")

@@ -68,11 +68,7 @@ class Pace:
 
     @classmethod
     def of(cls, duration: float, *, fps: float = 15.0, speed: float | None = None) -> Pace:
-        """The pace of a film of a run of this duration [s]; without a speed it takes at most ``USUAL_LENGTH``.
-
-        Raises:
-            ConfigError: a value out of bounds, or more than ``MAX_FRAMES`` frames.
-        """
+        """The pace of a film of a run of this duration [s]; without a speed it takes at most ``USUAL_LENGTH``."""
         if speed is None:
             speed = next((speed for speed in SPEEDS if duration / speed <= USUAL_LENGTH), SPEEDS[-1])
         if not 1 <= fps <= MAX_FPS:
@@ -180,11 +176,7 @@ def _seen_from(start: Array, points: Array) -> Array:
 
 
 def check_film(path: str | PathLike[str]) -> None:
-    """Check that a film of this name can be written, before it is made.
-
-    Raises:
-        OutputError: another ending than .gif, .webp and .mp4, or no encoder for it.
-    """
+    """Check that a film of this name can be written, before it is made."""
     from PIL import features
 
     kind = Path(path).suffix.lower()
@@ -198,11 +190,7 @@ def check_film(path: str | PathLike[str]) -> None:
 
 
 def write_film(path: str | PathLike[str], frames: Iterable[Frame], *, fps: float = 15.0) -> None:
-    """Write frames, all of one size, one at least, as a GIF, WebP or MP4, by the name's ending, as they come.
-
-    Raises:
-        OutputError: see :func:`check_film`, or it cannot be written.
-    """
+    """Write frames, all of one size, one at least, as a GIF, WebP or MP4, by the name's ending, as they come."""
     check_film(path)
     kind = Path(path).suffix.lower()
     write_atomically(path, _mp4(frames, fps, video_codec() or "") if kind == ".mp4" else _animated(kind, frames, fps))

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from os import PathLike
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.metrics.association import travelled
 from moteslam.eval.report import style
-from moteslam.eval.report.style import STEPS, broken
+from moteslam.eval.report.style import STEPS, File, broken
 from moteslam.robot.se2 import between, compose
 from moteslam.slam.estimate import Estimate
 
@@ -76,7 +75,7 @@ class Cloud:
         return np.flatnonzero(np.diff(self.ancestor_counts) > 0) + 1
 
 
-def draw_particles(path: str | PathLike[str], cloud: Cloud, *, title: str = "") -> None:
+def draw_particles(path: File, cloud: Cloud, *, title: str = "") -> None:
     """The particles' deviations, magnified on the plan and over time, and their ancestors (figure 8 of the paper)."""
     count = len(cloud.paths)
     drawn = np.unique(np.linspace(0, count - 1, min(count, PARTICLES_DRAWN)).round().astype(np.int64))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,12 +55,8 @@ class Label(NamedTuple):
     colour: str = "black"
 
 
-def draw_scenario(path: str | PathLike[str], scenario: Scenario, *, driven: Array | None = None) -> None:
-    """Draw a scenario as a plan; the path [n, 2] that was driven [m] in place of its route.
-
-    Raises:
-        InputError: a floor plan that cannot be read.
-    """
+def draw_scenario(path: style.File, scenario: Scenario, *, driven: Array | None = None) -> None:
+    """Draw a scenario as a plan; the path [n, 2] that was driven [m] in place of its route."""
     world = World.of(scenario.world)
     points = world.segments.reshape(-1, 2)
     scale = LONGEST / (float(np.ptp(points, axis=0).max()) + 2.0)  # inch/m, as of saved_plan

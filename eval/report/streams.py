@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from os import PathLike
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +20,7 @@ BINS = 240
 RANGE_BINS = 80
 
 
-def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspection) -> None:
+def draw_streams(path: style.File, recording: Recording, found: Inspection) -> None:
     """Draw what a recording's streams cover, their rates, the yaw rates they measure, and all its ranges, over time."""
     stamps = {name: some for name, some in recording.stamps().items() if len(some)}
     first = min(float(some[0]) for some in stamps.values())

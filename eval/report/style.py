@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     Axes = matplotlib.axes.Axes  # of annotations here and in the files beside this one
 
 Array = NDArray[np.float64]
+File = str | PathLike[str]
 
 SLAM, TRUTH, DEAD_RECKONING, PARTICLE = STYLE.slam, STYLE.truth, STYLE.dead_reckoning, STYLE.particle
 UNKNOWN = str(STYLE.map_unknown)
@@ -47,7 +48,7 @@ GAP = 10
 
 @contextmanager
 def saved_figure(
-    path: str | PathLike[str], *, size: tuple[float, float], title: str = "", columns: tuple[int, int] = (5, 2)
+    path: File, *, size: tuple[float, float], title: str = "", columns: tuple[int, int] = (5, 2)
 ) -> Iterator[Figure]:
     """A figure of this width and height [inch] to draw on, written as a PNG when the block ends.
 
@@ -88,22 +89,16 @@ def saved_figure(
 
 @contextmanager
 def saved_plan(
-    path: str | PathLike[str],
-    points: Array,
-    *,
-    title: str = "",
-    margin: float = 0.5,
-    longest: float = 8.0,
-    columns: tuple[int, int] = (5, 2),
+    path: File, points: Array, *, margin: float = 0.5, longest: float = 8.0, **figure_options: Any
 ) -> Iterator[Axes]:
-    """The axes of a figure of one floor plan that shows points [n, 2] and a margin [m], without empty bands.
+    """The axes of a ``saved_figure`` of one floor plan that shows points [n, 2] and a margin [m], without empty bands.
 
     Its longer side is about ``longest`` [inch].
     """
     extent = np.ptp(points, axis=0) + 2.0
     width, height = longest * extent / extent.max()
     size = max(float(width), 4.5) + 0.6, max(float(height), 1.1) + 1.1
-    with saved_figure(path, size=size, title=title, columns=columns) as figure:
+    with saved_figure(path, size=size, **figure_options) as figure:
         axes = figure.subplots()
         plan(axes)
         show_everything(axes, points, margin=margin)
@@ -128,6 +123,14 @@ def plan(axes: Axes) -> None:
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
+
+
+def draw_paths(axes: Axes, *paths: tuple[Array, dict[str, Any]], start: Array, end: str = "end") -> None:
+    """Paths [n, 2 or more], each with its look, on a plan; where one of them starts, and where each ends."""
+    for path, look in paths:
+        axes.plot(*path[:, :2].T, **look)
+    mark_start(axes, start)
+    mark_ends(axes, *((path, look["color"]) for path, look in paths), label=end)
 
 
 def mark_start(axes: Axes, path: Array) -> None:

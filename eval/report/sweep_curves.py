@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isfinite, log10
-from os import PathLike
 from typing import Any
 
 import numpy as np
 
-from moteslam.eval.metrics.registry import metric
 from moteslam.eval.report import style
-from moteslam.eval.runs import Line, better, lines_over, summary_of
+from moteslam.eval.report.style import File
+from moteslam.eval.runs import Line, better, lines_over, summary_of, unit_of
 from moteslam.eval.sweep.store import Row
 from moteslam.eval.tables import literal
 
@@ -25,12 +24,7 @@ MARGIN = 0.08
 
 
 def draw_sweep(
-    path: str | PathLike[str],
-    rows: Sequence[Row],
-    metrics: Sequence[str],
-    *,
-    column: str,
-    label: str | None = None,
+    path: File, rows: Sequence[Row], metrics: Sequence[str], *, column: str, label: str | None = None
 ) -> None:
     """Medians over a column of ``Row.about`` with bars for their 95 % bootstrap intervals, a panel a metric.
 
@@ -85,7 +79,7 @@ def _draw(
     summed = [{value: summary_of(rows, name) for value, rows in line.groups.items()} for line in lines]
     ends = [end for line in summed for one in line.values() for end in (one.median, one.low, one.high)]
     finite = [value for value in ends if value is not None and isfinite(value)]
-    unit, factor = axis_unit(metric(name).unit, finite)
+    unit, factor = axis_unit(unit_of(name), finite)
     finite = [factor * value for value in finite]
     low, high = _limits(finite, logarithmic=far_apart(finite), from_zero=better(name) == "lower")
     first, last = min(places.values()), max(places.values())

@@ -51,8 +51,7 @@ class Command:
 def estimate(command: Command, recording: Recording, seed: int) -> tuple[Trajectory, Raster | None]:
     """Run an external SLAM over a recording; its trajectory, and its map if it wrote one.
 
-    Nothing but the recording and its robot is given to it; what it prints is thrown away, but for the last line of one
-    that fails.
+    Nothing but the recording and its robot is given to it; of what it prints the last line of one that fails is kept.
     """
     with tempfile.TemporaryDirectory(prefix="moteslam-") as temporary:
         folder = Path(temporary)

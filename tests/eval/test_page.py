@@ -16,8 +16,7 @@ from report_material import HOSTILE, run_of, sweep
 from moteslam.errors import InputError
 from moteslam.eval.cli import main
 from moteslam.eval.page import charts
-from moteslam.eval.page.document import data_block, page
-from moteslam.eval.page.material import Material, gather
+from moteslam.eval.page.document import Material, data_block, gather, page
 from moteslam.eval.page.player import Budget, playable
 from moteslam.eval.results import write_results
 from moteslam.eval.run_tables import read_particles

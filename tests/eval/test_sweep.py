@@ -19,11 +19,10 @@ from made_sweeps import recorded, swept
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.registry import COSTS
-from moteslam.eval.runs import summary_of
+from moteslam.eval.runs import as_csv, summary_of
 from moteslam.eval.sweep.plan import PlannedRun, plan, shard
 from moteslam.eval.sweep.spec import numbers, read_spec
 from moteslam.eval.sweep.store import WHOLE, Row, begin, create, merge, opened
-from moteslam.eval.sweep.tables import as_csv
 from moteslam.eval.sweep.workers import make_all, make_all_on
 
 SPEC = """
