@@ -78,10 +78,8 @@ def one_thread() -> bool:
 
 
 def passes_for(work: int) -> int:
-    """How many passes of a loop there are for each piece of work of some microseconds, so that all threads have some.
-
-    Such a loop begins ``for k in range(work * passes): if k % passes: continue`` and works on piece ``k // passes``. An
-    empty pass takes a nanosecond.
+    """How many passes of a loop there are for each piece of work of some microseconds, so that all threads have some:
+    ``for k in range(work * passes): if k % passes: continue``, then piece ``k // passes``. An empty pass takes 1 ns.
     """
     if one_thread() or runtime().arch != "cpu" or not work:
         return 1
@@ -101,8 +99,7 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
     processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
     threads = threads or (_runtime.threads if _runtime else len(processors) or os.cpu_count() or 1)
     if _runtime is not None:
-        if (_runtime.arch, _runtime.threads, _runtime.debug) != (arch, threads, debug):
-            wanted = Runtime(arch, threads, debug, _runtime.cache)
+        if _runtime != (wanted := Runtime(arch, threads, debug, _runtime.cache)):
             raise BackendError(f"Taichi runs with {_runtime} in this process, not {wanted}: start a new one")
         return _runtime
     tasks, cache = Path("/proc/self/task"), _cache_folder()
@@ -132,10 +129,8 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
 
 
 def _pin(threads: list[int], processors: list[int]) -> None:
-    """Pin each of Taichi's threads to a processor of its own, in turns.
-
-    Linux wakes a thread on the processor of its waker, where they queue for some 4 ms (docs/results.md). Fewer threads
-    than processors stay free: several programs that pinned theirs would share the first few processors.
+    """Pin each of Taichi's threads to a processor of its own: Linux wakes them on that of their waker, where they queue
+    for some 4 ms (docs/results.md). Fewer threads than processors stay free: other programs may pin theirs, too.
     """
     for index, thread in enumerate(threads):
         with contextlib.suppress(OSError):  # the thread has ended, or the system refuses
@@ -161,10 +156,6 @@ def _cache_folder() -> Path | None:
         return None
 
 
-KNOWN = (1, 7, 4)
-"""The release whose internals `kernel` uses."""
-
-
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """``ti.kernel`` for a function of arrays, numbers and templates that are numbers, launched in a third of the time.
 
@@ -175,7 +166,7 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     particle, an eighth with thirty.
     """
     own = ti.kernel(function)
-    if ti.__version__ != KNOWN:
+    if ti.__version__ != (1, 7, 4):  # the release whose internals are used here
         return own  # type: ignore[no-any-return]
     annotations = [argument.annotation for argument in own._primal.arguments]
     templates = [index for index, each in enumerate(annotations) if isinstance(each, ti.template)]
@@ -209,12 +200,8 @@ class _Launch:
         self._code = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
         self._context = context = compiled.make_launch_context()
         integer, real = (int, np.integer), (float, int, np.floating, np.integer)
-        setters = {
-            ti.i32: (integer, context.set_arg_int, int),
-            ti.u32: (integer, context.set_arg_uint, int),
-            ti.f32: (real, context.set_arg_float, float),
-            ti.f64: (real, context.set_arg_float, float),
-        }
+        setters = {ti.i32: (integer, context.set_arg_int, int), ti.u32: (integer, context.set_arg_uint, int)}
+        setters |= dict.fromkeys((ti.f32, ti.f64), (real, context.set_arg_float, float))
         given = [(k, each) for k, each in enumerate(annotations) if not isinstance(each, ti.template)]
         # number in the call, place among those that are set, and what it must be
         self._arrays: list[tuple[int, int, np.dtype[Any], int]] = []
