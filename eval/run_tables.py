@@ -201,7 +201,6 @@ def read_particles(path: str | PathLike[str]) -> Particles:
 
 
 def _read(path: Path, columns: Columns, what: str) -> Iterator[tuple[int, dict[str, Any]]]:
-    """The rows of a table by column, each with its line."""
     header, *lines = read_text(path, what, limit=MAX_BYTES).splitlines() or [""]
     if header != ",".join(columns):
         raise InputError(f"expected the columns {','.join(columns)}", file=path, line=1)

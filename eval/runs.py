@@ -14,6 +14,7 @@ from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.metrics.registry import COSTS, metric
 from moteslam.eval.statistics import Better, Summary
 from moteslam.eval.sweep.plan import PlannedRun
+from moteslam.eval.sweep.spec import PREFIXES
 from moteslam.eval.sweep.store import Key, Row, opened, within
 from moteslam.eval.tables import comma_separated, literal
 from moteslam.robot.files import read_text, write_atomically
@@ -42,8 +43,6 @@ class _Warning(BaseModel):
 
 
 class _About(BaseModel):
-    """What is read of ``run.json``."""
-
     scenario: str | None = None
     recording: str | None = None
     seed: int = 0
@@ -237,10 +236,14 @@ def differences(first: Table, second: Table) -> list[dict[str, str]]:
         other = second.get(run)
         if other is None:
             continue
+        place = row["scenario"] or Path(row["recording"]).name
+        parts = filter(None, (place, row["platform"], row["noise"], f"seed {row['seed']}", row["configuration"]))
+        varied = (f"{key}={value}" for key, value in row.items() if key.startswith(PREFIXES))
+        name = ", ".join((*parts, *varied))
         for column in dict.fromkeys((*row, *other)):
             one, two = row.get(column, ""), other.get(column, "")
             if one != two and column not in COSTS:
-                found.append({"run": _name(row), "column": column, "first": one, "second": two})
+                found.append({"run": name, "column": column, "first": one, "second": two})
     return found
 
 
@@ -280,9 +283,3 @@ def write_parquet(path: Path, rows: Sequence[Row]) -> None:
 
 def _text(value: object) -> str:
     return "" if value is None else repr(value) if isinstance(value, float) else str(value)
-
-
-def _name(row: Mapping[str, str]) -> str:
-    parts = [row["scenario"] or Path(row["recording"]).name, row["platform"], row["noise"], f"seed {row['seed']}"]
-    varied = [f"{name}={value}" for name, value in row.items() if name.startswith(("slam.", "scenario.", "platform."))]
-    return ", ".join([part for part in parts if part] + [row["configuration"], *varied])

@@ -128,7 +128,6 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
 
 
 def _compared_states(run: Evidence) -> dict[str, Any] | None:
-    """The states of the scans that the truth tells right from wrong, if there are any."""
     if run.truth is None:
         return None
     try:

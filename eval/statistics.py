@@ -87,10 +87,6 @@ class Summary:
         low, high = median_interval(ranked)
         return cls(total, failed, absent, median, low_quartile, high_quartile, low, high, best, worst)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON; an infinite value is None."""
-        return _finite(asdict(self))
-
 
 @dataclass(frozen=True)
 class Proportion:
@@ -144,10 +140,6 @@ class Comparison:
     failed: tuple[int, int]
     apart: int
 
-    def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON; an infinite value is None."""
-        return _finite(asdict(self))
-
 
 def compare(
     first: Mapping[K, float | None], second: Mapping[K, float | None], *, better: Better = "lower"
@@ -200,7 +192,3 @@ def median_interval(ranked: Array) -> tuple[float, float]:
         medians = np.sort(np.where(below == above, below, 0.5 * below + 0.5 * above))
     tail = (1 - CONFIDENCE) / 2
     return quantile(medians, tail), quantile(medians, 1 - tail)
-
-
-def _finite(values: dict[str, Any]) -> dict[str, Any]:
-    return {name: None if isinstance(value, float) and not isfinite(value) else value for name, value in values.items()}

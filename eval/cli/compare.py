@@ -29,9 +29,7 @@ def compare(
         typer.Argument(metavar="PATH...", help="Files of sweeps, or result folders; the first is compared with."),
     ],
     metrics: options.Metrics = None,
-    baseline: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Compare with this configuration [the first].")
-    ] = None,
+    baseline: options.Baseline = None,
     form: options.Format = "text",
     as_json: options.Json = False,
 ) -> None:

@@ -95,7 +95,6 @@ def convert(
 
 
 def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
-    """A trajectory, and what of its file is no part of it."""
     import numpy as np
 
     from moteslam.robot.formats.bags.files import is_bag

@@ -113,10 +113,9 @@ def evaluate(
     Examples:
       moteslam evaluate demo/trajectory.tum demo/truth.tum
       moteslam evaluate demo/trajectory.tum demo/truth.tum --delta 5 --unit s --json
-      moteslam evaluate mine.tum theirs.tum odometry.tum truth.tum --plot errors.png
+      moteslam evaluate mine.tum theirs.tum truth.tum --plot errors.png
       moteslam evaluate result/trajectory.tum intel.relations
       moteslam evaluate result/trajectory_final.tum --recording robot.log.gz
-      moteslam evaluate result/trajectory_final.tum robot4_reference.txt --recording robot4
       moteslam evaluate theirs.tum robot.bag:/ground_truth --time-offset -2.5
       moteslam evaluate theirs.tum truth.tum --map theirs.yaml --true-map truth_map.yaml --metric rpe_10m
       moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
@@ -126,7 +125,6 @@ def evaluate(
     from moteslam.eval.metrics.relations import is_relations, read_relations
     from moteslam.eval.run_tables import read_loops
     from moteslam.eval.scores import Reference, against, measured, under_recording
-    from moteslam.robot.files import folder_for
     from moteslam.robot.formats import open_recording
     from moteslam.robot.formats.streams import MAX_STAMP
     from moteslam.robot.trajectories import read_trajectory
@@ -134,74 +132,73 @@ def evaluate(
     from moteslam.slam.inputs.synchronise import synchronise
 
     _refuse_options(context, paths, recording, map_file)
-    options.expect_new(save, force=force)
-    options.expect_new(plot, ".png", force=force)
-    estimates, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
-    for file in estimates:
-        if is_relations(file):
-            problem = "holds relations, or quaternions of other lengths than 1"
-            raise InputError(f"{problem}; expected trajectories, and relations last", file=file)
-    if not abs(time_offset) < MAX_STAMP:
-        raise InputError(f"{time_offset:g}, expected seconds", field="--time-offset")
-    trajectories = {str(file): read_trajectory(file) for file in estimates}
-    if time_offset:
-        trajectories = {name: replace(one, stamps=one.stamps + time_offset) for name, one in trajectories.items()}
-    opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)
-    truth: Reference | None = None
-    if reference is not None:
-        truth = read_relations(reference) if is_relations(reference) else read_trajectory(reference)
-    scans = None if opened is None else synchronise(opened).scans
-    if not isinstance(truth, Trajectory):
-        for one in trajectories.values():
-            warn(one.warnings)
-    results: dict[str, Any] = {}
-    whole: list[dict[str, Any]] = []
-    """A row a trajectory, with the error at every stamp."""
-    for name, one in trajectories.items():
-        row: dict[str, Any] = {"estimate": name}
-        if truth is not None and reference is not None:
-            with options.in_file(reference), options.named(delta="--delta", max_difference="--max-difference"):
-                compared = against(
-                    one,
-                    truth,
-                    align=not no_align,
-                    scale=scale,
-                    delta=delta,
-                    unit=unit,
-                    all_pairs=all_pairs,
-                    max_difference=max_difference,
-                )
-            results[name] = compared.result
-            row |= {"reference": str(reference), **compared.figures, "errors": compared.errors}
-        if opened is not None:
-            with options.in_file(name):
-                under = under_recording(one, opened, scans=scans)
-            row |= {"recording": str(recording), "residuals": {**under.figures, "errors": under.errors}}
-        whole.append(row)
-    rows = [_without_errors(row) for row in whole]
-    if opened is not None:
-        warn(opened.warnings)
-    found: dict[str, Any] = {}
-    if loops is not None:
-        assert isinstance(truth, Trajectory)  # or --loops was refused
-        ledger = score_loops(read_loops(loops), oriented(truth)[0], opened, scans=scans)
-        found["loops"] = {"file": str(loops), **ledger.as_dict()}
-    if metrics or true_map is not None:
-        found["metrics"] = {}
+    with options.new_file(save, force=force), options.new_file(plot, ".png", force=force):
+        estimates, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
+        for file in estimates:
+            if is_relations(file):
+                problem = "holds relations, or quaternions of other lengths than 1"
+                raise InputError(f"{problem}; expected trajectories, and relations last", file=file)
+        if not abs(time_offset) < MAX_STAMP:
+            raise InputError(f"{time_offset:g}, expected seconds", field="--time-offset")
+        trajectories = {str(file): read_trajectory(file) for file in estimates}
+        if time_offset:
+            trajectories = {name: replace(one, stamps=one.stamps + time_offset) for name, one in trajectories.items()}
+        opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)
+        truth: Reference | None = None
+        if reference is not None:
+            truth = read_relations(reference) if is_relations(reference) else read_trajectory(reference)
+        scans = None if opened is None else synchronise(opened).scans
+        if not isinstance(truth, Trajectory):
+            for one in trajectories.values():
+                warn(one.warnings)
+        results: dict[str, Any] = {}
+        whole: list[dict[str, Any]] = []
+        """A row a trajectory, with the error at every stamp."""
         for name, one in trajectories.items():
-            with options.named(metrics="--metric"):
-                values = measured(one, truth, recording=opened, occupancy=map_file, true_map=true_map, names=metrics)
-            found["metrics"][name] = {metric: value.as_dict() for metric, value in values.items()}
-    if save is not None:
-        from moteslam.eval.results import write_json
+            row: dict[str, Any] = {"estimate": name}
+            if truth is not None and reference is not None:
+                with options.in_file(reference), options.named(delta="--delta", max_difference="--max-difference"):
+                    compared = against(
+                        one,
+                        truth,
+                        align=not no_align,
+                        scale=scale,
+                        delta=delta,
+                        unit=unit,
+                        all_pairs=all_pairs,
+                        max_difference=max_difference,
+                    )
+                results[name] = compared.result
+                row |= {"reference": str(reference), **compared.figures, "errors": compared.errors}
+            if opened is not None:
+                with options.in_file(name):
+                    under = under_recording(one, opened, scans=scans)
+                row |= {"recording": str(recording), "residuals": {**under.figures, "errors": under.errors}}
+            whole.append(row)
+        rows = [_without_errors(row) for row in whole]
+        if opened is not None:
+            warn(opened.warnings)
+        found: dict[str, Any] = {}
+        if loops is not None:
+            assert isinstance(truth, Trajectory)  # or --loops was refused
+            ledger = score_loops(read_loops(loops), oriented(truth)[0], opened, scans=scans)
+            found["loops"] = {"file": str(loops), **ledger.as_dict()}
+        if metrics or true_map is not None:
+            found["metrics"] = {}
+            for name, one in trajectories.items():
+                with options.named(metrics="--metric"):
+                    values = measured(
+                        one, truth, recording=opened, occupancy=map_file, true_map=true_map, names=metrics
+                    )
+                found["metrics"][name] = {metric: value.as_dict() for metric, value in values.items()}
+        if save is not None:
+            from moteslam.eval.results import write_json
 
-        with folder_for(save):
             write_json(save, {"results": whole, **found})
-    if plot is not None:
-        from moteslam.eval.report.curves import draw_comparison
+        if plot is not None:
+            from moteslam.eval.report.curves import draw_comparison
 
-        assert reference is not None  # or --plot was refused
-        with folder_for(plot):
+            assert reference is not None  # or --plot was refused
             draw_comparison(plot, results, title=f"against {reference.name}")
     if not as_json:
         for doubt in _doubts(rows):
@@ -249,7 +246,6 @@ def _without_errors(row: Row) -> dict[str, Any]:
 
 
 def _lines(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str]:
-    """The scores of trajectories, all by the same; then metrics and loops."""
     kind, reference = rows[0].get("kind"), literal(rows[0].get("reference"))
     if kind == "trajectory" and len(rows) > 1:
         yield f"against {reference}"
@@ -300,7 +296,6 @@ def _value(value: Row) -> str:
 
 
 def _errors(row: Row) -> list[tuple[str, ...]]:
-    """A line for each kind of error, as of ``HEAD``."""
     name = "ATE" if row["aligned"] else "ATE, not aligned"
     if row["scaled"]:
         name = f"ATE, scaled by {row['ate']['scale']:.4f}"
@@ -317,7 +312,6 @@ def _errors(row: Row) -> list[tuple[str, ...]]:
 
 
 def _comparison(rows: Sequence[Row]) -> str:
-    """A line a trajectory; relative errors where any has one."""
     ate = "ATE, scale fitted," if rows[0]["scaled"] else "ATE" if rows[0]["aligned"] else "ATE, not aligned,"
     columns = [
         Column("estimate", "estimate"),

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -52,14 +52,19 @@ def inspect(
       moteslam inspect robot.bag --deep --plot robot.png
       moteslam inspect ucsd --sequence 20 --json
     """  # noqa: D301
+    with options.new_file(plot, ".png", force=force):
+        whole, lines = _inspected(part.open(path), deep=deep, plot=plot)
+    answer(whole, lines, as_json=as_json)
+
+
+def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[dict[str, Any], Iterator[str]]:
+    """All that is found, as JSON has it and in words."""
     import numpy as np
 
     from moteslam.robot.inspection import inspect_recording
     from moteslam.slam.calibration.calibrate import calibrate
     from moteslam.slam.calibration.findings import findings
 
-    options.expect_new(plot, ".png", force=force)
-    recording = part.open(path)
     found = inspect_recording(recording, deep=deep)
     about: Findings | None = None
     stale: tuple[Issue, ...] = ()
@@ -74,12 +79,10 @@ def inspect(
     found = replace(found, problems=(*kept, *more))
     if plot is not None:
         from moteslam.eval.report.streams import draw_streams
-        from moteslam.robot.files import folder_for
 
-        with folder_for(plot):
-            draw_streams(plot, recording, found)
+        draw_streams(plot, recording, found)
     whole = {**found.to_dict(), "calibration": None if about is None else [asdict(one) for one in about.figures]}
-    answer(whole, _lines(found, recording.platform, about), as_json=as_json)
+    return whole, _lines(found, recording.platform, about)
 
 
 def _stale(recording: Recording) -> tuple[Issue, ...]:

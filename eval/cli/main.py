@@ -100,7 +100,6 @@ def run(arguments: list[str]) -> int:
 
 @contextmanager
 def _warnings_noted() -> Iterator[None]:
-    """Print our own warnings as one line each."""
 
     def show(message: Warning | str, category: type[Warning], *details: Any, **more: Any) -> None:
         if issubclass(category, MoteslamWarning):

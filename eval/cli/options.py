@@ -36,6 +36,9 @@ Format = Annotated[
 Metrics = Annotated[
     list[str] | None, typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable.")
 ]
+Baseline = Annotated[
+    str | None, typer.Option("--baseline", metavar="NAME", help="Compare with this configuration [the first].")
+]
 ScenarioName = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
 ]
@@ -88,17 +91,24 @@ def in_file(file: Path | str) -> Iterator[None]:
         raise type(error)(error.problem, file=file, field=error.field) from error
 
 
-def expect_new(file: Path | None, *endings: str, force: bool) -> None:
-    """Refuse a file to write that exists, is no regular file, or whose ending is not one of these."""
+@contextmanager
+def new_file(file: Path | None, *endings: str, force: bool) -> Iterator[None]:
+    """Refuse a file to write that exists, is no regular file, or whose ending is not one of these.
+
+    Folders above it are made; an error in the block leaves none of them.
+    """
     if file is None:
+        yield
         return
-    from moteslam.robot.files import expect_file
+    from moteslam.robot.files import expect_file, folder_for
 
     if endings and file.suffix.lower() not in endings:
         raise OutputError(f"expected a name that ends in {' or '.join(endings)}", file=file)
     expect_file(file)
     if file.exists() and not force:
         raise ExistsError("exists already; name a new file", file=file)
+    with folder_for(file):
+        yield
 
 
 @dataclass(frozen=True)

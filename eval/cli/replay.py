@@ -190,7 +190,6 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
 def _dead_reckon(
     path: Path, recording: Recording, config: SlamConfig, out: Path | None, run: options.SlamOptions
 ) -> None:
-    """Dead reckoning alone, printed, and written where ``out`` is given."""
     from moteslam.robot.files import result_folder, write_atomically
     from moteslam.robot.trajectories.text import write_tum
     from moteslam.slam.odometry.dead_reckoning import dead_reckon

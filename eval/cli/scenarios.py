@@ -55,14 +55,12 @@ def show(
     """  # noqa: D301
     from moteslam.eval.cli.simulate import scenario_of
     from moteslam.eval.report.scenarios import draw_scenario
-    from moteslam.robot.files import folder_for
     from moteslam.sim.simulate import true_drive
 
-    options.expect_new(out, ".png", force=force)
-    chosen = scenario_of(scenario, seed)
-    with options.in_file(scenario):
-        driven = true_drive(chosen, seed).poses[:, :2] if drive else None
-    with folder_for(out):
+    with options.new_file(out, ".png", force=force):
+        chosen = scenario_of(scenario, seed)
+        with options.in_file(scenario):
+            driven = true_drive(chosen, seed).poses[:, :2] if drive else None
         draw_scenario(out, chosen, driven=driven)
     say(f"{literal(chosen.name)} in {literal(out)}")
 
@@ -97,17 +95,15 @@ def animate(
     """  # noqa: D301
     from moteslam.eval.cli.simulate import scenario_of
     from moteslam.eval.report.film import Pace, check_film, film, write_film
-    from moteslam.robot.files import folder_for
     from moteslam.sim.simulate import simulate
     from moteslam.slam.run import SlamSession
 
     check_film(out)
-    options.expect_new(out, force=force)
     with options.named(fps="--fps", speed="--speed"):
         Pace.of(0.0, fps=fps, speed=speed)  # before the simulation, whose duration is not known yet
     config = options.SlamOptions(preset=preset, settings=settings).resolved()
     chosen = scenario_of(scenario, seed, platform=platform, noise=noise, duration=duration)
-    with folder_for(out):
+    with options.new_file(out, force=force):
         with options.in_file(scenario), simulation_bar() as report:
             simulation = simulate(chosen, seed, progress=report)
         session = SlamSession(simulation.recording, config, seed=simulation.scenario.seed)

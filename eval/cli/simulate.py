@@ -121,8 +121,6 @@ def simulate(
       moteslam simulate office --platform turtlebot3 --set noise.lidar.dropout=0.1 --out small
       moteslam simulate big_loop --platform lms200 --log-every 0.75 --log-turn 0.5 --format carmen --out keys
       moteslam simulate random-corridors --out many --batch 20 --true-map 0.05
-      moteslam simulate my_rooms.toml --out rooms
-      moteslam simulate corridor --out coloured --camera
       moteslam replay corridor --out result
     """  # noqa: D301
     from moteslam.robot.files import result_folder
@@ -209,7 +207,6 @@ class _Job:
 def _make_batch(
     scenario: str, recorded: Recorded, loaded: Scenario, first: int, count: int, folder: Path, processes: int | None
 ) -> list[dict[str, Any]]:
-    """Make simulations with seeds from the first on; what ``about`` says of each. One that fails ends them all."""
     from moteslam.eval.sweep.workers import make_all
     from moteslam.robot.values import processor_count
     from moteslam.sim.output import file_name

@@ -78,7 +78,6 @@ def run(
     Examples:
       moteslam sweep particles.toml
       moteslam sweep corridor-suite-1
-      moteslam sweep particles.toml --workers 1 --time --out timed.sweep
       moteslam sweep particles.toml --shard 2/8 --out part2.sweep
       moteslam sweep particles.toml --scheduler tcp://head:8786
     """  # noqa: D301
@@ -204,22 +203,20 @@ def plot(
     """  # noqa: D301
     from moteslam.eval.report.sweep_curves import draw_sweep
     from moteslam.eval.runs import read_runs, varying
-    from moteslam.robot.files import folder_for
 
     names = metric_names(metrics)
-    options.expect_new(out, ".png", force=force)
-    rows = [row for row in read_runs([file]) if row.status]
-    if not rows:
-        raise InputError("no run was made yet, expected some", file=file)
-    known = varying([row.about for row in rows])
-    column = along or next((key for row in rows for key, _ in row.run.varied), None)
-    if column not in known:
-        problem = "needed where no key varies" if column is None else f"{column!r}"
-        raise ConfigError(f"{problem}, expected one of {', '.join(known)}", field="--x")
-    for name in names:
-        if not any(row.status == "ok" and name in row.known for row in rows):
-            raise InputError(f"no run that ended well has {name}, expected a metric of the sweep", file=file)
-    with folder_for(out):
+    with options.new_file(out, ".png", force=force):
+        rows = [row for row in read_runs([file]) if row.status]
+        if not rows:
+            raise InputError("no run was made yet, expected some", file=file)
+        known = varying([row.about for row in rows])
+        column = along or next((key for row in rows for key, _ in row.run.varied), None)
+        if column not in known:
+            problem = "needed where no key varies" if column is None else f"{column!r}"
+            raise ConfigError(f"{problem}, expected one of {', '.join(known)}", field="--x")
+        for name in names:
+            if not any(row.status == "ok" and name in row.known for row in rows):
+                raise InputError(f"no run that ended well has {name}, expected a metric of the sweep", file=file)
         draw_sweep(out, rows, names, column=column, label=label)
     say(f"wrote {literal(out)}")
 
@@ -297,15 +294,13 @@ def export(
       moteslam sweep export particles.sweep --out particles.csv
       moteslam sweep export particles.sweep --out particles.parquet
     """  # noqa: D301
-    from moteslam.eval.runs import as_csv, write_parquet
-    from moteslam.eval.sweep.store import opened
+    from moteslam.eval.runs import as_csv, read_runs, write_parquet
     from moteslam.robot.files import write_atomically
 
-    options.expect_new(out, ".csv", ".parquet", force=force)
-    with opened(file) as store:
-        rows = list(store.rows())
-    if out.suffix == ".csv":
-        write_atomically(out, as_csv(rows))
-    else:
-        write_parquet(out, rows)
+    with options.new_file(out, ".csv", ".parquet", force=force):
+        rows = read_runs([file])
+        if out.suffix == ".csv":
+            write_atomically(out, as_csv(rows))
+        else:
+            write_parquet(out, rows)
     say(f"{len(rows)} runs in {literal(out)}")

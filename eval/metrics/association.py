@@ -80,10 +80,9 @@ def match(
         which = [*(pair if shorter is estimate else pair[::-1])]
         stamps = estimate.stamps[which[0]]
     if not len(stamps):
-        raise InputError(
-            f"no stamps in common: the estimate covers {from_to(estimate.stamps)}, the reference "
-            f"{from_to(reference.stamps)}, expected stamps within {max_difference:g} s of each other"
-        )
+        covers = f"the estimate covers {from_to(estimate.stamps)}, the reference {from_to(reference.stamps)}"
+        expected = f"expected stamps within {max_difference:g} s of each other"
+        raise InputError(f"no stamps in common: {covers}, {expected}")
     there, true = (_at(one, stamps, index, space) for one, index in zip((estimate, reference), which, strict=True))
     spaces = None if there[1] is None or true[1] is None else (there[1], true[1])
     return Matched(stamps, there[0], true[0], estimate.oriented and reference.oriented, spaces)
@@ -106,7 +105,11 @@ def _at(trajectory: Trajectory, stamps: Array, index: NDArray[Any] | None, space
     if index is not None:
         return trajectory.poses[index], spatial(trajectory)[index] if space else None
     poses = se2.interpolate(trajectory.stamps, trajectory.poses, stamps)
-    return poses, space_at(trajectory, stamps) if space else None
+    if not space:
+        return poses, None
+    there = spatial(trajectory)
+    where, turns = interpolated(trajectory.stamps, there.positions, quaternions_of(there.rotations), stamps)
+    return poses, Space(where, rotations_of(turns))
 
 
 def oriented(*trajectories: Trajectory, field: str | None = None) -> tuple[Trajectory, ...]:
@@ -167,11 +170,9 @@ def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStr
     else:
         index, _ = within(stamps, times, MAX_DIFFERENCE)
     if len(index) < 2:
-        raise InputError(
-            f"poses at {len(index)} of {counted(len(stamps), 'scan')}, expected at two or more: the scans cover "
-            f"{from_to(stamps)}, the trajectory {from_to(times)}",
-            field="trajectory",
-        )
+        covers = f"the scans cover {from_to(stamps)}, the trajectory {from_to(times)}"
+        problem = f"poses at {len(index)} of {counted(len(stamps), 'scan')}, expected at two or more: {covers}"
+        raise InputError(problem, field="trajectory")
     return lidar, index, se2.interpolate(times, trajectory.poses, stamps[index])
 
 
@@ -202,13 +203,6 @@ def spatial(trajectory: Trajectory) -> Space:
     zeros = np.zeros_like(x)
     quaternions = np.stack((zeros, zeros, np.sin(heading / 2), np.cos(heading / 2)), axis=-1)
     return Space(np.stack((x, y, zeros), axis=-1), rotations_of(quaternions))
-
-
-def space_at(trajectory: Trajectory, stamps: Array) -> Space:
-    """The poses in space interpolated at other stamps [m], held beyond the ends."""
-    space = spatial(trajectory)
-    where, turns = interpolated(trajectory.stamps, space.positions, quaternions_of(space.rotations), stamps)
-    return Space(where, rotations_of(turns))
 
 
 def laid(source: Array, target: Array, *, scale: bool = False) -> tuple[Array, Array, float]:

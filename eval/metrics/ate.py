@@ -70,11 +70,8 @@ class PoseErrors(Summarised):
 
     def as_dict(self) -> dict[str, Any]:
         """The statistics, fit for JSON."""
-        turns = self.rotation_deg
-        return {
-            "translation_m": self.translation.as_dict(),
-            "rotation_deg": None if turns is None else turns.as_dict(),
-        }
+        turns = None if self.rotation_deg is None else self.rotation_deg.as_dict()
+        return {"translation_m": self.translation.as_dict(), "rotation_deg": turns}
 
     def _summary(self) -> str:
         turn = "" if self.rotation is None else f" and {np.rad2deg(self.rotation.rmse):.2f} deg"
@@ -157,7 +154,6 @@ def _laid(estimate: Poses, reference: Poses) -> Poses:
 
 
 def _in_space(matched: Matched, *, align: bool, from_start: bool, scale: bool) -> AteResult:
-    """The same in space, drawn in the plane of the reference's motion."""
     assert matched.space is not None
     there, true = matched.space
     rotation, translation, factor = np.eye(3), np.zeros(3), 1.0

@@ -162,7 +162,6 @@ def few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[I
 
 
 def _of_space(estimate: Trajectory, reference: Trajectory) -> Issue | None:
-    """That two are compared in space, or that the heights of one are left out."""
     spaces = [one.space for one in (estimate, reference) if one.space is not None]
     if not spaces:
         return None
@@ -180,7 +179,6 @@ def _of_space(estimate: Trajectory, reference: Trajectory) -> Issue | None:
 
 
 def _of_shape(ate: AteResult) -> Issue | None:
-    """That one path is far larger than the other or its mirror image, or that the axes of both bodies differ."""
     there, true, turns = ate.aligned[:, :2], ate.reference[:, :2], ate.rotation_errors
     spread = float(np.linalg.norm(true.std(axis=0)))
     if ate.rmse > SMALL:
@@ -217,7 +215,6 @@ class _Search:
             self.there = _at(self.at, times, goal)
 
     def errors(self, offsets: Array, most: int) -> Array:
-        """``rmse`` [k] of offsets [k]."""
         return np.array([self.rmse(float(offset), most) for offset in offsets])
 
     def rmse(self, offset: float, most: int, *, also: float | None = None) -> float:

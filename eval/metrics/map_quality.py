@@ -54,11 +54,13 @@ def map_accuracy(
     the pose of the estimate's frame in the true one, as ``absolute_trajectory_error`` finds it. With what the lidar
     saw, ``seen`` [p, 2] in the true frame, recall is over the surface within ``SAME_WALL`` of a point of it.
     """
+    from scipy.ndimage import binary_dilation
+
     for raster, name in ((estimate, "estimate"), (truth, "truth")):
         expect_type(raster, Raster, name, "read_map(path) reads one")
         if raster.values.ndim != 2 or not np.isin(raster.values, (FREE, OCCUPIED, UNKNOWN)).all():
             raise InputError("values beside free, occupied and unknown, expected a trinary map", field=name)
-    everywhere = surface_of(truth)
+    everywhere = truth.centres(np.argwhere((truth.values == OCCUPIED) & binary_dilation(truth.values == FREE)))
     surface = everywhere if seen is None else everywhere[_distances(everywhere, seen) <= SAME_WALL]
     walls = se2.transform_points(transform, estimate.centres(np.argwhere(estimate.values == OCCUPIED)))
     for points, name in ((walls, "estimate"), (surface, "truth")):
@@ -82,13 +84,6 @@ def map_accuracy(
         walls=len(walls),
         surface=len(surface),
     )
-
-
-def surface_of(truth: Raster) -> Array:
-    """The centres [n, 2] of the wall cells of a trinary map that share an edge with a free one [m]."""
-    from scipy.ndimage import binary_dilation
-
-    return truth.centres(np.argwhere((truth.values == OCCUPIED) & binary_dilation(truth.values == FREE)))
 
 
 def _distances(points: Array, others: Array) -> Array:
@@ -203,22 +198,18 @@ def _between_scans(points: Array, normals: Array, owners: NDArray[np.intp], path
 
     chosen = evenly(np.arange(len(points)), SAMPLES)
     tree = cKDTree(points)
-    near, far, twice = [], [], []
+    found: tuple[list[float], list[float], list[float]] = ([], [], [])
     for i, around in zip(chosen.tolist(), tree.query_ball_point(points[chosen], APART), strict=True):
         others = np.array(around)
         gap = np.abs(path[others] - path[i])
         distance = np.hypot(*(points[others] - points[i]).T)
-        close = (gap < NEAR_PATH) & (owners[others] != owners[i]) & (distance < REACH)
-        away = gap > FAR_PATH
-        facing = away & (normals[others] @ normals[i] > SAME_FACING)
-        away &= distance < REACH
-        if close.any():
-            near.append(distance[close].min())
-        if away.any():
-            far.append(distance[away].min())
-        if facing.any():
-            twice.append(distance[facing].min())
-    return np.array(near), np.array(far), np.array(twice)
+        near = (gap < NEAR_PATH) & (owners[others] != owners[i]) & (distance < REACH)
+        facing = (gap > FAR_PATH) & (normals[others] @ normals[i] > SAME_FACING)
+        for distances, those in zip(found, (near, (gap > FAR_PATH) & (distance < REACH), facing), strict=True):
+            if those.any():
+                distances.append(float(distance[those].min()))
+    near_by, far, twice = map(np.array, found)
+    return near_by, far, twice
 
 
 def _length_seen(points: Array, path: Array) -> float:

@@ -99,7 +99,6 @@ def _per_scan(run: Evidence, seconds: float) -> float:
 
 
 def _quantile(run: Evidence, share: float) -> float | None:
-    """Of the times of the scans [ms]."""
     times = run.time_taken.per_scan
     return 1e3 * float(np.quantile(times, share)) if times else None
 
@@ -227,7 +226,6 @@ def split(name: str) -> tuple[str, str]:
 
 
 def _value(name: str, one: Metric, evidence: Evidence, track: str) -> Value:
-    """A metric of a run, or of its trajectory of that name."""
     try:
         if one.of_trajectory is not None:
             found = one.of_trajectory(evidence.track(track))

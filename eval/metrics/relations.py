@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import covered
+from moteslam.eval.metrics.association import covered, from_to
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.robot.files import open_regular
 from moteslam.robot.formats.streams import MAX_JUMP
@@ -75,14 +75,10 @@ class RelationResult(PoseErrors):
 
     def as_dict(self) -> dict[str, Any]:
         """Fit for JSON."""
+        counts = {"total": self.total, "used": self.pairs, "interpolated": self.pairs - self.matched}
         some = {"at_stamps": self.at_stamps, "clear": self.clear}
-        return {
-            "total": self.total,
-            "used": self.pairs,
-            "interpolated": self.pairs - self.matched,
-            "all": super().as_dict(),
-            **{name: None if errors is None else errors.as_dict() for name, errors in some.items()},
-        }
+        some_or_none = {name: None if errors is None else errors.as_dict() for name, errors in some.items()}
+        return {**counts, "all": super().as_dict(), **some_or_none}
 
     def _of(self, some: NDArray[np.bool_]) -> PoseErrors | None:
         return PoseErrors(self.stamps[some], self.errors[some], self.rotation_errors[some]) if some.any() else None
@@ -154,11 +150,9 @@ def evaluate_relations(
         reachable = reachable | covered(relations.stamps, stamps, 0.0)
     used = reachable.all(axis=1)
     if not used.any():
-        raise InputError(
-            f"none of {len(relations)} relations has a pose at both of its stamps, expected the relations of "
-            f"this log: they cover {relations.stamps.min():.3f} to {relations.stamps.max():.3f} s, the trajectory "
-            f"{stamps[0]:.3f} to {stamps[-1]:.3f} s"
-        )
+        problem = f"none of {len(relations)} relations has a pose at both of its stamps"
+        covers = f"they cover {from_to(np.sort(relations.stamps.ravel()))}, the trajectory {from_to(stamps)}"
+        raise InputError(f"{problem}, expected the relations of this log: {covers}")
     at, count = relations.stamps[used], count[used]
     between_poses = interpolated(stamps, trajectory.poses, at.ravel()).reshape(-1, 2, 3)
     poses = np.where((count > 0)[..., None], trajectory.poses[first[used]], between_poses)

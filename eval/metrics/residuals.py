@@ -96,11 +96,9 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
     path, turned = travelled(poses)
     used = np.unique(np.floor((path + turned) / SPACING), return_index=True)[1]
     if len(used) < 2:
-        raise InputError(
-            f"{path[-1]:.2f} m driven and {np.rad2deg(turned[-1]):.0f} deg turned over "
-            f"{counted(len(index), 'scan')}, expected at least {SPACING:g} m or {np.rad2deg(SPACING):.0f} deg",
-            field="trajectory",
-        )
+        driven = f"{path[-1]:.2f} m driven and {np.rad2deg(turned[-1]):.0f} deg turned"
+        expected = f"expected at least {SPACING:g} m or {np.rad2deg(SPACING):.0f} deg"
+        raise InputError(f"{driven} over {counted(len(index), 'scan')}, {expected}", field="trajectory")
     synchronised = synchronise(recording).scans if scans is None else scans
 
     @lru_cache(maxsize=64)  # those within reach of a scan and of the next
@@ -123,11 +121,9 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
     no_return = sum(int(np.isinf(scans).sum()) for scans in chunks(lidar.ranges))
     beams = sum(int(measured(scans, lidar.interlace).sum()) for scans in chunks(lidar.ranges))
     if not len(everything):
-        raise InputError(
-            f"no endpoint lies near the lines of another scan, expected scans less than {PATH_REACH:g} m of path "
-            "apart that see the same surfaces, and their own trajectory",
-            field="trajectory",
-        )
+        expected = f"expected scans less than {PATH_REACH:g} m of path apart that see the same surfaces"
+        problem = f"no endpoint lies near the lines of another scan, {expected}, and their own trajectory"
+        raise InputError(problem, field="trajectory")
     return ResidualResult(
         median=float(np.median(everything)),
         quantile_90=float(np.quantile(everything, 0.9)),

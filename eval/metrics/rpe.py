@@ -88,10 +88,8 @@ def relative_pose_error(
     positions = matched.estimate[:, :2] if matched.space is None else matched.space[0].positions
     first, last = _pairs(matched.stamps, positions, delta, unit, all_pairs=all_pairs)
     if not len(first):
-        raise InputError(
-            f"no pair {delta:g} {unit} apart among {len(matched.stamps)} matched poses, expected a shorter delta",
-            field="pairs",
-        )
+        problem = f"no pair {delta:g} {unit} apart among {len(matched.stamps)} matched poses, expected a shorter delta"
+        raise InputError(problem, field="pairs")
     return RpeResult(matched.stamps[first], *_errors(matched, first, last), delta, unit)
 
 
@@ -132,11 +130,8 @@ def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> PoseError
     np.minimum.at(earliest, pairs[:, 1], pairs[:, 0])
     later = np.flatnonzero(path - path[earliest] > LEAST_PATH)
     if not len(later):
-        raise InputError(
-            f"no place visited twice: none within {SAME_PLACE:g} m of an earlier one more than {LEAST_PATH:g} m of "
-            "path before it",
-            field="path",
-        )
+        near = f"none within {SAME_PLACE:g} m of an earlier one more than {LEAST_PATH:g} m of path before it"
+        raise InputError(f"no place visited twice: {near}", field="path")
     stamps = matched.stamps[chosen]
     visits = np.column_stack((stamps[earliest[later]], stamps[later]))
     return PoseErrors(visits, *planar_errors(true, matched.estimate[chosen], earliest[later], later))
@@ -166,16 +161,12 @@ def planar_errors(true: Poses, estimated: Poses, first: Indices, last: Indices) 
 
 
 def _pairs(stamps: Array, positions: Array, delta: float, unit: Unit, *, all_pairs: bool) -> Pairs:
-    """First and last index [k] of every pair."""
     if unit == "frames":
-        step = int(delta)
-        ids = np.arange(0, len(positions), 1 if all_pairs else step)
-        last = ids + step
-        return ids[last < len(positions)], last[last < len(positions)]
+        first = np.arange(0, len(positions) - int(delta), 1 if all_pairs else int(delta))
+        return first, first + int(delta)
     steps = np.diff(stamps) if unit == "s" else np.sqrt((np.diff(positions, axis=0) ** 2).sum(axis=1))
-    choose = _every if all_pairs else _end_to_end
     # Unix stamps are known to a microsecond: ten times 0.1 s is a second, whichever way it rounds
-    return choose(steps, delta - 1e-6 if unit == "s" else delta)
+    return (_every if all_pairs else _end_to_end)(steps, delta - 1e-6 if unit == "s" else delta)
 
 
 def _end_to_end(steps: Array, delta: float) -> Pairs:

@@ -55,11 +55,10 @@ def curves(runs: Sequence[Row], key: str, metric: str, unit: str) -> Figure | No
         dash = DASHES[(number // len(COLOURS)) % len(DASHES)]
         look = {"line": {"color": COLOURS[number % len(COLOURS)], "width": 2, "dash": dash}, "marker": _marker(number)}
         traces.append({**_medians(points, mode="lines+markers", thickness=1.5), "name": label(title), **look})
-    everything = [value for trace in traces for value in trace["y"]]
-    if len(values) < 2 or not everything:
+    if len(values) < 2 or not any(trace["y"] for trace in traces):
         return None
     x_axis = {"title": {"text": label(key)}, "type": "category", **(_axis(values) if numeric else {})}
-    return _figure(traces, x_axis, _y(metric, unit, everything), len(lines), "lines")
+    return _figure(traces, x_axis, _y(metric, unit, traces), len(lines), "lines")
 
 
 def spread(columns: Mapping[str, Sequence[Row]], metric: str, unit: str) -> Figure | None:
@@ -68,21 +67,19 @@ def spread(columns: Mapping[str, Sequence[Row]], metric: str, unit: str) -> Figu
     None of fewer than two runs with a value.
     """
     traces: list[Figure] = []
-    everything: list[float] = []
     names = list(columns)[:MOST_LINES]
     for number, name in enumerate(names):
         having = [run for run in columns[name] if run.status == "ok" and metric in run.known]
         if not having:
             continue
         values = [run.known[metric] for run in having]
-        everything += values
         places = [number + 0.5 * (((7 * k) % 23) / 23 - 0.5) for k in range(len(values))]  # apart, the same each time
         texts = [f"{name}; {run.name}: {run.known[metric]:.4g}" for run in having]
         look = {"color": COLOURS[number % len(COLOURS)], "size": 5, "opacity": 0.5}
         traces.append({**_points("markers", places, values, texts), "name": label(name), "marker": look})
         median = _medians([(number + 0.36, name, summary_of(columns[name], metric))], mode="markers", thickness=2.0)
         traces.append({**median, "marker": {**look, "size": 9, "opacity": 1.0, "symbol": "diamond"}})
-    if len(everything) < 2:
+    if sum(len(trace["y"]) for trace in traces[::2]) < 2:
         return None
     x_axis = {
         "tickvals": list(range(len(names))),
@@ -92,14 +89,13 @@ def spread(columns: Mapping[str, Sequence[Row]], metric: str, unit: str) -> Figu
         "range": [-0.6, len(names) - 0.4],
     }
     traces = [{**trace, "showlegend": False} for trace in traces]
-    return _figure(traces, x_axis, _y(metric, unit, everything), len(columns), "configurations")
+    return _figure(traces, x_axis, _y(metric, unit, traces), len(columns), "configurations")
 
 
 def paired(columns: Mapping[str, Sequence[Row]], baseline: str, metric: str, unit: str) -> Figure | None:
     """A point for each pair of runs of a configuration and the baseline on the same case. None without any."""
     first = values_of(columns[baseline], metric)
     traces: list[Figure] = []
-    everything: list[float] = []
     others = [name for name in columns if name != baseline]
     for number, name in enumerate(others[:MOST_LINES]):
         names = {run.case: run.name for run in columns[name]}
@@ -111,12 +107,12 @@ def paired(columns: Mapping[str, Sequence[Row]], baseline: str, metric: str, uni
         if not pairs:
             continue
         _, x, y = zip(*pairs, strict=True)
-        everything += [*x, *y]
         texts = [f"{name}; {names[case]}: {b:.4g}, {baseline}: {a:.4g}" for case, a, b in pairs]
         marker = {**_marker(number + 1), "opacity": 0.7}
         traces.append({**_points("markers", x, y, texts), "name": label(name), "marker": marker})
     if not traces:
         return None
+    everything = [value for trace in traces for value in (*trace["x"], *trace["y"])]
     ends = [min(everything), max(everything)]
     look = {"hoverinfo": "skip", "line": {"color": "#7F7F7F", "width": 1, "dash": "dot"}}
     line = {"type": "scatter", "mode": "lines", "name": "equal", "x": ends, "y": ends, **look}
@@ -161,8 +157,8 @@ def _title(name: str, unit: str) -> Figure:
     return {"title": {"text": label(f"{name} [{unit}]" if unit else name)}}
 
 
-def _y(metric: str, unit: str, values: Sequence[float]) -> Figure:
-    look = _axis(values)
+def _y(metric: str, unit: str, traces: Sequence[Figure]) -> Figure:
+    look = _axis([value for trace in traces for value in trace["y"]])
     return {**_title(metric, unit), **look} | ({} if look["type"] == "log" else {"rangemode": "tozero"})
 
 

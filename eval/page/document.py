@@ -92,7 +92,6 @@ def gather(paths: Sequence[Path]) -> Material:
 
 
 def _within(folder: Path, depth: int) -> Iterable[Path]:
-    """Result folders and files of sweeps in a folder, itself included, by name."""
     if is_result_folder(folder):
         yield folder
         return
@@ -293,7 +292,6 @@ def _hash(text: str) -> str:
 
 
 def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
-    """The metrics that are shown."""
     having = list(dict.fromkeys(name for run in material.runs for name in run.known))
     if wanted:
         try:

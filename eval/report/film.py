@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -31,22 +30,18 @@ Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 """[height, width, 3]: red, green, blue."""
 
-MAX_FPS = 50.0
-"""Frames a second. Browsers slow GIFs down that have more."""
-MAX_SPEED = 10000.0
+MAX_FPS, MAX_SPEED, MAX_FRAMES = 50.0, 10000.0, 2000
+"""Frames a second (browsers slow GIFs down that have more), times real time, and frames in all."""
 USUAL_LENGTH = 15.0
 """A film is at most this long where nobody asks for a speed [s]."""
 SPEEDS = tuple(step for step in style.STEPS if 1 <= step <= 5000)
 """The speeds to choose from then."""
-MAX_FRAMES = 2000
 BEAMS_DRAWN = 90
 PERSON, DOOR, BEAM = "#D55E00", "#CC79A7", "#E69F00"
 STYLE = PictureStyle(font_size=12.0, dpi=100.0)
 """Text is 12 pixels high or more where a player shows a film 480 pixels high."""
-PLAN = (9.0, 4.6)
-"""Width and height that the plan takes at most [inch]."""
-NARROWEST = 6.4
-"""Width of the plan at least, for the legend and the caption [inch]."""
+PLAN, NARROWEST = (9.0, 4.6), 6.4
+"""Width and height that the plan takes at most, and its width at least, for the legend and the caption [inch]."""
 LEFT, RIGHT, BELOW, ABOVE = 0.75, 0.3, 1.35, 0.4
 """Beside the plan, below it (the legend) and above it (the caption) [inch]."""
 NAME_SHOWN = 30
@@ -54,7 +49,6 @@ NAME_SHOWN = 30
 CODECS = {"avc1": "H.264", "vp09": "VP9", "av01": "AV1"}
 """What browsers play in an MP4, by four-letter code, in the order in which they are tried. Most builds of OpenCV lack
 an encoder for H.264, which players outside browsers know best."""
-WEBP_QUALITY = 80
 GIF_TICK = 0.01
 """Frames of a GIF last whole multiples of this [s]."""
 
@@ -175,8 +169,8 @@ def _seen_from(start: Array, points: Array) -> Array:
     return se2.transform_points(se2.inverse(start), points)
 
 
-def check_film(path: str | PathLike[str]) -> None:
-    """Check that a film of this name can be written, before it is made."""
+def check_film(path: style.File) -> None:
+    """Refuse a film that cannot be written, before it is made."""
     from PIL import features
 
     kind = Path(path).suffix.lower()
@@ -189,7 +183,7 @@ def check_film(path: str | PathLike[str]) -> None:
         raise OutputError(f"OpenCV here has no encoder that browsers play ({known}), expected .webp or .gif", file=path)
 
 
-def write_film(path: str | PathLike[str], frames: Iterable[Frame], *, fps: float = 15.0) -> None:
+def write_film(path: style.File, frames: Iterable[Frame], *, fps: float = 15.0) -> None:
     """Write frames, all of one size, one at least, as a GIF, WebP or MP4, by the name's ending, as they come."""
     check_film(path)
     kind = Path(path).suffix.lower()
@@ -197,7 +191,6 @@ def write_film(path: str | PathLike[str], frames: Iterable[Frame], *, fps: float
 
 
 def _animated(kind: str, frames: Iterable[Frame], fps: float) -> bytes:
-    """A GIF or WebP that repeats for ever."""
     from PIL import Image
 
     # an octree keeps the colours of thin lines, which a median cut would take for those of their neighbours
@@ -211,7 +204,7 @@ def _animated(kind: str, frames: Iterable[Frame], fps: float) -> bytes:
             yield image
 
     images: Iterator[Image.Image] = quantised() if kind == ".gif" else map(Image.fromarray, frames)
-    look = {"optimize": False} if kind == ".gif" else {"duration": 1000 / fps, "quality": WEBP_QUALITY}
+    look = {"optimize": False} if kind == ".gif" else {"duration": 1000 / fps, "quality": 80}
     content = io.BytesIO()
     next(images).save(content, kind[1:], save_all=True, append_images=images, loop=0, **look)
     return content.getvalue()

@@ -14,6 +14,7 @@ from moteslam.eval.metrics.association import evenly
 from moteslam.eval.report import style
 from moteslam.eval.report.style import File
 from moteslam.eval.run_tables import loop_counts
+from moteslam.robot.pictures import STYLE
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import compose
@@ -40,9 +41,12 @@ REJECTED_DRAWN = ("overruled", "contradicted", "ambiguous")
 
 def draw_map(axes: style.Axes, occupancy: Raster) -> None:
     """The map: white where free, a light grey where unknown and beyond, dark where occupied."""
+    belief = np.tanh(np.asarray(occupancy.values, np.float64) / 2)  # 2 p - 1: -1 free, 0 unknown, 1 occupied
+    end = np.where(belief < 0, STYLE.map_free, STYLE.map_occupied)
+    greys = STYLE.map_unknown + (end - STYLE.map_unknown) * np.abs(belief)
     axes.set_facecolor(style.UNKNOWN)
     look: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": 1, "interpolation": "antialiased"}
-    axes.imshow(style.map_greys(occupancy.values), origin="lower", extent=occupancy.extent, zorder=0, **look)
+    axes.imshow(greys, origin="lower", extent=occupancy.extent, zorder=0, **look)
 
 
 def map_corners(occupancy: Raster) -> Array:

@@ -16,10 +16,8 @@ from moteslam.slam.estimate import Estimate
 
 Array = NDArray[np.float64]
 
-PARTICLES_DRAWN = 50
-"""Of more particles than these, an even choice is drawn."""
-ELLIPSES = 30
-"""Places on the plan where the spread is drawn, evenly along the path."""
+PARTICLES_DRAWN, ELLIPSES = 50, 30
+"""Of more particles an even choice is drawn; at so many places on the plan, evenly along the path, the spread."""
 DRAWN_SIZE = 0.08
 """Deviations are magnified to at most this share of the plan's longer side."""
 COMPONENTS = (("along [cm]", 100.0), ("across [cm]", 100.0), ("heading [deg]", 180 / np.pi))
@@ -103,7 +101,6 @@ def magnification(largest: float, size: float) -> int:
 
 
 def _draw_plan(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None:
-    """The mean path, and around it the survivors' paths and the spread of all particles, magnified."""
     from matplotlib.collections import EllipseCollection, LineCollection
 
     mean, deviations = cloud.mean, cloud.deviations(drawn)
@@ -131,7 +128,6 @@ def _draw_plan(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None
 
 
 def _draw_deviations(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64], column: int) -> None:
-    """One component of the deviations over time: of the survivors' paths, and the standard deviation of all."""
     from matplotlib.collections import LineCollection
 
     label, unit = COMPONENTS[column]
@@ -155,7 +151,6 @@ def _draw_deviations(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64], c
 
 
 def _draw_ancestors(axes: style.Axes, cloud: Cloud) -> None:
-    """How many ancestors the survivors have at each update, and where lineages part."""
     counts, partings, count = cloud.ancestor_counts, cloud.partings, len(cloud.paths)
     axes.plot(cloud.time, counts, color="black", lw=1.0, drawstyle="steps-post")
     label = f"lineages part ({len(partings)} times)"

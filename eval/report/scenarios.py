@@ -84,7 +84,6 @@ def _draw_unreached(axes: style.Axes, world: World, start: Array) -> None:
 
 
 def _draw_slippery(axes: style.Axes, layout: Layout) -> list[Label]:
-    """Patches of slippery floor; their labels."""
     from matplotlib.patches import Rectangle
 
     labels = []
@@ -96,7 +95,6 @@ def _draw_slippery(axes: style.Axes, layout: Layout) -> list[Label]:
 
 
 def _draw_furniture(axes: style.Axes, layout: Layout) -> None:
-    """The areas that pieces take on the floor, a colour a kind."""
     from matplotlib.collections import PolyCollection
 
     furniture = {
@@ -113,7 +111,6 @@ def _draw_furniture(axes: style.Axes, layout: Layout) -> None:
 
 
 def _draw_walls(axes: style.Axes, world: World) -> None:
-    """Walls and outlines of what stands, a colour a material."""
     from matplotlib.collections import LineCollection
 
     surfaces = np.zeros(len(world.segments), np.int64) if world.surfaces is None else world.surfaces
@@ -127,7 +124,6 @@ def _draw_walls(axes: style.Axes, world: World) -> None:
 
 
 def _draw_route(axes: style.Axes, scenario: Scenario, line: Array | None, scale: float, name: str) -> list[Label]:
-    """The route with arrows, its start and its goal; their labels."""
     start = scenario.start
     style.mark_start(axes, start[None])
     if line is None:
@@ -164,7 +160,6 @@ def along(line: Array, spacing: float) -> tuple[Array, Array]:
 
 
 def _draw_people(axes: style.Axes, scenario: Scenario) -> list[Label]:
-    """Where people start and walk; their labels."""
     labels = []
     for i, person in enumerate(scenario.people):
         waypoints = np.asarray(person.waypoints)
@@ -179,7 +174,6 @@ def _draw_people(axes: style.Axes, scenario: Scenario) -> list[Label]:
 
 
 def _draw_doors(axes: style.Axes, scenario: Scenario) -> list[Label]:
-    """The leaves of doors, shut and open; their labels."""
     labels = []
     for i, door in enumerate(scenario.doors):
         leaf = np.array((door.hinge, door.end))

@@ -68,7 +68,6 @@ def _draw_cover(axes: style.Axes, stamps: dict[str, Array], colours: dict[str, s
 
 
 def _gaps(stamps: Array) -> NDArray[np.intp]:
-    """After which readings there is a gap, as `inspect` reports it."""
     steps = np.diff(stamps)
     above = steps[steps > 0]
     longest = max(GAP * float(np.median(above)), REPORTED_GAP) if len(above) else np.inf
@@ -97,7 +96,10 @@ def _draw_ranges(above: style.Axes, below: style.Axes, lidar: LidarStream, first
 
     A column is a group of scans, up to the next group; between two groups with a gap between them it is empty.
     """
-    times, gaps, limit, count = lidar.stamps - first, _gaps(lidar.stamps), _longest(lidar), len(lidar)
+    times, gaps, count = lidar.stamps - first, _gaps(lidar.stamps), len(lidar)
+    sample = lidar.ranges[:: max(1, count // 500)]
+    endpoints = sample[np.isfinite(sample)]  # nearly all of them are drawn
+    limit = float(np.quantile(endpoints, 0.995)) * 1.05 if len(endpoints) else lidar.range_max
     gaps = gaps[np.diff(times)[gaps] > times[-1] / BINS]  # shorter ones are no wider than a column
     begins = np.union1d(np.linspace(0, count, min(BINS, count), endpoint=False).astype(np.intp), gaps + 1)
     columns, lengths = np.arange(len(begins) + 1), np.linspace(0, limit, RANGE_BINS + 1)
@@ -126,13 +128,5 @@ def _draw_ranges(above: style.Axes, below: style.Axes, lidar: LidarStream, first
     _legend(below)
 
 
-def _longest(lidar: LidarStream) -> float:
-    """Up to which range to draw [m]: nearly all endpoints of scans spread over the recording."""
-    sample = lidar.ranges[:: max(1, len(lidar) // 500)]
-    endpoints = sample[np.isfinite(sample)]
-    return float(np.quantile(endpoints, 0.995)) * 1.05 if len(endpoints) else lidar.range_max
-
-
 def _legend(axes: style.Axes) -> None:
-    """Beside the panel, over no data."""
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -111,13 +111,6 @@ def shortened(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
-def map_greys(log_odds: NDArray[np.float32]) -> Array:
-    """The greys of a map, 0 black to 1 white, of log-odds [H, W]: those of ``STYLE`` and in between."""
-    belief = np.tanh(np.asarray(log_odds, np.float64) / 2)  # 2 p - 1: -1 free, 0 unknown, 1 occupied
-    end = np.where(belief < 0, STYLE.map_free, STYLE.map_occupied)
-    return np.asarray(STYLE.map_unknown + (end - STYLE.map_unknown) * np.abs(belief))
-
-
 def plan(axes: Axes) -> None:
     """Axes of a floor plan: metres, and equal in x and y."""
     axes.set_aspect("equal", adjustable="box")

@@ -169,20 +169,17 @@ def _runs(spec: SweepSpec) -> Iterator[PlannedRun]:
     simulated = product(spec.scenarios, ("",), spec.platforms or [""], spec.noise or [""], seeds)
     recorded = product(("",), spec.recordings, ("",), ("",), seeds)
     combinations = [dict(zip(spec.vary, values, strict=True)) for values in product(*map(spec.values, spec.vary))]
+    # a command does not know keys of ours: it is run once for all of their values
+    others = [{key: value for key, value in one.items() if not key.startswith("slam.")} for one in combinations]
+    apart = list({tuple(one.items()): one for one in others}.values())
     for cases in (simulated, recorded):
         for case in cases:
             runs = [
                 _run(spec, case, name, one, values)
                 for name, one in spec.configurations.items()
-                for values in (_apart(combinations) if one.command else combinations)
+                for values in (apart if one.command else combinations)
             ]
             yield from sorted(runs, key=lambda run: run.case)
-
-
-def _apart(combinations: list[dict[str, Scalar]]) -> list[dict[str, Scalar]]:
-    """Without keys of ours, which a command does not know: it is run once for all of their values."""
-    others = [{key: value for key, value in one.items() if not key.startswith("slam.")} for one in combinations]
-    return list({tuple(one.items()): one for one in others}.values())
 
 
 def _run(
@@ -210,12 +207,10 @@ def _run(
 
 
 def _literal(value: Any) -> str:
-    """A value as TOML writes it."""
     return tomli_w.dumps({"value": value}).strip().partition("= ")[2]
 
 
 def _check(runs: list[PlannedRun]) -> None:
-    """Refuse what a run would refuse, before the first begins."""
     seen: set[Any] = set()
     for run in runs:
         slam, world = (run.preset, run.for_slam()), run.case[:4] + run.case[6:]

@@ -59,7 +59,7 @@ def load_case(run: PlannedRun) -> Case:
 
 
 _latest: dict[Any, Case] = {}
-"""The latest case: the next run may be of it."""
+"""The next run may be of it."""
 
 
 def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
@@ -104,11 +104,6 @@ def _external(run: PlannedRun, case: Case) -> tuple[Evidence, Cost, tuple[Issue,
     trajectory, occupancy = estimate(command, case.recording, run.seed)
     wall, after = time.perf_counter() - clock, resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    evidence = Evidence(
-        {FINAL: trajectory},
-        truth=case.truth,
-        occupancy=occupancy,
-        true_map=case.true_map,
-        recording=case.recording,
-    )
+    about = {"truth": case.truth, "occupancy": occupancy, "true_map": case.true_map, "recording": case.recording}
+    evidence = Evidence({FINAL: trajectory}, **about)  # type: ignore[arg-type]
     return evidence, Cost(cpu, wall, 1024 * after.ru_maxrss), trajectory.warnings

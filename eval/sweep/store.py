@@ -41,6 +41,7 @@ CREATE TABLE costs (
 """
 Environment = Mapping[str, Mapping[str, str]]
 """Versions and hardware, by name."""
+Facts = Environment | None
 Key = tuple[Any, ...]
 
 
@@ -156,11 +157,9 @@ class Store:
     def rows(self) -> Iterator[Row]:
         """All runs, in their order."""
         columns = "id, run, coalesce(status, ''), coalesce(error, ''), coalesce(issues, '[]')"
-        query = f"SELECT {columns} FROM runs ORDER BY number"
-        success = json.loads(self.spec).get("success", SUCCESS)
-        for run, text, status, error, issues in self._connection.execute(query):
-            found = self._connection.execute("SELECT name, value, unit, absent FROM results WHERE run = ?", (run,))
-            results = found.fetchall()
+        select, success = self._connection.execute, json.loads(self.spec).get("success", SUCCESS)
+        for run, text, status, error, issues in select(f"SELECT {columns} FROM runs ORDER BY number"):
+            results = select("SELECT name, value, unit, absent FROM results WHERE run = ?", (run,)).fetchall()
             values = {name: value for name, value, _, _ in results}
             yield Row(
                 PlannedRun.model_validate_json(text),
@@ -169,7 +168,7 @@ class Store:
                 values,
                 {name: unit for name, value, unit, _ in results if value is not None},
                 {name: absent for name, _, _, absent in results if absent is not None},
-                dict(self._connection.execute("SELECT name, value FROM costs WHERE run = ?", (run,))),
+                dict(select("SELECT name, value FROM costs WHERE run = ?", (run,))),
                 tuple(json.loads(issues)),
                 succeeded=status == "ok" and within(values, success),
             )
@@ -220,13 +219,7 @@ def opened(path: str | PathLike[str], *, write: bool = False) -> Iterator[Store]
 
 
 def create(
-    path: str | PathLike[str],
-    spec: str,
-    runs: Iterable[PlannedRun],
-    *,
-    part: str = WHOLE,
-    digest: str = "",
-    environment: Environment | None = None,
+    path: Path, spec: str, runs: Iterable[PlannedRun], *, part: str = WHOLE, digest: str = "", environment: Facts = None
 ) -> None:
     """Make the file of a sweep, complete or not at all; the specification is JSON."""
     about = {"version": VERSION, "spec": spec, "part": part, "digest": digest}
@@ -252,13 +245,15 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Env
         raise ConfigError(f"{part!r}, expected a part and how many there are, such as 2/8", field="--shard")
     if target.exists():
         with opened(target) as store:
+            problem = ""
             if store.spec != text:
-                raise OutputError("is of another specification, expected another --out", file=target)
-            if store.part != part:
-                raise OutputError(f"holds part {store.part}, not {part}, expected another --out", file=target)
-            if store.digest and store.digest != digest(plan(spec, check=False)):
-                problem = "has runs of other scenarios or robots of these names, expected another --out"
-                raise OutputError(problem, file=target)
+                problem = "is of another specification"
+            elif store.part != part:
+                problem = f"holds part {store.part}, not {part}"
+            elif store.digest and store.digest != digest(plan(spec, check=False)):
+                problem = "has runs of other scenarios or robots of these names"
+            if problem:
+                raise OutputError(f"{problem}, expected another --out", file=target)
         return
     try:
         runs = plan(spec)
