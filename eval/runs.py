@@ -38,15 +38,11 @@ class _Scores(BaseModel):
     metrics: dict[str, _Score]
 
 
-class _Warning(BaseModel):
-    message: str
-
-
 class _About(BaseModel):
     scenario: str | None = None
     recording: str | None = None
     seed: int = 0
-    warnings: tuple[_Warning, ...] = ()
+    warnings: tuple[dict[str, Any], ...] = ()
     versions: dict[str, Any] = {}
     hardware: dict[str, Any] = {}
 
@@ -72,14 +68,15 @@ def read_result_folder(folder: Path) -> Row:
         values={name: one.value for name, one in scores.items()},
         units={name: one.unit for name, one in scores.items() if one.value is not None},
         absent={name: one.absent for name, one in scores.items() if one.value is None},
-        issues=tuple(one.model_dump() for one in about.warnings),
+        issues=about.warnings,
         succeeded=within({name: one.value for name, one in scores.items()}),
         folder=folder,
-        facts={
-            title: {name: str(value) for name, value in getattr(about, title).items()}
-            for title in ("versions", "hardware")
-        },
+        facts={"versions": _texts(about.versions), "hardware": _texts(about.hardware)},
     )
+
+
+def _texts(facts: dict[str, Any]) -> dict[str, str]:
+    return {name: str(value) for name, value in facts.items()}
 
 
 def _read(model: type[M], file: Path) -> M:

@@ -62,9 +62,9 @@ class Column(NamedTuple):
         found: Any = figures
         for key in self.place.split("/"):
             found = None if found is None else found.get(key)
-        if found is None or isinstance(found, str):
-            return "-" if found is None else found
-        return f"{self.factor * found:{self.form}} {self.unit}".rstrip()
+        if found is None:
+            return "-"
+        return f"{found if isinstance(found, str) else self.factor * found:{self.form}} {self.unit}".rstrip()
 
 
 def rows_of(columns: Sequence[Column], figures: Iterable[Mapping[str, Any]]) -> Rows:

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import wraps
-from inspect import Parameter, signature
+from inspect import Parameter, Signature, signature
 from itertools import chain
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -194,33 +194,23 @@ def _topics(given: Iterable[str]) -> Topics:
 
 def with_options(**groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the options of dataclasses after its own; it gets each as one argument: ``run=SlamOptions``."""
-    shared = {name: _parameters(group) for name, group in groups.items()}
+
+    def parameters(of: Callable[..., Any]) -> list[Parameter]:
+        found = signature(of, eval_str=True).parameters.values()
+        return [one.replace(kind=Parameter.KEYWORD_ONLY) for one in found if one.name not in groups]
+
+    shared = {name: parameters(group) for name, group in groups.items()}
 
     def extended(command: Callable[..., None]) -> Callable[..., None]:
-        hints = get_type_hints(command, include_extras=True)
-        own = [
-            parameter.replace(annotation=hints[name], kind=Parameter.KEYWORD_ONLY)
-            for name, parameter in signature(command).parameters.items()
-            if name not in groups
-        ]
-
         @wraps(command)
         def whole(**given: Any) -> None:
-            for name, parameters in shared.items():
-                given[name] = groups[name](**{parameter.name: given.pop(parameter.name) for parameter in parameters})
+            for name, group in groups.items():
+                given[name] = group(**{parameter.name: given.pop(parameter.name) for parameter in shared[name]})
             command(**given)
 
-        listed = signature(command).replace(parameters=[*own, *chain.from_iterable(shared.values())])
-        whole.__signature__ = listed  # type: ignore[attr-defined]  # Typer reads it
-        whole.__annotations__ = {parameter.name: parameter.annotation for parameter in listed.parameters.values()}
+        listed = [*parameters(command), *chain.from_iterable(shared.values())]
+        whole.__signature__ = Signature(listed)  # type: ignore[attr-defined]  # Typer reads it
+        whole.__annotations__ = {parameter.name: parameter.annotation for parameter in listed}
         return whole
 
     return extended
-
-
-def _parameters(group: type[Any]) -> list[Parameter]:
-    types = get_type_hints(group, include_extras=True)
-    return [
-        Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=types[field.name])
-        for field in fields(group)
-    ]

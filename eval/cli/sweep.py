@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,7 +14,7 @@ from moteslam.eval.cli import options
 from moteslam.eval.cli.compare import metric_names, summary_lines, summed_up, total
 from moteslam.eval.cli.interrupt import Interrupted
 from moteslam.eval.cli.text import answer, note, progress_bar, say
-from moteslam.eval.tables import aligned, literal
+from moteslam.eval.tables import Column, aligned, literal, rows_of
 
 
 class RunByDefault(TyperGroup):
@@ -37,8 +36,10 @@ app = typer.Typer(
 
 DIFFERENT = NOTHING = 1
 """Exit codes."""
-HASH_SHOWN = 16
-"""Digits of a hash in a table."""
+SPECS = (
+    *(Column("name", "name"), Column("runs", "runs"), Column("hash", "hash", ".16")),
+    Column("what it is for", "description"),
+)
 MOST_SHOWN = 40
 """Differences in the table that is printed."""
 File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam sweep` wrote.")]
@@ -82,9 +83,9 @@ def run(
       moteslam sweep particles.toml --scheduler tcp://head:8786
     """  # noqa: D301
     from moteslam.eval.results import environment
-    from moteslam.eval.sweep import workers as processes
     from moteslam.eval.sweep.spec import read_spec, spec_file
     from moteslam.eval.sweep.store import WHOLE, begin, opened
+    from moteslam.eval.sweep.workers import make_all, make_all_on
     from moteslam.robot.values import counted, processor_count
 
     if timed and workers not in (None, 1):
@@ -102,10 +103,10 @@ def run(
         done = sum(store.counts().values()) - len(runs)
         with progress_bar("sweep", done + len(runs), "runs") as update:
             update(done)
-            if scheduler is None:
-                outcomes = processes.make_all(runs, workers=count, timeout=wanted.timeout, timed=timed)
-            else:
-                outcomes = processes.make_all_on(scheduler, runs, timeout=wanted.timeout, timed=timed)
+            limits: dict[str, Any] = {"timeout": wanted.timeout, "timed": timed}
+            outcomes = make_all(runs, workers=count, **limits)
+            if scheduler is not None:
+                outcomes = make_all_on(scheduler, runs, **limits)
             try:
                 for outcome in outcomes:
                     store.record(outcome)
@@ -150,9 +151,7 @@ def list_specs(
         spec = read_spec(file)
         runs = plan(spec, check=False)
         found.append({"name": each, "runs": len(runs), "hash": digest(runs), "description": spec.description})
-    rows = [("name", "runs", "hash", "what it is for")]
-    rows += [(one["name"], str(one["runs"]), one["hash"][:HASH_SHOWN], one["description"]) for one in found]
-    answer(found, [aligned(rows)], as_json=as_json)
+    answer(found, [aligned(rows_of(SPECS, found))], as_json=as_json)
 
 
 @app.command("show")
@@ -255,30 +254,24 @@ def diff(
       moteslam sweep diff mine.sweep published.csv
     """  # noqa: D301
     from moteslam.eval.runs import differences, read_table
+    from moteslam.robot.values import counted
 
     first, second = read_table(file), read_table(other)
     common = first.keys() & second.keys()
     if not common:
         raise InputError("no run in common with it, expected a sweep of the same specification", file=other)
-    alone = len(first) + len(second) - 2 * len(common)
-    found = {"runs": len(common), "in_one_alone": alone, "differences": differences(first, second)}
-    answer(found, _difference_lines(found, file, other), as_json=as_json)
-    if found["differences"]:
-        raise typer.Exit(DIFFERENT)
-
-
-def _difference_lines(found: dict[str, Any], file: Path, other: Path) -> Iterator[str]:
-    from moteslam.robot.values import counted
-
-    cells = found["differences"]
-    if cells:
-        yield aligned(
-            [("run", "column", str(file), str(other)), *(tuple(cell.values()) for cell in cells[:MOST_SHOWN])]
-        )
+    alone, cells = len(first) + len(second) - 2 * len(common), differences(first, second)
+    found = {"runs": len(common), "in_one_alone": alone, "differences": cells}
+    more = f", {alone} in one of the two alone" if alone else ""
+    lines = [f"{counted(len(cells), 'difference')} in {counted(len(common), 'run')}{more}"]
     if len(cells) > MOST_SHOWN:
-        yield f"... and {len(cells) - MOST_SHOWN} more: --json has all"
-    more = f", {found['in_one_alone']} in one of the two alone" if found["in_one_alone"] else ""
-    yield f"{counted(len(cells), 'difference')} in {counted(found['runs'], 'run')}{more}"
+        lines.insert(0, f"... and {len(cells) - MOST_SHOWN} more: --json has all")
+    if cells:
+        head = ("run", "column", str(file), str(other))
+        lines.insert(0, aligned([head, *(tuple(cell.values()) for cell in cells[:MOST_SHOWN])]))
+    answer(found, lines, as_json=as_json)
+    if cells:
+        raise typer.Exit(DIFFERENT)
 
 
 @app.command("export")

@@ -29,10 +29,8 @@ from moteslam.slam.inputs.synchronise import require_lidar
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MAX_DIFFERENCE = 0.01
-"""Stamps further apart than this [s] do not belong together, as evo has it."""
-MAX_GAP = 1.0
-"""Poses further apart than this [s] are not interpolated between."""
+MAX_DIFFERENCE, MAX_GAP = 0.01, 1.0
+"""Stamps further apart than this [s] do not belong together, as evo has it; no pose is interpolated in a longer gap."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

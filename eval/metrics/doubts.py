@@ -15,27 +15,21 @@ from moteslam.robot.values import Issue
 
 Array = NDArray[np.float64]
 
-LONGEST = 120.0
-"""Offsets up to this are tried [s]; of clocks without a common time all."""
+LONGEST, TRIES = 120.0, 1200
+"""Offsets up to this are tried [s], of clocks without a common time all, and so many at most."""
 STEP, PRECISION = 0.1, 1e-4
 """The search begins with offsets the first apart [s], and ends with the second."""
-TRIES = 1200
-"""Offsets that are tried at most; farther apart where there would be more."""
-COARSE, FINE = 200, 5000
-"""Positions of the reference that are compared in the search, and at its end."""
-LEAST = 10
-"""Positions that are compared at least."""
+LEAST, COARSE, FINE = 10, 200, 5000
+"""Positions of the reference that are compared at least, in the search, and at its end."""
 DENSE = 0.5
 """Poses nearer to each other than this [s] are interpolated."""
-GAIN, GAIN_METRES = 0.5, 0.01
+GAIN, GAIN_METRES, FITS = 0.5, 0.01, 0.1
 """The error must fall to less than this share of itself, the less the less of the drives is left in common, and by more
-than this [m]."""
+than this [m]; without a common time to less than this share of the spread of the reference."""
 OVERLAP = 0.6
 """Share of the shorter drive that they must have in common."""
 WINDOW, CHORDS = 3.0, 0.7
 """Over this much path [m] the distances moved must differ less, by this factor."""
-FITS = 0.1
-"""Without a common time it must be less than this share of the spread of the reference."""
 ALIKE = 1.2
 """Of offsets whose errors differ by less than this factor the smallest is taken."""
 SMALL, LARGER = 0.1, 50.0
@@ -44,10 +38,9 @@ AXES = np.deg2rad(30.0)
 """Orientations that differ by more than this throughout [rad] are of other axes."""
 HEIGHTS = 0.05
 """Heights that are left out are reported where they are spread by more [m]."""
-UNLIKE = 0.5
-"""Two paths have nothing in common where the error is more than this share of the spread of the reference."""
-FEW = 0.5
-"""Where less than this share of the shorter trajectory's poses has a partner, the two may not belong together."""
+UNLIKE, FEW = 0.5, 0.5
+"""Two paths have nothing in common where the error is more than this share of the spread of the reference, and may not
+belong together where less than this share of the shorter one's poses has a partner."""
 
 
 @dataclass(frozen=True)

@@ -26,16 +26,13 @@ Indices = NDArray[np.intp]
 
 MAX_SCANS, MAX_AROUND = 5000, 60
 """At most this many scans are scored, each by at most this many poses of the map around it, evenly chosen."""
-CHI_SQUARED_95 = 7.815
+DEGREES_OF_FREEDOM, CHI_SQUARED_95 = 3, 7.815
 """The squared error of three normal variables, in variances, is below this in 95 % of cases."""
-ROUNDS = 8
-"""Of reweighting, for the offset of the robot's frame."""
-TYPICAL = np.array([0.02, 0.02, 0.003])
-"""Errors of this size weigh half in that offset [m], [m], [rad]."""
+ROUNDS, TYPICAL = 8, np.array([0.02, 0.02, 0.003])
+"""Of reweighting, for the offset of the robot's frame, in which errors of this size weigh half [m], [m], [rad]."""
 ASTRAY_DISTANCE, ASTRAY_ROTATION = 0.5, 0.15
 """A robot that has moved by this much more than it thinks since an update is astray [m], [rad]: that is no drift. Less
 says nothing: where another particle is the best one the estimate jumps."""
-DEGREES_OF_FREEDOM = 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -24,20 +24,14 @@ Array = NDArray[np.float64]
 
 MAX_TRANSLATION, MAX_ROTATION = 0.3, np.deg2rad(3.0)
 """A loop whose relative pose is farther from the true one than either, [m] and [rad], is false."""
-SPACING = 0.5
-"""Key scans are the first within each such length of path [m]; a turn by a radian counts as a metre."""
-MAX_KEY_SCANS = 3000
-"""Of a longer drive this many key scans, spread evenly over it, are looked at."""
-MIN_PATH = 15.0
-"""A loop binds scans more than this far apart along the path [m]."""
-MAX_DISTANCE = 2.0
-"""A loop is possible between scans at most this far apart in truth [m]."""
-SAME_PLACE = 0.2
-"""An endpoint closer than this to one of the other scan [m] is shared with it."""
-MIN_SHARED = 0.5
-"""A loop is possible where at least this share of the later scan's endpoints is shared with the earlier one."""
-MAX_ENDPOINTS = 100
-"""At most this many endpoints of the later scan are looked up, spread evenly over its beams."""
+SPACING, MAX_KEY_SCANS = 0.5, 3000
+"""Key scans are the first within each such length of path [m], a turn by a radian counts as a metre; of more than so
+many an even choice is looked at."""
+MIN_PATH, MAX_DISTANCE = 15.0, 2.0
+"""A loop is possible between scans more than this far apart along the path, and at most this far in truth [m] ..."""
+MIN_SHARED, SAME_PLACE, MAX_ENDPOINTS = 0.5, 0.2, 100
+"""... where at least this share of the later scan's endpoints, or of an even choice of so many, is shared with the
+earlier one: closer than this to one of it [m]."""
 BOUND_PATH = 2.5
 """A loop binds the scans up to this far before and after its own along the path [m]."""
 

@@ -22,11 +22,8 @@ from moteslam.slam.inputs.synchronise import synchronise
 
 Array = NDArray[np.float64]
 
-SAME_WALL = 0.1
-"""Walls closer to each other than this [m] are the same wall."""
-
-FARTHEST = 1.0
-"""A wall cell counts as at most this far from the nearest one of the other map [m]."""
+SAME_WALL, FARTHEST = 0.1, 1.0
+"""Walls closer to each other than this are the same wall; no wall cell counts as farther from the other map's [m]."""
 
 
 @dataclass(frozen=True)
@@ -95,25 +92,20 @@ def _distances(points: Array, others: Array) -> Array:
     return np.minimum(cKDTree(others).query(points, distance_upper_bound=FARTHEST)[0], FARTHEST)
 
 
-SPACING = 0.3
-"""A scan is used once the robot has moved by this much [m] or turned by as many radians since the last one used."""
-MAX_SCANS = 5000
-"""At most this many of them are used, spread evenly over the drive."""
+SPACING, MAX_SCANS = 0.3, 5000
+"""A scan is used once the robot has moved by this much [m], or turned by as many radians, since the last one used; of
+more than so many an even choice."""
 CELL, BLOCK = 0.05, 1.0
 """Edges of the cells, and of the blocks by which walls are measured [m]."""
 CROFTON = np.pi / 4
 """Metres of a straight line in each metre of the squares that it meets, in the mean over its directions."""
 SAMPLES = 8000
 """Endpoints that are compared with those of other scans, spread evenly over all."""
-NEAR_PATH, FAR_PATH = 6.0, 15.0
-"""Scans less than the first and more than the second of path apart are compared [m]."""
-REACH = 0.4
-"""An endpoint without another one within this distance [m] is not compared with those scans."""
-TWICE, APART = 0.1, 1.0
+NEAR_PATH, FAR_PATH, REACH = 6.0, 15.0, 0.4
+"""Scans less than the first and more than the second of path apart are compared [m], where endpoints are this near."""
+TWICE, APART, SAME_FACING = 0.1, 1.0, 0.8
 """A wall is drawn twice where the nearest endpoint on the same side of it, more than ``FAR_PATH`` away, is farther than
-the first and nearer than the second [m]."""
-SAME_FACING = 0.8
-"""Smallest cosine between the normals of two endpoints of the same side of a wall."""
+the first and nearer than the second [m]: the cosine between their normals is larger than the third."""
 AROUND, FEWEST = 0.15, 10
 """A wall's thickness is measured over the endpoints within this distance of one [m], where there are at least
 this many."""

@@ -26,10 +26,8 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1e-4
 """Stamps of a relation and of a pose that are the same reading differ by less than this [s]."""
-UPRIGHT = 0.2
-"""Height [m], roll and pitch [rad] of a relation are less."""
-HEAD = 100_000
-"""Bytes by which a file of relations is known."""
+UPRIGHT, HEAD = 0.2, 100_000
+"""A file of relations is known by so many bytes: height [m], roll and pitch [rad] are less than this."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

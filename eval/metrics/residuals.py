@@ -25,19 +25,16 @@ PATH_REACH = 2.0
 """Scans less than this far apart along the path are compared [m]: little drift, much seen by both."""
 SPACING = 0.25
 """Of the scans within each such length of path the first is used [m]; a turn by a radian counts as a metre."""
-MAX_NEIGHBOURS = 8
-"""A scan is compared with at most this many others, spread evenly over those within ``PATH_REACH``."""
-MAX_SCANS = 600
-"""At most this many scans are compared with others, spread evenly over the path."""
+MAX_SCANS, MAX_NEIGHBOURS = 600, 8
+"""At most so many scans, spread evenly over the path, are compared with at most so many others within reach each."""
 REACH = 0.5
 """An endpoint has no residual against a scan whose nearest endpoint is farther away than this [m]."""
 MAX_STRETCH = 4.0
 """A line joins adjacent endpoints up to this many times as far apart as their beams are at that range: a surface that
 the beams meet at less than 75 degrees from its normal."""
-MIN_JOINED = 0.05
-"""Adjacent endpoints this near to each other are joined whatever the range [m]: so far apart noise alone puts them."""
-MAX_JOINED = 1.0
-"""No line is longer [m]."""
+MIN_JOINED, MAX_JOINED = 0.05, 1.0
+"""Adjacent endpoints nearer than the first are joined whatever the range [m], as noise alone puts them so far apart; no
+line is longer than the second [m]."""
 FAR = 0.03
 """The share of residuals beyond this distance [m] is reported."""
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -68,42 +69,42 @@ class Material:
     @property
     def issues(self) -> Counter[str]:
         """What was wrong with recordings and runs, and how many runs had it."""
-        return Counter(str(issue["message"]) for run in self.runs for issue in run.issues)
+        return Counter(str(issue.get("message")) for run in self.runs for issue in run.issues)
 
 
 def gather(paths: Sequence[Path]) -> Material:
     """Read files of sweeps, result folders, and folders that hold any of these."""
     found: list[Path] = []
     for path in paths:
-        within = list(_within(path, DEPTH)) if path.is_dir() else [path]
+        within = list(_within(path)) if path.is_dir() else [path]
         if not within:
             raise InputError("no result folder and no .sweep file in it, expected some", file=path)
         if not path.exists():
             raise InputError("there is no such file or folder, expected a .sweep file or a result folder", file=path)
         found += within
-    folders, sweeps = ([path for path in found if path.is_dir() == wanted] for wanted in (True, False))
     material = Material()
-    for path in sweeps:
-        _take_sweep(material, path, prefix_of(path, found))
-    _take_folders(material, folders)
+    for path in found:
+        if not path.is_dir():
+            _take_sweep(material, path, prefix_of(path, found))
+    _take_folders(material, [path for path in found if path.is_dir()])
     if not material.runs:
         raise InputError("no run was made yet, expected at least one", file=paths[0])
     return material
 
 
-def _within(folder: Path, depth: int) -> Iterable[Path]:
-    if is_result_folder(folder):
-        yield folder
-        return
-    try:
-        entries = sorted(folder.iterdir())
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", file=folder) from error
-    for entry in entries:
-        if entry.suffix == ".sweep" and entry.is_file():
-            yield entry
-        elif depth > 0 and entry.is_dir() and not entry.is_symlink() and not entry.name.startswith("."):
-            yield from _within(entry, depth - 1)
+def _within(top: Path) -> Iterator[Path]:
+    """Result folders, and files of sweeps, in a folder and those in it."""
+
+    def refuse(error: OSError) -> None:
+        raise InputError(f"cannot be read: {error.strerror or error}", file=error.filename or top) from error
+
+    for root, folders, names in os.walk(top, onerror=refuse):
+        deeper = len(Path(root).relative_to(top).parts) < DEPTH and not is_result_folder(Path(root))
+        folders[:] = sorted(name for name in folders if deeper and not name.startswith("."))
+        if is_result_folder(Path(root)):
+            yield Path(root)
+        else:
+            yield from (Path(root, name) for name in sorted(names) if name.endswith(".sweep"))
 
 
 def _take_sweep(material: Material, path: Path, prefix: str) -> None:
@@ -113,10 +114,9 @@ def _take_sweep(material: Material, path: Path, prefix: str) -> None:
         material.documents.append((f"Specification of {path.name}", tomli_w.dumps(spec)))
         for title, facts in store.environment.items():
             material.facts.setdefault(f"{title} of {path.name}", dict(facts))
-        rows = [row.renamed(prefix + row.run.configuration) for row in store.rows()]
-    made = [row for row in rows if row.status]
+        made = [row.renamed(prefix + row.run.configuration) for row in store.rows() if row.status]
+        material.pending += len(store.pending())
     material.runs += made
-    material.pending += len(rows) - len(made)
     if programs := {row.run.configuration: row.run.version for row in made if row.run.version}:
         material.facts[f"programs of {path.name}"] = programs
 

@@ -48,11 +48,8 @@ class Budget:
     @classmethod
     def of(cls, runs: int) -> Budget:
         """For each of this many runs: some 10 MB for 300 of them."""
-        return cls(
-            steps=int(np.clip(STEPS // runs, FEWEST_STEPS, MOST_STEPS)),
-            picture=min(LARGEST_PICTURE, PICTURES // runs),
-            particles=min(LARGEST_CLOUD, CLOUDS // runs),
-        )
+        steps = int(np.clip(STEPS // runs, FEWEST_STEPS, MOST_STEPS))
+        return cls(steps, min(LARGEST_PICTURE, PICTURES // runs), min(LARGEST_CLOUD, CLOUDS // runs))
 
 
 def playable(folder: Path, budget: Budget) -> dict[str, Any]:

@@ -24,14 +24,10 @@ Line = tuple[str, AteResult, dict[str, Any]]
 
 RUG = 1.05
 """Where the marks of resampling stand, as a share of the particles."""
-SINGLE_VALUES = 300
-"""A curve of more values is unreadable: their range in windows and their running median are drawn instead."""
-FAR_APART = 20
-"""Errors of which one is this many times another are drawn on logarithmic axes ..."""
-LEAST_SHOWN = 0.01
-"""... from there on [cm], [deg]."""
-WINDOWS, MEDIANS = 240, 25
-"""How many of the windows of the range, and of the running median, make a run."""
+SINGLE_VALUES, WINDOWS, MEDIANS = 300, 240, 25
+"""A curve of more values is unreadable: their range in windows and their running median are drawn, so many a run."""
+FAR_APART, LEAST_SHOWN = 20, 0.01
+"""Errors of which one is this many times another are drawn on logarithmic axes, from there on [cm], [deg]."""
 
 
 def draw_error(

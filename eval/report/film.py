@@ -47,8 +47,7 @@ LEFT, RIGHT, BELOW, ABOVE = 0.75, 0.3, 1.35, 0.4
 NAME_SHOWN = 30
 """Characters of the scenario's name that the caption holds at most."""
 CODECS = {"avc1": "H.264", "vp09": "VP9", "av01": "AV1"}
-"""What browsers play in an MP4, by four-letter code, in the order in which they are tried. Most builds of OpenCV lack
-an encoder for H.264, which players outside browsers know best."""
+"""What browsers play in an MP4, in the order in which they are tried: most builds of OpenCV do not encode H.264."""
 GIF_TICK = 0.01
 """Frames of a GIF last whole multiples of this [s]."""
 
@@ -75,10 +74,7 @@ class Pace:
         return cls(fps, speed)
 
     def moments(self, stamps: Array) -> NDArray[np.int64]:
-        """For each frame [k] the index of the last scan before it, of scans with these stamps [n] [s].
-
-        The last frame shows the last scan.
-        """
+        """For each frame [k] the index of the last scan before it, of scans at stamps [n] [s]; the last at last."""
         times = np.arange(stamps[0], stamps[-1], self.speed / self.fps)
         return np.append(np.searchsorted(stamps, times, side="right") - 1, len(stamps) - 1)
 
@@ -87,11 +83,7 @@ class Pace:
 
 
 def film(simulation: Simulation, session: SlamSession, pace: Pace) -> Iterator[tuple[Update, tuple[Frame, ...]]]:
-    """Run a session over a simulation and film it, in SLAM's own frame: the robot starts at the origin.
-
-    Yields:
-        each update, and the frames that show it: mostly one or none.
-    """
+    """Each update of a session over a simulation, and the frames that show it, mostly one or none, in SLAM's frame."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

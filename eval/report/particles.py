@@ -92,10 +92,7 @@ def draw_particles(path: File, cloud: Cloud, *, title: str = "") -> None:
 
 
 def magnification(largest: float, size: float) -> int:
-    """The factor that deviations up to the largest [m] are magnified by on a plan of this size [m].
-
-    1, 2 or 5 times a power of ten, 5000 at most.
-    """
+    """By which deviations up to the largest [m] are magnified on a plan of a size [m]: 1, 2, 5, 10 ... up to 5000."""
     limit = DRAWN_SIZE * size / max(largest, 1e-6)
     return max(int(step) for step in STEPS if step == 1 or 1 < step <= min(limit, 5000))
 

@@ -20,23 +20,25 @@ Array = NDArray[np.float64]
 MATERIAL_COLOURS = {"glass": "#56B4E9", "black": "black", "shiny": "#E69F00"}
 PLAIN_COLOUR, OTHER_MATERIAL, PERSON, DOOR, SLIPPERY = "0.25", "#CC79A7", "#D55E00", "#009E73", "#F0E442"
 UNREACHED, FREE_SPACE = "0.9", "white"
-FURNITURE_COLOURS = {"shelf": "#CDB08A", "table": "#E8D5B5", "chair": "#F4E8D2", "box": "0.75", "pillar": "0.55"}
-"""By kind; those that may stand on another one come after it. Of tables and chairs it is the board that is filled,
-which the lidar does not see."""
+FURNITURE = {
+    "shelves": ("shelf", "#CDB08A"),
+    "tables": ("table", "#E8D5B5"),
+    "chairs": ("chair", "#F4E8D2"),
+    "boxes": ("box", "0.75"),
+    "pillars": ("pillar", "0.55"),
+}
+"""Name and colour of each kind; those that may stand on another one come after it. Of tables and chairs it is the board
+that is filled, which the lidar does not see."""
 
-LONGEST = 11.0
-"""The longer side of the plan [inch]."""
-RASTER = 1500
-"""Cells along the longer side of the raster of free space."""
-ARROWS_APART = 0.9
-"""Distance between the arrows along a route [inch]."""
+LONGEST, RASTER = 11.0, 1500
+"""The longer side of the plan [inch], and the cells along it of the raster of free space."""
+ARROWS_APART, ARROW_BESIDE = 0.9, 0.05
+"""Between the arrows along a route, and how far to the right of it they are, as there and back differ [inch]."""
 ARROW: dict[str, Any] = {
     **{"units": "inches", "width": 0.035, "headwidth": 2.0, "headlength": 3.1, "headaxislength": 3.1},
     **{"scale_units": "inches", "scale": 1 / 0.11},
 }
 """A triangle 0.11 inch long and 0.07 wide."""
-ARROW_BESIDE = 0.05
-"""How far to the right of the line an arrow is drawn, as there and back differ [inch]."""
 FONT_SIZE = 8.0 / 72
 """Of labels [inch]."""
 CHARACTER = (0.62, 1.3)
@@ -97,16 +99,9 @@ def _draw_slippery(axes: style.Axes, layout: Layout) -> list[Label]:
 def _draw_furniture(axes: style.Axes, layout: Layout) -> None:
     from matplotlib.collections import PolyCollection
 
-    furniture = {
-        "shelf": [piece.polygon() for piece in layout.shelves],
-        "table": [piece.polygon() for piece in layout.tables],
-        "chair": [piece.polygon() for piece in layout.chairs],
-        "box": [piece.polygon() for piece in layout.boxes],
-        "pillar": [piece.polygon() for piece in layout.pillars],
-    }
     look: dict[str, Any] = {"edgecolors": "0.6", "linewidths": 0.4, "zorder": 0.5}
-    for kind, colour in FURNITURE_COLOURS.items():
-        if areas := furniture[kind]:
+    for kinds, (kind, colour) in FURNITURE.items():
+        if areas := [piece.polygon() for piece in getattr(layout, kinds)]:
             axes.add_collection(PolyCollection(areas, facecolors=colour, label=f"{kind} ({len(areas)})", **look))
 
 
@@ -143,12 +138,7 @@ def _draw_route(axes: style.Axes, scenario: Scenario, line: Array | None, scale:
 
 
 def along(line: Array, spacing: float) -> tuple[Array, Array]:
-    """Places [n, 2] on a line [k, 2] at even distances, at least one, and the line's unit directions there [n, 2].
-
-    Args:
-        line: two corners at least, in any unit.
-        spacing: about this distance between two places.
-    """
+    """Places [n, 2] on a line [k, 2], k at least 2, about a spacing apart, and its unit directions there [n, 2]."""
     steps = np.diff(line, axis=0)
     lengths = np.hypot(*steps.T)
     travelled = np.concatenate(([0.0], np.cumsum(lengths)))
@@ -162,11 +152,10 @@ def along(line: Array, spacing: float) -> tuple[Array, Array]:
 def _draw_people(axes: style.Axes, scenario: Scenario) -> list[Label]:
     labels = []
     for i, person in enumerate(scenario.people):
-        waypoints = np.asarray(person.waypoints)
-        strolls = len(waypoints) == 1
+        strolls = len(person.waypoints) == 1
         look: dict[str, Any] = {"color": PERSON, "mfc": "white" if strolls else PERSON, "mec": PERSON, "lw": 1.2}
         look["label"] = "person, strolls about" if strolls else "person, there and back"
-        axes.plot(*waypoints.T, "o" if strolls else "o:", markevery=[0], ms=5, **look)
+        axes.plot(*np.transpose(person.waypoints), "o" if strolls else "o:", markevery=[0], ms=5, **look)
         labels.append(Label(f"person {i + 1}", person.waypoints[0], PERSON))
     if scenario.crowd is not None:
         axes.plot([], [], "o", color="none", mec=PERSON, ms=5, label=f"+ {scenario.crowd.count} who stroll anywhere")

@@ -1,7 +1,6 @@
 """How every figure looks: white, colours that colour-blind eyes tell apart, legends outside the axes, units.
 
-The functions ``draw_*`` of this folder write a PNG to ``path``, with ``title`` over the figure; an ``OutputError`` says
-that it cannot be written. Points are in metres, times in seconds.
+The functions ``draw_*`` of this folder write a PNG to ``path``, with ``title`` over the figure; points [m], times [s].
 """
 
 from __future__ import annotations
@@ -52,8 +51,7 @@ def saved_figure(
 ) -> Iterator[Figure]:
     """A figure of this width and height [inch] to draw on, written as a PNG when the block ends.
 
-    Under it is one legend for all panels that have none of their own, each label once: of that many columns in a
-    figure wider than 7 inch, and in others.
+    Under it is one legend for all panels without one, of that many columns where it is wider than 7 inch, and else.
     """
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports font caches
     import matplotlib
@@ -68,11 +66,10 @@ def saved_figure(
         FigureCanvasAgg(figure)
         yield figure
         figure.suptitle(shortened(title, 90)).set_parse_math(False)
+        shared = [axes.get_legend_handles_labels() for axes in figure.axes if axes.get_legend() is None]
         shown: dict[str, Any] = {}
-        for axes in figure.axes:
-            if axes.get_legend() is None:
-                for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-                    shown.setdefault(literal(label), handle)
+        for handle, label in (pair for each in shared for pair in zip(*each, strict=True)):
+            shown.setdefault(literal(label), handle)
         if shown:
             ncols = columns[0] if size[0] > 7 else columns[1]
             legend = figure.legend(list(shown.values()), list(shown), loc="outside lower center", ncols=ncols)

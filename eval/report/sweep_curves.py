@@ -16,11 +16,10 @@ from moteslam.eval.tables import literal
 
 FAR_APART, FAR_APART_BELOW = 12.0, 5.0
 """Values of which one is this many times another have a logarithmic axis, if all are above 0; so have those below."""
-DODGE = 0.012
-"""Between the same place on two lines, as a share of the axis: so that intervals lie beside each other."""
+DODGE, MARGIN = 0.012, 0.08
+"""Between the same place on two lines, whose intervals lie side by side, and beyond the values, where medians that are
+infinite lie; as shares of the axis."""
 MARKERS = ("o", "s", "^", "D", "v", "P")
-MARGIN = 0.08
-"""Beyond the values, as a share of the axis; medians that are infinite lie there."""
 
 
 def draw_sweep(

@@ -202,7 +202,7 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
 
 
 def _expanded(name: str) -> str:
-    """A path with the variables of the environment that it names, all of which must be set."""
+    """A path with the variables of the environment that it names."""
     try:
         return re.sub(r"\$\{([A-Za-z_][A-Za-z0-9_]*)\}", lambda found: os.environ[found[1]], name)
     except KeyError as error:
