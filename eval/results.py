@@ -31,7 +31,7 @@ from moteslam.robot.values import expect_type, processor_count
 from moteslam.slam.estimate import Estimate
 
 if TYPE_CHECKING:
-    from moteslam.eval.report.maps import Snapshot
+    from moteslam.eval.report.maps import Snapshot, Stages
     from moteslam.slam.texture.floor_map import TextureMap
 
 PACKAGES = ("moteslam", "taichi", "numpy")
@@ -51,7 +51,7 @@ def write_results(
     recording: Recording | None = None,
     true_map: Raster | None = None,
     snapshots: Sequence[Snapshot] = (),
-    stages: Sequence[tuple[float, TextureMap]] = (),
+    stages: Stages = (),
     figures: bool = True,
     run: Mapping[str, Any] | None = None,
 ) -> Figures:
@@ -67,8 +67,6 @@ def write_results(
         figures: draw them.
         run: more about the run for ``run.json``: the command, threads, times.
     """
-    from moteslam.eval.report.maps import draw_texture_over_time
-
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     folder = Path(folder)
     make_folder(folder)
@@ -90,15 +88,7 @@ def write_results(
     write_json(folder / "metrics.json", scores)
     write_atomically(folder / "config.toml", estimate.config.to_toml())
     if figures:
-        draw_figures(folder, estimate, evidence, snapshots=snapshots)
-        if stages:
-            draw_texture_over_time(
-                folder / "texture_over_time.png",
-                stages,
-                estimate.map,
-                trajectory=estimate.trajectory_final,
-                title=f"{estimate.name}: map and coloured floor over time",
-            )
+        draw_figures(folder, estimate, evidence, snapshots=snapshots, stages=stages)
     issues = (*(() if recording is None else recording.warnings), *estimate.warnings)
     about = {
         "recording": estimate.name,
@@ -127,7 +117,9 @@ def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None 
         write_map_arrays(folder / "texture.npz", MapArrays(kind="texture", arrays=arrays, **cells))
 
 
-def draw_figures(folder: Path, estimate: Estimate, run: Evidence, *, snapshots: Sequence[Snapshot] = ()) -> None:
+def draw_figures(
+    folder: Path, estimate: Estimate, run: Evidence, *, snapshots: Sequence[Snapshot] = (), stages: Stages = ()
+) -> None:
     """Draw the figures of a run into a folder, with what is known of it."""
     from moteslam.eval.report import curves, maps, particles
 
@@ -147,6 +139,9 @@ def draw_figures(folder: Path, estimate: Estimate, run: Evidence, *, snapshots: 
     if snapshots:
         file = folder / "over_time.png"
         maps.draw_over_time(file, snapshots, trajectory=online, title=title("trajectory and map over time"))
+    if stages:
+        file, about = folder / "texture_over_time.png", title("map and coloured floor over time")
+        maps.draw_texture_over_time(file, stages, estimate.map, trajectory=final, title=about)
     maps.draw_dead_reckoning(
         folder / "dead_reckoning.png",
         odometry,
@@ -161,14 +156,9 @@ def draw_figures(folder: Path, estimate: Estimate, run: Evidence, *, snapshots: 
         particles.draw_particles(folder / "particles.png", particles.Cloud.of(estimate), title=title("particles"))
         updated = diagnostics["updated"] > 0
         n_eff, resampled, count = (diagnostics[name][updated] for name in ("n_eff", "resampled", "particles"))
-        curves.draw_effective_particles(
-            folder / "effective_particles.png",
-            online.stamps[updated],
-            n_eff,
-            resampled,
-            particles=count,
-            title=title("effective number of particles"),
-        )
+        values: Any = (online.stamps[updated], n_eff, resampled)
+        file, about = folder / "effective_particles.png", title("effective number of particles")
+        curves.draw_effective_particles(file, *values, particles=count, title=about)
     if truth is not None:
         slam, last, first = (run.track(name).ate for name in (ONLINE, FINAL, DEAD_RECKONING))
         about = title("error over time, after alignment")

@@ -30,8 +30,8 @@ M = TypeVar("M", bound=BaseModel)
 
 class _Score(BaseModel):
     value: float | None = None
-    unit: str = ""
-    absent: str = ""
+    unit: str | None = None
+    absent: str | None = None
 
 
 class _Scores(BaseModel):
@@ -54,25 +54,16 @@ def is_result_folder(folder: Path) -> bool:
 
 def read_result_folder(folder: Path) -> Row:
     """Read ``metrics.json`` and ``run.json``; the configuration is named by the folder."""
-    scores = _read(_Scores, folder / "metrics.json").metrics
+    found = _read(_Scores, folder / "metrics.json").metrics
     about = _read(_About, folder / "run.json")
     run = PlannedRun(
         scenario=about.scenario or about.recording or folder.absolute().name,
         seed=about.seed,
         configuration=str(folder),
     )
-    return Row(
-        run,
-        "ok",
-        "",
-        values={name: one.value for name, one in scores.items()},
-        units={name: one.unit for name, one in scores.items() if one.value is not None},
-        absent={name: one.absent for name, one in scores.items() if one.value is None},
-        issues=about.warnings,
-        succeeded=within({name: one.value for name, one in scores.items()}),
-        folder=folder,
-        facts={"versions": _texts(about.versions), "hardware": _texts(about.hardware)},
-    )
+    scores = {name: one.model_dump(exclude_none=True) for name, one in found.items()}
+    facts = {"versions": _texts(about.versions), "hardware": _texts(about.hardware)}
+    return Row(run, "ok", "", scores, about.warnings, within(scores), folder, facts)
 
 
 def _texts(facts: dict[str, Any]) -> dict[str, str]:

@@ -14,7 +14,7 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, in_plane, match, oriented, spatial
 from moteslam.eval.metrics.ate import AteResult, PoseErrors, absolute_trajectory_error
 from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, lever_arm
-from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Certainty, Evidence
+from moteslam.eval.metrics.evidence import FINAL, TRACKS, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import TOLERANCE, RelationResult, Relations, evaluate_relations
@@ -32,7 +32,7 @@ from moteslam.slam.inputs.scans import Scans
 
 Figures = dict[str, Any]
 """Of a run, fit for JSON: what ``metrics.json`` holds (``docs/reference/formats.md``)."""
-Reference = Trajectory | Relations
+Reference, Truth = Trajectory | Relations, Trajectory | None
 
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
@@ -48,32 +48,19 @@ class Evaluation:
 
 
 def evidence_of(
-    estimate: Estimate,
-    truth: Trajectory | None = None,
-    *,
-    recording: Recording | None = None,
-    true_map: Raster | None = None,
+    estimate: Estimate, truth: Truth = None, *, recording: Recording | None = None, true_map: Raster | None = None
 ) -> Evidence:
     """What is known of a run of ours when it is scored; arguments as of ``score_estimate``."""
-    diagnostics, occupancy = estimate.diagnostics, estimate.map
+    tracks = estimate.trajectory_final, estimate.trajectory, estimate.dead_reckoning
+    known = (estimate.diagnostics[name] for name in ("state", "updated", "n_eff"))
+    occupancy = estimate.map
     return Evidence(
-        trajectories={
-            FINAL: estimate.trajectory_final,
-            ONLINE: estimate.trajectory,
-            DEAD_RECKONING: estimate.dead_reckoning,
-        },
+        trajectories=dict(zip(TRACKS, tracks, strict=True)),
         truth=truth,
         occupancy=Raster(trinary(occupancy.values), occupancy.cell_size, occupancy.origin),
         true_map=true_map,
         recording=recording,
-        certainty=Certainty(
-            estimate.covariances,
-            diagnostics["state"],
-            diagnostics["updated"],
-            diagnostics["n_eff"],
-            estimate.particle_spread,
-            estimate.corrections,
-        ),
+        certainty=Certainty(estimate.covariances, *known, estimate.particle_spread, estimate.corrections),
         loops=estimate.loops if looks_for_loops(estimate.config) else None,
     )
 
@@ -85,11 +72,7 @@ def looks_for_loops(config: SlamConfig) -> bool:
 
 
 def score_estimate(
-    estimate: Estimate,
-    truth: Trajectory | None = None,
-    *,
-    recording: Recording | None = None,
-    true_map: Raster | None = None,
+    estimate: Estimate, truth: Truth = None, *, recording: Recording | None = None, true_map: Raster | None = None
 ) -> Figures:
     """Score a run by a truth on the clock of its recording.
 
@@ -116,7 +99,7 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
         "localisation": {
             "states": state_counts(diagnostics["state"]),
             "first_lost_stamp": float(stamps[lost[0]]) if len(lost) else None,
-            "compared": _compared_states(run),
+            "compared": None if run.truth is None else _compared_states(run),
         },
     }
     if run.loops is not None and run.truth is not None and run.truth.oriented:
@@ -128,8 +111,6 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
 
 
 def _compared_states(run: Evidence) -> dict[str, Any] | None:
-    if run.truth is None:
-        return None
     try:
         found = run.localisation.as_dict()
     except InputError as error:

@@ -23,12 +23,12 @@ slam.particles = [1, 10, 100]
 
 
 def run_of(
-    configuration: str = "a", seed: int = 0, status: str = "ok", *, scenario: str = "corridor", error: str = "", **more
+    configuration: str = "a", seed: int = 0, status: str = "ok", ate: float | None = None, scenario: str = "corridor"
 ) -> Row:
-    """A run of which the error alone is known, or other fields of its row."""
+    """A run of which the error alone is known: 0.1 m more than its seed by default."""
     run = PlannedRun(scenario=scenario, seed=seed, configuration=configuration)
-    fields = {"values": {"final.ate": 0.1 + seed}, "units": {}, "absent": {}, "succeeded": status == "ok"}
-    return Row(run, status, error, **(fields | more))
+    scores = {"final.ate": {"value": 0.1 + seed if ate is None else ate, "unit": "m"}} if status == "ok" else {}
+    return Row(run, status, scenario, scores, succeeded=status == "ok")
 
 
 def sweep(path: Path, *, fail: int = 0) -> Path:

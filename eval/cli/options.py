@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 OUT = "Folder for the result; it must not exist."
 TOPIC_STREAMS = ("lidar", "odometry", "imu", "encoders", "rgb", "depth")
 """What a topic of a bag can be read as."""
-
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out, whole, at the end.")]
 ForceFile = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

@@ -110,8 +110,7 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
     """The estimate with the coloured floor, if the recording has images, and the floor at stages of the run."""
     if not wants_colours(estimate.config, recording):
         return estimate, []
-    path = estimate.trajectory_final
-    stages = TextureStages(float(path.stamps[0]), float(path.stamps[-1]))
+    stages = TextureStages(*estimate.trajectory_final.stamps[[0, -1]].tolist())
     span = max(stages.end - stages.begin, 1e-9)
     with progress_bar("floor", 1.0) as progress:
 

@@ -77,18 +77,11 @@ class LoopResult(PoseErrors):
 
     def as_dict(self) -> dict[str, Any]:
         """Fit for JSON: metres and degrees, shares from 0 to 1."""
-        return {
-            "precision": self.precision,
-            "accepted": self.pairs,
-            "false": self.false,
-            "recall": self.recall,
-            "possible": self.possible,
-            "bound": self.bound,
-            "overruled": self.overruled,
-            "overruled_false": self.overruled_false,
-            **(super().as_dict() if self.pairs else {"translation_m": None, "rotation_deg": None}),
-            "warnings": [issue.as_dict() for issue in self.issues],
-        }
+        names = ("precision", "pairs", "false", "recall", "possible", "bound", "overruled", "overruled_false")
+        errors = super().as_dict() if self.pairs else {"translation_m": None, "rotation_deg": None}
+        warnings = [issue.as_dict() for issue in self.issues]
+        figures = {"accepted" if name == "pairs" else name: getattr(self, name) for name in names}
+        return {**figures, **errors, "warnings": warnings}
 
     def _summary(self) -> str:
         return f"{self.pairs} accepted, {self.false} false, {self.bound} of {self.possible} possible ones bound"

@@ -197,7 +197,7 @@ def page(
         expected = ", ".join(map(repr, list(configurations)[:8]))
         raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
     first = baseline or next(iter(configurations))
-    measured = {name: unit for run in runs for name, unit in run.units.items() if unit}
+    measured = {name: unit for run in runs for name, one in run.scores.items() if (unit := one.get("unit"))}
     units = {name: measured.get(name) or unit_of(name) for name in names}
     meanings = dict.fromkeys(names, "")
     for name in names:

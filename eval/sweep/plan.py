@@ -187,6 +187,7 @@ def _run(
 ) -> PlannedRun:
     scenario, recording, platform, noise, seed = case
     settings = {key: value for key, value in (one.set | varied).items() if not recording or key.startswith("slam.")}
+    written = {key: tomli_w.dumps({"": value}).strip().partition("= ")[2] for key, value in settings.items()}
     command: tuple[tuple[str, ...] | str, ...] = ()
     if one.command:  # the version only where one was given: a run's name follows from these
         command = one.command, one.format, one.trajectory, one.map, *([str(one.version)] if one.version else [])
@@ -199,15 +200,11 @@ def _run(
         seed=seed,
         configuration=name,
         preset=one.preset,
-        settings=tuple(sorted(f"{key}={_literal(value)}" for key, value in settings.items())),
+        settings=tuple(sorted(map("=".join, written.items()))),
         varied=tuple(varied.items()),
         metrics=spec.metrics,
         command=command,
     )
-
-
-def _literal(value: Any) -> str:
-    return tomli_w.dumps({"value": value}).strip().partition("= ")[2]
 
 
 def _check(runs: list[PlannedRun]) -> None:
@@ -238,8 +235,7 @@ def _named(where: str, run: PlannedRun) -> Iterator[None]:
         yield
     except MoteslamError as error:
         problem, field = error.problem, error.field or ""
-        varied = [key for key, _ in run.varied if field and key.partition(".")[2].endswith(field)]
-        if varied:
+        if varied := [key for key, _ in run.varied if field and key.partition(".")[2].endswith(field)]:
             where = f"vary.{varied[0]}"
         elif run.platform and field == run.platform:
             where, problem = "platforms", f"{run.platform!r}, {problem}"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.evidence import TRACKS
@@ -104,6 +104,11 @@ class Configuration(Section):
         return self
 
 
+def _counted(seeds: str) -> str:
+    numbers(seeds)
+    return seeds
+
+
 class SweepSpec(Section):
     """A sweep: every configuration, with every combination of what varies, on every case and every seed."""
 
@@ -124,7 +129,7 @@ class SweepSpec(Section):
     """Classes of noise in place of the scenarios' own."""
     duration: Positive | None = None
     """The drives end after this time, if not before [s]."""
-    seeds: str = "0-9"
+    seeds: Annotated[str, AfterValidator(_counted)] = "0-9"
     """Of the simulation and of SLAM: `0-9`, or `3,5,10-19`."""
     configurations: dict[Annotated[str, Field(pattern=NAME)], Configuration] = Field(
         default_factory=lambda: {"default": Configuration()}, min_length=1
@@ -139,12 +144,6 @@ class SweepSpec(Section):
     timeout: Positive = 1800.0
     """A run that takes longer has failed [s]."""
 
-    @field_validator("seeds")
-    @classmethod
-    def _counted(cls, value: str) -> str:
-        numbers(value)
-        return value
-
     @model_validator(mode="after")
     def _cases(self) -> SweepSpec:
         if not self.scenarios and not self.recordings:
@@ -154,7 +153,7 @@ class SweepSpec(Section):
     def values(self, key: str) -> list[Scalar]:
         """What a key of ``vary`` takes."""
         given = self.vary[key]
-        return list(given.values()) if isinstance(given, Range) else list(given)
+        return [*given.values()] if isinstance(given, Range) else [*given]
 
 
 def bundled_specs() -> dict[str, Path]:

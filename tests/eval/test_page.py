@@ -145,7 +145,7 @@ def test_a_report_of_the_command_line(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_names_are_text(tmp_path: Path) -> None:
     material = gather([sweep(tmp_path / "s.sweep", fail=2)])
-    material.runs.append(run_of(HOSTILE, scenario=HOSTILE, error=HOSTILE, status="crashed"))
+    material.runs.append(run_of(HOSTILE, scenario=HOSTILE, status="crashed"))
     material.documents.append((HOSTILE, HOSTILE))
     text = page(material, title=HOSTILE)
     assert "<img src=x" not in text
@@ -193,7 +193,7 @@ def test_a_curve_has_medians_with_intervals_over_what_varies(tmp_path: Path) -> 
 
 
 def test_pairs_are_of_the_same_case() -> None:
-    runs = [run_of("a", seed) for seed in range(3)] + [run_of("b", seed, values={"final.ate": 1.0}) for seed in (1, 5)]
+    runs = [run_of("a", seed) for seed in range(3)] + [run_of("b", seed, ate=1.0) for seed in (1, 5)]
     figure = charts.paired(by_configuration(runs), "a", "final.ate", "m")
     assert figure is not None
     assert (figure["data"][1]["x"], figure["data"][1]["y"]) == ([1.1], [1.0])
@@ -201,7 +201,7 @@ def test_pairs_are_of_the_same_case() -> None:
 
 
 def test_failed_runs_count_as_the_worst() -> None:
-    material = Material(runs=[run_of("a", k) for k in range(3)] + [run_of("a", 9, "crashed", values={})] * 4)
+    material = Material(runs=[run_of("a", k) for k in range(3)] + [run_of("a", 9, "crashed")] * 4)
     text = page(material, title="t")
     assert "3 of 7 (16 to 75 %)" in text
     assert '<span class="median">failed</span>' in text

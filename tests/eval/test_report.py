@@ -224,7 +224,7 @@ def test_magnification_is_a_round_number(largest: float, factor: int) -> None:
 
 def made(scenario: str, configuration: str, error: float | None, **varied: bool | float | str) -> Row:
     run = PlannedRun(scenario=scenario, seed=0, configuration=configuration, varied=tuple(varied.items()))
-    return Row(run, "failed" if error == inf else "ok", "", {"final.ate": error}, {}, {})
+    return Row(run, "failed" if error == inf else "ok", "", {"final.ate": {} if error is None else {"value": error}})
 
 
 @pytest.mark.parametrize(

@@ -51,9 +51,9 @@ def test_what_is_written_is_what_was_estimated(run, simulation, tmp_path: Path) 
     np.testing.assert_array_equal(graph.information, estimate.graph.information)
     np.testing.assert_array_equal(graph.loops, estimate.graph.loops)
     read = read_result_folder(tmp_path)
-    assert read.values["final.ate"] == number(figures, "final.ate")
-    assert read.units["final.ate"] == "m"
-    assert read.absent["map_f1"] == "no true map"
+    assert read.known["final.ate"] == number(figures, "final.ate")
+    assert read.scores["final.ate"]["unit"] == "m"
+    assert read.scores["map_f1"] == {"absent": "no true map"}
     assert (read.run.scenario, read.run.seed) == (estimate.name, 1)
 
 

@@ -352,7 +352,7 @@ def test_results_that_contradict_each_other_are_not_merged(tmp_path: Path) -> No
 def test_a_value_that_is_absent_is_recorded_with_its_reason(tmp_path: Path) -> None:
     row = rows_of(recorded(tmp_path / "a.sweep", SPEC, lambda _: {"final.rpe_1m": "no pair"}))[0]
     assert row.values == {"final.rpe_1m": None}
-    assert row.absent == {"final.rpe_1m": "no pair"}
+    assert row.scores == {"final.rpe_1m": {"absent": "no pair"}}
     summary = summary_of([row], "final.rpe_1m")
     assert (summary.absent, summary.median) == (1, None)
 
@@ -405,7 +405,7 @@ def test_anyones_slam_is_a_configuration_like_ours(tmp_path: Path, capsys: pytes
     assert [(row.run.configuration, row.status) for row in rows] == [("ours", "ok"), ("ours", "ok"), ("theirs", "ok")]
     ours, _, theirs = (row.values["final.ate"] or 0.0 for row in rows)
     assert 0 < ours < theirs < 0.2
-    assert rows[2].absent == {"map_f1": "no map"}
+    assert rows[2].scores["map_f1"] == {"absent": "no map"}
     assert "slam.particles" in printed(capsys, "sweep", "show", tmp_path / "works.sweep").splitlines()[0]
     assert (rows[2].values["final.map_near"] or 0) > 0
 
