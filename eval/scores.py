@@ -32,7 +32,8 @@ from moteslam.slam.inputs.scans import Scans
 
 Figures = dict[str, Any]
 """Of a run, fit for JSON: what ``metrics.json`` holds (``docs/reference/formats.md``)."""
-Reference, Truth = Trajectory | Relations, Trajectory | None
+Reference = Trajectory | Relations
+Truth = Trajectory | None
 
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
@@ -52,7 +53,8 @@ def evidence_of(
 ) -> Evidence:
     """What is known of a run of ours when it is scored; arguments as of ``score_estimate``."""
     tracks = estimate.trajectory_final, estimate.trajectory, estimate.dead_reckoning
-    known = (estimate.diagnostics[name] for name in ("state", "updated", "n_eff"))
+    states, updated, n_eff = (estimate.diagnostics[name] for name in ("state", "updated", "n_eff"))
+    spread, corrections = estimate.particle_spread, estimate.corrections
     occupancy = estimate.map
     return Evidence(
         trajectories=dict(zip(TRACKS, tracks, strict=True)),
@@ -60,7 +62,7 @@ def evidence_of(
         occupancy=Raster(trinary(occupancy.values), occupancy.cell_size, occupancy.origin),
         true_map=true_map,
         recording=recording,
-        certainty=Certainty(estimate.covariances, *known, estimate.particle_spread, estimate.corrections),
+        certainty=Certainty(estimate.covariances, states, updated, n_eff, spread, corrections),
         loops=estimate.loops if looks_for_loops(estimate.config) else None,
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -199,9 +199,6 @@ class _Job:
     recorded: Recorded
     case: int
     folder: str
-
-    def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def _make_batch(

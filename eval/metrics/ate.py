@@ -10,17 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import (
-    MAX_DIFFERENCE,
-    Matched,
-    angles,
-    heading_of,
-    laid,
-    match,
-    nearest_rotation,
-    planar,
-    upright,
-)
+from moteslam.eval.metrics import association
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
 from moteslam.eval.statistics import Statistics
 from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, umeyama, umeyama_scale, wrap
 from moteslam.robot.trajectory import Space, Trajectory
@@ -161,14 +152,14 @@ def _in_space(matched: Matched, *, align: bool, from_start: bool, scale: bool) -
         rotation = true.rotations[0] @ there.rotations[0].T
         translation = true.positions[0] - rotation @ there.positions[0]
     elif align and true.positions.std(axis=0).max() >= STANDING:
-        rotation, translation, factor = laid(there.positions, true.positions, scale=scale)
+        rotation, translation, factor = association.laid(there.positions, true.positions, scale=scale)
     elif align:
-        rotation, _ = nearest_rotation((true.rotations @ np.swapaxes(there.rotations, 1, 2)).sum(axis=0))
+        rotation, _ = association.nearest_rotation((true.rotations @ np.swapaxes(there.rotations, 1, 2)).sum(axis=0))
         translation = true.positions.mean(axis=0) - rotation @ there.positions.mean(axis=0)
     laid_on = Space(factor * there.positions @ rotation.T + translation, rotation @ there.rotations)
     errors = np.linalg.norm(laid_on.positions - true.positions, axis=1)
-    turns = angles(np.swapaxes(true.rotations, 1, 2) @ laid_on.rotations) if matched.oriented else None
-    turn = upright(true.positions)
-    aligned, reference = (planar(space, turn, true.rotations[0]) for space in (laid_on, true))
-    transform = np.array((translation[0], translation[1], float(heading_of(rotation))))
+    turns = association.angles(np.swapaxes(true.rotations, 1, 2) @ laid_on.rotations) if matched.oriented else None
+    turn = association.upright(true.positions)
+    aligned, reference = (association.planar(space, turn, true.rotations[0]) for space in (laid_on, true))
+    transform = np.array((translation[0], translation[1], float(association.heading_of(rotation))))
     return AteResult(matched.stamps, errors, turns, aligned, reference, transform, factor, (rotation, translation))

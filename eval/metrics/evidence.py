@@ -11,15 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.eval.metrics import localisation as filters
 from moteslam.eval.metrics.association import covered, evenly, oriented
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.localisation import (
-    LocalisationResult,
-    NeesResult,
-    nees_from_start,
-    score_localisation,
-    share_within_spread,
-)
 from moteslam.eval.metrics.loops import LoopResult, score_loops
 from moteslam.eval.metrics.map_quality import MapAccuracy, MapConsistency, map_accuracy, map_consistency
 from moteslam.eval.metrics.relations import RelationResult, Relations, evaluate_relations
@@ -113,18 +107,18 @@ class Evidence:
         return known, online, truth
 
     @cached_property
-    def localisation(self) -> LocalisationResult:
+    def localisation(self) -> filters.LocalisationResult:
         """Covariances and states of the online trajectory against the truth."""
         known, online, truth = self._known()
-        return score_localisation(
+        return filters.score_localisation(
             online, known.covariances, known.states, known.updated, truth, corrections=known.corrections
         )
 
     @cached_property
-    def nees_from_start(self) -> NeesResult:
+    def nees_from_start(self) -> filters.NeesResult:
         """The NEES of the online trajectory, anchored at the start."""
         known, online, truth = self._known()
-        return nees_from_start(online, known.covariances, truth)
+        return filters.nees_from_start(online, known.covariances, truth)
 
     @property
     def time_taken(self) -> Cost:
@@ -138,7 +132,7 @@ class Evidence:
         true = truth.at(online.stamps).poses
         laid = se2.compose(se2.compose(true[0], se2.inverse(online.poses[0])), online.poses)
         spread = needed(known.spread, "spread of the particles")
-        return share_within_spread(se2.between(true, laid)[known.updated > 0], spread)
+        return filters.share_within_spread(se2.between(true, laid)[known.updated > 0], spread)
 
     @cached_property
     def loop_result(self) -> LoopResult:

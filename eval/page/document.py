@@ -23,21 +23,10 @@ from jinja2 import BaseLoader, Environment, StrictUndefined
 from markupsafe import Markup, escape
 
 from moteslam.errors import ConfigError, InputError
+from moteslam.eval import runs
 from moteslam.eval.metrics.registry import chosen, metric
 from moteslam.eval.page import charts
 from moteslam.eval.page.player import Budget, playable
-from moteslam.eval.runs import (
-    MAX_BYTES,
-    better,
-    by_configuration,
-    grouped,
-    is_result_folder,
-    prefix_of,
-    read_result_folder,
-    summary_of,
-    unit_of,
-    values_of,
-)
 from moteslam.eval.statistics import Proportion, compare
 from moteslam.eval.sweep.store import Row, opened
 from moteslam.eval.tables import literal
@@ -85,7 +74,7 @@ def gather(paths: Sequence[Path]) -> Material:
     material = Material()
     for path in found:
         if not path.is_dir():
-            _take_sweep(material, path, prefix_of(path, found))
+            _take_sweep(material, path, runs.prefix_of(path, found))
     _take_folders(material, [path for path in found if path.is_dir()])
     if not material.runs:
         raise InputError("no run was made yet, expected at least one", file=paths[0])
@@ -99,9 +88,9 @@ def _within(top: Path) -> Iterator[Path]:
         raise InputError(f"cannot be read: {error.strerror or error}", file=error.filename or top) from error
 
     for root, folders, names in os.walk(top, onerror=refuse):
-        deeper = len(Path(root).relative_to(top).parts) < DEPTH and not is_result_folder(Path(root))
+        deeper = len(Path(root).relative_to(top).parts) < DEPTH and not runs.is_result_folder(Path(root))
         folders[:] = sorted(name for name in folders if deeper and not name.startswith("."))
-        if is_result_folder(Path(root)):
+        if runs.is_result_folder(Path(root)):
             yield Path(root)
         else:
             yield from (Path(root, name) for name in sorted(names) if name.endswith(".sweep"))
@@ -123,8 +112,8 @@ def _take_sweep(material: Material, path: Path, prefix: str) -> None:
 
 def _take_folders(material: Material, folders: Sequence[Path]) -> None:
     """Result folders: those of one configuration, by the text of ``config.toml``, are runs of it."""
-    rows = [read_result_folder(folder) for folder in folders]
-    texts = grouped(rows, lambda row: read_text(_config(row), "a file of a result folder", limit=MAX_BYTES))
+    rows = [runs.read_result_folder(folder) for folder in folders]
+    texts = runs.grouped(rows, lambda row: read_text(_config(row), "a file of a result folder", limit=runs.MAX_BYTES))
     names = _names(texts)
     for text, members in texts.items():
         material.documents.append((f"Configuration {names[text]}", text))
@@ -191,38 +180,38 @@ def page(
     compared with the first configuration. ``progress`` is called with how many runs were read. ``ConfigError``: an
     unknown metric or baseline.
     """
-    runs, names = material.runs, _metrics(material, metrics)
-    configurations = by_configuration(runs)
+    made, names = material.runs, _metrics(material, metrics)
+    configurations = runs.by_configuration(made)
     if baseline is not None and baseline not in configurations:
         expected = ", ".join(map(repr, list(configurations)[:8]))
         raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
     first = baseline or next(iter(configurations))
-    measured = {name: unit for run in runs for name, one in run.scores.items() if (unit := one.get("unit"))}
-    units = {name: measured.get(name) or unit_of(name) for name in names}
+    measured = {name: unit for run in made for name, one in run.scores.items() if (unit := one.get("unit"))}
+    units = {name: measured.get(name) or runs.unit_of(name) for name in names}
     meanings = dict.fromkeys(names, "")
     for name in names:
         with suppress(ConfigError):  # of a plug-in that is not here
             meanings[name] = metric(name).meaning
-    played = [run for run in runs if run.folder is not None]
+    played = [run for run in made if run.folder is not None]
     budget = Budget.of(max(len(played), 1))
     players: list[tuple[str, Markup]] = []
     for run in played:
         assert run.folder is not None
         players.append((f"{run.run.configured}: {run.name}", data_block(playable(run.folder, budget))))
         progress(len(players))
-    keys = list(dict.fromkeys(key for run in runs for key, _ in run.run.varied))
+    keys = list(dict.fromkeys(key for run in made for key, _ in run.run.varied))
     drawn = [
         {
             "spread": charts.spread(configurations, name, units[name]),
             "pairs": charts.paired(configurations, first, name, units[name]),
-            "curves": [one for key in keys if (one := charts.curves(runs, key, name, units[name])) is not None],
+            "curves": [one for key in keys if (one := charts.curves(made, key, name, units[name])) is not None],
         }
         for name in names
     ]
     others = [name for name in configurations if name != first]
-    values = {name: {each: values_of(rows, name) for each, rows in configurations.items()} for name in names}
+    values = {name: {each: runs.values_of(rows, name) for each, rows in configurations.items()} for name in names}
     pairs = {
-        name: [(other, compare(each[first], each[other], better=better(name))) for other in others]
+        name: [(other, compare(each[first], each[other], better=runs.better(name))) for other in others]
         for name, each in values.items()
     }
     return _render(
@@ -233,12 +222,12 @@ def page(
             "names": names,
             "units": units,
             "meanings": meanings,
-            "runs": runs,
+            "runs": made,
             "configurations": configurations,
-            "places": grouped(runs, lambda run: run.place),
+            "places": runs.grouped(made, lambda run: run.place),
             "baseline": first,
             "pairs": pairs if others else {},
-            "failures": [run for run in runs if run.status != "ok"],
+            "failures": [run for run in made if run.status != "ok"],
             "players": players,
             "charts": data_block(drawn),
             "has_curves": any(each["curves"] for each in drawn),
@@ -274,8 +263,8 @@ def _render(context: dict[str, Any]) -> str:
         "lines": lambda text: Markup("\n").join(escape(literal(line)) for line in text.splitlines()),
         "key": lambda value: "" if value is None else repr(value),  # by which a cell is sorted
         "success": lambda runs: Proportion(sum(run.succeeded for run in runs), len(runs)),
-        "summary": summary_of,
-        "by_configuration": by_configuration,
+        "summary": runs.summary_of,
+        "by_configuration": runs.by_configuration,
         "s": lambda count: "" if count == 1 else "s",
     }
     policy = (

@@ -86,10 +86,6 @@ class PlannedRun(Section):
         """The settings over the scenario, those of its robot among them."""
         return tuple(setting.removeprefix("scenario.") for setting in self.settings if not setting.startswith("slam."))
 
-    def as_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
-        return self.model_dump(mode="json")
-
 
 def plan(spec: SweepSpec, *, check: bool = True) -> list[PlannedRun]:
     """All runs of a sweep, those of one case together.

@@ -63,7 +63,7 @@ _latest: dict[Any, Case] = {}
 
 
 def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
-    """Make a run, given as ``PlannedRun.as_dict``; time and memory are those of a process that did nothing else.
+    """Make a run, a ``PlannedRun`` as JSON has it; time and memory are those of a process that did nothing else.
 
     Returns:
         ``values`` of all metrics, scans and distance, each with ``value`` and ``unit`` or ``absent``; and ``issues``.

@@ -24,6 +24,8 @@ from math import inf
 from multiprocessing.connection import wait
 from typing import Any, Generic, Protocol, TypeVar
 
+from pydantic_core import to_jsonable_python
+
 from moteslam.errors import BackendError, MoteslamError
 from moteslam.eval.sweep.plan import PlannedRun
 
@@ -42,8 +44,6 @@ class Run(Protocol):
 
     @property
     def case(self) -> Any: ...  # noqa: D102
-
-    def as_dict(self) -> dict[str, Any]: ...  # noqa: D102
 
 
 R = TypeVar("R", bound=Run)
@@ -81,7 +81,7 @@ class Worker(Generic[R]):
         """Give it a run."""
         self.run, self.began = run, time.monotonic()
         with suppress(BrokenPipeError):  # dead: its output says so
-            self._input.write(json.dumps({"run": run.as_dict(), "timed": timed}) + "\n")
+            self._input.write(json.dumps({"run": to_jsonable_python(run), "timed": timed}) + "\n")
             self._input.flush()
 
     def take(self) -> Outcome[R] | None:
