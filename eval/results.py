@@ -128,12 +128,13 @@ def draw_figures(
 
     online, final, odometry = estimate.trajectory, estimate.trajectory_final, estimate.dead_reckoning
     truth, diagnostics = run.truth, estimate.diagnostics
+    true_final, true_odometry = (None if truth is None else from_same_start(truth, one) for one in (final, odometry))
     maps.draw_trajectories(
         folder / "trajectories.png",
         estimate.map,
         slam=final,
         dead_reckoning=_begun_at(final.poses[0], odometry),
-        truth=None if truth is None else from_same_start(truth, final),
+        truth=true_final,
         title=title("the map and the paths on it"),
     )
     if snapshots:
@@ -142,13 +143,8 @@ def draw_figures(
     if stages:
         file, about = folder / "texture_over_time.png", title("map and coloured floor over time")
         maps.draw_texture_over_time(file, stages, estimate.map, trajectory=final, title=about)
-    maps.draw_dead_reckoning(
-        folder / "dead_reckoning.png",
-        odometry,
-        recording=run.recording,
-        truth=None if truth is None else from_same_start(truth, odometry),
-        title=title("dead reckoning"),
-    )
+    file, about = folder / "dead_reckoning.png", title("dead reckoning")
+    maps.draw_dead_reckoning(file, odometry, recording=run.recording, truth=true_odometry, title=about)
     if estimate.loops:
         file = folder / "loops.png"
         maps.draw_loops(file, estimate.map, estimate.loops, trajectory=final, title=title("loops on the map"))

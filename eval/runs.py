@@ -147,10 +147,7 @@ def summary_of(rows: Iterable[Row], name: str) -> Summary:
 class Line:
     """The runs of one scenario and configuration, by their values of a column.
 
-    Attributes:
-        where, how: what sets the line apart from the others: its scenario, robot and noise; all else.
-        name: all that it is, in words.
-        groups: its runs by value.
+    ``where`` (scenario, robot, noise) and ``how`` set the line apart from the others; ``name`` is all that it is.
     """
 
     where: tuple[str, ...]

@@ -134,10 +134,9 @@ def evaluate(
     _refuse_options(context, paths, recording, map_file)
     with options.new_file(save, force=force), options.new_file(plot, ".png", force=force):
         estimates, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
-        for file in estimates:
-            if is_relations(file):
-                problem = "holds relations, or quaternions of other lengths than 1"
-                raise InputError(f"{problem}; expected trajectories, and relations last", file=file)
+        if wrong := next(filter(is_relations, estimates), None):
+            problem = "holds relations, or quaternions of other lengths than 1"
+            raise InputError(f"{problem}; expected trajectories, and relations last", file=wrong)
         if not abs(time_offset) < MAX_STAMP:
             raise InputError(f"{time_offset:g}, expected seconds", field="--time-offset")
         trajectories = {str(file): read_trajectory(file) for file in estimates}
@@ -152,30 +151,26 @@ def evaluate(
             for one in trajectories.values():
                 warn(one.warnings)
         results: dict[str, Any] = {}
+        rows: list[dict[str, Any]] = []
         whole: list[dict[str, Any]] = []
-        """A row a trajectory, with the error at every stamp."""
+        """The rows, with the error at every stamp."""
+        how: dict[str, Any] = {"align": not no_align, "scale": scale, "delta": delta, "unit": unit}
+        how |= {"all_pairs": all_pairs, "max_difference": max_difference}
         for name, one in trajectories.items():
             row: dict[str, Any] = {"estimate": name}
+            errors: dict[str, Any] = {}
             if truth is not None and reference is not None:
                 with options.in_file(reference), options.named(delta="--delta", max_difference="--max-difference"):
-                    compared = against(
-                        one,
-                        truth,
-                        align=not no_align,
-                        scale=scale,
-                        delta=delta,
-                        unit=unit,
-                        all_pairs=all_pairs,
-                        max_difference=max_difference,
-                    )
-                results[name] = compared.result
-                row |= {"reference": str(reference), **compared.figures, "errors": compared.errors}
+                    compared = against(one, truth, **how)
+                results[name], errors["errors"] = compared.result, compared.errors
+                row |= {"reference": str(reference), **compared.figures}
             if opened is not None:
                 with options.in_file(name):
                     under = under_recording(one, opened, scans=scans)
-                row |= {"recording": str(recording), "residuals": {**under.figures, "errors": under.errors}}
-            whole.append(row)
-        rows = [_without_errors(row) for row in whole]
+                row |= {"recording": str(recording), "residuals": under.figures}
+                errors["residuals"] = {**under.figures, "errors": under.errors}
+            rows.append(row)
+            whole.append(row | errors)
         if opened is not None:
             warn(opened.warnings)
         found: dict[str, Any] = {}
@@ -184,13 +179,12 @@ def evaluate(
             ledger = score_loops(read_loops(loops), oriented(truth)[0], opened, scans=scans)
             found["loops"] = {"file": str(loops), **ledger.as_dict()}
         if metrics or true_map is not None:
-            found["metrics"] = {}
-            for name, one in trajectories.items():
-                with options.named(metrics="--metric"):
-                    values = measured(
-                        one, truth, recording=opened, occupancy=map_file, true_map=true_map, names=metrics
-                    )
-                found["metrics"][name] = {metric: value.as_dict() for metric, value in values.items()}
+            known: dict[str, Any] = {"recording": opened, "occupancy": map_file, "true_map": true_map}
+            with options.named(metrics="--metric"):
+                measures = {name: measured(one, truth, names=metrics, **known) for name, one in trajectories.items()}
+            found["metrics"] = {
+                name: {metric: value.as_dict() for metric, value in values.items()} for name, values in measures.items()
+            }
         if save is not None:
             from moteslam.eval.results import write_json
 
@@ -237,14 +231,6 @@ def _refuse_options(context: typer.Context, paths: list[Path], recording: Path |
         raise refuse("given with --no-align, expected one of the two", "scale")
 
 
-def _without_errors(row: Row) -> dict[str, Any]:
-    return {
-        name: _without_errors(value) if isinstance(value, dict) else value
-        for name, value in row.items()
-        if name != "errors"
-    }
-
-
 def _lines(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str]:
     kind, reference = rows[0].get("kind"), literal(rows[0].get("reference"))
     if kind == "trajectory" and len(rows) > 1:
@@ -268,11 +254,10 @@ def _lines(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str]:
 def _doubts(rows: Sequence[Row]) -> Iterator[str]:
     """What is doubtful in the comparisons, each beginning with a file."""
     for row in rows:
-        name, reference = row["estimate"], row.get("reference")
+        files = f"{row['estimate']}: ", f"{row.get('reference')}: "
         for issue in (*row.get("warnings", ()), *row.get("residuals", {}).get("warnings", ())):
-            message = issue["message"]
-            named = message.startswith((f"{name}: ", f"{reference}: "))  # those of reading
-            yield message if named else f"{name}: {message}"
+            message = issue["message"]  # those of reading begin so
+            yield message if message.startswith(files) else files[0] + message
 
 
 def loop_lines(loops: Row) -> Iterator[str]:

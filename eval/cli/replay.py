@@ -205,13 +205,9 @@ def _dead_reckon(
                 from moteslam.eval.results import from_same_start
 
                 truth, _ = _truth_beside(path, trajectory.stamps)
-                draw_dead_reckoning(
-                    folder / "dead_reckoning.png",
-                    trajectory,
-                    recording=recording,
-                    truth=None if truth is None else from_same_start(truth, trajectory),
-                    title=f"{recording.name}: dead reckoning",
-                )
+                truth = None if truth is None else from_same_start(truth, trajectory)
+                file, title = folder / "dead_reckoning.png", f"{recording.name}: dead reckoning"
+                draw_dead_reckoning(file, trajectory, recording=recording, truth=truth, title=title)
     x, y, theta = trajectory.poses[-1].tolist()
     found = {
         "out": None if out is None else str(out),

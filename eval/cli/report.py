@@ -15,11 +15,7 @@ from moteslam.eval.tables import literal
 def report(
     paths: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="PATH...",
-            help="Files of sweeps, result folders, and folders with either in them.",
-            show_default=False,
-        ),
+        typer.Argument(metavar="PATH...", help="Files of sweeps, result folders, and folders with either in them."),
     ],
     out: Annotated[Path, typer.Option(metavar="FILE.html", help="The page; it must not exist.")] = Path("report.html"),
     title: Annotated[str | None, typer.Option(metavar="TEXT", help="Of the page [the first path's name].")] = None,

@@ -75,10 +75,7 @@ def animate(
     duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop after S seconds.")] = None,
     fps: Annotated[float, typer.Option(metavar="N", help="Frames a second, 1 to 50.")] = 15.0,
     speed: Annotated[
-        float | None,
-        typer.Option(
-            metavar="X", help="Times real time; by default such that the film takes at most 15 s.", show_default=False
-        ),
+        float | None, typer.Option(metavar="X", help="Times real time; by default the film takes at most 15 s.")
     ] = None,
     preset: options.Preset = None,
     settings: options.Settings = None,

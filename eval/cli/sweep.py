@@ -97,14 +97,13 @@ def run(
     beside = file.with_suffix(".sweep") if file == Path(spec) else Path(f"{spec}.sweep")
     target = beside if out is None else out
     begin(target, file, wanted, shard or WHOLE, environment())
-    count = 1 if timed else workers or processor_count()
     with opened(target, write=True) as store:
         runs = store.pending()
         done = sum(store.counts().values()) - len(runs)
         with progress_bar("sweep", done + len(runs), "runs") as update:
             update(done)
             limits: dict[str, Any] = {"timeout": wanted.timeout, "timed": timed}
-            outcomes = make_all(runs, workers=count, **limits)
+            outcomes = make_all(runs, workers=1 if timed else workers or processor_count(), **limits)
             if scheduler is not None:
                 outcomes = make_all_on(scheduler, runs, **limits)
             try:

@@ -127,21 +127,17 @@ def _in_plane(matched: Matched, *, align: bool, from_start: bool, scale: bool) -
     if from_start:
         transform = compose(reference[0], inverse(estimated[0]))
     elif align:
-        transform = _laid(estimated, reference)
+        goal = reference[:, :2].mean(axis=0)
+        if np.square(reference[:, :2] - goal).sum(axis=1).mean() >= STANDING**2:
+            transform = umeyama(estimated[:, :2], reference[:, :2])
+        else:
+            turns = reference[:, 2] - estimated[:, 2]
+            turn = float(np.arctan2(np.sin(turns).mean(), np.cos(turns).mean()))
+            transform = compose((*goal, turn), (*-estimated[:, :2].mean(axis=0), 0.0))
     aligned = compose(transform, estimated)
     errors = np.hypot(*(aligned[:, :2] - reference[:, :2]).T)
-    turns = np.abs(wrap(aligned[:, 2] - reference[:, 2])) if matched.oriented else None
-    return AteResult(matched.stamps, errors, turns, aligned, reference, np.array(transform), factor)
-
-
-def _laid(estimate: Poses, reference: Poses) -> Poses:
-    """The pose [3] that lays poses [n, 3] on those of a reference [n, 3]: see ``absolute_trajectory_error``."""
-    goal = reference[:, :2].mean(axis=0)
-    if np.square(reference[:, :2] - goal).sum(axis=1).mean() >= STANDING**2:
-        return umeyama(estimate[:, :2], reference[:, :2])
-    turns = reference[:, 2] - estimate[:, 2]
-    turn = float(np.arctan2(np.sin(turns).mean(), np.cos(turns).mean()))
-    return compose((*goal, turn), (*-estimate[:, :2].mean(axis=0), 0.0))
+    turned = np.abs(wrap(aligned[:, 2] - reference[:, 2])) if matched.oriented else None
+    return AteResult(matched.stamps, errors, turned, aligned, reference, np.array(transform), factor)
 
 
 def _in_space(matched: Matched, *, align: bool, from_start: bool, scale: bool) -> AteResult:

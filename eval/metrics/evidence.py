@@ -38,12 +38,9 @@ MAX_SEEN = 3000
 
 @dataclass(frozen=True, eq=False)
 class Certainty:
-    """What a filter knew of itself at every scan of the online trajectory.
-
-    Attributes:
-        covariances, states, updated, corrections: as of ``score_localisation``.
-        effective: [n] effective number of particles.
-        spread: [u, 3] standard deviation of the particles at every update, along, across [m], heading [rad].
+    """What a filter knew of itself at every scan of the online trajectory: as of ``score_localisation``, the effective
+    number of particles [n], and the standard deviation of the particles at every update [u, 3], along, across [m],
+    heading [rad].
     """
 
     covariances: Array
@@ -70,11 +67,9 @@ class Cost:
 class Evidence:
     """What is known of a run; metrics that need what is None cannot be had.
 
-    Attributes:
-        trajectories: the estimates by name; ``FINAL`` is the one that the map was drawn along.
-        truth, relations: on the clock of the recording.
-        occupancy, true_map: trinary, the latter in the frame of the truth.
-        loops: the candidates of the back end; None where it looks for none.
+    ``FINAL`` is the trajectory that the map was drawn along; truth and relations are on the clock of the recording,
+    both maps trinary, the true one in the frame of the truth; ``loops`` are the candidates of a back end that looks for
+    some.
     """
 
     trajectories: Mapping[str, Trajectory]

@@ -43,8 +43,7 @@ class LocalisationResult(Summarised):
         stamps, states: [n] of the scans that were scored: all that have a map around them, at most ``MAX_SCANS``.
         errors: [n, 3] of the online poses relative to the map around the robot, in its frame (x, y [m], theta).
         nees: [n] normalised estimation error squared, e^T C^-1 e: 3 in the mean if the covariances C are right.
-        offset: [3] of the robot's frame that was taken out, the same for all scans: the lidar stands elsewhere than the
-            recording states.
+        offset: [3] of the robot's frame that was taken out: the lidar stands elsewhere than the recording states.
         astray: [n] whether it is elsewhere than it thinks: since a step that was off by more than drift, until it is
             right about a place that was mapped before.
     """
@@ -151,9 +150,16 @@ def _around(
     scored: list[tuple[int, Indices, Poses]] = []
     astray, known = np.zeros(n, np.bool_), 0  # updates from before the robot went astray; 0 where it did not
     for epoch in np.unique(epochs).tolist():
-        mapped = _mapped(estimated, numbers, corrections[epoch - 1]) if epoch else estimated
+        mapped = estimated
+        if epoch:
+            path = corrections[epoch - 1].path
+            corrected = (numbers >= 0) & (numbers < len(path))
+            mapped = np.where(corrected[:, None], path[np.where(corrected, numbers, 0)], estimated)
         scans = np.flatnonzero((epochs == epoch) & (counts > 0))
-        jumps = _jumps(estimated, true, mapped, scans, updates[counts[scans] - 1])
+        last = updates[counts[scans] - 1]
+        moved, thought = se2.between(true[last], true[scans]), se2.between(mapped[last], estimated[scans])
+        further = np.hypot(moved[:, 0], moved[:, 1]) - np.hypot(thought[:, 0], thought[:, 1]) > ASTRAY_DISTANCE
+        jumps = further | (np.abs(moved[:, 2]) - np.abs(thought[:, 2]) > ASTRAY_ROTATION)
         for scan, before, jump in zip(scans.tolist(), counts[scans].tolist(), jumps.tolist(), strict=True):
             earlier = updates[:before]
             near = _near(estimated[scan], mapped[earlier]) | _near(true[scan], true[earlier])
@@ -168,19 +174,6 @@ def _around(
                 around = evenly(earlier[near], MAX_AROUND)
                 scored.append((scan, around, mapped[around]))
     return scored, astray
-
-
-def _mapped(estimated: Poses, numbers: Indices, correction: Correction) -> Poses:
-    """Where the map has the poses [n, 3] after a correction: ``numbers`` [n] of the updates, -1 of other scans."""
-    corrected = (numbers >= 0) & (numbers < len(correction.path))
-    return np.where(corrected[:, None], correction.path[np.where(corrected, numbers, 0)], estimated)
-
-
-def _jumps(estimated: Poses, true: Poses, mapped: Poses, scans: Indices, updates: Indices) -> Flags:
-    """[k] whether the robot has moved by more than it thinks, by more than drift, from updates [k] to scans [k]."""
-    moved, thought = se2.between(true[updates], true[scans]), se2.between(mapped[updates], estimated[scans])
-    distance = np.hypot(moved[:, 0], moved[:, 1]) - np.hypot(thought[:, 0], thought[:, 1])
-    return (distance > ASTRAY_DISTANCE) | (np.abs(moved[:, 2]) - np.abs(thought[:, 2]) > ASTRAY_ROTATION)
 
 
 def _differences(estimated: Poses, true: Poses, mapped_around: Poses, true_around: Poses) -> tuple[Array, Poses]:

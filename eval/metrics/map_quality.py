@@ -116,8 +116,7 @@ class MapConsistency:
     """The sharpness of the map that the scans draw: the metrics ``map_cells`` to ``map_twice``.
 
     ``walls`` is the length of the walls that were seen [m], counted again where they are seen again after ``FAR_PATH``:
-    so it hardly depends on where the trajectory draws them. ``far`` and ``twice`` are None where the robot comes back
-    to no place; ``scans`` is how many were used.
+    so it hardly depends on where the trajectory draws them. ``far`` and ``twice`` are None without a place seen again.
     """
 
     cells: int

@@ -67,12 +67,9 @@ def _others(errors: Statistics, *but: str) -> dict[str, Any]:
     return {name: value for name, value in errors.as_dict().items() if name not in ("rmse", *but)}
 
 
-def _degrees(angle: float) -> float:
-    return float(np.rad2deg(angle))
-
-
 def _rotation(errors: PoseErrors) -> tuple[float, dict[str, Any]]:
-    return _degrees(needed(errors.rotation, "orientation").rmse), _others(needed(errors.rotation_deg, "orientation"))
+    angle = needed(errors.rotation, "orientation").rmse
+    return float(np.rad2deg(angle)), _others(needed(errors.rotation_deg, "orientation"))
 
 
 def _ate(track: Track) -> Found:
@@ -93,11 +90,6 @@ def _nees(run: Evidence) -> Found:
     return None if found is None else (found["mean"], {"median": found["median"]})
 
 
-def _per_scan(run: Evidence, seconds: float) -> float:
-    """A time of all scans [s], a scan [ms]."""
-    return 1e3 * seconds / len(run.track(FINAL).trajectory)
-
-
 def _quantile(run: Evidence, share: float) -> float | None:
     times = run.time_taken.per_scan
     return 1e3 * float(np.quantile(times, share)) if times else None
@@ -109,7 +101,7 @@ FIGURES: dict[str, Callable[[Any], Found]] = {
     "ate_from_start": lambda track: track.once(absolute_trajectory_error, from_start=True).rmse,
     "heading": lambda track: _rotation(_moved(track).ate),
     "drift": lambda track: float(track.once(drift).translation.mean()),
-    "drift_rotation": lambda track: _degrees(track.once(drift).rotation.mean()),
+    "drift_rotation": lambda track: float(np.rad2deg(track.once(drift).rotation.mean())),
     "loop_closing": lambda track: track.once(loop_closing_error).rmse,
     "loop_closing_rotation": lambda track: _rotation(track.once(loop_closing_error))[0],
     "residual": lambda track: scan_residuals(*track.under_scans(), scans=track.run.scans).median,
@@ -118,8 +110,8 @@ FIGURES: dict[str, Callable[[Any], Found]] = {
     "effective_particles": lambda run: float(needed(run.certainty, "diagnostics").effective.mean()),
     "lost_precision": lambda run: run.localisation.precision(LocalisationState.LOST),
     "lost_recall": lambda run: run.localisation.recall(LocalisationState.LOST),
-    "cpu_per_scan": lambda run: _per_scan(run, run.time_taken.cpu_seconds),
-    "wall_per_scan": lambda run: _per_scan(run, run.time_taken.wall_seconds),
+    "cpu_per_scan": lambda run: 1e3 * run.time_taken.cpu_seconds / len(run.track(FINAL).trajectory),
+    "wall_per_scan": lambda run: 1e3 * run.time_taken.wall_seconds / len(run.track(FINAL).trajectory),
     "wall_per_scan_median": lambda run: _quantile(run, 0.5),
     "wall_per_scan_99": lambda run: _quantile(run, 0.99),
     "real_time_factor": lambda run: float(np.ptp(run.track(FINAL).trajectory.stamps)) / run.time_taken.wall_seconds,

@@ -35,9 +35,8 @@ def label(text: object) -> str:
 
 
 def curves(runs: Sequence[Row], key: str, metric: str, unit: str) -> Figure | None:
-    """The median of a metric over the values of one key that varies, with its 95 % interval, a line a rest.
-
-    None if fewer than two values have one.
+    """The median of a metric over the values of one key that varies, with its 95 % interval; None of fewer than two
+    values.
     """
     lines = lines_over(runs, key)
     values = list(dict.fromkeys(value for line in lines for value in line.groups))
@@ -62,9 +61,8 @@ def curves(runs: Sequence[Row], key: str, metric: str, unit: str) -> Figure | No
 
 
 def spread(columns: Mapping[str, Sequence[Row]], metric: str, unit: str) -> Figure | None:
-    """Every run as a point, a column a configuration; its median and 95 % interval beside them.
-
-    None of fewer than two runs with a value.
+    """Every run as a point, a column a configuration; its median and 95 % interval beside them; None of fewer than two
+    runs.
     """
     traces: list[Figure] = []
     names = list(columns)[:MOST_LINES]

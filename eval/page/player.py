@@ -74,16 +74,13 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
         "online": _path(online.at(stamps).poses),
         "odometry": _path(compose(final.poses[0], between(odometry.poses[0], odometry.at(stamps).poses))),
     }
-    truth_file = folder / "truth.tum"
-    if truth_file.is_file():
-        truth = read_tum(truth_file)
+    if (folder / "truth.tum").is_file():
+        truth = read_tum(folder / "truth.tum")
         ate = absolute_trajectory_error(final, truth)
         there = compose(inverse(ate.transform), ate.reference)
         found["truth"] = _path(Trajectory(ate.stamps, there).at(stamps).poses)
-        found["errors"] = {
-            name: _errors(trajectory, truth, stamps)
-            for name, trajectory in (("final", final), ("online", online), ("odometry", odometry))
-        }
+        paths = {"final": final, "online": online, "odometry": odometry}
+        found["errors"] = {name: _errors(trajectory, truth, stamps) for name, trajectory in paths.items()}
     diagnostics = read_diagnostics(folder / "diagnostics.csv")
     if len(diagnostics.stamps) == len(final):
         found["state"] = np.maximum.reduceat(diagnostics.values["state"], steps).astype(int).tolist()

@@ -33,10 +33,8 @@ FAR_APART, LEAST_SHOWN = 20, 0.01
 def draw_error(
     path: File, *, slam: AteResult, final: Errors = None, dead_reckoning: Errors = None, title: str = ""
 ) -> None:
-    """Distance and angle between estimate and truth over time, after alignment.
-
-    Of SLAM (online), of its final path, and of dead reckoning; on logarithmic axes where one is ``FAR_APART`` times as
-    far off as another.
+    """Distance and angle between estimate and truth over time, after alignment, of SLAM (online), of its final path,
+    and of dead reckoning; on logarithmic axes where one is ``FAR_APART`` times as far off as another.
     """
     given = (
         ("dead reckoning", dead_reckoning, {"color": style.DEAD_RECKONING}),

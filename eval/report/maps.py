@@ -210,8 +210,7 @@ def draw_texture_over_time(
 ) -> None:
     """The map and, beside it, the coloured floor at stages of the run (figures 3 and 4 of the paper).
 
-    The stages have a stamp [s] each; over their colours are the walls of the map, and the trajectory along which the
-    floor was coloured until then.
+    Over the colours are the walls of the map, and the trajectory along which the floor was coloured until then.
     """
     belief = np.tanh(occupancy.values / 2)
     dark = np.zeros((*belief.shape, 4))

@@ -17,8 +17,8 @@ from moteslam.sim.world.world import World, true_map
 
 Array = NDArray[np.float64]
 
-MATERIAL_COLOURS = {"glass": "#56B4E9", "black": "black", "shiny": "#E69F00"}
-PLAIN_COLOUR, OTHER_MATERIAL, PERSON, DOOR, SLIPPERY = "0.25", "#CC79A7", "#D55E00", "#009E73", "#F0E442"
+MATERIAL_COLOURS = {"plain": "0.25", "glass": "#56B4E9", "black": "black", "shiny": "#E69F00"}
+OTHER_MATERIAL, PERSON, DOOR, SLIPPERY = "#CC79A7", "#D55E00", "#009E73", "#F0E442"
 UNREACHED, FREE_SPACE = "0.9", "white"
 FURNITURE = {
     "shelves": ("shelf", "#CDB08A"),
@@ -110,12 +110,10 @@ def _draw_walls(axes: style.Axes, world: World) -> None:
 
     surfaces = np.zeros(len(world.segments), np.int64) if world.surfaces is None else world.surfaces
     for i, name in enumerate(world.palette):
-        lines = world.segments[surfaces == i].reshape(-1, 2, 2)
+        lines, plain = world.segments[surfaces == i].reshape(-1, 2, 2), name == "plain"
         if len(lines):
-            plain = name == "plain"
-            colour = PLAIN_COLOUR if plain else MATERIAL_COLOURS.get(name, OTHER_MATERIAL)
-            label = "wall" if plain else name
-            axes.add_collection(LineCollection(lines, colors=colour, linewidths=1.0 if plain else 2.2, label=label))
+            look = {"colors": MATERIAL_COLOURS.get(name, OTHER_MATERIAL), "linewidths": 1.0 if plain else 2.2}
+            axes.add_collection(LineCollection(lines, label="wall" if plain else name, **look))
 
 
 def _draw_route(axes: style.Axes, scenario: Scenario, line: Array | None, scale: float, name: str) -> list[Label]:

@@ -27,16 +27,11 @@ TAIL, LONGEST_VERSION = 300, 200
 
 @dataclass(frozen=True)
 class Command:
-    """An external SLAM.
+    """An external SLAM: a program and its arguments, the format of its recording, and what it writes into ``{out}``.
 
-    Attributes:
-        words: the program and its arguments; in each ``{recording}`` stands for the file or folder of the recording,
-            ``{platform}`` for its robot as TOML, ``{out}`` for an empty folder, ``{seed}`` for the seed.
-        format: in which it is given the recording: ``carmen``, a log, or ``ucsd``, a folder of arrays.
-        trajectory: file in ``{out}`` with its trajectory, on the clock of the recording: TUM, or another format of
-            `read_trajectory`.
-        map: map_server ``.yaml`` file in ``{out}``, in the frame of the trajectory; empty if it has none.
-        version: what is recorded of the program; it changes nothing.
+    In each word ``{recording}`` stands for the file or folder of the recording, ``{platform}`` for its robot as TOML,
+    ``{out}`` for an empty folder, ``{seed}`` for the seed. The trajectory is on the clock of the recording, the map,
+    which may be missing, in the trajectory's frame. The version changes nothing.
     """
 
     words: tuple[str, ...]

@@ -166,8 +166,7 @@ def make_all_on(
     """As ``make_all``, on the workers of a cluster, which need moteslam and the recordings under the same paths.
 
     A run is made in a new process, since Taichi wants the main thread and a run may die. Where a worker of the cluster
-    dies the scheduler, at ``tcp://host:8786``, gives its runs to another one; a run with which several workers died has
-    crashed.
+    dies the scheduler gives its runs to another one; a run with which several workers died has crashed.
     """
     try:
         from distributed import Client, as_completed
