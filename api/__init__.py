@@ -18,7 +18,7 @@ PUBLIC = {
         "MoteslamWarning",
         "OutputError",
     ),
-    "moteslam.robot.pictures": ("PictureStyle",),
+    "moteslam.eval.report.style": ("PictureStyle",),
     "moteslam.robot.platform": ("Platform",),
     "moteslam.robot.platforms": ("bundled_platforms", "load_platform", "read_platform", "write_platform"),
     "moteslam.robot.recording": (
@@ -35,7 +35,7 @@ PUBLIC = {
     "moteslam.robot.formats.map_server": ("read_map", "read_occupancy", "write_map"),
     "moteslam.robot.inspection": ("inspect_recording",),
     "moteslam.robot.values": ("Issue",),
-    "moteslam.robot.raster": ("MapArrays", "Raster", "read_map_arrays", "write_map_arrays"),
+    "moteslam.robot.raster": ("Raster", "read_map_arrays", "write_map_arrays"),
     "moteslam.robot.trajectory": ("PoseGraph", "Trajectory"),
     "moteslam.robot.trajectories": ("read_trajectory", "write_trajectory"),
     "moteslam.robot.trajectories.text": (

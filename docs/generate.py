@@ -20,7 +20,7 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from moteslam.robot.tables import LARGEST, SMALLEST
+from moteslam.robot.values import LARGEST, SMALLEST
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.config import METHODS, ParticleFilterConfig, SlamConfig
 

@@ -20,8 +20,7 @@ from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops
 from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
 from moteslam.robot.files import make_folder, write_atomically
 from moteslam.robot.formats.map_server import map_image, trinary, write_map, write_picture
-from moteslam.robot.pictures import encode_png
-from moteslam.robot.raster import MapArrays, Raster, write_map_arrays
+from moteslam.robot.raster import Raster, encode_png, write_map_arrays
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Poses, between, compose
 from moteslam.robot.trajectories.g2o import write_g2o
@@ -107,14 +106,14 @@ def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None 
     cells: dict[str, Any] = {"cell_size": occupancy.cell_size, "origin": occupancy.origin}
     write_atomically(folder / "map.png", encode_png(map_image(occupancy.values)))
     write_map(folder / "map.pgm", Raster(trinary(occupancy.values), **cells))
-    write_map_arrays(folder / "map.npz", MapArrays(kind="log_odds", arrays={"log_odds": occupancy.values}, **cells))
+    write_map_arrays(folder / "map.npz", {"log_odds": occupancy})
     if texture is not None:
         from moteslam.eval.report.maps import with_opacity
 
         cells = {"cell_size": texture.cell_size, "origin": texture.origin}
         write_picture(folder / "texture.png", Raster(with_opacity(texture), **cells), {"frames": texture.frames})
-        arrays = {"colours": texture.values, "points": texture.points}
-        write_map_arrays(folder / "texture.npz", MapArrays(kind="texture", arrays=arrays, **cells))
+        floor = {"colours": Raster(texture.values, **cells), "points": Raster(texture.points, **cells)}
+        write_map_arrays(folder / "texture.npz", floor)
 
 
 def draw_figures(

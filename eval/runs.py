@@ -18,7 +18,7 @@ from moteslam.eval.sweep.spec import PREFIXES
 from moteslam.eval.sweep.store import Key, Row, opened, within
 from moteslam.eval.tables import comma_separated, literal
 from moteslam.robot.files import read_text, write_atomically
-from moteslam.robot.tables import first_complaint
+from moteslam.robot.values import first_complaint
 
 MAX_BYTES = 50_000_000
 """No file of a result folder that is read here is larger."""

@@ -32,10 +32,7 @@ Shape = tuple[int | str, ...]
 def open_regular(path: str | PathLike[str], expected: str, *, error: type[MoteslamError] = InputError) -> IO[bytes]:
     """Open a regular file for reading; a pipe or device, which may never end, is refused.
 
-    Args:
-        path: of the file.
-        expected: what should be there, for the message: ``a TUM trajectory``.
-        error: the exception to raise.
+    ``expected`` is what should be there, for the message of the error: ``a TUM trajectory``.
     """
     try:
         mode = Path(path).stat().st_mode
@@ -90,15 +87,6 @@ def read_yaml(path: Path, expected: str, *, limit: int) -> Any:
         raise InputError(f"not YAML: {problem[:200]}", file=path) from error
 
 
-def is_archive(path: Path) -> bool:
-    """Whether a file is an ``.npz``, by its first bytes."""
-    try:
-        with open_regular(path, "a .npz file") as file:
-            return file.read(4) == b"PK\x03\x04"
-    except (InputError, OSError):
-        return False
-
-
 def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX_ARRAYS) -> dict[str, NDArray[Any]]:
     """Read the named arrays of real numbers of an ``.npz``, each of the shape asked for; no pickles.
 
@@ -112,8 +100,7 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX
     name = None
     with open_regular(path, "a .npz file") as file:
         try:
-            with zipfile.ZipFile(file) as archive:
-                stored = {member.filename.removesuffix(".npy"): member.file_size for member in archive.infolist()}
+            stored = {one.filename.removesuffix(".npy"): one.file_size for one in zipfile.ZipFile(file).infolist()}
             if missing := [wanted for wanted in shapes if wanted not in stored]:
                 there = ", ".join(ascii(other[:40]) for other in sorted(stored)[:8])
                 raise InputError(f"missing, expected among {there or 'its arrays'}", file=path, field=missing[0])
@@ -128,30 +115,23 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX
         except Exception as error:  # zipfile, its packers and NumPy raise a dozen kinds
             problem = f"damaged or no .npz of numbers: {' '.join(str(error).split())[:100]}"
             raise InputError(problem, file=path, field=name) from error
-    sizes: dict[str, int] = {}
+    sizes: dict[int | str, int] = {}
     for name, wanted in shapes.items():
         array = arrays[name]
         if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
             raise InputError(f"{getattr(array, 'dtype', 'no array')}, expected real numbers", file=path, field=name)
-        if wanted == () and array.size == 1:
+        if not wanted and array.size == 1:
             continue
-        known = tuple(sizes.get(size, size) if isinstance(size, str) else size for size in wanted)
-        sizes |= {size: have for size, have in zip(known, array.shape, strict=False) if isinstance(size, str)}
-        expected = tuple(sizes.get(size, size) if isinstance(size, str) else size for size in wanted)
-        if array.shape != expected or 0 in array.shape or wanted == ():
-            what = f"[{', '.join(map(str, known))}], none of them 0" if wanted else "one number"
+        for size, have in zip(wanted, array.shape, strict=False):
+            sizes.setdefault(size, size if isinstance(size, int) else have)
+        if array.shape != tuple(sizes.get(size) for size in wanted) or 0 in array.shape or not wanted:
+            what = f"[{', '.join(map(str, wanted))}], none of them 0" if wanted else "one number"
             raise InputError(f"shape {list(array.shape)}, expected {what}", file=path, field=name)
     return arrays
 
 
 def file_within(folder: Path, name: str, *, file: Path, field: str) -> Path:
-    """The path of a file that a key of another file names; refused outside of its folder, links followed.
-
-    Args:
-        folder: in which the name begins; an absolute name may lead there, too.
-        name: of the file; it need not be there.
-        file, field: that name it, for messages.
-    """
+    """The path of a file in a folder, there or not, that ``field`` of ``file`` names; refused where links lead out."""
     try:
         inside = (folder / name).resolve().is_relative_to(folder.resolve())
     except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: links in a circle
@@ -162,12 +142,7 @@ def file_within(folder: Path, name: str, *, file: Path, field: str) -> Path:
 
 
 def write_atomically(path: str | PathLike[str], content: str | bytes | Callable[[IO[bytes]], None]) -> None:
-    """Write a complete file, or none.
-
-    Args:
-        path: the target; its folder must exist.
-        content: text (UTF-8), bytes, or a function that writes into the open binary file.
-    """
+    """Write a complete file, or none: a text (UTF-8), bytes, or what a function writes into the open binary file."""
     path = Path(path)
     temporary = path.parent / f".moteslam-{secrets.token_hex(8)}"
     try:
@@ -220,35 +195,31 @@ def staged_file(
 ) -> Iterator[Path]:
     """A file, with what its format puts beside it, that appears complete when the block ends; nothing where it fails.
 
-    The block writes a file of the same name in a temporary folder, and others beside it. Those take the place of others
-    only where the file itself is replaced.
-
-    Args:
-        path: of the file.
-        force: replace it.
-        keep: an input that must not be replaced.
+    The block writes a file of the same name in a temporary folder, and others beside it. With ``force`` the file is
+    replaced, and then those beside it, but never the input ``keep``.
     """
     path = Path(path)
-    replaces = _is_replaced(path, force=force, keep=keep)
+    replaces = _is_replaced(path, "file", force=force, keep=keep)
     with _folder_beside(path) as folder:
         yield folder / path.name
         made = sorted(folder.iterdir(), key=lambda file: file.name == path.name)  # where the file is, the others are
         for file in made[:-1]:
-            _is_replaced(path.with_name(file.name), force=replaces, keep=keep)
+            _is_replaced(path.with_name(file.name), "file", force=replaces, keep=keep)
         for file in made:
             file.replace(path.with_name(file.name))
 
 
-def _is_replaced(path: Path, *, force: bool, keep: str | PathLike[str] | None) -> bool:
-    """Whether a file is there, which may be replaced."""
+def _is_replaced(path: Path, kind: str, *, force: bool, keep: str | PathLike[str] | None) -> bool:
+    """Whether a ``file`` or ``folder`` is there, which may be replaced."""
     if not (path.is_symlink() or path.exists()):
         return False
-    if keep is not None and path.exists() and path.samefile(keep):
-        raise OutputError("is the input, expected another file", file=path)
-    if path.is_dir():
-        raise OutputError("is a folder, expected a file", file=path)
     if not force:
-        raise ExistsError("exists already; name a new file", file=path)
+        raise ExistsError(f"exists already; name a new {kind}", file=path)
+    if path.is_dir() != (kind == "folder") or (path.is_symlink() and kind == "folder"):
+        raise OutputError(f"is no {kind}, expected a {kind} to replace", file=path)
+    for what, inside in (("the current folder", Path.cwd()), ("the input", keep)):
+        if inside is not None and Path(inside).resolve().is_relative_to(path.resolve()):
+            raise OutputError(f"is or holds {what}, which would be lost; expected another {kind}", file=path)
     return True
 
 
@@ -259,12 +230,7 @@ def result_folder(
     """A new folder that appears under its name, complete, when the block ends, and not at all when it fails.
 
     The block writes into a temporary folder. An existing one is replaced at the end with ``force``, if it holds nothing
-    but what moteslam wrote.
-
-    Args:
-        path: of the folder.
-        force: replace what is there.
-        keep: an input that must not be replaced along with it.
+    but what moteslam wrote, and not the input ``keep``.
     """
     path = Path(path)
     _expect_ours(path, force=force, keep=keep)
@@ -288,15 +254,8 @@ def result_folder(
 
 def _expect_ours(path: Path, *, force: bool, keep: str | PathLike[str] | None) -> None:
     """Refuse a folder that must not be replaced."""
-    if not (path.is_symlink() or path.exists()):
+    if not _is_replaced(path, "folder", force=force, keep=keep):
         return
-    if not force:
-        raise ExistsError("exists already; name a new folder", file=path)
-    if path.is_symlink() or not path.is_dir():
-        raise OutputError("is not a folder, expected a folder to replace", file=path)
-    for what, inside in (("the current folder", Path.cwd()), ("the input", keep)):
-        if inside is not None and Path(inside).resolve().is_relative_to(path.resolve()):
-            raise OutputError(f"holds {what}, which would be deleted; expected another folder", file=path)
     try:
         names = sorted(entry.name for entry in path.iterdir())
         marker = (path / MARKER).read_text("utf-8") if MARKER in names else ""

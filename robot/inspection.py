@@ -2,32 +2,31 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.recording import EncoderStream, ImuStream, Recording, RgbdStream
-from moteslam.robot.rgbd import LARGEST_GAP, FrameCount, has_images, pairs, read_frame
-from moteslam.robot.sensor_reports import ClockReport, LidarReport, Spans, clock_reports, lidar_report, yaw_rates
+from moteslam.robot.recording import EncoderStream, ImuStream, Recording
+from moteslam.robot.rgbd import FrameCount, camera_frames, has_images
+from moteslam.robot.sensor_reports import ClockReport, LidarReport, Spans, clock_reports, lidar_report, odometry_of
 from moteslam.robot.values import Issue, counted, expect_type
+
+Array = NDArray[np.float64]
 
 GAP = 5.0
 """A silence of more than this many median intervals is a gap."""
-
 REPORTED_GAP = 0.5
 """Shorter gaps are no problem [s]: sensors that send in bursts have many."""
-
 ENDS_EARLY = 0.1
 """Streams may begin later or end earlier than the scans by this much [s]."""
-
 LATE = 0.1
 """Streams may be early or late by this much [s]; drivers, filters and wheels that slip make up some of it."""
-
 SAME_MOTION = 0.9
 """Two yaw rates that correlate less do not show an offset clearly."""
-
 REST = 1.0
 """Wheels that stand still at least this long are at rest [s]."""
 
@@ -43,45 +42,28 @@ WINDOWS, SAMPLE = 1000, 12
 
 @dataclass(frozen=True)
 class StreamReport:
-    """The stamps of one stream.
-
-    Attributes:
-        name: of the stream.
-        readings: how many.
-        start, end: first and last stamp [s]; ``duration`` between them.
-        mean_rate, median_rate: readings a second over the whole, and by the median of the intervals above 0; None
-            where there is no such interval.
-        largest_gap: longest interval [s], and ``largest_gap_at`` the stamp before it; None for one reading.
-        gaps: intervals longer than 5 times the median.
-        equal_stamps: readings that share the stamp of the one before.
-    """
+    """The stamps of one stream; what takes two different stamps is None where there are none."""
 
     name: str
     readings: int
-    start: float
-    end: float
-    duration: float
-    mean_rate: float | None
-    median_rate: float | None
-    largest_gap: float | None
-    largest_gap_at: float | None
-    gaps: int
-    equal_stamps: int
+    start: float  # first stamp [s]
+    end: float  # last stamp [s]
+    duration: float  # between them [s]
+    mean_rate: float | None  # readings a second over the whole [Hz]
+    median_rate: float | None  # by the median of the intervals above 0 [Hz]
+    largest_gap: float | None  # longest interval [s]
+    largest_gap_at: float | None  # stamp before it [s]
+    gaps: int  # intervals longer than 5 times the median
+    equal_stamps: int  # readings that share the stamp of the one before
 
 
 @dataclass(frozen=True)
 class WheelReport:
-    """The encoders.
+    """The encoders."""
 
-    Attributes:
-        counts: of the FR, FL, RR, RL wheel, whichever way it turned.
-        distance: driven [m]; None without wheels in the platform.
-        at_rest: that the wheels stood still [s], in rests of at least a second.
-    """
-
-    counts: tuple[int, int, int, int]
-    distance: float | None
-    at_rest: float
+    counts: tuple[int, int, int, int]  # of the FR, FL, RR, RL wheel, whichever way it turned
+    distance: float | None  # driven [m]; None without wheels in the platform
+    at_rest: float  # that the wheels stood still [s], in rests of at least a second
 
 
 @dataclass(frozen=True)
@@ -105,7 +87,7 @@ class Inspection:
         gyro_at_rest: None without IMU or encoders, or where the wheels never rest.
         odometry_distance: length of the odometry's path [m], of the poses logged with the scans if it has no stream
             of its own; None without either.
-        clocks: how the stamps of the streams lie against each other, by the turns that they measure.
+        clocks: how the stamps of wheels, gyro and odometry lie against each other, by the turns that they measure.
         problems: what is wrong; the warnings of the reader first.
     """
 
@@ -133,29 +115,29 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
             measured, and images not looked at.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
-    streams = stream_reports(recording)
-    rests = [] if recording.encoders is None else _rests(recording.encoders)
-    read_ranges = deep or isinstance(getattr(recording.lidar, "ranges", None), np.ndarray)
+    streams, clocks = stream_reports(recording), clock_reports(recording)
+    encoders, imu, found = recording.encoders, recording.imu, odometry_of(recording)
+    rests = [] if encoders is None else _rests(encoders)
     lidar = None
     if recording.lidar is not None and recording.lidar.ranges.size:
-        lidar = lidar_report(recording.lidar, rests, read_ranges=read_ranges)
-    clocks = clock_reports(yaw_rates(recording, scans=read_ranges))
-    problems = [*recording.warnings, *_missing(recording), *_gaps(streams), *_meetings(streams)]
-    problems += _late(streams, clocks)
-    problems += other_units(recording)
+        read = deep or isinstance(recording.lidar.ranges, np.ndarray)
+        lidar = lidar_report(recording.lidar, rests, read_ranges=read)
+    problems = [*recording.warnings, *_missing(recording), *_of_stamps(streams, clocks), *other_units(recording)]
     if lidar is not None and lidar.blind_scans:
         text = f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint"
         problems.append(Issue("blind-scans", text, lidar.blind_scans))
     if deep and recording.rgbd is not None and has_images(recording.rgbd):
-        problems += _images(recording.rgbd)
+        count = FrameCount()
+        deque(camera_frames(recording.rgbd, count=count), maxlen=0)
+        problems += count.issues()
     return Inspection(
         name=recording.name,
         platform=recording.platform.name,
         streams=streams,
         lidar=lidar,
-        wheels=_wheels(recording, rests),
-        gyro_at_rest=None if recording.imu is None else _gyro(recording.imu, rests),
-        odometry_distance=_odometry_distance(recording),
+        wheels=None if encoders is None else _wheels(recording, encoders, rests),
+        gyro_at_rest=None if imu is None else _gyro(imu, rests),
+        odometry_distance=None if found is None else float(np.hypot(*np.diff(found[1][:, :2], axis=0).T).sum()),
         clocks=clocks,
         problems=tuple(problems),
     )
@@ -166,7 +148,7 @@ def stream_reports(recording: Recording) -> tuple[StreamReport, ...]:
     return tuple(_stream(name, stamps) for name, stamps in recording.stamps().items() if len(stamps))
 
 
-def _stream(name: str, stamps: NDArray[np.float64]) -> StreamReport:
+def _stream(name: str, stamps: Array) -> StreamReport:
     start, end = float(stamps[0]), float(stamps[-1])
     steps = np.diff(stamps)
     above = steps[steps > 0]
@@ -195,12 +177,10 @@ def _rests(encoders: EncoderStream) -> Spans:
     return [(start, end) for start, end in spans if end - start >= REST]
 
 
-def _wheels(recording: Recording, rests: Spans) -> WheelReport | None:
-    if recording.encoders is None:
-        return None
+def _wheels(recording: Recording, encoders: EncoderStream, rests: Spans) -> WheelReport:
     wheels = recording.platform.wheels
-    travelled = np.abs(recording.encoders.counts.mean(axis=1)).sum()
-    front_right, front_left, rear_right, rear_left = np.abs(recording.encoders.counts).sum(axis=0).tolist()
+    travelled = np.abs(encoders.counts.mean(axis=1)).sum()
+    front_right, front_left, rear_right, rear_left = np.abs(encoders.counts).sum(axis=0).tolist()
     return WheelReport(
         counts=(front_right, front_left, rear_right, rear_left),
         distance=None if wheels is None else float(travelled * wheels.metres_per_count),
@@ -209,27 +189,50 @@ def _wheels(recording: Recording, rests: Spans) -> WheelReport | None:
 
 
 def _gyro(imu: ImuStream, rests: Spans) -> GyroReport | None:
-    inside = np.zeros(len(imu), bool)
-    for start, end in rests:
-        inside |= (imu.stamps >= start) & (imu.stamps <= end)
-    rates = imu.angular_velocity[inside, 2]
-    if not len(rates):
-        return None
-    return GyroReport(len(rates), float(rates.mean()), float(rates.std()))
+    inside = np.any([(imu.stamps >= start) & (imu.stamps <= end) for start, end in rests], axis=0)
+    rates = imu.angular_velocity[inside, 2] if rests else []
+    return GyroReport(len(rates), float(np.mean(rates)), float(np.std(rates))) if len(rates) else None
 
 
-def _odometry(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """The stamps [n] and poses [n, 3] of the odometry, of those logged with scans where it has no stream."""
-    if recording.odometry is not None:
-        return recording.odometry.stamps, recording.odometry.poses
-    if recording.lidar is not None and recording.lidar.odometry is not None:
-        return recording.lidar.stamps, recording.lidar.odometry
-    return None
+def _missing(recording: Recording) -> Iterator[Issue]:
+    lidar, encoders = recording.lidar, recording.encoders
+    if lidar is None:
+        yield Issue("no-lidar", "lidar: none, expected scans to make a map of")
+    if encoders is None and odometry_of(recording) is None:
+        yield Issue("no-odometry", "odometry: none, expected wheel encoders or odometry poses")
+    if encoders is not None and recording.imu is None:
+        yield Issue("no-imu", "imu: none; turns come from the wheels alone")
 
 
-def _odometry_distance(recording: Recording) -> float | None:
-    found = _odometry(recording)
-    return None if found is None else float(np.hypot(*np.diff(found[1][:, :2], axis=0).T).sum())
+def _of_stamps(streams: tuple[StreamReport, ...], clocks: tuple[ClockReport, ...]) -> Iterator[Issue]:
+    """Gaps and equal stamps; motion that does not cover the scans; turns that come clearly late, of dense streams."""
+    for stream in streams:
+        if stream.gaps and stream.largest_gap is not None and stream.largest_gap > REPORTED_GAP:
+            many, longest = counted(stream.gaps, "gap"), f"{stream.largest_gap:.2f} s after {stream.largest_gap_at:.6f}"
+            text = f"{stream.name}: {many} of more than 5 median intervals, the longest {longest}"
+            yield Issue("gaps", text, stream.gaps)
+        if stream.equal_stamps:
+            text = f"{stream.name}: {stream.equal_stamps} readings share the stamp of the one before"
+            yield Issue("equal-stamps", text, stream.equal_stamps)
+    by_name = {stream.name: stream for stream in streams}
+    scans = by_name.get("lidar")
+    for name in ("encoders", "odometry", "imu"):
+        if scans is None or (moving := by_name.get(name)) is None:
+            continue
+        if moving.start > scans.end or moving.end < scans.start:
+            text = f"{name}: no stamp within the time of the lidar, expected one clock"
+            yield Issue("other-clock", text, moving.readings)
+            continue
+        if (early := scans.end - moving.end) > ENDS_EARLY:
+            yield Issue("ends-early", f"{name}: last reading {early:.2f} s before the last scan")
+        if (late := moving.start - scans.start) > ENDS_EARLY:
+            yield Issue("begins-late", f"{name}: first reading {late:.2f} s after the first scan")
+    for clock in clocks:
+        sparse = any((by_name[name].median_rate or 0.0) < 1 / LATE for name in (clock.name, clock.reference))
+        if abs(clock.offset) > LATE and clock.correlation > SAME_MOTION and not sparse:
+            side = "late" if clock.offset > 0 else "early"
+            text = f"{clock.name}: turns come {abs(clock.offset):.2f} s {side} by the {clock.reference}'s clock"
+            yield Issue("clock-offset", text)
 
 
 def other_units(recording: Recording) -> list[Issue]:
@@ -238,22 +241,20 @@ def other_units(recording: Recording) -> list[Issue]:
     All but ``implausible-speed`` leave nothing to make a map of.
     """
     issues = []
-    if (found := _odometry(recording)) is not None and (speed := _speed(*found)) is not None:
-        text = (
-            f"odometry: moves at {speed:.3g} m/s, expected a robot's speed: are its stamps in s and its lengths in m?"
-        )
-        if speed > SPEEDS[1]:
-            issues.append(Issue("odometry-units", text))
-        elif speed < SPEEDS[0]:
-            issues.append(Issue("implausible-speed", text))
-    if recording.imu is not None and len(recording.imu):
-        rate = float(np.quantile(np.abs(recording.imu.angular_velocity[:, 2]), 0.99))
+    imu, lidar = recording.imu, recording.lidar
+    if (found := odometry_of(recording)) is not None and (speed := _speed(*found)) is not None:
+        code = "odometry-units" if speed > SPEEDS[1] else "implausible-speed"
+        text = f"moves at {speed:.3g} m/s, expected a robot's speed: are its stamps in s and its lengths in m?"
+        if not SPEEDS[0] <= speed <= SPEEDS[1]:
+            issues.append(Issue(code, f"odometry: {text}"))
+    if imu is not None and len(imu):
+        rate = float(np.quantile(np.abs(imu.angular_velocity[:, 2]), 0.99))
+        text = f"imu: turns at {rate:.3g} rad/s, expected at most {MOST_RATE:g}: is its rate in rad/s?"
         if rate > MOST_RATE:
-            text = f"imu: turns at {rate:.3g} rad/s, expected at most {MOST_RATE:g}: is its rate in rad/s?"
             issues.append(Issue("gyro-units", text))
-    if recording.lidar is not None and len(recording.lidar):
-        some = np.linspace(0, len(recording.lidar) - 1, SAMPLE).astype(np.intp)
-        ranges = np.concatenate([recording.lidar.ranges[scan : scan + 1] for scan in some.tolist()])
+    if lidar is not None and len(lidar):
+        some = np.linspace(0, len(lidar) - 1, SAMPLE).astype(np.intp)
+        ranges = np.concatenate([lidar.ranges[scan : scan + 1] for scan in some.tolist()])
         ranges = ranges[np.isfinite(ranges)]
         if len(ranges) and (middle := float(np.median(ranges))) > MOST_RANGE:
             text = f"lidar: half of its ranges are beyond {middle:.3g} m, expected below {MOST_RANGE:g}: are they in m?"
@@ -261,7 +262,7 @@ def other_units(recording: Recording) -> list[Issue]:
     return issues
 
 
-def _speed(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> float | None:
+def _speed(stamps: Array, poses: Array) -> float | None:
     """The median speed [m/s] over the seconds in which the robot moves; None if it never does."""
     span = float(stamps[-1] - stamps[0])
     if not span > 0:
@@ -270,73 +271,3 @@ def _speed(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> float | N
     elapsed, driven = np.diff(stamps[at]), np.hypot(*np.diff(poses[at, :2], axis=0).T)
     moving = (elapsed > 0) & (driven > 0)
     return float(np.median(driven[moving] / elapsed[moving])) if moving.any() else None
-
-
-def _images(stream: RgbdStream) -> tuple[Issue, ...]:
-    """What is missing or broken among the images; each pair of them is decoded."""
-    count = FrameCount()
-    disparity, rgb, _ = pairs(stream, largest_gap=LARGEST_GAP)
-    for one, other in zip(disparity.tolist(), rgb.tolist(), strict=True):
-        count.note(read_frame(stream, one, other))
-    return count.issues()
-
-
-def _late(streams: tuple[StreamReport, ...], clocks: tuple[ClockReport, ...]) -> list[Issue]:
-    """Streams whose turns come clearly earlier or later than another's; sparse ones are left out."""
-    rates = {stream.name: stream.median_rate or 0.0 for stream in streams}
-    problems = []
-    for clock in clocks:
-        sparse = min(rates[clock.name], rates[clock.reference]) < 1 / LATE
-        if abs(clock.offset) > LATE and clock.correlation > SAME_MOTION and not sparse:
-            side = "late" if clock.offset > 0 else "early"
-            text = f"{clock.name}: turns come {abs(clock.offset):.2f} s {side} by the {clock.reference}'s clock"
-            problems.append(Issue("clock-offset", text))
-    return problems
-
-
-def _missing(recording: Recording) -> list[Issue]:
-    problems = []
-    if recording.lidar is None:
-        problems.append(Issue("no-lidar", "lidar: none, expected scans to make a map of"))
-    logged = recording.lidar is not None and recording.lidar.odometry is not None
-    if recording.encoders is None and recording.odometry is None and not logged:
-        problems.append(Issue("no-odometry", "odometry: none, expected wheel encoders or odometry poses"))
-    if recording.encoders is not None and recording.imu is None:
-        problems.append(Issue("no-imu", "imu: none; turns come from the wheels alone"))
-    return problems
-
-
-def _gaps(streams: tuple[StreamReport, ...]) -> list[Issue]:
-    problems = []
-    for stream in streams:
-        if stream.gaps and stream.largest_gap is not None and stream.largest_gap > REPORTED_GAP:
-            text = (
-                f"{stream.name}: {counted(stream.gaps, 'gap')} of more than 5 median intervals, "
-                f"the longest {stream.largest_gap:.2f} s after {stream.largest_gap_at:.6f}"
-            )
-            problems.append(Issue("gaps", text, stream.gaps))
-        if stream.equal_stamps:
-            text = f"{stream.name}: {stream.equal_stamps} readings share the stamp of the one before"
-            problems.append(Issue("equal-stamps", text, stream.equal_stamps))
-    return problems
-
-
-def _meetings(streams: tuple[StreamReport, ...]) -> list[Issue]:
-    """Streams of motion that do not cover the scans."""
-    by_name = {stream.name: stream for stream in streams}
-    scans = by_name.get("lidar")
-    if scans is None:
-        return []
-    problems = []
-    for stream in (by_name[name] for name in ("encoders", "odometry", "imu") if name in by_name):
-        if stream.start > scans.end or stream.end < scans.start:
-            text = f"{stream.name}: no stamp within the time of the lidar, expected one clock"
-            problems.append(Issue("other-clock", text, stream.readings))
-            continue
-        if scans.end - stream.end > ENDS_EARLY:
-            text = f"{stream.name}: last reading {scans.end - stream.end:.2f} s before the last scan"
-            problems.append(Issue("ends-early", text))
-        if stream.start - scans.start > ENDS_EARLY:
-            text = f"{stream.name}: first reading {stream.start - scans.start:.2f} s after the first scan"
-            problems.append(Issue("begins-late", text))
-    return problems

@@ -8,15 +8,14 @@ a sensor that is None is not known: of a recording the stream itself states it, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.noise import ClockNoise, Noise
-from moteslam.robot.tables import NotNegative, Number, Positive, Section, Share, Whole, merged
+from moteslam.robot.values import NotNegative, Number, Positive, Section, Share, Whole, merged
 
 Position = Annotated[Number, Field(ge=-100, le=100)]
 Angle = Annotated[Number, Field(ge=-2 * math.pi, le=2 * math.pi)]
@@ -42,17 +41,8 @@ def too_wide(beams: int, increment: float) -> str | None:
     return f"{beams} beams {increment:.6g} rad apart are {angle / (2 * math.pi):.2f} turns, expected one at most"
 
 
-@dataclass(frozen=True)
-class ScanFigures:
-    """What every scan of a lidar has in common.
-
-    Attributes:
-        beams: ranges in a scan.
-        angle_min: of the first beam, in the lidar's frame [rad].
-        angle_increment: between beams [rad], counterclockwise positive.
-        rate: scans a second [Hz].
-        range_min, range_max: what the sensor can measure [m].
-    """
+class ScanFigures(NamedTuple):
+    """What every scan of a lidar has in common; see `LidarSpec`."""
 
     beams: int
     angle_min: float
@@ -63,32 +53,22 @@ class ScanFigures:
 
 
 class LidarSpec(Section):
-    """A planar lidar: where it stands on the robot, and what its scans are.
+    """A planar lidar: where it stands in the robot's frame, and what its scans are."""
 
-    Attributes:
-        x, y, z: forward, left, up, in the robot's frame [m].
-        yaw: of its forward axis [rad].
-        time_increment: between beams [s]; 0 where it is not known and a scan counts as taken at once.
-        beams: ranges in a scan.
-        angle_min: of the first beam, in the lidar's frame [rad].
-        angle_increment: between beams [rad]; negative for a lidar that turns clockwise.
-        rate: scans a second [Hz].
-        range_min, range_max: what the sensor can measure [m].
-        no_return: what it reports where nothing comes back [m], from ``range_max`` on; several codes are written in
-            turns. Where there is none, the format's own is written.
-    """
-
-    x: Position = 0.0
-    y: Position = 0.0
-    yaw: Angle = 0.0
-    z: Position = 0.0
+    x: Position = 0.0  # forward [m]
+    y: Position = 0.0  # left [m]
+    yaw: Angle = 0.0  # of its forward axis [rad]
+    z: Position = 0.0  # up [m]
+    # between beams [s]; 0 where it is not known and a scan counts as taken at once
     time_increment: Annotated[Number, Field(ge=0, le=0.01)] = 0.0
-    beams: Maybe[Annotated[Whole, Field(ge=1, le=MAX_BEAMS)]] = None
-    angle_min: Maybe[Angle] = None
-    angle_increment: Maybe[Angle] = None
-    rate: Maybe[Rate] = None
-    range_min: Maybe[Annotated[Number, Field(ge=0, le=5)]] = None
+    beams: Maybe[Annotated[Whole, Field(ge=1, le=MAX_BEAMS)]] = None  # ranges in a scan
+    angle_min: Maybe[Angle] = None  # of the first beam, in the lidar's frame [rad]
+    angle_increment: Maybe[Angle] = None  # between beams [rad]; negative for a lidar that turns clockwise
+    rate: Maybe[Rate] = None  # scans a second [Hz]
+    range_min: Maybe[Annotated[Number, Field(ge=0, le=5)]] = None  # that it can measure [m]
     range_max: Maybe[Annotated[Number, Field(gt=0, le=10_000)]] = None
+    # what it reports where nothing comes back [m], from range_max on; several codes are written in turns. Where there
+    # is none, the format's own is written
     no_return: Annotated[tuple[Positive, ...], Field(max_length=100)] = ()
 
     @model_validator(mode="after")
@@ -114,48 +94,36 @@ class LidarSpec(Section):
     @property
     def scan(self) -> ScanFigures:
         """What its scans are."""
-        figures = {key: getattr(self, key) for key in ScanFigures.__dataclass_fields__}
+        figures = {key: getattr(self, key) for key in ScanFigures._fields}
         if missing := [key for key, value in figures.items() if value is None]:
             raise ConfigError(f"{', '.join(missing)} not known, expected a lidar's figures", field="platform.lidar")
         return ScanFigures(**figures)
 
 
 class EncoderSpec(Section):
-    """Wheel counters that reset when read: ``rate`` readings a second [Hz]."""
+    """Wheel counters that reset when read."""
 
-    rate: Rate
+    rate: Rate  # readings a second [Hz]
 
 
 class ImuSpec(Section):
-    """A gyro and an accelerometer at the robot's centre: ``rate`` readings a second [Hz]."""
+    """A gyro and an accelerometer at the robot's centre."""
 
-    rate: Rate
+    rate: Rate  # readings a second [Hz]
 
 
 class CameraSettings(Section):
-    """An RGB-D camera: its rate, noise and limits.
+    """An RGB-D camera: its rate, noise and limits."""
 
-    Attributes:
-        rate: frames a second of either camera, when none is lost [Hz].
-        gap: probability that the frames after one are lost.
-        gap_frames: how many are lost then.
-        disparity_noise: standard deviation of a raw disparity before rounding.
-        nearest, farthest: depths that it can measure [m].
-        dropout: probability that a pixel has no depth.
-        grazing: floor met at a smaller slope than this sends nothing back [m/m].
-        colour_noise: standard deviation of a colour level.
-        clock: of the frames.
-    """
-
-    rate: Annotated[Number, Field(gt=0, le=120)]
-    nearest: Positive
+    rate: Annotated[Number, Field(gt=0, le=120)]  # frames a second of either camera, when none is lost [Hz]
+    nearest: Positive  # depths that it can measure [m]
     farthest: Positive
-    gap: Share = 0.0
-    gap_frames: Annotated[Whole, Field(ge=0, le=1000)] = 0
-    disparity_noise: NotNegative = 0.0
-    dropout: Share = 0.0
-    grazing: NotNegative = 0.0
-    colour_noise: Annotated[Number, Field(ge=0, le=100)] = 0.0
+    gap: Share = 0.0  # probability that the frames after one are lost
+    gap_frames: Annotated[Whole, Field(ge=0, le=1000)] = 0  # how many are lost then
+    disparity_noise: NotNegative = 0.0  # standard deviation of a raw disparity before rounding
+    dropout: Share = 0.0  # probability that a pixel has no depth
+    grazing: NotNegative = 0.0  # floor met at a smaller slope than this sends nothing back [m/m]
+    colour_noise: Annotated[Number, Field(ge=0, le=100)] = 0.0  # standard deviation of a colour level
     clock: ClockNoise = ClockNoise()
 
     @model_validator(mode="after")
@@ -166,13 +134,7 @@ class CameraSettings(Section):
 
 
 class CameraSpec(Section):
-    """An RGB-D camera on the robot.
-
-    Attributes:
-        x, y, z: where it is, in the robot's frame [m].
-        roll, pitch, yaw: how it is turned [rad], down positive.
-        sensor: what it is like; None where that is not known.
-    """
+    """An RGB-D camera: where it stands in the robot's frame [m], and how it is turned [rad], down positive."""
 
     x: Position
     y: Position
@@ -180,65 +142,46 @@ class CameraSpec(Section):
     roll: Angle
     pitch: Angle
     yaw: Angle
-    sensor: Maybe[CameraSettings] = None
+    sensor: Maybe[CameraSettings] = None  # what it is like
 
 
 class Wheels(Section):
-    """The differential drive of two or four wheels.
+    """The differential drive of two or four wheels."""
 
-    Attributes:
-        metres_per_count: travel of a wheel for one encoder count [m].
-        diameter: of a wheel [m].
-        wheel_base: distance between the axles [m]; 0 for two wheels on one axle, which give their counts twice.
-        track: distance between the left and right wheel centres [m].
-        effective_track: the track that explains how it turns [m]; a skid-steered robot's is larger than the drawn.
-    """
-
-    metres_per_count: Annotated[Number, Field(ge=1e-7, le=10)]
-    diameter: Length
+    metres_per_count: Annotated[Number, Field(ge=1e-7, le=10)]  # travel of a wheel for one encoder count [m]
+    diameter: Length  # of a wheel [m]
+    # distance between the axles [m]; 0 for two wheels on one axle, which give their counts twice
     wheel_base: Annotated[Number, Field(ge=0, le=100)]
-    track: Length
+    track: Length  # distance between the left and right wheel centres [m]
+    # the track that explains how it turns [m]; a skid-steered robot's is larger than the drawn
     effective_track: Annotated[Number, Field(ge=0.001, le=100)]
 
 
 class Body(Section):
-    """The robot as a mass on its wheels.
+    """The robot as a mass on its wheels."""
 
-    Attributes:
-        mass: [kg].
-        wheel_mass: what a wheel and its motor weigh at the rim, gears included [kg].
-        grip: friction of a wheel on the floor, 1 = its share of the weight.
-        stiffness: contact force of a wheel for a slip of 1 m/s [N s/m], before the grip gives way.
-        wheel_force: the largest force of a motor at the rim [N].
-        wall_friction: of the body against what it runs into.
-    """
-
-    mass: Annotated[Number, Field(gt=0.1, le=1000)]
-    wheel_mass: Annotated[Number, Field(ge=0.01, le=100)]
-    grip: Annotated[Number, Field(gt=0, le=2)]
+    mass: Annotated[Number, Field(gt=0.1, le=1000)]  # [kg]
+    wheel_mass: Annotated[Number, Field(ge=0.01, le=100)]  # of a wheel and its motor at the rim, gears included [kg]
+    grip: Annotated[Number, Field(gt=0, le=2)]  # friction of a wheel on the floor, 1 = its share of the weight
+    # contact force of a wheel for a slip of 1 m/s [N s/m], before the grip gives way
     stiffness: Annotated[Number, Field(gt=0, le=200)]
-    wheel_force: Annotated[Number, Field(gt=0, le=1000)]
-    wall_friction: NotNegative
+    wheel_force: Annotated[Number, Field(gt=0, le=1000)]  # the largest of a motor at the rim [N]
+    wall_friction: NotNegative  # of the body against what it runs into
 
 
 class Platform(Section):
-    """A robot.
+    """A robot; what is None is not there or not known, ``false`` in TOML.
 
     Attributes:
-        name: what it is called.
-        description: what it is, one sentence.
+        name, description: what it is called, and what it is in a sentence.
         length, width: of the body [m].
-        top_speed: that it can drive [m/s]; None where that is not known.
-        top_turn_rate: that it can turn with [rad/s]; None where that is not known.
-        wheels: None (``false`` in TOML, which has no other word for it) where only odometry poses are known.
-        body: its masses and forces; None (``false``) where they are not known.
-        lidar: where it stands and what it measures.
-        encoders: of the wheels; None (``false``) where they are not known.
-        imu: None (``false``) where there is none.
-        camera: None (``false``) where there is none.
+        top_speed, top_turn_rate: that it can drive [m/s] and turn with [rad/s].
+        wheels, encoders: None where only odometry poses are known.
+        body: its masses and forces.
+        lidar, imu, camera: the sensors.
         noise: of the sensors, as data sheets and careful measurements have it.
         as_recorded: of the sensors and their surroundings, as recordings show it; a table holds what differs from
-            ``noise``. None (``false``) where that is not known.
+            ``noise``.
     """
 
     name: str = "robot"

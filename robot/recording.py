@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.platform import Platform
-from moteslam.robot.values import Issue, Summarised, counted, expect_type, frozen, span
+from moteslam.robot.values import Issue, Summarised, counted, expect_type, frozen, given_up, span
 
 _COLUMNS = {"counts": 4, "poses": 3, "odometry": 3, "angular_velocity": 3, "linear_acceleration_g": 3}
 """How many columns the arrays of this name have."""
@@ -40,16 +41,17 @@ class ChunkedRanges:
         load: ``load(first, last)`` reads the ranges [last - first, beams] of scans as float32 [m].
         scans: n.
         beams: of a scan.
-        chunk: scans that are read at a time.
     """
 
-    def __init__(
-        self, load: Callable[[int, int], NDArray[np.float32]], scans: int, beams: int, *, chunk: int = CHUNK
-    ) -> None:
-        self._load, self._chunk = load, chunk
-        self._kept: dict[int, NDArray[np.float32]] = {}
+    dtype = np.dtype(np.float32)
+
+    def __init__(self, load: Callable[[int, int], NDArray[np.float32]], scans: int, beams: int) -> None:
+        @lru_cache(_KEPT)
+        def chunk(number: int) -> NDArray[np.float32]:
+            return given_up(load(number * CHUNK, min((number + 1) * CHUNK, scans)))
+
+        self._chunk = chunk
         self.shape = (scans, beams)
-        self.dtype = np.dtype(np.float32)
         self.size = scans * beams
 
     def __len__(self) -> int:
@@ -61,33 +63,16 @@ class ChunkedRanges:
             return self[scans][..., beams]
         if isinstance(key, int | np.integer):
             index = range(len(self))[int(key)]
-            return self._at(index // self._chunk)[index % self._chunk]
+            return self._chunk(index // CHUNK)[index % CHUNK]
         indices = np.arange(len(self))[key]
         found = np.empty((len(indices), self.shape[1]), np.float32)
-        for number in np.unique(indices // self._chunk).tolist():
-            here = indices // self._chunk == number
-            found[here] = self._at(number)[indices[here] % self._chunk]
+        for number in np.unique(indices // CHUNK).tolist():
+            here = indices // CHUNK == number
+            found[here] = self._chunk(number)[indices[here] % CHUNK]
         return found
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.asarray(self[:], dtype)
-
-    def chosen(self, indices: NDArray[np.intp]) -> ChunkedRanges:
-        """The ranges of some scans [m], in this order; read when they are asked for."""
-        return ChunkedRanges(
-            lambda first, last: self[indices[first:last]], len(indices), self.shape[1], chunk=self._chunk
-        )
-
-    def _at(self, number: int) -> NDArray[np.float32]:
-        """A chunk, by its number."""
-        if number not in self._kept:
-            while len(self._kept) >= _KEPT:
-                del self._kept[next(iter(self._kept))]
-            first = number * self._chunk
-            chunk = self._load(first, min(first + self._chunk, len(self)))
-            chunk.setflags(write=False)
-            self._kept[number] = chunk
-        return self._kept[number]
 
 
 Ranges = NDArray[np.float32] | ChunkedRanges
@@ -96,7 +81,9 @@ Ranges = NDArray[np.float32] | ChunkedRanges
 
 def chosen(ranges: Ranges, indices: NDArray[np.intp]) -> Ranges:
     """The ranges of some scans [m] in this order; those of a file stay there until they are asked for."""
-    return ranges.chosen(indices) if isinstance(ranges, ChunkedRanges) else ranges[indices]
+    if not isinstance(ranges, ChunkedRanges):
+        return ranges[indices]
+    return ChunkedRanges(lambda first, last: ranges[indices[first:last]], len(indices), ranges.shape[1])
 
 
 def chunks(ranges: Ranges) -> Iterator[NDArray[np.float32]]:
@@ -122,12 +109,9 @@ def measured(ranges: NDArray[np.float32], interlace: int) -> NDArray[np.bool_]:
 def nearest_stamp(
     stamps: NDArray[np.float64], times: NDArray[np.float64], *, side: Literal["left", "right"] = "left"
 ) -> NDArray[np.intp]:
-    """The index of the stamp nearest to each time, in the shape of ``times``; the earlier of two equally near.
+    """The index of the stamp [n] nearest to each time, in the shape of ``times`` [s]; the earlier of two equally near.
 
-    Args:
-        stamps: [n] rising, at least one [s].
-        times: of any shape [s].
-        side: of several stamps that equal a time the first (``left``) or the last (``right``) is taken.
+    Of several stamps that equal a time the first (``left``) or the last (``right``) is taken.
     """
     after = np.clip(np.searchsorted(stamps, times, side=side), 1, max(len(stamps) - 1, 1))
     before = after - 1
@@ -229,9 +213,7 @@ class LidarStream(Stream):
 class EncoderStream(Stream):
     """Wheel counters that reset when read.
 
-    Attributes:
-        stamps: [n] [s].
-        counts: [n, 4] int: change since the last reading of the front right, front left, rear right, rear left wheel.
+    Counts [n, 4] are changes since the last reading of the front right, front left, rear right and rear left wheel.
     """
 
     counts: NDArray[np.int64]
@@ -247,13 +229,7 @@ class OdometryStream(Stream):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ImuStream(Stream):
-    """Inertial readings.
-
-    Attributes:
-        stamps: [n] [s].
-        angular_velocity: [n, 3] [rad/s]; column 2 is the yaw rate.
-        linear_acceleration_g: [n, 3] in g, as the sensor reports it (9.80665 m/s^2 each).
-    """
+    """Inertial readings [n, 3] about and along x, y, z, in rad/s and in g as the sensor reports it (9.80665 m/s^2)."""
 
     angular_velocity: NDArray[np.float64]
     linear_acceleration_g: NDArray[np.float64]
@@ -274,8 +250,7 @@ class RgbdStream(Summarised):
     """Camera frames: stamps of the two cameras, which do not fire together, and where their images are.
 
     Attributes:
-        rgb_stamps: [m] of the colour images [s].
-        disparity_stamps: [n] of the disparity images [s].
+        rgb_stamps, disparity_stamps: of the colour images [m] [s], and of the disparity images [n] [s].
         rgb_files, disparity_files: the images in the order of the stamps, None for one that is missing; empty where
             none are there. ``moteslam.robot.rgbd.camera_frames`` decodes them as they are needed.
         images: gives the images of all stamps in place of files; None where they are files, or where none are there.
@@ -288,8 +263,12 @@ class RgbdStream(Summarised):
     images: ImageSource | None = None
 
     def _summary(self) -> str:
-        colour, disparity = len(self.rgb_stamps), len(self.disparity_stamps)
-        return f"{counted(colour, 'colour image')}, {counted(disparity, 'disparity image')}"
+        colour = counted(len(self.rgb_stamps), "colour image")
+        return f"{colour}, {counted(len(self.disparity_stamps), 'disparity image')}"
+
+
+STREAMS = ("lidar", "encoders", "odometry", "imu", "rgbd")
+"""The streams of a recording by their names."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -314,9 +293,6 @@ class Recording(Summarised):
 
     def __post_init__(self) -> None:
         expect_type(self.platform, Platform, "platform", "Platform() is one of which nothing is known")
-        for name, kind in STREAMS.items():
-            if (stream := getattr(self, name)) is not None:
-                expect_type(stream, kind, name)
 
     def replace(self, **changes: Any) -> Recording:
         """A copy with some of its attributes changed."""
@@ -324,7 +300,7 @@ class Recording(Summarised):
 
     def stamps(self) -> dict[str, NDArray[np.float64]]:
         """The stamps of each stream [s], of a camera those of either image, by their names."""
-        streams = {name: getattr(self, name) for name in ("lidar", "encoders", "odometry", "imu")}
+        streams = {name: getattr(self, name) for name in STREAMS[:4]}
         found = {name: stream.stamps for name, stream in streams.items() if stream is not None}
         if self.rgbd is not None:
             found |= {"rgb": self.rgbd.rgb_stamps, "disparity": self.rgbd.disparity_stamps}
@@ -335,13 +311,3 @@ class Recording(Summarised):
         parts = [f"{name}: {stream._summary()}" for name, stream in streams if stream is not None]
         warnings = [counted(len(self.warnings), "warning")] if self.warnings else []
         return "; ".join((repr(self.name), *parts, *warnings))
-
-
-STREAMS: dict[str, type[Summarised]] = {
-    "lidar": LidarStream,
-    "encoders": EncoderStream,
-    "odometry": OdometryStream,
-    "imu": ImuStream,
-    "rgbd": RgbdStream,
-}
-"""The streams of a recording by their names."""

@@ -13,9 +13,8 @@ camera (``RGB_OFFSET``): what the simulator draws and what the texture mapping u
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,8 +24,8 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.files import read_bytes
-from moteslam.robot.pictures import PNG, decode_picture, picture_size
 from moteslam.robot.platform import CameraSpec
+from moteslam.robot.raster import PNG, decode_picture, picture_size
 from moteslam.robot.recording import RgbdStream, nearest_stamp
 from moteslam.robot.values import Issue, Summarised, counted, processor_count
 
@@ -50,8 +49,7 @@ DEPTH_SCALE = 1.03
 NO_DISPARITY = 2047
 """The raw disparity of a pixel that saw nothing: all eleven bits."""
 
-ALIGN_SCALE, ALIGN_DIVISOR = 526.37, 585.051
-ALIGN_DISPARITY = 4.5 * 1750.46
+ALIGN_SCALE, ALIGN_DIVISOR, ALIGN_DISPARITY = 526.37, 585.051, 4.5 * 1750.46
 ALIGN_COLUMN, ALIGN_ROW = 19276.0, 16662.0
 
 RGB_FOCAL = ALIGN_SCALE / ALIGN_DIVISOR * FOCAL
@@ -116,38 +114,22 @@ frames of their own, for 0.2 s at a time)."""
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CameraFrame(Summarised):
-    """What the camera saw at a moment.
+    """What the camera saw at a moment."""
 
-    Attributes:
-        stamp: of the disparity image [s].
-        rgb_stamp: of the colour image [s].
-        disparity: [480, 640] uint16, raw.
-        rgb: [480, 640, 3] uint8, red, green, blue.
-    """
-
-    stamp: float
-    rgb_stamp: float
-    disparity: NDArray[np.uint16]
-    rgb: NDArray[np.uint8]
+    stamp: float  # of the disparity image [s]
+    rgb_stamp: float  # of the colour image [s]
+    disparity: NDArray[np.uint16]  # [480, 640], raw
+    rgb: NDArray[np.uint8]  # [480, 640, 3], red, green, blue
 
 
 @dataclass(eq=False)
 class FrameCount:
-    """What became of the frames while they were read.
+    """What became of the frames while they were read."""
 
-    Attributes:
-        used: that were handed out.
-        unpaired: without a colour image near enough.
-        missing: without a file for one of the images.
-        unreadable: an image of which could not be decoded.
-        first_unreadable: what was wrong with the first of them.
-    """
-
-    used: int = 0
-    unpaired: int = 0
-    missing: int = 0
-    unreadable: int = 0
-    first_unreadable: str = ""
+    used: int = 0  # handed out
+    missing: int = 0  # without a file for one of the images
+    unreadable: int = 0  # an image of which could not be decoded
+    first_unreadable: str = ""  # what was wrong with the first of them
 
     def note(self, frame: CameraFrame | str | None) -> None:
         """Count what ``read_frame`` gave."""
@@ -161,47 +143,40 @@ class FrameCount:
 
     def losses(self, reader: str) -> list[Issue]:
         """One for each kind of loss that happened, by what reads the frames."""
-        issues = []
-        if self.missing:
-            text = f"{reader}: {counted(self.missing, 'frame')} left out, an image of theirs is missing"
-            issues.append(Issue("frames-incomplete", text, self.missing))
-        if self.unreadable:
-            left = counted(self.unreadable, "frame")
-            text = f"{reader}: {left} left out, unreadable; the first: {self.first_unreadable}"
-            issues.append(Issue("frames-unreadable", text, self.unreadable))
-        return issues
+        lost = (
+            ("frames-incomplete", self.missing, "an image of theirs is missing"),
+            ("frames-unreadable", self.unreadable, f"unreadable; the first: {self.first_unreadable}"),
+        )
+        return [
+            Issue(code, f"{reader}: {counted(count, 'frame')} left out, {why}", count)
+            for code, count, why in lost
+            if count
+        ]
 
     def issues(self) -> tuple[Issue, ...]:
         """One for each kind of loss that happened, and where no frame is left."""
-        issues = self.losses("camera")
-        if not self.used:
-            issues.append(Issue("no-frames", "camera: not a single frame could be used"))
-        return tuple(issues)
+        none = () if self.used else (Issue("no-frames", "camera: not a single frame could be used"),)
+        return (*self.losses("camera"), *none)
 
 
 def has_images(stream: RgbdStream | None) -> bool:
     """Whether there are both colour and disparity images, and not just stamps."""
-    if stream is None:
-        return False
-    return stream.images is not None or (any(stream.rgb_files) and any(stream.disparity_files))
+    return stream is not None and (stream.images is not None or (any(stream.rgb_files) and any(stream.disparity_files)))
 
 
 def pairs(
     stream: RgbdStream, *, interval: float = 0.0, largest_gap: float = LARGEST_GAP
-) -> tuple[NDArray[np.intp], NDArray[np.intp], int]:
-    """Which colour image belongs to which disparity image: the nearest in time.
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The disparity images that are used and the colour image of each, the nearest in time, by their indices.
 
     Args:
         stream: the stamps.
         interval: shortest time between two disparity images that are chosen [s], give or take a quarter of a frame.
         largest_gap: between the two images of a frame [s].
-
-    Returns:
-        indices of the disparity images and of their colour images, and how many had none near enough.
     """
     rgb, disparity = stream.rgb_stamps, stream.disparity_stamps
     if not len(rgb) or not len(disparity):
-        return np.empty(0, np.intp), np.empty(0, np.intp), len(disparity)
+        return np.empty(0, np.intp), np.empty(0, np.intp)
     nearest = nearest_stamp(rgb, disparity)
     near = np.abs(disparity - rgb[nearest]) <= largest_gap
     slack = 0.25 * float(np.median(np.diff(disparity))) if len(disparity) > 1 else 0.0
@@ -211,7 +186,7 @@ def pairs(
             chosen.append(index)
             last = disparity[index]
     kept = np.asarray(chosen, np.intp)
-    return kept, nearest[kept], int((~near).sum())
+    return kept, nearest[kept]
 
 
 def decode_rgb(content: bytes) -> NDArray[np.uint8]:
@@ -258,7 +233,6 @@ def disparity_image(stream: RgbdStream, index: int) -> NDArray[np.uint16] | None
 
 
 def _read(files: tuple[Path | None, ...], index: int, decode: Callable[[bytes], NDArray[T]]) -> NDArray[T] | None:
-    """The decoded image of a file; None where it is missing."""
     if not files or (path := files[index]) is None:
         return None
     try:
@@ -268,11 +242,7 @@ def _read(files: tuple[Path | None, ...], index: int, decode: Callable[[bytes], 
 
 
 def read_frame(stream: RgbdStream, disparity: int, rgb: int) -> CameraFrame | str | None:
-    """The frame of a disparity image and a colour image, by their indices.
-
-    Returns:
-        None where an image is missing; what is wrong with the first image that cannot be decoded.
-    """
+    """The frame of two images, by their indices; None where one is missing, a text on one that cannot be decoded."""
     try:
         depth, colour = disparity_image(stream, disparity), rgb_image(stream, rgb)
     except InputError as error:
@@ -285,25 +255,17 @@ def read_frame(stream: RgbdStream, disparity: int, rgb: int) -> CameraFrame | st
 def camera_frames(
     stream: RgbdStream, *, interval: float = 0.0, largest_gap: float = LARGEST_GAP, count: FrameCount | None = None
 ) -> Iterator[CameraFrame]:
-    """The frames in the order of their stamps, decoded on all cores a little ahead; a few are held at a time.
+    """The frames in the order of their stamps, decoded on all cores, two a core at a time.
 
     An image that is missing or cannot be read leaves its frame out; ``count`` counts it.
     """
     count = count if count is not None else FrameCount()
-    depth, colour, count.unpaired = pairs(stream, interval=interval, largest_gap=largest_gap)
+    depth, colour = pairs(stream, interval=interval, largest_gap=largest_gap)
+    frames = list(zip(depth.tolist(), colour.tolist(), strict=True))
     cores = processor_count()
     with ThreadPoolExecutor(cores) as pool:
-        ahead: deque[Future[CameraFrame | str | None]] = deque()
-        todo = iter(zip(depth.tolist(), colour.tolist(), strict=True))
-        try:
-            while True:
-                while len(ahead) < 2 * cores + 2 and (pair := next(todo, None)) is not None:
-                    ahead.append(pool.submit(read_frame, stream, *pair))
-                if not ahead:
-                    return
-                frame = ahead.popleft().result()
+        for first in range(0, len(frames), 2 * cores):
+            for frame in pool.map(lambda pair: read_frame(stream, *pair), frames[first : first + 2 * cores]):
                 count.note(frame)
                 if isinstance(frame, CameraFrame):
                     yield frame
-        finally:
-            pool.shutdown(cancel_futures=True)

@@ -106,13 +106,8 @@ def transform_points(pose: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
 
 
 def accumulate(increments: ArrayLike, start: ArrayLike = IDENTITY) -> Poses:
-    """The path that follows from increments [n, 3], each in the frame of the pose before it.
-
-    Returns:
-        poses [n, 3]; the first is start (+) increments[0].
-    """
-    increments = np.asarray(increments, np.float64)
-    start = np.asarray(start, np.float64)
+    """The path [n, 3] of increments [n, 3], each in the frame of the pose before it; the first in that of the start."""
+    increments, start = np.asarray(increments, np.float64), np.asarray(start, np.float64)
     heading = start[2] + np.cumsum(increments[:, 2])
     before = np.concatenate(([start[2]], heading[:-1]))
     cos, sin = np.cos(before), np.sin(before)
@@ -122,26 +117,13 @@ def accumulate(increments: ArrayLike, start: ArrayLike = IDENTITY) -> Poses:
 
 
 def interpolate(stamps: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Poses:
-    """The poses at the times ``at`` [m], linear in x, y and the unwrapped heading, held beyond the ends.
+    """The poses [m, 3] at times [m] [s], linear in x, y and the unwrapped heading, held beyond the ends.
 
-    Args:
-        stamps: [n] [s], not decreasing.
-        poses: [n, 3].
-        at: [m] [s].
-
-    Returns:
-        poses [m, 3].
+    They lie between poses [n, 3] at stamps [n] [s] that do not decrease.
     """
     stamps, poses, at = (np.asarray(a, np.float64) for a in (stamps, poses, at))
-    heading = np.unwrap(poses[:, 2])
-    return np.stack(
-        (
-            np.interp(at, stamps, poses[:, 0]),
-            np.interp(at, stamps, poses[:, 1]),
-            wrap(np.interp(at, stamps, heading)),
-        ),
-        axis=-1,
-    )
+    x, y, heading = (np.interp(at, stamps, column) for column in (*poses.T[:2], np.unwrap(poses[:, 2])))
+    return np.stack((x, y, wrap(heading)), axis=-1)
 
 
 def umeyama(source: NDArray[np.float64], target: NDArray[np.float64]) -> Poses:
@@ -160,14 +142,3 @@ def umeyama(source: NDArray[np.float64], target: NDArray[np.float64]) -> Poses:
     cos, sin = np.cos(angle), np.sin(angle)
     x, y = goal[0] - cos * centre[0] + sin * centre[1], goal[1] - sin * centre[0] - cos * centre[1]
     return np.array([x, y, angle])
-
-
-def umeyama_scale(source: NDArray[np.float64], target: NDArray[np.float64]) -> float:
-    """The factor that lays ``source`` [n, 2] on ``target`` [n, 2] with the least squared distance; 1 for a point.
-
-    In the plane it is the length of the summed dot and cross products of the centred points, over the sum of squares.
-    """
-    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    size = float((a * a).sum())
-    dot, cross = float((a * b).sum()), float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
-    return float(np.hypot(dot, cross)) / size if size > 0 else 1.0

@@ -1,15 +1,26 @@
-"""What the values of a recording and a run share: arrays that nobody can change, one line of summary, issues."""
+"""What values and tables share: issues, summaries, arrays that nobody can change; TOML and the models of its tables.
+
+Tables become frozen pydantic models of strict types: a text is no number and a truth value no integer, in TOML as in
+Python; a list is taken where a tuple is asked for.
+"""
 
 from __future__ import annotations
 
 import os
+import tomllib
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from os import PathLike
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
+from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from moteslam.errors import InputError
+from moteslam.errors import ConfigError, InputError
+from moteslam.robot.files import read_text
+
+Table = dict[str, Any]
 
 _LONGEST = 40
 """Characters of a value that are shown."""
@@ -34,7 +45,7 @@ class Issue:
     def __str__(self) -> str:
         return self.message
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Table:
         """The same as plain values, fit for JSON."""
         return asdict(self)
 
@@ -43,7 +54,7 @@ class Summarised:
     """Base of a dataclass (made with ``repr=False``) whose ``repr`` is its name and one line about what it holds."""
 
     def _summary(self) -> str:
-        """What is in it: every field, arrays as their type and shape; fields that are None are left out."""
+        """Every field, arrays as their type and shape; fields that are None are left out."""
         named = [(field.name, getattr(self, field.name)) for field in fields(self)]  # type: ignore[arg-type]
         return ", ".join(f"{name}={_brief(value)}" for name, value in named if value is not None)
 
@@ -69,11 +80,6 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
-def interval(first: str, last: str) -> str:
-    """From the first to the last, ``2 to 3``; once where they are the same."""
-    return first if first == last else f"{first} to {last}"
-
-
 def when(spans: list[tuple[float, float]]) -> str:
     """Times [s], ``from 2.00 to 3.00 s``; spans less than a second apart are one."""
     joined = spans[:1]
@@ -93,33 +99,21 @@ def shortened(value: object) -> str:
 
 
 def expect_type(value: object, kind: type, field: str, hint: str = "") -> None:
-    """Refuse an argument of another type, where it would end deep in NumPy.
-
-    Args:
-        value: the argument.
-        kind: what it must be an instance of.
-        field: name of the parameter.
-        hint: how to come by one: ``open_recording(path) reads one``.
-    """
+    """Refuse an argument ``field`` of another type; the hint says how to come by one: ``open_recording(path)``."""
     if not isinstance(value, kind):
         found = type(value).__name__ + (f" {shortened(value)}" if isinstance(value, str | int | float) else "")
         raise InputError(f"{found}, expected {kind.__name__}{f': {hint}' if hint else ''}", field=field)
 
 
 def frozen(values: ArrayLike, dtype: DTypeLike | None = None) -> NDArray[Any]:
-    """The values as a contiguous array that cannot be written to.
-
-    An array that can still be written to is copied, another one is taken as it is; so readers hand over what is large
-    ``given_up``.
-    """
+    """The values as a contiguous read-only array; an array that can still be written to is copied."""
     try:
         array: NDArray[Any] = np.ascontiguousarray(values, dtype)
     except (TypeError, ValueError) as error:
         raise InputError(f"{type(values).__name__} {shortened(values)}, expected an array of numbers") from error
     if array.flags.writeable and isinstance(values, np.ndarray) and np.may_share_memory(array, values):
         array = array.copy()
-    array.setflags(write=False)
-    return array
+    return given_up(array)
 
 
 def given_up(array: NDArray[Any]) -> NDArray[Any]:
@@ -131,3 +125,105 @@ def given_up(array: NDArray[Any]) -> NDArray[Any]:
 def processor_count() -> int:
     """The processors that this process may run on, which may be fewer than the machine has."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+MAX_BYTES = 4_000_000
+"""No configuration, platform or scenario is larger."""
+
+Truth = Annotated[bool, Strict()]
+Whole = Annotated[int, Strict()]
+
+SMALLEST, LARGEST = 1e-9, 1e9
+"""Of every number in a table, in its unit: squares and quotients of what lies between stay far from overflow."""
+
+_Finite = Annotated[float, Strict(), AllowInfNan(False)]
+Number = Annotated[_Finite, Field(ge=-LARGEST, le=LARGEST)]
+NotNegative = Annotated[_Finite, Field(ge=0, le=LARGEST)]
+Positive = Annotated[_Finite, Field(ge=SMALLEST, le=LARGEST)]
+Share = Annotated[_Finite, Field(ge=0, le=1)]
+
+
+class Section(BaseModel):
+    """A table; unknown keys are refused. What a key means stands in the docstring, for the reference."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def validated(
+    model: type[Model],
+    table: object,
+    *,
+    file: str | PathLike[str] | None = None,
+    above: str = "",
+    kinds: Collection[str] = (),
+) -> Model:
+    """The model of a table; a `ConfigError` in pydantic's words names the file and the field.
+
+    Args:
+        model, table, file: the model, and the table as read from the file.
+        above: the key that the table stands under there.
+        kinds: of the items of its lists that are one of several models; no part of the field that an error names.
+    """
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        field, problem = first_complaint(error, kinds)
+        raise ConfigError(problem, file=file, field=".".join(filter(None, (above, field))) or None) from error
+
+
+def first_complaint(error: ValidationError, kinds: Collection[str] = ()) -> tuple[str, str]:
+    """The field, with dots, and the problem of the first thing that is wrong.
+
+    A key that is missing where another is unknown is most likely misspelt: the unknown one is named first.
+    """
+    errors = error.errors(include_url=False)
+    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
+    place = first["loc"]
+    field = ".".join(
+        str(part) for k, part in enumerate(place) if not (k and part in kinds and isinstance(place[k - 1], int))
+    )
+    if first["type"] == "extra_forbidden":
+        return field, "unknown key"
+    problem = first["msg"].removeprefix("Value error, ")
+    found = "" if first["type"] in ("missing", "value_error") else f", found {shortened(first['input'])}"
+    return field, problem + found
+
+
+def read_toml(path: str | PathLike[str], what: str) -> Table:
+    """The table of a TOML file of at most ``MAX_BYTES``; ``what`` was expected there: ``a TOML file``."""
+    text = read_text(path, what, limit=MAX_BYTES, error=ConfigError)
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"not TOML: {error}", file=path) from error
+
+
+def merged(base: Table, over: Table) -> Table:
+    """``base`` with the single values of ``over`` in place of its own, tables within tables."""
+    result = dict(base)
+    for key, value in over.items():
+        below = result.get(key)
+        result[key] = merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return result
+
+
+def assigned(settings: Sequence[str]) -> Table:
+    """The table of settings ``key=value`` with dotted keys; a value is TOML, a bare word a string, the last counts."""
+    if isinstance(settings, str):
+        raise ConfigError(f"{settings!r}, expected a list of key=value", field="settings")
+    table: Table = {}
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals or not key.strip():
+            raise ConfigError(f"expected key=value, found {setting!r}", field="settings")
+        try:
+            tree = tomllib.loads(f"value = {value.strip()}")["value"]
+        except (ValueError, RecursionError):  # no value, too many digits, or nested too deep
+            tree = value.strip()
+        for part in reversed(key.strip().split(".")):
+            tree = {part: tree}
+        table = merged(table, tree)
+    return table

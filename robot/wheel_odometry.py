@@ -40,28 +40,21 @@ def arc_increment(distance: ArrayLike, turn: ArrayLike) -> se2.Poses:
     return np.stack(np.broadcast_arrays(chord * np.cos(turn / 2), chord * np.sin(turn / 2), turn), axis=-1)
 
 
-def wheel_motion(left: ArrayLike, right: ArrayLike, track: float) -> tuple[Array, Array]:
-    """Distance of the centre [m] and turn [rad] from the travel [...] [m] of the left and right wheels.
+def wheel_motion(counts: NDArray[np.int64], wheels: Wheels) -> tuple[Array, Array]:
+    """Distance of the centre [n] [m] and turn [n] [rad] of counts [n, 4]: the mean travel of each side's wheels.
 
-    ``track`` is the effective distance between them [m]; on a skid-steered robot larger than the drawn one.
+    They are the effective track apart, which on a skid-steered robot is larger than the drawn one.
     """
-    left, right = np.asarray(left, np.float64), np.asarray(right, np.float64)
-    return (left + right) / 2, (right - left) / track
-
-
-def side_travel(counts: NDArray[np.int64], wheels: Wheels) -> tuple[Array, Array]:
-    """The mean travel of the left and of the right wheels [n] [m] of counts [n, 4]."""
     front_right, front_left, rear_right, rear_left = counts.T.astype(np.float64)
     left = (front_left + rear_left) / 2 * wheels.metres_per_count
     right = (front_right + rear_right) / 2 * wheels.metres_per_count
-    return left, right
+    return (left + right) / 2, (right - left) / wheels.effective_track
 
 
 def gyro_covers(stamps: Array, imu: ImuStream | None) -> NDArray[np.bool_]:
     """At which stamps [n] the turn since the stamp before is the gyro's; nowhere with less than two readings of it.
 
-    From its first reading to its last, but where it has a gap in between: the yaw rates before and after say nothing of
-    the turns in it, of which wheels may have counted all.
+    From its first reading to its last, but for gaps: the yaw rates before and after say nothing of the turns in one.
     """
     if imu is None or len(imu) < 2:
         return np.zeros(len(stamps), np.bool_)
@@ -73,14 +66,10 @@ def gyro_covers(stamps: Array, imu: ImuStream | None) -> NDArray[np.bool_]:
 
 
 def gyro_turn(stamps: Array, imu: ImuStream, yaw_rate: Array | None = None) -> Array:
-    """The turn [n] [rad] between consecutive stamps [n], the integral of yaw rates that are linear between readings.
+    """The turn [n] [rad] between rising stamps [n] [s], the integral of yaw rates that are linear between readings.
 
-    Outside the gyro's time there is no turn; the first counts from its start.
-
-    Args:
-        stamps: rising [s].
-        imu: at least two readings.
-        yaw_rate: one for each of its readings [rad/s], where they are filtered; the readings themselves if None.
+    Outside the gyro's time there is no turn; the first counts from its start. ``yaw_rate`` [rad/s] is in place of the
+    gyro's readings, of which there are at least two, where they are filtered.
     """
     rate = imu.angular_velocity[:, 2].astype(np.float64) if yaw_rate is None else yaw_rate
     steps = (rate[1:] + rate[:-1]) / 2 * np.diff(imu.stamps)
@@ -96,18 +85,15 @@ def wheel_path(
 ) -> se2.Poses:
     """Dead reckoning at the encoders' stamps, [n, 3], from the identity; the first count has no interval before it.
 
-    Args:
-        recording: with encoders.
-        turn_of: gives the turns [n] between stamps [n] by the gyro. The wheels' own are taken where it does not
-            measure, or where this is None.
-        increment: of a distance and a turn.
+    ``turn_of`` gives the turns [n] between stamps [n] by the gyro; the wheels' own are taken where it does not measure,
+    or where this is None. ``increment`` is that of a distance and a turn.
     """
     encoders, imu, wheels = recording.encoders, recording.imu, recording.platform.wheels
     if encoders is None or not len(encoders):
         raise InputError("no encoder readings, expected at least one", file=recording.name, field="encoders")
     if wheels is None:
         raise InputError("encoders without wheels, expected a platform with [wheels]", file=recording.name)
-    distance, turn = wheel_motion(*side_travel(encoders.counts, wheels), wheels.effective_track)
+    distance, turn = wheel_motion(encoders.counts, wheels)
     covered = gyro_covers(encoders.stamps, imu)
     if turn_of is not None and imu is not None and covered.any():
         turn = np.where(covered, turn_of(encoders.stamps, imu), turn)

@@ -15,8 +15,8 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream, Recording, nearest_stamp
-from moteslam.robot.wheel_odometry import gyro_covers, gyro_turn, side_travel, wheel_motion, wheel_path
-from moteslam.sim.log_faults import with_gaps, with_odometry_faults
+from moteslam.robot.wheel_odometry import gyro_covers, gyro_turn, wheel_motion, wheel_path
+from moteslam.sim.sensors.faults import with_gaps, with_odometry_faults
 from moteslam.sim.simulate import Simulation, random_generators
 
 Array = NDArray[np.float64]
@@ -177,7 +177,7 @@ def _scaled(steps: Array, length: Array, turn: Array) -> Array:
 
 def _with_whole_counts(counts: NDArray[np.int64], factors: Array, wheels: Wheels) -> NDArray[np.int64]:
     """Counts [n, 4] with the noise of all steps [n - 1, 2], of distance and turn; the first reading is of no step."""
-    distance, turn = wheel_motion(*side_travel(counts[1:], wheels), wheels.effective_track)
+    distance, turn = wheel_motion(counts[1:], wheels)
     longer, turned = distance * (factors[:, 0] - 1), turn * (factors[:, 1] - 1) * wheels.effective_track / 2
     right, left = longer + turned, longer - turned
     added = np.cumsum(np.stack((right, left, right, left), axis=1), axis=0) / wheels.metres_per_count

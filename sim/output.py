@@ -2,24 +2,39 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import tomli_w
+from numpy.typing import NDArray
 
+from moteslam.errors import OutputError
 from moteslam.robot.files import make_folder, read_bytes, write_atomically
 from moteslam.robot.formats.map_server import write_map, write_picture
-from moteslam.robot.formats.ucsd import write_ucsd
+from moteslam.robot.formats.ucsd import DISPARITY, RGB, image_path, write_ucsd
 from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.platforms import write_platform
+from moteslam.robot.raster import encode_png
 from moteslam.robot.trajectories.text import write_tum
-from moteslam.robot.values import expect_type
+from moteslam.robot.values import expect_type, processor_count
 from moteslam.sim.scenario import Scenario, scenario_table
-from moteslam.sim.sensors.rgbd import write_frames
+from moteslam.sim.sensors.rgbd import CameraFrames
 from moteslam.sim.simulate import Progress, Simulation
 from moteslam.sim.world.floor import MAX_PICTURE_BYTES
-from moteslam.sim.world.floor_plan import read_cells
+from moteslam.sim.world.layout import read_cells
+
+SAMPLE = 6
+"""Images of each kind that are drawn to estimate the space that all will take."""
+BATCH = 8
+"""Images that are drawn at a time."""
+
+Draw = Callable[[NDArray[np.intp]], NDArray[Any]]
+"""Draws the images [k, ...] of these frames [k]."""
 
 
 def write_simulation(
@@ -85,3 +100,74 @@ def log_name(scenario: str) -> str:
 def file_name(name: str) -> str:
     """A scenario's name as part of a file's or folder's name."""
     return "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name).lstrip(".") or "scenario"
+
+
+def write_frames(
+    folder: Path,
+    frames: CameraFrames,
+    sequence: str,
+    *,
+    announce: Callable[[str], None] | None = None,
+    progress: Callable[[float], None] = lambda _: None,
+) -> None:
+    """Draw all frames and write them as ``dataRGBD/`` of the UCSD layout.
+
+    ``announce`` is called, before the first is written, with a line on how many and how large they will be.
+    """
+    kinds: tuple[tuple[str, Draw, int], ...] = (
+        (RGB, frames.draw_rgb, len(frames.rgb.stamps)),
+        (DISPARITY, frames.draw_disparity, len(frames.disparity.stamps)),
+    )
+    total = sum(count for _, _, count in kinds)
+    wanted = sum(estimate_bytes(draw, count) for _, draw, count in kinds)
+    if announce is not None:
+        announce(f"{total} images of about {_in_words(wanted)} are to be written")
+    check_space(folder, wanted)
+    before = 0
+    for kind, draw, count in kinds:
+
+        def report(done: int, before: int = before) -> None:
+            progress((before + done) / total)
+
+        write_images(folder, kind, sequence, draw, count, progress=report)
+        before += count
+
+
+def estimate_bytes(draw: Draw, count: int) -> int:
+    """About what ``count`` images will take as PNG files [bytes], from a few of them, with a tenth to spare."""
+    if not count:
+        return 0
+    chosen = np.unique(np.linspace(0, count - 1, min(count, SAMPLE)).astype(np.intp))
+    sizes = [len(encode_png(image, fast=True)) for image in draw(chosen)]
+    return int(1.1 * count * (sum(sizes) / len(sizes) + 2048))  # and half a block of the disk each
+
+
+def _in_words(size: float) -> str:
+    """Bytes as megabytes, or gigabytes where they are one or more."""
+    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.1f} MB"
+
+
+def check_space(folder: Path, wanted: int) -> None:
+    """Refuse to begin where fewer bytes than ``wanted`` are free."""
+    free = shutil.disk_usage(folder).free
+    if wanted > free:
+        raise OutputError(f"{_in_words(free)} free, expected {_in_words(wanted)} for the images", file=folder)
+
+
+def write_images(
+    folder: Path, kind: str, sequence: str, draw: Draw, count: int, *, progress: Callable[[int], None] = lambda _: None
+) -> None:
+    """Draw ``RGB`` or ``DISPARITY`` images and write them, encoding on all cores; few are held at a time.
+
+    ``progress`` is called with the number already written.
+    """
+    make_folder(image_path(folder, kind, sequence, 0).parent)
+
+    def write(index: int, image: NDArray[Any]) -> None:
+        write_atomically(image_path(folder, kind, sequence, index), encode_png(image, fast=True))
+
+    with ThreadPoolExecutor(processor_count()) as pool:
+        for start in range(0, count, BATCH):
+            indices = np.arange(start, min(start + BATCH, count))
+            list(pool.map(write, indices.tolist(), draw(indices)))
+            progress(start + len(indices))

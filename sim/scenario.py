@@ -18,23 +18,23 @@ from moteslam.robot.files import file_within
 from moteslam.robot.noise import Noise
 from moteslam.robot.platform import CameraSettings, Platform
 from moteslam.robot.platforms import BASE, UCSD, load_platform, platform_table, whole_platform
-from moteslam.robot.tables import Number, Section, Table, Truth, Whole, assigned, merged, read_toml, validated
+from moteslam.robot.values import Number, Section, Table, Truth, Whole, assigned, merged, read_toml, validated
 from moteslam.sim.actors.actors import MAX_DOORS, Door, check_doors, check_people
 from moteslam.sim.actors.people import MAX_PEOPLE, Crowd, Person
-from moteslam.sim.log_faults import Gap, OdometryJump, RepeatedScans, StaleOdometry
-from moteslam.sim.robot.driver import MAX_DURATION, Limits
+from moteslam.sim.robot.driver import MAX_DURATION, Commands, Limits, Route, Task, Wander, check_duration, check_task
 from moteslam.sim.robot.mishaps import Carried, StuckWheels, check_mishaps
-from moteslam.sim.robot.task import Commands, Route, Task, Wander, check_duration, check_task
 from moteslam.sim.robot.vehicle import check_body, check_wheels
 from moteslam.sim.sensors.clock import Outage
+from moteslam.sim.sensors.faults import Cart, Gap, OdometryJump, RepeatedScans, StaleOdometry, Tilt, check_tilt
 from moteslam.sim.sensors.lidar import check_sensors
-from moteslam.sim.sensors.lidar_faults import Cart, Tilt, check_tilt
 from moteslam.sim.sensors.rgbd import check_camera
 from moteslam.sim.world.floor import FloorSettings
 from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 from moteslam.sim.world.random_corridors import random_corridors
 from moteslam.sim.world.world import World, check_world
+
+Array = NDArray[np.float64]
 
 SCENARIOS = Path(__file__).parent / "scenarios"
 MAX_SEED = 2**63 - 1
@@ -93,11 +93,56 @@ class Scenario(Section):
     @model_validator(mode="before")
     @classmethod
     def _over_its_robot(cls, values: Any) -> Any:
-        return with_its_robot(values) if isinstance(values, dict) else values
+        """A table with the robot's own figures below what it changes of them.
+
+        ``platform`` becomes a whole robot; ``noise`` and ``camera`` lie, key by key, over the robot's; a speed that it
+        cannot drive becomes its top speed, and the run may take longer by as much.
+        """
+        if not isinstance(values, dict):
+            return values
+        platform = chosen_platform(values.get("platform"))
+        values = {**values, "platform": platform}
+        noise = values.get("noise")
+        if noise is None or isinstance(noise, dict):
+            figures = _class_noise(platform, values.get("noise_class", "datasheet"))
+            values["noise"] = merged(figures.model_dump(), noise or {})
+        if isinstance(camera := values.get("camera"), dict):
+            if platform.camera is None:
+                raise ConfigError("none, expected a camera to simulate", field="platform.camera")
+            sensor = platform.camera.sensor
+            values["camera"] = camera if sensor is None else merged(sensor.model_dump(), camera)
+        return _within_reach(values, platform)
 
     @model_validator(mode="after")
     def _is_possible(self) -> Scenario:
-        _check(self)
+        """Refuse parts that contradict each other; each of them alone is checked where it is defined."""
+        given = [task for task in _TASKS if getattr(self, task) is not None]
+        if len(given) != 1:
+            found = " and ".join(given) if given else "nothing to do"
+            raise ConfigError(
+                f"{found}, expected exactly one of route, wander and commands", field=given[-1] if given else "route"
+            )
+        platform, start = self.platform, self.start[:2]
+        check_duration(self.task, self.drive, self.duration)
+        check_wheels(platform)
+        check_sensors(platform)
+        check_body(platform)
+        if self.camera is not None:
+            check_camera(platform.camera)
+        if self.floor is not None:
+            self.floor.check_picture()
+        try:
+            world = World.of(self.world)
+        except InputError as error:
+            raise ConfigError(str(error), field="world.plan.file") from error
+        check_world(world)
+        for i, fault in enumerate(self.faults):
+            if isinstance(fault, Tilt):
+                check_tilt(fault, platform.lidar, field=f"faults.{i}")
+        check_people(self.people, world, start, platform.radius)
+        check_doors(self.doors, world, start, platform.radius)
+        check_task(self.task, world, platform)
+        check_mishaps(self.faults, self.task, world, platform)
         return self
 
     @property
@@ -108,7 +153,7 @@ class Scenario(Section):
         return task
 
     @property
-    def start(self) -> NDArray[np.float64]:
+    def start(self) -> Array:
         """The pose [3] that the robot starts at: x [m], y [m], theta [rad]."""
         return self.task.start_pose
 
@@ -116,37 +161,6 @@ class Scenario(Section):
     def has_actors(self) -> bool:
         """Whether people or doors are in it."""
         return bool(self.people or self.crowd is not None or self.doors)
-
-
-def _check(scenario: Scenario) -> None:
-    """Refuse a scenario whose parts contradict each other; each of them alone is checked where it is defined."""
-    given = [task for task in _TASKS if getattr(scenario, task) is not None]
-    if len(given) != 1:
-        found = " and ".join(given) if given else "nothing to do"
-        raise ConfigError(
-            f"{found}, expected exactly one of route, wander and commands", field=given[-1] if given else "route"
-        )
-    platform, start = scenario.platform, scenario.start[:2]
-    check_duration(scenario.task, scenario.drive, scenario.duration)
-    check_wheels(platform)
-    check_sensors(platform)
-    check_body(platform)
-    if scenario.camera is not None:
-        check_camera(platform.camera)
-    if scenario.floor is not None:
-        scenario.floor.check_picture()
-    try:
-        world = World.of(scenario.world)
-    except InputError as error:
-        raise ConfigError(str(error), field="world.plan.file") from error
-    check_world(world)
-    for i, fault in enumerate(scenario.faults):
-        if isinstance(fault, Tilt):
-            check_tilt(fault, platform.lidar, field=f"faults.{i}")
-    check_people(scenario.people, world, start, platform.radius)
-    check_doors(scenario.doors, world, start, platform.radius)
-    check_task(scenario.task, world, platform)
-    check_mishaps(scenario.faults, scenario.task, world, platform)
 
 
 def with_camera(scenario: Scenario) -> Scenario:
@@ -257,26 +271,6 @@ def _with_files_beside(table: Table, file: Path | None, *, within: bool = False)
         case {"platform": str(name)} if name.endswith(".toml") and "\0" not in name:
             table = {**table, "platform": beside(name, "platform")}
     return table
-
-
-def with_its_robot(values: Table) -> Table:
-    """A scenario's table with the robot's own figures below what the table changes of them.
-
-    ``platform`` becomes a whole robot; ``noise`` and ``camera`` lie, key by key, over the robot's; a speed that it
-    cannot drive becomes its top speed, and the run may take longer by as much.
-    """
-    platform = chosen_platform(values.get("platform"))
-    values = {**values, "platform": platform}
-    noise = values.get("noise")
-    if noise is None or isinstance(noise, dict):
-        figures = _class_noise(platform, values.get("noise_class", "datasheet"))
-        values["noise"] = merged(figures.model_dump(), noise or {})
-    if isinstance(camera := values.get("camera"), dict):
-        if platform.camera is None:
-            raise ConfigError("none, expected a camera to simulate", field="platform.camera")
-        sensor = platform.camera.sensor
-        values["camera"] = camera if sensor is None else merged(sensor.model_dump(), camera)
-    return _within_reach(values, platform)
 
 
 def chosen_platform(value: Any) -> Platform:

@@ -14,20 +14,19 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised, expect_type
 from moteslam.sim.actors.actors import TRUTH_RATE, Actors, Tracks
-from moteslam.sim.log_faults import Gap, with_gaps, with_odometry_faults, with_scans_repeated, without_lost_motion
 from moteslam.sim.robot.drive import Drive, drive
+from moteslam.sim.robot.driver import driver_for
 from moteslam.sim.robot.mishaps import Carried, Mishap
-from moteslam.sim.robot.task import driver_for
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 from moteslam.sim.scenario import Scenario
 from moteslam.sim.sensors.clock import EPOCH, Outage, Stream, with_faults
 from moteslam.sim.sensors.echoes import Scene
+from moteslam.sim.sensors.faults import Gap, with_gaps, with_odometry_faults, with_scans_repeated, without_lost_motion
 from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar, tilt_of
 from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
 from moteslam.sim.sensors.wheels_and_gyro import simulate_encoders, simulate_imu
 from moteslam.sim.world.floor import FloorSettings, rasterise
-from moteslam.sim.world.surroundings import lived_in
-from moteslam.sim.world.world import World, true_map
+from moteslam.sim.world.world import World, lived_in, true_map
 
 Progress = Callable[[str, float], None]
 """Called with what is being done (``drive``, ``lidar``) and the share of it that is done."""

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.formats.map_server import map_image
-from moteslam.robot.pictures import STYLE, encode_png
-from moteslam.robot.raster import Raster
+from moteslam.robot.raster import Raster, encode_png
 from moteslam.robot.trajectory import PoseGraph, Trajectory
 from moteslam.robot.values import Issue, Summarised
 from moteslam.slam.backend.ledger import LoopCandidate
@@ -128,6 +127,8 @@ def as_logged(estimate: Estimate, stamps: NDArray[np.float64]) -> Estimate:
     )
 
 
+BLUE = (0x00, 0x72, 0xB2)
+"""Of paths, as in all pictures of SLAM."""
 LONGEST = 800
 """The longer side of a preview, at most [pixel]."""
 ENLARGED = 8
@@ -163,9 +164,8 @@ def preview_png(occupancy: Raster, path: NDArray[np.float64]) -> bytes:
 
     pixels = np.stack((places[:, 0] - left, top - places[:, 1]), axis=1) * (enlarge / shrink) - 0.5
     corners = np.rint(pixels * 2**SUBPIXEL).astype(np.int32)
-    colour = tuple(bytes.fromhex(STYLE.slam.removeprefix("#")))
-    cv2.polylines(image, [corners], isClosed=False, color=colour, thickness=2, lineType=cv2.LINE_AA, shift=SUBPIXEL)
+    cv2.polylines(image, [corners], isClosed=False, color=BLUE, thickness=2, lineType=cv2.LINE_AA, shift=SUBPIXEL)
     start, end = np.rint(pixels[[0, -1]]).astype(int).tolist()
-    cv2.rectangle(image, [end[0] - 4, end[1] - 4], [end[0] + 4, end[1] + 4], colour, cv2.FILLED)
+    cv2.rectangle(image, [end[0] - 4, end[1] - 4], [end[0] + 4, end[1] + 4], BLUE, cv2.FILLED)
     cv2.circle(image, start, 7, (0, 0, 0), 2, cv2.LINE_AA)
     return encode_png(image)

@@ -8,8 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from moteslam.errors import ConfigError
-from moteslam.robot.tables import Table, assigned, merged, read_toml, validated
-from moteslam.robot.values import expect_type
+from moteslam.robot.values import Table, assigned, expect_type, merged, read_toml, validated
 from moteslam.slam.config import METHODS, SlamConfig
 
 DEFAULT_PRESET = "default"

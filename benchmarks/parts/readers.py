@@ -136,13 +136,12 @@ def _write_bag_of_poses(path: Path) -> None:
 
 def _maps() -> Iterator[Reader]:
     from moteslam.robot.formats.map_server import read_map, write_map
-    from moteslam.robot.raster import MapArrays, read_map_arrays, write_map_arrays
+    from moteslam.robot.raster import read_map_arrays, write_map_arrays
 
     values = np.random.default_rng(3).integers(-1, 2, (11, 17)).astype(np.int8)
     files = _made("map.pgm", write_map, Raster(values, 0.05, (1.0, -2.0, 0.3)))
     yield Reader("map_server", files, "map.yaml", read_map)
-    arrays = {"log_odds": values.astype(np.float32)}
-    odds = MapArrays(kind="log_odds", arrays=arrays, cell_size=0.05, origin=(1.0, -2.0, 0.3))
+    odds = {"log_odds": Raster(values.astype(np.float32), 0.05, (1.0, -2.0, 0.3))}
     yield Reader("map_arrays", _made("map.npz", write_map_arrays, odds), "map.npz", read_map_arrays)
 
 

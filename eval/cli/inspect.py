@@ -74,9 +74,7 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
         if deep or isinstance(recording.lidar.ranges, np.ndarray):
             stale = _stale(recording)
     more = stale if about is None else (*stale, *about.issues)
-    known = {issue.code for issue in more}
-    kept = [issue for issue in found.problems if not (issue.code in known and issue.message.startswith("lidar:"))]
-    found = replace(found, problems=(*kept, *more))
+    found = replace(found, problems=(*found.problems, *more))
     if plot is not None:
         from moteslam.eval.report.streams import draw_streams
 

@@ -13,7 +13,7 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics import association
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
 from moteslam.eval.statistics import Statistics
-from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, umeyama, umeyama_scale, wrap
+from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, umeyama, wrap
 from moteslam.robot.trajectory import Space, Trajectory
 from moteslam.robot.values import Summarised, counted
 
@@ -121,7 +121,7 @@ def absolute_trajectory_error(
 
 def _in_plane(matched: Matched, *, align: bool, from_start: bool, scale: bool) -> AteResult:
     estimated, reference = matched.estimate, matched.reference
-    factor = umeyama_scale(estimated[:, :2], reference[:, :2]) if align and scale else 1.0
+    factor = _scale(estimated[:, :2], reference[:, :2]) if align and scale else 1.0
     estimated = estimated * (factor, factor, 1.0)
     transform = IDENTITY
     if from_start:
@@ -159,3 +159,14 @@ def _in_space(matched: Matched, *, align: bool, from_start: bool, scale: bool) -
     aligned, reference = (association.planar(space, turn, true.rotations[0]) for space in (laid_on, true))
     transform = np.array((translation[0], translation[1], float(association.heading_of(rotation))))
     return AteResult(matched.stamps, errors, turns, aligned, reference, transform, factor, (rotation, translation))
+
+
+def _scale(source: Array, target: Array) -> float:
+    """The factor that lays points [n, 2] on others with the least squared distance (Umeyama 1991); 1 for a point.
+
+    In the plane it is the length of the summed dot and cross products of the centred points, over the sum of squares.
+    """
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    size = float((a * a).sum())
+    dot, cross = float((a * b).sum()), float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
+    return float(np.hypot(dot, cross)) / size if size > 0 else 1.0

@@ -12,7 +12,7 @@ from moteslam.eval.metrics.association import evenly, placed_scans, travelled
 from moteslam.eval.metrics.residuals import surface_points
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
-from moteslam.robot.raster import Raster, cells_of, mean_cells
+from moteslam.robot.raster import Raster, cell_counts, cells_of
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import IDENTITY, Poses
 from moteslam.robot.trajectory import Trajectory
@@ -143,7 +143,7 @@ def map_consistency(recording: Recording, trajectory: Trajectory, *, scans: Scan
     near, far, twice = _between_scans(points, normals, owners, path)
     if not len(near):
         raise InputError(f"no endpoint within {REACH:g} m of another scan's", field="trajectory")
-    cells, walls = mean_cells(points, CELL), _length_seen(points, path)
+    cells, walls = float(cell_counts(points, CELL).mean()), _length_seen(points, path)
     return MapConsistency(
         cells=round(cells),
         walls=walls,

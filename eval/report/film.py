@@ -20,7 +20,6 @@ from moteslam.eval.report import style
 from moteslam.eval.report.maps import draw_map
 from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
-from moteslam.robot.pictures import PictureStyle
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import Simulation
 from moteslam.slam.run import SlamSession
@@ -38,7 +37,7 @@ SPEEDS = tuple(step for step in style.STEPS if 1 <= step <= 5000)
 """The speeds to choose from then."""
 BEAMS_DRAWN = 90
 PERSON, DOOR, BEAM = "#D55E00", "#CC79A7", "#E69F00"
-STYLE = PictureStyle(font_size=12.0, dpi=100.0)
+STYLE = style.PictureStyle(font_size=12.0, dpi=100.0)
 """Text is 12 pixels high or more where a player shows a film 480 pixels high."""
 PLAN, NARROWEST = (9.0, 4.6), 6.4
 """Width and height that the plan takes at most, and its width at least, for the legend and the caption [inch]."""

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from moteslam.eval.metrics.association import evenly
 from moteslam.eval.report import style
-from moteslam.eval.report.style import File
+from moteslam.eval.report.style import STYLE, File
 from moteslam.eval.run_tables import loop_counts
-from moteslam.robot.pictures import STYLE
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import compose

@@ -112,7 +112,10 @@ def _draw_walls(axes: style.Axes, world: World) -> None:
     for i, name in enumerate(world.palette):
         lines, plain = world.segments[surfaces == i].reshape(-1, 2, 2), name == "plain"
         if len(lines):
-            look = {"colors": MATERIAL_COLOURS.get(name, OTHER_MATERIAL), "linewidths": 1.0 if plain else 2.2}
+            look: dict[str, Any] = {
+                "colors": MATERIAL_COLOURS.get(name, OTHER_MATERIAL),
+                "linewidths": 1.0 if plain else 2.2,
+            }
             axes.add_collection(LineCollection(lines, label="wall" if plain else name, **look))
 
 

@@ -9,7 +9,7 @@ from moteslam.eval.report import style
 from moteslam.eval.report.style import DEAD_RECKONING, SLAM
 from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection
 from moteslam.robot.recording import CHUNK, LidarStream, Recording, measured
-from moteslam.robot.sensor_reports import SCANS, yaw_rates
+from moteslam.robot.sensor_reports import turns, yaw_rate
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ def draw_streams(path: style.File, recording: Recording, found: Inspection) -> N
     last = max(float(some[-1]) for some in stamps.values())
     span = max(last - first, 1e-3)
     colours = dict(zip(stamps, STREAM_COLOURS, strict=False))
-    rates = yaw_rates(recording)
+    rates = turns(recording)
     lidar = recording.lidar if recording.lidar is not None and recording.lidar.ranges.size else None
     heights = [0.35 * len(stamps) + 0.3, 1.4, *([1.6] if rates else []), *([2.0, 1.0] if lidar is not None else [])]
     title = f"{recording.name}: {span:.0f} s from {first:.3f} s on"
@@ -43,9 +43,8 @@ def draw_streams(path: style.File, recording: Recording, found: Inspection) -> N
             late = {clock.name: f"\n{1000 * clock.offset:+.0f} ms to {clock.reference}" for clock in found.clocks}
             times = np.linspace(first, last, 4 * BINS)
             for width, (name, rate) in zip(np.linspace(2.2, 0.8, len(rates)), rates.items(), strict=True):
-                part = f"\nfirst {SCANS} scans" if name == "lidar" and lidar is not None and len(lidar) > SCANS else ""
-                label = f"{name}{late.get(name, '')}{part}"
-                axes.plot(times - first, rate.at(times), color=colours[name], lw=width, label=label)
+                label, colour = f"{name}{late.get(name, '')}", colours.get(name, STREAM_COLOURS[-1])
+                axes.plot(times - first, yaw_rate(*rate, times), color=colour, lw=width, label=label)
             axes.set_ylabel("yaw rate [rad/s]")
             _legend(axes)
         if lidar is not None:

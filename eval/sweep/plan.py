@@ -19,7 +19,7 @@ from moteslam.eval.sweep.spec import MAX_RUNS, Configuration, Scalar, SweepSpec,
 from moteslam.robot.formats import format_of
 from moteslam.robot.platforms import BASE, UCSD
 from moteslam.robot.platforms import FOLDER as PLATFORMS
-from moteslam.robot.tables import Section, read_toml
+from moteslam.robot.values import Section, read_toml
 from moteslam.sim.scenario import SCENARIOS, load_scenario
 from moteslam.slam.settings import resolve_config
 

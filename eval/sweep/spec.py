@@ -15,7 +15,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.evidence import TRACKS
 from moteslam.eval.metrics.registry import chosen, split
 from moteslam.eval.sweep.external import version_of
-from moteslam.robot.tables import NotNegative, Number, Positive, Section, Whole, read_toml, validated
+from moteslam.robot.values import NotNegative, Number, Positive, Section, Whole, read_toml, validated
 from moteslam.slam.settings import DEFAULT_PRESET
 
 FOLDER = Path(__file__).parent / "specs"

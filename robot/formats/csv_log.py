@@ -22,8 +22,7 @@ from moteslam.robot.formats.written import FOUR_WHEELS, write_csv
 from moteslam.robot.platform import MAX_BEAMS, Platform
 from moteslam.robot.platforms import GivenRobot, platform_of, read_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
-from moteslam.robot.tables import MAX_BYTES, Number, Section, Table, read_toml, validated
-from moteslam.robot.values import Issue, counted, shortened
+from moteslam.robot.values import MAX_BYTES, Issue, Number, Section, Table, counted, read_toml, shortened, validated
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError, MoteslamWarning, OutputError
 from moteslam.robot.files import read_bytes, read_yaml, write_atomically
-from moteslam.robot.pictures import FULL, decode_channels, encode_png, picture_size
-from moteslam.robot.raster import Raster
+from moteslam.robot.raster import FULL, Raster, decode_channels, encode_png, picture_size
 from moteslam.robot.values import expect_type
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1

@@ -13,7 +13,7 @@ import tomli_w
 from moteslam.errors import ConfigError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.platform import LidarSpec, Platform
-from moteslam.robot.tables import Table, merged, read_toml, validated
+from moteslam.robot.values import Table, merged, read_toml, validated
 
 FOLDER = Path(__file__).parent
 
@@ -25,6 +25,10 @@ _MAY_BE_LEFT_OUT = frozenset({"name", "description", "top_speed", "top_turn_rate
 
 _MOUNT = ("x", "y", "yaw", "time_increment")
 """What SLAM knows of where the lidar stands."""
+
+
+def _names() -> list[str]:
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
 def bundled_platforms() -> dict[str, str]:
@@ -40,10 +44,6 @@ def bundled_platform(name: str) -> Platform:
         raise ConfigError(f"no robot of this name, {expected}", field=name)
     table = tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
     return Platform.model_validate({"name": name, **table})
-
-
-def _names() -> list[str]:
-    return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
 def load_platform(name_or_path: str | PathLike[str]) -> Platform:
@@ -123,13 +123,7 @@ def _without_none(table: Table) -> Table:
 
 @dataclass(frozen=True)
 class GivenRobot:
-    """The robot that a caller gives of a recording: complete, a file of what differs from the one it states, or none.
-
-    Attributes:
-        platform: the robot, where it is given itself.
-        file: that was read; None without one.
-        table: what is in it.
-    """
+    """The robot that a caller gives of a recording: complete, as the table of a file that differs from it, or none."""
 
     platform: Platform | None
     file: Path | None

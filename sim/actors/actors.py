@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
-from moteslam.robot.tables import Number, Section, Truth
-from moteslam.robot.values import Summarised
+from moteslam.robot.values import Number, Section, Summarised, Truth
 from moteslam.sim.actors.people import Crowd, Person, Walkers, place_crowd
 from moteslam.sim.world.pieces import PLAIN, Point
 from moteslam.sim.world.world import World, check_legs, check_place
 
 if TYPE_CHECKING:
     import pymunk
+
+Array = NDArray[np.float64]
 
 TRUTH_RATE = 100
 """Places of people and doors, and true poses of the robot, that are kept a second [Hz]."""
@@ -48,10 +49,10 @@ class Tracks(Summarised):
     discs: NDArray[np.float32]
     lines: NDArray[np.float32]
     surfaces: NDArray[np.int16]
-    people: NDArray[np.float64]
+    people: Array
 
 
-def _legs(path: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+def _legs(path: Array, radius: float) -> Array:
     """Two legs [t, 2, 3] that swing in turns with the distance walked, side by side while standing."""
     from scipy.ndimage import uniform_filter1d
 
@@ -76,27 +77,20 @@ CLEAR = 0.12
 
 
 class Door(Section):
-    """A door's leaf that opens and shuts, by the clock or at random.
+    """A door's leaf that opens and shuts, by the clock or at random."""
 
-    Attributes:
-        hinge, end: the two ends of the leaf when it is shut [m].
-        kind: ``swing``: turns about its hinge; ``slide``: moves along itself past the hinge.
-        opening: how far it swings [rad], counterclockwise positive.
-        shut_for, open_for: in turns, beginning shut [s]: durations, or with ``random`` means (exponential).
-        automatic: whether it opens for anyone within ``sensor`` [m] of its middle.
-        takes: time to open or shut [s]. It does not shut on anyone.
-    """
-
-    hinge: Point
-    end: Point
-    kind: Literal["swing", "slide"] = "swing"
+    hinge: Point  # one end of the leaf [m]
+    end: Point  # the other when it is shut [m]
+    kind: Literal["swing", "slide"] = "swing"  # swing: turns about its hinge; slide: moves along itself past the hinge
+    # how far it swings [rad], counterclockwise positive
     opening: Annotated[Number, Field(ge=-math.pi, le=math.pi)] = math.pi / 2
+    # in turns, beginning shut [s]: durations, or with `random` means (exponential)
     shut_for: Annotated[Number, Field(gt=0, le=3600)] = 10.0
     open_for: Annotated[Number, Field(gt=0, le=3600)] = 10.0
     random: Truth = False
-    automatic: Truth = True
+    automatic: Truth = True  # whether it opens for anyone within sensor [m] of its middle
     sensor: Annotated[Number, Field(gt=0, le=10)] = 2.0
-    takes: Annotated[Number, Field(ge=0.2, le=60)] = 1.5
+    takes: Annotated[Number, Field(ge=0.2, le=60)] = 1.5  # time to open or shut [s]. It does not shut on anyone
     material: str = PLAIN
 
     @model_validator(mode="after")
@@ -128,16 +122,16 @@ class Leaf:
         self._place()
 
     @property
-    def middle(self) -> NDArray[np.float64]:
+    def middle(self) -> Array:
         """Of the doorway [2] [m]."""
         return np.asarray(self._hinge + self._along / 2)
 
     @property
-    def ends(self) -> NDArray[np.float64]:
+    def ends(self) -> Array:
         """x0, y0, x1, y1 of the leaf as it stands [m]."""
         return self._ends(self.open)
 
-    def _ends(self, opened: float) -> NDArray[np.float64]:
+    def _ends(self, opened: float) -> Array:
         if self._door.kind == "slide":
             shift = -opened * self._along
             return np.concatenate((self._hinge + shift, self._hinge + self._along + shift))
@@ -145,7 +139,7 @@ class Leaf:
         tip = self._hinge + self.width * np.array((math.cos(angle), math.sin(angle)))
         return np.concatenate((self._hinge, tip))
 
-    def move(self, time: float, interval: float, bodies: NDArray[np.float64], radii: NDArray[np.float64]) -> None:
+    def move(self, time: float, interval: float, bodies: Array, radii: Array) -> None:
         """Move for an interval [s], with people and robot at ``bodies`` [n, 2] of ``radii`` [n] [m]."""
         from_middle = np.hypot(*(bodies - self.middle).T)
         door = self._door
@@ -169,7 +163,7 @@ class Leaf:
         self._space.reindex_shapes_for_body(self._body)
 
 
-def _schedule(door: Door, duration: float, rng: np.random.Generator) -> NDArray[np.float64]:
+def _schedule(door: Door, duration: float, rng: np.random.Generator) -> Array:
     """When the door opens, shuts, opens ... [s]."""
     switches: list[float] = []
     time, spans = 0.0, (door.shut_for, door.open_for)
@@ -180,7 +174,7 @@ def _schedule(door: Door, duration: float, rng: np.random.Generator) -> NDArray[
     return np.array(switches)
 
 
-def _distance(points: NDArray[np.float64], line: NDArray[Any]) -> NDArray[np.float64]:
+def _distance(points: Array, line: NDArray[Any]) -> Array:
     """Of points [n, 2] from a segment [m]."""
     a, along = line[:2], line[2:] - line[:2]
     share = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
@@ -211,7 +205,7 @@ class Actors:
         *,
         world: World,
         space: pymunk.Space,
-        start: NDArray[np.float64],
+        start: Array,
         duration: float,
         rng: np.random.Generator,
     ) -> None:
@@ -222,8 +216,8 @@ class Actors:
         names = list(world.palette)
         self._surfaces = [names.index(door.material) for door in doors]
         self._walkers = Walkers(self.persons, world, space, strolls_rng)
-        self._places: list[NDArray[np.float64]] = []
-        self._ends: list[NDArray[np.float64]] = []
+        self._places: list[Array] = []
+        self._ends: list[Array] = []
 
     def move(self, time: float, interval: float, robot: tuple[float, float], robot_radius: float) -> None:
         """Let everyone choose a motion for the next interval [s], given where the robot is [m] and its radius [m]."""
@@ -257,7 +251,7 @@ class Actors:
             places,
         )
 
-    def obstacles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def obstacles(self) -> tuple[Array, Array]:
         """People and leaves as discs: their centres [n, 2] and radii [n] [m]."""
         points = [self._walkers.places]
         radii = [self._walkers.radii]
@@ -267,11 +261,11 @@ class Actors:
             radii.append(np.full(LEAF_POINTS, LEAF_RADIUS))
         return np.concatenate(points), np.concatenate(radii)
 
-    def _leaf_ends(self) -> NDArray[np.float64]:
+    def _leaf_ends(self) -> Array:
         return np.array([leaf.ends for leaf in self._leaves], np.float64).reshape(-1, 4)
 
 
-def check_people(people: Sequence[Person], world: World, start: NDArray[np.float64], radius: float) -> None:
+def check_people(people: Sequence[Person], world: World, start: Array, radius: float) -> None:
     """Refuse people who walk into walls, or begin on each other or on the robot of a radius at ``start`` [2] [m]."""
     for i, person in enumerate(people):
         places = np.asarray(person.waypoints)
@@ -286,7 +280,7 @@ def check_people(people: Sequence[Person], world: World, start: NDArray[np.float
                 raise ConfigError(problem, field=f"people.{i}.waypoints.0")
 
 
-def check_doors(doors: Sequence[Door], world: World, start: NDArray[np.float64], radius: float) -> None:
+def check_doors(doors: Sequence[Door], world: World, start: Array, radius: float) -> None:
     """Refuse doors of an unknown material, or shut across the robot of a radius at ``start`` [2] [m]."""
     for i, door in enumerate(doors):
         if door.material not in world.palette:

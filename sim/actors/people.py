@@ -17,12 +17,14 @@ from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE
-from moteslam.robot.tables import Number, Positive, Section, Truth, Whole
+from moteslam.robot.values import Number, Positive, Section, Truth, Whole
 from moteslam.sim.world.pieces import Point
 from moteslam.sim.world.world import World, true_map
 
 if TYPE_CHECKING:
     import pymunk
+
+Array = NDArray[np.float64]
 
 MAX_PEOPLE = 60
 """In a scenario: every beam is tested against each of them."""
@@ -50,24 +52,16 @@ Time = Annotated[Number, Field(ge=0, le=1800)]
 
 
 class Person(Section):
-    """Somebody who walks from waypoint to waypoint, there and back again, round the robot and others.
+    """Somebody who walks from waypoint to waypoint, there and back again, round the robot and others."""
 
-    Attributes:
-        waypoints: [m], the first is the start; with a single one they stroll to places that the seed chooses.
-        speed: of their walk [m/s] (1.34 is the usual one, Helbing and Molnar 1995).
-        pause, start: how long they stand at each waypoint, and at the first [s].
-        radius: of the body [m].
-        legs: whether the lidar sees two legs that stride, or one disc.
-        leg: radius of a leg [m].
-    """
-
+    # [m], the first is the start; with a single one they stroll to places that the seed chooses
     waypoints: Annotated[tuple[Point, ...], Field(min_length=1, max_length=1000)]
-    speed: Speed = 1.2
-    pause: Time = 0.5
-    start: Time = 0.0
-    radius: Annotated[Number, Field(ge=0.1, le=0.5)] = 0.22
-    legs: Truth = True
-    leg: Annotated[Number, Field(ge=0.03, le=0.2)] = 0.07
+    speed: Speed = 1.2  # of their walk [m/s] (1.34 is the usual one, Helbing and Molnar 1995)
+    pause: Time = 0.5  # how long they stand at each waypoint [s]
+    start: Time = 0.0  # and at the first [s]
+    radius: Annotated[Number, Field(ge=0.1, le=0.5)] = 0.22  # of the body [m]
+    legs: Truth = True  # whether the lidar sees two legs that stride, or one disc
+    leg: Annotated[Number, Field(ge=0.03, le=0.2)] = 0.07  # radius of a leg [m]
 
 
 class Walkers:
@@ -100,7 +94,7 @@ class Walkers:
         self._walls = pymunk.ShapeFilter(mask=pymunk.ShapeFilter.ALL_MASKS() ^ (PEOPLE | ROBOT))
 
     @property
-    def places(self) -> NDArray[np.float64]:
+    def places(self) -> Array:
         """Their centres [p, 2] [m]."""
         return np.array([tuple(body.position) for body in self._bodies], np.float64).reshape(-1, 2)
 
@@ -122,9 +116,7 @@ class Walkers:
             x, y = (np.array(tuple(body.velocity)) + share * change).tolist()
             body.velocity = (x, y)
 
-    def _pushes(
-        self, places: NDArray[np.float64], wanted: NDArray[np.float64], robot: NDArray[np.float64], robot_radius: float
-    ) -> NDArray[np.float64]:
+    def _pushes(self, places: Array, wanted: Array, robot: Array, robot_radius: float) -> Array:
         """What the others and the robot add to each one's velocity [p, 2] [m/s]."""
         centres = np.concatenate((places, robot[None]))
         radii = np.append(self.radii, robot_radius)
@@ -140,14 +132,14 @@ class Walkers:
         ahead = np.maximum(-(direction * wanted[:, None]).sum(-1) / np.maximum(self._speeds, 1e-6)[:, None], 0.0)
         return np.asarray(push + right * (strength * ahead).sum(1)[:, None])
 
-    def _wall_push(self, place: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    def _wall_push(self, place: Array, radius: float) -> Array:
         found = self._space.point_query_nearest((float(place[0]), float(place[1])), radius + 0.4, self._walls)
         if found is None:
             return np.zeros(2)
         away = np.array(tuple(found.gradient))
         return np.asarray(WALL_PUSH * np.exp(-max(found.distance - radius, 0.0) / WALL_RANGE) * away)
 
-    def _choose_targets(self, time: float, places: NDArray[np.float64]) -> None:
+    def _choose_targets(self, time: float, places: Array) -> None:
         for i, person in enumerate(self._persons):
             if time < self._wait_until[i]:
                 self._checked[i], self._checked_at[i] = time, places[i]
@@ -169,7 +161,7 @@ class Walkers:
             if there and time > person.start:
                 self._wait_until[i] = time + person.pause
 
-    def _stroll(self, place: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    def _stroll(self, place: Array, radius: float) -> Array:
         """A place in view, or the same place where none is found."""
         for attempt in range(40):
             length = self._rng.uniform(*STROLL) / (1 + attempt // 10)
@@ -188,16 +180,11 @@ APART = 1.0
 
 
 class Crowd(Section):
-    """People whom the seed puts anywhere free, and who stroll about.
-
-    Attributes:
-        speed: each one's is drawn between these [m/s].
-        away: smallest distance from the robot's start at which they begin [m].
-    """
+    """People whom the seed puts anywhere free, and who stroll about."""
 
     count: Annotated[Whole, Field(ge=1, le=MAX_PEOPLE)]
-    speed: tuple[Speed, Speed] = (0.8, 1.4)
-    away: Positive = 2.0
+    speed: tuple[Speed, Speed] = (0.8, 1.4)  # each one's is drawn between these [m/s]
+    away: Positive = 2.0  # smallest distance from the robot's start at which they begin [m]
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Crowd:
@@ -207,11 +194,7 @@ class Crowd(Section):
 
 
 def place_crowd(
-    crowd: Crowd,
-    world: World,
-    start: NDArray[np.float64],
-    others: Sequence[Person],
-    rng: np.random.Generator,
+    crowd: Crowd, world: World, start: Array, others: Sequence[Person], rng: np.random.Generator
 ) -> list[Person]:
     """The people of a crowd, each where it begins: in reach of the robot's ``start`` [m], apart from ``others``."""
     x0, y0, x1, y1 = world.bounds

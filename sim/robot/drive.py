@@ -18,6 +18,8 @@ from moteslam.sim.robot.driver import PATIENCE, Driver, Limits, pace
 from moteslam.sim.robot.mishaps import Carried, Mishap, carrying
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 
+Array = NDArray[np.float64]
+
 CONTROL_STEPS = 8
 """Physics steps between two commands of the driver (50 Hz)."""
 STUCK_AFTER = 5.0
@@ -37,10 +39,10 @@ class Drive(Summarised):
         tracks: where people and doors were; None where there are none.
     """
 
-    stamps: NDArray[np.float64]
-    poses: NDArray[np.float64]
-    velocities: NDArray[np.float64]
-    wheel_travel: NDArray[np.float64]
+    stamps: Array
+    poses: Array
+    velocities: Array
+    wheel_travel: Array
     end: str
     tracks: Tracks | None = None
 
@@ -167,9 +169,7 @@ class _Run:
             driver.at = self._goal
 
     def _advance(
-        self,
-        pose: tuple[float, float, float] | None = None,
-        velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        self, pose: tuple[float, float, float] | None = None, velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> None:
         """One physics step of all; with a pose the robot is there after it."""
         vehicle, actors, done, dt = self._vehicle, self._actors, self._steps, 1 / PHYSICS_RATE
@@ -184,7 +184,7 @@ class _Run:
         if actors is not None and (done + 1) % (PHYSICS_RATE // TRUTH_RATE) == 0:
             actors.record()
 
-    def table(self) -> NDArray[np.float64]:
+    def table(self) -> Array:
         """The states [n, 10] at 400 Hz, as `Vehicle.state` gives each."""
         return np.array(self._states).reshape(self._steps + 1, -1)
 

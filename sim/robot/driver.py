@@ -1,4 +1,4 @@
-"""Drivers: their limits, what they are asked, pure pursuit along a path, and how they mind who is ahead.
+"""What the robot is asked to do, and its drivers: pure pursuit along a path, commands, and how they mind who is ahead.
 
 The driver of the real robot saw where it was, and so does a simulated one. SLAM is given the sensors' readings.
 """
@@ -10,10 +10,15 @@ from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from moteslam.errors import ConfigError
 from moteslam.robot.platform import Platform
-from moteslam.robot.tables import Number, Positive, Section
+from moteslam.robot.values import Number, Positive, Section, Truth
+from moteslam.sim.world.pieces import Point
+from moteslam.sim.world.world import World, check_legs, check_place
+
+Array = NDArray[np.float64]
 
 MAX_DURATION = 12_000.0
 """The longest recording [s], for two kilometres at 0.2 m/s; of `ucsd` 480 000 scans, 2.1 GB of ranges."""
@@ -22,25 +27,18 @@ Seconds = Annotated[Number, Field(ge=0, le=MAX_DURATION)]
 
 
 class Limits(Section):
-    """How the robot drives.
+    """How the robot drives."""
 
-    Attributes:
-        speed, turn_rate: at most [m/s, rad/s].
-        acceleration, turn_acceleration: of these, at most [m/s^2, rad/s^2].
-        lookahead: distance ahead on the route that is aimed at [m].
-        wander: standard deviation of the driver's sideways inattention [m], over ``wander_distance`` [m].
-        rest_start, rest_end: standing still before and after [s]: long enough to see the gyro's bias.
-    """
-
-    speed: Annotated[Number, Field(gt=0, le=3)] = 0.95
-    turn_rate: Annotated[Number, Field(gt=0, le=3)] = 1.0
-    acceleration: Annotated[Number, Field(gt=0, le=5)] = 0.8
-    turn_acceleration: Annotated[Number, Field(gt=0, le=10)] = 2.5
-    lookahead: Annotated[Number, Field(gt=0, le=5)] = 0.7
+    speed: Annotated[Number, Field(gt=0, le=3)] = 0.95  # at most [m/s]
+    turn_rate: Annotated[Number, Field(gt=0, le=3)] = 1.0  # at most [rad/s]
+    acceleration: Annotated[Number, Field(gt=0, le=5)] = 0.8  # at most [m/s^2]
+    turn_acceleration: Annotated[Number, Field(gt=0, le=10)] = 2.5  # at most [rad/s^2]
+    lookahead: Annotated[Number, Field(gt=0, le=5)] = 0.7  # distance ahead on the route that is aimed at [m]
+    # standard deviation of the driver's sideways inattention [m], over wander_distance [m]
     wander: Annotated[Number, Field(ge=0, le=1)] = 0.03
     wander_distance: Positive = 2.0
-    rest_start: Seconds = 6.0
-    rest_end: Seconds = 4.0
+    rest_start: Seconds = 6.0  # standing still before [s]: long enough to see the gyro's bias
+    rest_end: Seconds = 4.0  # and after [s]
 
 
 class Driver(Protocol):
@@ -53,7 +51,7 @@ class Driver(Protocol):
     """
 
     looks: bool
-    path: NDArray[np.float64] | None
+    path: Array | None
     at: int
 
     def command(self, time: float, x: float, y: float, theta: float) -> tuple[float, float] | None:
@@ -82,10 +80,10 @@ class PathDriver:
 
     looks = True
 
-    def __init__(self, path: NDArray[np.float64], limits: Limits, rng: np.random.Generator) -> None:
+    def __init__(self, path: Array, limits: Limits, rng: np.random.Generator) -> None:
         points, length = sampled(path)
         points = points + _sway(points, length, limits, rng)
-        self.path: NDArray[np.float64] | None = points
+        self.path: Array | None = points
         self._x, self._y = points.T.tolist()
         self._limits = limits
         self.at = 0
@@ -119,16 +117,14 @@ class PathDriver:
         return self.at / (len(self._x) - 1)
 
 
-def sampled(path: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def sampled(path: Array) -> tuple[Array, Array]:
     """The path at every ``SPACING`` of its length, its end included: points [n, 2], length up to each [n] [m]."""
     corners = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
     length = np.linspace(0.0, corners[-1], max(2, round(corners[-1] / SPACING) + 1))
     return np.stack([np.interp(length, corners, path[:, axis]) for axis in (0, 1)], axis=-1), length
 
 
-def _sway(
-    points: NDArray[np.float64], length: NDArray[np.float64], limits: Limits, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def _sway(points: Array, length: Array, limits: Limits, rng: np.random.Generator) -> Array:
     """A smooth sideways error [n, 2] [m], none at the first point."""
     knots = np.arange(0.0, length[-1] + 2 * limits.wander_distance, limits.wander_distance)
     error = limits.wander * rng.standard_normal(len(knots))
@@ -152,12 +148,7 @@ PATIENCE = 60.0
 """How long a driver waits for its path to become free [s]."""
 
 
-def pace(
-    pose: tuple[float, float, float],
-    platform: Platform,
-    centres: NDArray[np.float64],
-    radii: NDArray[np.float64],
-) -> float:
+def pace(pose: tuple[float, float, float], platform: Platform, centres: Array, radii: Array) -> float:
     """The share of its speed that the robot drives at among discs at ``centres`` [n, 2] of ``radii`` [n] [m]."""
     x, y, theta = pose
     away = centres - (x, y)
@@ -168,3 +159,177 @@ def pace(
         return 1.0
     gap = float((ahead - radii)[in_path].min()) - platform.length / 2
     return min(max((gap - STOP_GAP) / SLOW_GAP, 0.0), 1.0)
+
+
+class Route(Section):
+    """Waypoints that are driven past in order, in straight legs with rounded corners."""
+
+    # [m]; the robot starts on the first, heading for the second
+    waypoints: Annotated[tuple[Point, ...], Field(min_length=2, max_length=10_000)]
+    closed: Truth = False  # whether the last leads back to the first
+    laps: Annotated[Number, Field(gt=0, le=100)] = 1.0  # how many times round a closed route, parts of a lap included
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Route:
+        if self.laps != 1.0 and not self.closed:
+            raise ValueError("laps of an open route, expected closed = true or no laps")
+        if (np.hypot(*np.diff(self.corners, axis=0).T) == 0).any():
+            raise ValueError("two successive waypoints are the same, expected them apart")
+        return self
+
+    @property
+    def corners(self) -> Array:
+        """The corners [k, 2] of one lap, the first repeated at the end if it is closed."""
+        points = (*self.waypoints, self.waypoints[0]) if self.closed else self.waypoints
+        return np.asarray(points, np.float64)
+
+    @property
+    def start_pose(self) -> Array:
+        """X [m], y [m], theta [rad]: on the first waypoint, heading for the second."""
+        first, second = self.corners[:2]
+        return np.array((*first, np.arctan2(*(second - first)[::-1])))
+
+    def path(self) -> Array:
+        """The corners [k, 2] of all the laps, the last lap cut where it ends."""
+        lap = self.corners
+        if not self.closed:
+            return lap
+        complete = int(self.laps)
+        corners = np.concatenate([lap[:-1]] * complete + [lap])
+        length = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))))
+        end = self.laps * length[len(lap) - 1]
+        kept = length < end - 1e-9
+        last = [np.interp(end, length, corners[:, axis]) for axis in (0, 1)]
+        return np.concatenate((corners[kept], [last]))
+
+
+_TRIES = 2000
+
+
+class Wander(Section):
+    """A path of straight legs between places chosen at random (by the seed) in view of each other."""
+
+    start: Point
+    distance: Annotated[Number, Field(gt=0, le=5000)]  # to drive at least [m]
+    leg: tuple[Positive, Positive] = (2.0, 8.0)  # shortest and longest leg [m]
+    clearance: Positive = 0.6  # from the walls [m]
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Wander:
+        if self.leg[0] >= self.leg[1]:
+            raise ValueError(f"leg from {self.leg[0]:g} to {self.leg[1]:g} m, expected the first to be smaller")
+        return self
+
+    @property
+    def start_pose(self) -> Array:
+        """X [m], y [m], theta [rad]: heading along x."""
+        return np.array((*self.start, 0.0))
+
+
+def wander_path(wander: Wander, world: World, rng: np.random.Generator) -> Array:
+    """The corners [k, 2] [m] of a path of at least ``wander.distance``.
+
+    Each leg leads in a random direction, turning back only where nothing else is free.
+    """
+    shortest, longest = wander.leg
+    corners, driven, heading = [np.asarray(wander.start, np.float64)], 0.0, 0.0
+    while driven < wander.distance:
+        for attempt in range(_TRIES):
+            length = rng.uniform(shortest, longest)
+            turn = rng.uniform(-1, 1) * np.pi * min(1.0, 0.5 + attempt / 50)
+            step = length * np.array((np.cos(heading + turn), np.sin(heading + turn)))
+            samples = np.linspace(corners[-1], corners[-1] + step, max(2, int(length / 0.1)))
+            if world.is_free(samples[1:], wander.clearance).all():
+                break
+        else:
+            x, y = corners[-1]
+            raise ConfigError(
+                f"no free leg of {shortest:g} to {longest:g} m leads on from ({x:.2f}, {y:.2f}), "
+                "expected more room, shorter legs or less clearance",
+                field="wander",
+            )
+        corners.append(samples[-1])
+        driven, heading = driven + length, heading + turn
+    return np.array(corners)
+
+
+class Command(Section):
+    """Wheels set to a speed [m/s] and turn rate [rad/s] for some time [s], whatever is ahead."""
+
+    duration: Annotated[Number, Field(gt=0, le=MAX_DURATION)]
+    speed: Annotated[Number, Field(ge=-3, le=3)] = 0.0
+    turn_rate: Annotated[Number, Field(ge=-3, le=3)] = 0.0
+
+
+class Commands(Section):
+    """Driving blind: where the robot starts (x, y [m], heading [rad]), and its commands in order."""
+
+    start: tuple[Number, Number, Number]
+    steps: Annotated[tuple[Command, ...], Field(min_length=1, max_length=10_000)]
+
+    @property
+    def start_pose(self) -> Array:
+        """X [m], y [m], theta [rad]."""
+        return np.asarray(self.start, np.float64)
+
+
+class BlindDriver:
+    """Follows commands in order, whatever happens; see `Driver`."""
+
+    looks = False
+    path: Array | None = None
+
+    def __init__(self, commands: Commands) -> None:
+        self.at = 0
+        self._steps = commands.steps
+        self._ends = np.cumsum([step.duration for step in commands.steps])
+        self._time = 0.0
+
+    def command(self, time: float, x: float, y: float, theta: float) -> tuple[float, float] | None:
+        """See `Driver`."""
+        self._time = time
+        i = int(np.searchsorted(self._ends, time, "right"))
+        return None if i == len(self._steps) else (self._steps[i].speed, self._steps[i].turn_rate)
+
+    @property
+    def done(self) -> float:
+        """See `Driver`."""
+        return min(1.0, self._time / float(self._ends[-1]))
+
+
+Task = Route | Wander | Commands
+
+
+def driver_for(task: Task, limits: Limits, world: World, rng: np.random.Generator) -> Driver:
+    """The driver that does a task; ``rng`` is of its inattention and, for a wander, of its path."""
+    match task:
+        case Commands():
+            return BlindDriver(task)
+        case Route():
+            return PathDriver(task.path(), limits, rng)
+        case Wander():
+            return PathDriver(wander_path(task, world, rng), limits, rng)
+
+
+def check_duration(task: Task, limits: Limits, duration: float) -> None:
+    """Refuse a run [s] that is too short for its rests and its task."""
+    distance = 0.0
+    if isinstance(task, Route):
+        distance = float(np.hypot(*np.diff(task.path(), axis=0).T).sum())
+    elif isinstance(task, Wander):
+        distance = task.distance
+    rests, driving = limits.rest_start + limits.rest_end, distance / limits.speed
+    if duration <= rests or duration < rests + driving:
+        problem = f"{duration:g} s, expected more than {rests:g} s of rests and {driving:.0f} s for {distance:.0f} m"
+        raise ConfigError(problem, field="duration")
+
+
+def check_task(task: Task, world: World, platform: Platform) -> None:
+    """Refuse a start, waypoint or leg in a wall, or too near to one for the robot."""
+    if isinstance(task, Route):
+        for i, point in enumerate(task.waypoints):
+            check_place(world, point, platform.radius, field=f"route.waypoints.{i}", what="the robot")
+        check_legs(world, task.corners, platform.width / 2, field="route.waypoints")
+    else:
+        field = f"{type(task).__name__.lower()}.start"
+        check_place(world, task.start[:2], platform.radius, field=field, what="the robot")

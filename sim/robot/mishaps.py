@@ -13,12 +13,12 @@ from pydantic import Field, model_validator
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
-from moteslam.robot.tables import Number, Section
-from moteslam.sim.robot.driver import MAX_DURATION, SPACING, Driver, Seconds, sampled
-from moteslam.sim.robot.task import Commands, Route, Task
+from moteslam.robot.values import Number, Section
+from moteslam.sim.robot.driver import MAX_DURATION, SPACING, Commands, Driver, Route, Seconds, Task, sampled
 from moteslam.sim.world.world import World, check_place
 
-Floats = NDArray[np.float64]
+Array = NDArray[np.float64]
+
 
 FAR = 10.0
 """How far along its path a robot is carried unless it is said [m]."""
@@ -41,7 +41,7 @@ class Interval(Section):
         """When it ends [s], infinite where it lasts to the drive's end."""
         return math.inf if self.duration is None else self.start + self.duration
 
-    def covers(self, times: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def covers(self, times: Array) -> NDArray[np.bool_]:
         """Which times [...] since the drive's first moment [s] are in it, its start but not its end."""
         return np.asarray((times >= self.start) & (times < self.end))
 
@@ -63,20 +63,17 @@ class Carried(Interval):
     """The robot is lifted, carried along its path, set down elsewhere, and goes on with its task from there.
 
     Its wheels do not turn meanwhile; its gyro measures how it is turned, to where it is carried.
-
-    Attributes:
-        to: where it is set down: x, y [m], heading [rad]; it goes on from the nearest place of its path.
-        along: in place of that: how far along its path, negative for back [m]. Without either it is 10 m, ahead where
-            the path is that long, else back.
-        lidar: whether scans are recorded meanwhile.
     """
 
     kind: Literal["carried"] = "carried"
     start: Seconds
     duration: Annotated[Number, Field(ge=1, le=600)] = 15.0
+    # where it is set down: x, y [m], heading [rad]; it goes on from the nearest place of its path
     to: tuple[Number, Number, Number] | None = None
+    # in place of that: how far along its path, negative for back [m]. Without either it is 10 m, ahead where the path
+    # is that long, else back
     along: Annotated[Number, Field(ge=-10_000, le=10_000)] | None = None
-    lidar: Literal["on", "off"] = "on"
+    lidar: Literal["on", "off"] = "on"  # whether scans are recorded meanwhile
 
     @model_validator(mode="after")
     def _goes_to_one_place(self) -> Carried:
@@ -118,7 +115,7 @@ def check_mishaps(faults: Sequence[object], task: Task, world: World, platform: 
                 )
 
 
-def carrying(fault: Carried, pose: Floats, driver: Driver, rate: int, *, field: str) -> tuple[Floats, int]:
+def carrying(fault: Carried, pose: Array, driver: Driver, rate: int, *, field: str) -> tuple[Array, int]:
     """How the robot is carried: along its path, at the speed of one who starts and stops, facing where it is carried.
 
     Args:
@@ -163,7 +160,7 @@ def _along(along: float | None, at: int, last: int, field: str) -> int:
     return goal
 
 
-def _walked(corners: Floats, heading: float, target: Floats, count: int, rate: int) -> Floats:
+def _walked(corners: Array, heading: float, target: Array, count: int, rate: int) -> Array:
     """The poses [count, 3] of one carried from corner to corner [k, 2], facing where it is carried but at both ends."""
     distinct = np.append(True, np.hypot(*np.diff(corners, axis=0).T) > 1e-9)
     share = np.arange(1, count + 1) / count
@@ -186,13 +183,13 @@ def _walked(corners: Floats, heading: float, target: Floats, count: int, rate: i
     return poses
 
 
-def _eased(share: Floats) -> Floats:
+def _eased(share: Array) -> Array:
     """From 0 to 1 as the share does, slowly at both ends."""
     share = np.clip(share, 0.0, 1.0)
     return np.asarray(share**2 * (3 - 2 * share))
 
 
-def _smoothed(values: Floats, half: int) -> Floats:
+def _smoothed(values: Array, half: int) -> Array:
     """The mean of each value [n, ...] and at most ``half`` of those on either side; the ends stay where they are."""
     half = min(half, len(values) - 1)
     before, after = 2 * values[:1] - values[half:0:-1], 2 * values[-1:] - values[-2 : -half - 2 : -1]

@@ -21,6 +21,8 @@ from moteslam.robot.platform import Body, Platform, Wheels
 from moteslam.sim.actors.people import ROBOT
 from moteslam.sim.world.world import World
 
+Array = NDArray[np.float64]
+
 PHYSICS_RATE = 400
 """Physics steps a second [Hz]."""
 GRAVITY = 9.80665
@@ -38,7 +40,7 @@ class Vehicle:
         noise: rolling resistance, and the height of the mass, by which the load shifts between the wheels.
     """
 
-    def __init__(self, platform: Platform, start: NDArray[np.float64], world: World, noise: DriveNoise) -> None:
+    def __init__(self, platform: Platform, start: Array, world: World, noise: DriveNoise) -> None:
         import pymunk
 
         wheels, body = platform.wheels, platform.body

@@ -12,13 +12,13 @@ from pydantic import Field
 
 from moteslam.robot.noise import ClockNoise
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream
-from moteslam.robot.tables import Number, Section
+from moteslam.robot.values import Number, Section
 from moteslam.sim.robot.mishaps import Carried
 
+Array = NDArray[np.float64]
 
-def readings(
-    rate: float, start: float, end: float, noise: ClockNoise, rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+
+def readings(rate: float, start: float, end: float, noise: ClockNoise, rng: np.random.Generator) -> tuple[Array, Array]:
     """The true times [n] of a device's readings and their stamps [n] [s], from the first to the last of its span.
 
     The device ticks steadily, at a ``rate`` [Hz] of its own; the host stamps late (see `ClockNoise`), and its stamps

@@ -22,26 +22,20 @@ from moteslam.sim.world.world import World
 if TYPE_CHECKING:
     from moteslam.kernels.buckets import SegmentBuckets
 
+Array = NDArray[np.float64]
+
 MAX_SURFACES = 4
 """That a beam is followed to."""
 BEYOND = 1e-3
 """A beam goes on this far behind a pane or before a mirror [m]: what stands closer to them is missed."""
 
-Floats = NDArray[np.float64]
-
 
 class Rays(NamedTuple):
-    """Beams as lines.
+    """Beams as lines."""
 
-    Attributes:
-        origins: [n, 2] where each begins [m].
-        angles: [n] its direction [rad].
-        times: [n] its moment since the drive's start [s].
-    """
-
-    origins: Floats
-    angles: Floats
-    times: Floats
+    origins: Array  # [n, 2] where each begins [m]
+    angles: Array  # [n] its direction [rad]
+    times: Array  # [n] its moment since the drive's start [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +85,7 @@ class Scene:
         measured[measured > max_range] = np.inf
         return measured
 
-    def _first(self, rays: Rays, max_range: float) -> tuple[NDArray[np.float32], NDArray[np.int64], Floats]:
+    def _first(self, rays: Rays, max_range: float) -> tuple[NDArray[np.float32], NDArray[np.int64], Array]:
         """Range, material and direction of the normal of the first surface of each beam; material -1 for none."""
         from moteslam.kernels.raycast import cast_surfaces
 
@@ -122,7 +116,7 @@ class Scene:
         return cast_movers(tracks.discs, tracks.lines, tracks.rate, *rays, ranges)
 
     def _fate(
-        self, surface: NDArray[np.int64], normal: Floats, angles: Floats, length: Floats, rng: np.random.Generator
+        self, surface: NDArray[np.int64], normal: Array, angles: Array, length: Array, rng: np.random.Generator
     ) -> NDArray[np.int8]:
         """What becomes of each beam at its surface, after a path of some length [m]."""
         fate = np.where(surface >= 0, SEEN, LOST).astype(np.int8)
@@ -148,7 +142,7 @@ LOST, SEEN, USELESS, PASSES, MIRRORED = range(5)
 PERSON = -2
 
 
-def _fate_at(material: Material, off: Floats, length: Floats, draws: Floats) -> NDArray[np.int8]:
+def _fate_at(material: Material, off: Array, length: Array, draws: Array) -> NDArray[np.int8]:
     """What becomes of beams that meet a material at an angle ``off`` its normal [rad], after ``length`` metres."""
     lobe = np.exp(-((off / material.lobe) ** 2))
     passes = draws[:, 0] < material.passes + (material.passes_square - material.passes) * lobe

@@ -15,25 +15,23 @@ from moteslam.robot.recording import LidarStream
 from moteslam.robot.values import given_up
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.clock import readings
-from moteslam.sim.sensors.echoes import Floats, Rays, Scene, mix_at_edges
-from moteslam.sim.sensors.lidar_faults import Cart, Tilt, carts_in_view, leaning
+from moteslam.sim.sensors.echoes import Rays, Scene, mix_at_edges
+from moteslam.sim.sensors.faults import Cart, Tilt, carts_in_view, leaning
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class LidarErrors:
-    """What is wrong with one lidar on one robot, the same over a recording.
+    """What is wrong with one lidar on one robot, the same over a recording."""
 
-    Attributes:
-        bias, scale: that all ranges are too long [m], and relative.
-        x, y, yaw: where the lidar truly is beside its mount [m, rad].
-        roll, pitch: how it truly tilts [rad].
-    """
-
-    bias: float = 0.0
-    scale: float = 0.0
+    bias: float = 0.0  # that all ranges are too long [m]
+    scale: float = 0.0  # likewise, relative
+    # where the lidar truly is beside its mount [m, m, rad]
     x: float = 0.0
     y: float = 0.0
     yaw: float = 0.0
+    # how it truly tilts [rad]
     roll: float = 0.0
     pitch: float = 0.0
 
@@ -58,7 +56,7 @@ def simulate_lidar(
     rng: np.random.Generator,
     *,
     errors: LidarErrors = LidarErrors(),
-    tilt: Floats | None = None,
+    tilt: Array | None = None,
     faults: Sequence[object] = (),
     effects: np.random.Generator,
     progress: Callable[[float], None] = lambda _: None,
@@ -140,11 +138,7 @@ def beam_ranges(
 
 
 def tilted(
-    level: NDArray[np.float32],
-    leans: Floats,
-    bearings: Floats,
-    height: Floats | float,
-    grazing: Floats | float = np.inf,
+    level: NDArray[np.float32], leans: Array, bearings: Array, height: Array | float, grazing: Array | float = np.inf
 ) -> NDArray[np.float32]:
     """The ranges [n] of beams that do not lie level: walls are a little further, and some beams end on the floor.
 
@@ -189,7 +183,7 @@ def measured(
     return ranges.astype(np.float32)
 
 
-def _poses_at(drive: Drive, times: NDArray[np.float64], mount: LidarSpec) -> NDArray[np.float64]:
+def _poses_at(drive: Drive, times: Array, mount: LidarSpec) -> Array:
     """The lidar's true poses [n, beams, 3], heading not wrapped."""
     robot = _at(drive, times, drive.poses)
     cos, sin = np.cos(robot[..., 2]), np.sin(robot[..., 2])
@@ -199,7 +193,7 @@ def _poses_at(drive: Drive, times: NDArray[np.float64], mount: LidarSpec) -> NDA
     return np.asarray(robot, np.float64)
 
 
-def _at(drive: Drive, times: NDArray[np.float64], values: Floats) -> Floats:
+def _at(drive: Drive, times: Array, values: Array) -> Array:
     """The values [m, k] of a drive's stamps at other times [...], linear between them; stamps are evenly spaced."""
     step = drive.stamps[1] - drive.stamps[0]
     at = np.clip(times / step, 0, len(drive.stamps) - 1)
@@ -212,7 +206,7 @@ SETTLES = 0.1
 """Time in which the body follows an acceleration, and over which it shakes alike [s]."""
 
 
-def tilt_of(drive: Drive, noise: DriveNoise, rng: np.random.Generator) -> NDArray[np.float64]:
+def tilt_of(drive: Drive, noise: DriveNoise, rng: np.random.Generator) -> Array:
     """Roll (to the right positive) and pitch (down positive) [n, 2] at the drive's stamps [rad].
 
     The body leans in bends, dips when it brakes, and shakes with its speed.

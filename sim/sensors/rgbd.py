@@ -1,4 +1,4 @@
-"""The Kinect: when its two cameras fire, what they see, and their images as PNG files of the UCSD layout.
+"""The Kinect: when its two cameras fire, and what they see.
 
 Two minutes of frames are gigabytes, so nothing is drawn until it is asked for: ``schedule_frames`` settles when and
 from where every frame is taken, and `CameraFrames` draws the images of some of them.
@@ -6,40 +6,180 @@ from where every frame is taken, and `CameraFrames` draws the images of some of 
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError, OutputError
-from moteslam.robot.formats.ucsd import DISPARITY, RGB, image_path
-from moteslam.robot.pictures import encode_png
+from moteslam.errors import ConfigError
+from moteslam.robot import rgbd
 from moteslam.robot.platform import CameraSettings, CameraSpec
 from moteslam.robot.recording import RgbdStream
-from moteslam.robot.se2 import interpolate
-from moteslam.robot.values import Summarised, processor_count
+from moteslam.robot.se2 import interpolate, transform_points
+from moteslam.robot.values import Summarised
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.robot.mishaps import Interval
 from moteslam.sim.sensors.clock import EPOCH, readings
-from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.sensors.renderer import Renderer, Shots
-from moteslam.sim.world.floor import FloorSettings
+from moteslam.sim.sensors.echoes import Rays, Scene
+from moteslam.sim.world.floor import FloorSettings, rasterise
+
+Array = NDArray[np.float64]
+
+FLOOR_CELL = 0.01
+"""The floor is drawn from a picture of cells this large [m], or larger ones in a world of hectares."""
+
+FLOOR_PIXELS = 60_000_000
+"""Most cells of that picture."""
+
+FARTHEST = 200.0
+"""Walls further away than this are not drawn [m]."""
+
+_NOISE_LENGTH = 1 << 20
+"""Normal numbers drawn once; every frame reads them from a place of its own on."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Shots(Summarised):
+    """What one camera takes.
+
+    Attributes:
+        stamps: [n] as the host stamps them [s].
+        poses: [n, 3] the robot's true poses when they are taken.
+        times: [n] when they are taken, from the drive's first moment [s].
+        numbers: [n] of each among all that reached the host, whose noise it has.
+    """
+
+    stamps: Array
+    poses: Array
+    times: Array
+    numbers: NDArray[np.intp]
+
+    def __getitem__(self, chosen: NDArray[Any]) -> Shots:
+        return Shots(self.stamps[chosen], self.poses[chosen], self.times[chosen], self.numbers[chosen])
+
+
+class Renderer:
+    """Draws frames of a run.
+
+    Args:
+        path: [m, 2] where the robot is when the colour camera fires [m]: the floor is drawn around it.
+        frames: how many colour and disparity images there are; each has noise of its own.
+        seed: of the noise.
+
+    Attributes:
+        mount, settings: as given.
+        views: of the depth camera, False, and of the colour camera, True.
+    """
+
+    def __init__(
+        self,
+        mount: CameraSpec,
+        settings: CameraSettings,
+        scene: Scene,
+        floor: FloorSettings,
+        *,
+        path: Array,
+        frames: tuple[int, int],
+        seed: tuple[int, ...],
+    ) -> None:
+        from moteslam.kernels.camera import depth_view_of, view_of  # imports Taichi
+
+        rotation = rgbd.mount_rotation(mount)
+        self.mount, self.settings, self._scene = mount, settings, scene
+        # each camera's place in the robot's frame: the colour camera stands to the right of the depth camera
+        place = np.array((mount.x, mount.y, mount.z))
+        self._places = {False: place, True: place + rotation @ np.array((rgbd.RGB_OFFSET, 0.0, 0.0))}
+        self.views = {}
+        for colour in (False, True):
+            optical = rgbd.optical_rays(colour=colour)
+            directions = np.concatenate((optical @ rotation.T, optical[..., 2:]), axis=-1)
+            self.views[colour] = view_of(directions, height=float(self._places[colour][2]))
+        ground = _bounds(scene, path, settings.farthest + 2.0)
+        width, height = ground[2] - ground[0], ground[3] - ground[1]
+        cell = max(FLOOR_CELL, float(np.sqrt(width * height / FLOOR_PIXELS)))
+        self._ground = rasterise(floor, ground, cell)
+        self._packed = _pack(self._ground.values)
+        rng = np.random.default_rng(np.random.SeedSequence(seed))
+        reads = rgbd.HEIGHT * rgbd.WIDTH + 2 * rgbd.WIDTH
+        normal = rng.standard_normal(_NOISE_LENGTH + reads, np.float32)
+        lost = rng.random(len(normal), np.float32) < settings.dropout
+        self._colour_noise = np.float32(settings.colour_noise) * normal
+        self._disparity_noise = np.where(lost, np.float32(np.inf), np.float32(settings.disparity_noise) * normal)
+        self._rgb_starts, self._disparity_starts = (rng.integers(_NOISE_LENGTH, size=count) for count in frames)
+        self._depth_view = depth_view_of(
+            self.views[False],
+            scale=rgbd.DEPTH_SCALE,
+            offset=rgbd.DISPARITY_OFFSET,
+            slope=rgbd.DISPARITY_SLOPE,
+            nothing=rgbd.NO_DISPARITY,
+            nearest=settings.nearest,
+            farthest=settings.farthest,
+            grazing=settings.grazing,
+        )
+
+    def rgb(self, shots: Shots) -> NDArray[np.uint8]:
+        """The colour images [k, 480, 640, 3] (RGB) of k shots."""
+        import cv2
+
+        from moteslam.kernels.camera import render_colour
+
+        cameras, reaches = self.reaches(shots, colour=True)
+        packed = render_colour(
+            self.views[True],
+            cameras,
+            reaches,
+            self._packed,
+            corner=self._ground.origin[:2],
+            cell_size=self._ground.cell_size,
+            noise=self._colour_noise,
+            starts=self._rgb_starts[shots.numbers],
+        )
+        bytes_ = packed.astype("<i4", copy=False).view(np.uint8).reshape(-1, rgbd.WIDTH, 4)
+        images = cv2.cvtColor(bytes_, cv2.COLOR_RGBA2RGB) if len(bytes_) else bytes_[..., :3]
+        return np.asarray(images, np.uint8).reshape(-1, rgbd.HEIGHT, rgbd.WIDTH, 3)
+
+    def disparity(self, shots: Shots) -> NDArray[np.uint16]:
+        """The raw disparity images [k, 480, 640] of k shots."""
+        from moteslam.kernels.camera import render_disparity
+
+        _, reaches = self.reaches(shots, colour=False)
+        starts = self._disparity_starts[shots.numbers]
+        images = render_disparity(self._depth_view, reaches, noise=self._disparity_noise, starts=starts)
+        return images.reshape(-1, rgbd.HEIGHT, rgbd.WIDTH)
+
+    def reaches(self, shots: Shots, *, colour: bool) -> tuple[Array, NDArray[np.float32]]:
+        """The camera's poses [k, 3] at k shots, and how far [k, b] [m] it sees at the bearings [b] of its view."""
+        place, bearings = self._places[colour], self.views[colour].bearings
+        cameras = np.array(shots.poses)
+        for camera in cameras:
+            camera[:2] = transform_points(camera, place[:2])
+        angles = (cameras[:, 2:] + bearings).reshape(-1)
+        origins = np.repeat(cameras[:, :2], len(bearings), axis=0)
+        rays = Rays(origins, angles, np.repeat(shots.times, len(bearings)))
+        ranges = self._scene.exact(rays, max_range=FARTHEST)
+        return cameras, ranges.reshape(len(cameras), len(bearings))
+
+
+def _bounds(scene: Scene, path: Array, reach: float) -> tuple[float, float, float, float]:
+    """x_min, y_min, x_max, y_max [m] of the floor that is seen: the world, but at most ``reach`` from the path."""
+    x0, y0, x1, y1 = scene.world.bounds
+    low = np.minimum((x0, y0), path.min(axis=0)) - 0.5
+    high = np.maximum((x1, y1), path.max(axis=0)) + 0.5
+    low, high = np.maximum(low, path.min(axis=0) - reach), np.minimum(high, path.max(axis=0) + reach)
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _pack(colours: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """Colours [H, W, 3] as one number each: red + 256 green + 65536 blue."""
+    red, green, blue = (colours[..., k].astype(np.int32) for k in range(3))
+    return np.ascontiguousarray(red | green << 8 | blue << 16)
+
 
 MAX_HEIGHT = 10.0
 """Of the camera above the floor [m]."""
-SAMPLE = 6
-"""Images of each kind that are drawn to estimate the space that all will take."""
-BATCH = 8
-"""Images that are drawn at a time."""
-
-Draw = Callable[[NDArray[np.intp]], NDArray[Any]]
-"""Draws the images [k, ...] of these frames [k]."""
 
 
 def check_camera(camera: CameraSpec | None) -> CameraSpec:
@@ -118,101 +258,3 @@ def _kept(count: int, settings: CameraSettings, rng: np.random.Generator) -> NDA
         kept.append(i)
         i += 1 + (settings.gap_frames if gaps[i] else 0)
     return np.asarray(kept, np.intp)
-
-
-def write_frames(
-    folder: Path,
-    frames: CameraFrames,
-    sequence: str,
-    *,
-    announce: Callable[[str], None] | None = None,
-    progress: Callable[[float], None] = lambda _: None,
-) -> None:
-    """Draw all frames and write them as ``dataRGBD/`` of the UCSD layout.
-
-    ``announce`` is called, before the first is written, with a line on how many and how large they will be.
-    """
-    kinds: tuple[tuple[str, Draw, int], ...] = (
-        (RGB, frames.draw_rgb, len(frames.rgb.stamps)),
-        (DISPARITY, frames.draw_disparity, len(frames.disparity.stamps)),
-    )
-    total = sum(count for _, _, count in kinds)
-    wanted = sum(estimate_bytes(draw, count) for _, draw, count in kinds)
-    if announce is not None:
-        announce(f"{total} images of about {_in_words(wanted)} are to be written")
-    check_space(folder, wanted)
-    before = 0
-    for kind, draw, count in kinds:
-
-        def report(done: int, before: int = before) -> None:
-            progress((before + done) / total)
-
-        write_images(folder, kind, sequence, draw, count, progress=report)
-        before += count
-
-
-def estimate_bytes(draw: Draw, count: int) -> int:
-    """About what ``count`` images will take as PNG files [bytes], from a few of them, with a tenth to spare."""
-    if not count:
-        return 0
-    chosen = np.unique(np.linspace(0, count - 1, min(count, SAMPLE)).astype(np.intp))
-    sizes = [len(encode_png(image, fast=True)) for image in draw(chosen)]
-    return int(1.1 * count * (sum(sizes) / len(sizes) + 2048))  # and half a block of the disk each
-
-
-def _in_words(size: float) -> str:
-    """Bytes as megabytes, or gigabytes where they are one or more."""
-    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.1f} MB"
-
-
-def check_space(folder: Path, wanted: int) -> None:
-    """Refuse to begin where fewer bytes than ``wanted`` are free."""
-    free = shutil.disk_usage(folder).free
-    if wanted > free:
-        raise OutputError(f"{_in_words(free)} free, expected {_in_words(wanted)} for the images", file=folder)
-
-
-def write_images(
-    folder: Path, kind: str, sequence: str, draw: Draw, count: int, *, progress: Callable[[int], None] = lambda _: None
-) -> None:
-    """Draw images and write them, encoding on all cores while the next are drawn; few are held at a time.
-
-    Args:
-        folder: of the recording; it exists.
-        kind: ``RGB`` or ``DISPARITY``.
-        sequence: the number in the file names.
-        count: of frames.
-        progress: called with the number already written.
-
-    Raises:
-        OutputError: the folder cannot be made, or the disk is full.
-    """
-    place = image_path(folder, kind, sequence, 0).parent
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot be made: {error.strerror or error}", file=place) from error
-
-    def write(index: int, image: NDArray[Any]) -> None:
-        path, data = image_path(folder, kind, sequence, index), encode_png(image, fast=True)
-        try:
-            path.write_bytes(data)
-        except OSError as error:
-            raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
-
-    with ThreadPoolExecutor(processor_count()) as pool:
-        waiting: list[Future[None]] = []
-        try:
-            for start in range(0, count, BATCH):
-                frames = np.arange(start, min(start + BATCH, count))
-                images = draw(frames)
-                for future in waiting:
-                    future.result()
-                progress(start)
-                waiting = [pool.submit(write, int(i), image) for i, image in zip(frames, images, strict=True)]
-            for future in waiting:
-                future.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    progress(count)

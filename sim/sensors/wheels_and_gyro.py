@@ -12,6 +12,8 @@ from moteslam.sim.robot.drive import Drive
 from moteslam.sim.robot.vehicle import GRAVITY
 from moteslam.sim.sensors.clock import readings
 
+Array = NDArray[np.float64]
+
 _RIGHT = np.array((True, False, True, False))
 """Which of FR, FL, RR, RL are on the right."""
 
@@ -56,7 +58,7 @@ def simulate_encoders(
     return EncoderStream(stamps=stamps, counts=counts.astype(np.int64))
 
 
-def _bursts(times: NDArray[np.float64], noise: EncoderNoise, rng: np.random.Generator) -> NDArray[np.float64]:
+def _bursts(times: Array, noise: EncoderNoise, rng: np.random.Generator) -> Array:
     """1 where a wheel spins in a burst, else 0: [n, 4]."""
     count = rng.poisson(noise.bursts * (times[-1] - times[0]) / 60)
     start = rng.uniform(times[0], times[-1], count)
@@ -68,9 +70,7 @@ def _bursts(times: NDArray[np.float64], noise: EncoderNoise, rng: np.random.Gene
     return spins
 
 
-def _with_errors(
-    steps: NDArray[np.float64], rate: float, noise: EncoderNoise, scale: float, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def _with_errors(steps: Array, rate: float, noise: EncoderNoise, scale: float, rng: np.random.Generator) -> Array:
     """The travel between readings [n, 4] [m] as the counters see it."""
     from scipy.signal import lfilter
 
@@ -125,15 +125,13 @@ def simulate_imu(
     return ImuStream(stamps=stamps, angular_velocity=angular, linear_acceleration_g=acceleration)
 
 
-def _mean_rate(
-    stamps: NDArray[np.float64], values: NDArray[np.float64], times: NDArray[np.float64], rate: float
-) -> NDArray[np.float64]:
+def _mean_rate(stamps: Array, values: Array, times: Array, rate: float) -> Array:
     """The mean rate of change over the interval before each time; these sum to the true change."""
     now, before = (np.interp(at, stamps, values) for at in (times, times - 1 / rate))
     return np.asarray((now - before) * rate, np.float64)
 
 
-def _bias(count: int, rate: float, noise: ImuNoise, rng: np.random.Generator) -> NDArray[np.float64]:
+def _bias(count: int, rate: float, noise: ImuNoise, rng: np.random.Generator) -> Array:
     """The biases [count, 3] [rad/s]: yaw as measured; roll and pitch, which nothing integrates, five times that."""
     size = noise.gyro_bias * (1 + noise.gyro_bias_spread * rng.standard_normal(3)) * np.array((5.0, 5.0, 1.0))
     sign = np.where(rng.random(3) < 0.5, -1.0, 1.0)
@@ -141,7 +139,7 @@ def _bias(count: int, rate: float, noise: ImuNoise, rng: np.random.Generator) ->
     return np.asarray(sign * size + np.cumsum(walk, axis=0), np.float64)
 
 
-def _coloured(count: int, correlation: tuple[float, float], rng: np.random.Generator) -> NDArray[np.float64]:
+def _coloured(count: int, correlation: tuple[float, float], rng: np.random.Generator) -> Array:
     """Unit-variance noise [count, 3] with these autocorrelations one and two readings later (Yule-Walker)."""
     from scipy.signal import lfilter
 

@@ -17,9 +17,8 @@ from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.files import read_bytes
-from moteslam.robot.pictures import decode_picture, picture_size
-from moteslam.robot.raster import Raster
-from moteslam.robot.tables import Number, Positive, Section, Share, Whole
+from moteslam.robot.raster import Raster, decode_picture, picture_size
+from moteslam.robot.values import Number, Positive, Section, Share, Whole
 
 Array = NDArray[np.float64]
 
@@ -134,26 +133,20 @@ MAX_PICTURE_BYTES, MAX_PICTURE_PIXELS = 100_000_000, 64_000_000
 
 
 class FloorSettings(Section):
-    """A floor.
+    """A floor."""
 
-    Attributes:
-        material: ``tiles``: squares, each of a colour of its own, with joints; ``carpet``: blotches with a pile;
-            ``wood``: planks with grain, in staggered rows along x; ``plain``: one colour; ``image``: a picture.
-        seed: of the choice of colours; the floor does not depend on the seed of a run.
-        size: edge of a tile, width of a plank, size of a blotch [m]; 0.5, 0.14 and 0.8 by default.
-        colours: that the material is made of, (red, green, blue) from 0 to 255; each material has its own.
-        stains: share of the floor under stains, which darken it.
-        image: a picture file, repeated over the floor, in the scenario's folder or below.
-        image_width: how wide it lies on the floor [m]; its lower left corner lies at (0, 0).
-    """
-
+    # tiles: squares, each of a colour of its own, with joints; carpet: blotches with a pile; wood: planks with grain,
+    # in staggered rows along x; plain: one colour; image: a picture
     material: Literal["tiles", "carpet", "wood", "plain", "image"] = "tiles"
+    # of the choice of colours; the floor does not depend on the seed of a run
     seed: Annotated[Whole, Field(ge=0, lt=2**63)] = 0
+    # edge of a tile, width of a plank, size of a blotch [m]; 0.5, 0.14 and 0.8 by default
     size: Annotated[Number, Field(ge=0.02, le=100)] | None = None
+    # that the material is made of, (red, green, blue) from 0 to 255; each material has its own
     colours: Annotated[tuple[tuple[Level, Level, Level], ...], Field(min_length=1, max_length=64)] | None = None
-    stains: Share = 0.0
-    image: str | None = None
-    image_width: Positive = 4.0
+    stains: Share = 0.0  # share of the floor under stains, which darken it
+    image: str | None = None  # a picture file, repeated over the floor, in the scenario's folder or below
+    image_width: Positive = 4.0  # how wide it lies on the floor [m]; its lower left corner lies at (0, 0)
 
     @model_validator(mode="after")
     def _has_an_image_if_it_needs_one(self) -> FloorSettings:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from moteslam.robot.tables import Number, Positive, Section, Share, Whole
+from moteslam.robot.values import Number, Positive, Section, Share, Whole
 
 Coordinate = Annotated[Number, Field(ge=-1000, le=1000)]
 Point = tuple[Coordinate, Coordinate]
@@ -42,22 +42,18 @@ class Material(Section):
     A beam that comes in at an angle to the surface's normal passes with a probability that falls from ``passes``
     to ``passes_square`` square on, as exp(-(angle / lobe)^2) rises: a pane's own reflection is a mirror's, so it comes
     back to the sensor only within a few degrees of square on (Foster, Sun, Park and Kuipers 2013 measured so).
-
-    Attributes:
-        passes, passes_square: share of the beams that go through, far from square on and square on.
-        mirrors: share of the others that go on as from a mirror; within ``lobe`` [rad] of square on the mirror shows
-            the sensor itself, and the beam counts as seen.
-        reach: where the last echo of a square surface comes from [m]; it shrinks with the root of the cosine of the
-            angle, as the power that comes back falls with the square of the range (Lambert's law).
-        dropout: share of the beams seen that give no usable reading.
     """
 
-    passes: Share = 0.0
-    passes_square: Share = 0.0
+    passes: Share = 0.0  # share of the beams that go through, far from square on
+    passes_square: Share = 0.0  # the same, square on
+    # share of the others that go on as from a mirror; within lobe [rad] of square on the mirror shows the sensor
+    # itself, and the beam counts as seen
     mirrors: Share = 0.0
     lobe: Annotated[Number, Field(gt=0, le=1.6)] = 0.1
+    # where the last echo of a square surface comes from [m]; it shrinks with the root of the cosine of the angle, as
+    # the power that comes back falls with the square of the range (Lambert's law)
     reach: Positive | None = None
-    dropout: Share = 0.0
+    dropout: Share = 0.0  # share of the beams seen that give no usable reading
 
 
 MATERIALS = {

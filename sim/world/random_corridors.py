@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.sim.world.floor_plan import trace_sides
+from moteslam.sim.world.layout import trace_sides
 from moteslam.sim.world.pieces import Block, Box, Chair, Pillar, Table
 
 if TYPE_CHECKING:
     from shapely import Geometry
+
+Array = NDArray[np.float64]
 
 CELL = 0.1
 """Of the raster [m]."""
@@ -45,12 +47,12 @@ class _Building:
         rectangles: x0, y0, x1, y1 [m] of free space, and whether each is free or filled again.
     """
 
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
+    x: Array
+    y: Array
     edges: dict[Edge, float] = field(default_factory=dict)
     rectangles: list[tuple[float, float, float, float, bool]] = field(default_factory=list)
 
-    def place(self, node: Node) -> NDArray[np.float64]:
+    def place(self, node: Node) -> Array:
         """Where a node is [2] [m]."""
         return np.array((self.x[node[0]], self.y[node[1]]))
 
@@ -151,7 +153,7 @@ def _carve_all(building: _Building, rng: np.random.Generator) -> None:
         building.carve(x0, y0, x1, y1, free=False)
 
 
-def _route(building: _Building, rng: np.random.Generator) -> NDArray[np.float64]:
+def _route(building: _Building, rng: np.random.Generator) -> Array:
     """A walk along the corridors [k, 2] [m] that prefers those least walked, and turns back only at dead ends."""
     nodes = sorted({node for edge in building.edges for node in edge})
     here = nodes[int(rng.integers(len(nodes)))]
@@ -170,7 +172,7 @@ def _route(building: _Building, rng: np.random.Generator) -> NDArray[np.float64]
     return np.array([building.place(node) for node in walk])
 
 
-def _raster(building: _Building) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+def _raster(building: _Building) -> tuple[NDArray[np.bool_], Array]:
     """The free cells [rows, cols], and where the corner of cell [0, 0] is [m]."""
     rectangles = np.array([rectangle[:4] for rectangle in building.rectangles])
     corner = np.floor(rectangles[:, :2].min(0) / CELL).astype(int) - 2
@@ -196,7 +198,7 @@ KINDS = ("boxes", "boxes", "pillars", "tables", "chairs")
 
 
 def _furniture(
-    free: NDArray[np.bool_], corner: NDArray[np.float64], route: NDArray[np.float64], rng: np.random.Generator
+    free: NDArray[np.bool_], corner: Array, route: Array, rng: np.random.Generator
 ) -> dict[str, list[dict[str, Any]]]:
     """Furniture that overlaps neither walls, nor the route's clearance, nor other furniture, as the tables of a world.
 
@@ -224,7 +226,7 @@ def _furniture(
     return pieces
 
 
-def _swept(route: NDArray[np.float64]) -> Geometry:
+def _swept(route: Array) -> Geometry:
     """The area that is kept clear for the robot along its route [k, 2]."""
     import shapely
 
@@ -236,7 +238,7 @@ def _swept(route: NDArray[np.float64]) -> Geometry:
     return shapely.union_all([line.buffer(CLEAR_OF_ROUTE), *turns])
 
 
-def _free_space(free: NDArray[np.bool_], corner: NDArray[np.float64]) -> Geometry:
+def _free_space(free: NDArray[np.bool_], corner: Array) -> Geometry:
     """The free cells as one polygon [m]: the union of the runs of free cells in each row."""
     import shapely
 
@@ -249,7 +251,7 @@ def _free_space(free: NDArray[np.bool_], corner: NDArray[np.float64]) -> Geometr
     )
 
 
-def _draw_piece(centre: NDArray[np.float64], rng: np.random.Generator) -> tuple[str, Block]:
+def _draw_piece(centre: Array, rng: np.random.Generator) -> tuple[str, Block]:
     """A piece of a random kind, size and angle, and its kind."""
     kind = KINDS[int(rng.integers(len(KINDS)))]
     size = rng.uniform(0.25, 1.0, 2).round(2)

@@ -8,9 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.tables import Section
 from moteslam.robot.trajectory import PoseGraph
-from moteslam.robot.values import Issue, Summarised
+from moteslam.robot.values import Issue, Section, Summarised
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.inputs.lapses import CLOSED, Open
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.sensor_reports import agreement
 
 Array = NDArray[np.float64]
 Path = Callable[[Array], Array]
@@ -120,26 +121,11 @@ def clock(pairs: Pairs, stamps: Array, headings: Array, *, shared: bool) -> tupl
         headings: [n] its headings, unwrapped [rad].
         shared: the two are on one clock; then these are 0.
     """
-    turns = pairs.motions[:, 2]
-    limit = 3 * np.median(np.abs(turns)) + 0.05
-    turns_by_scans = np.clip(turns, -limit, limit)
-    turns_by_scans = turns_by_scans - turns_by_scans.mean()
     lags = np.zeros(1) if shared else np.arange(-LONGEST, LONGEST + STEP / 2, STEP)
     span = max(float(np.ptp(pairs.first)), 1.0)
     steps = 0 if shared else int(min(MOST_DRIFT * span / 0.4, 25))
-    best, found = -np.inf, (0.0, 0.0, 0.0)
-    for drift in np.linspace(-steps, steps, 2 * steps + 1) * 0.4 / span:
-        shift = drift * (pairs.first - pairs.middle) + lags[:, None]
-        began, ended = (np.interp(times + shift, stamps, headings) for times in (pairs.first, pairs.last))
-        turns_by_odometry = np.clip(ended - began, -limit, limit)
-        turns_by_odometry = turns_by_odometry - turns_by_odometry.mean(axis=1, keepdims=True)
-        scale = np.sqrt((turns_by_scans**2).sum() * (turns_by_odometry**2).sum(axis=1))
-        correlation = (turns_by_scans * turns_by_odometry).sum(axis=1) / np.maximum(scale, 1e-9)
-        score = np.abs(correlation) - 0.004 * np.abs(lags) - abs(drift)  # of equals, the one that says least
-        k = int(score.argmax())
-        if score[k] > best:
-            best, found = float(score[k]), (float(lags[k]), float(drift), float(correlation[k]))
-    return found
+    drifts = np.linspace(-steps, steps, 2 * steps + 1) * 0.4 / span
+    return agreement(pairs.first, pairs.last, pairs.motions[:, 2], stamps, headings, lags, drifts)
 
 
 def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, slip: float = 0.0) -> Fit:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from moteslam.robot import se2
-from moteslam.robot.tables import Number, Positive, Section, Truth, Whole
+from moteslam.robot.values import Number, Positive, Section, Truth, Whole
 
 Weights = NDArray[np.float64]
 Parents = NDArray[np.int64]

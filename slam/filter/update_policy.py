@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from moteslam.robot.se2 import Pose
-from moteslam.robot.tables import NotNegative, Positive, Section
+from moteslam.robot.values import NotNegative, Positive, Section
 
 
 class UpdateConfig(Section):

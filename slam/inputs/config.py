@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from moteslam.robot.tables import NotNegative, Positive, Section, Share, Truth, Whole
+from moteslam.robot.values import NotNegative, Positive, Section, Share, Truth, Whole
 
 
 class SyncConfig(Section):

@@ -66,7 +66,7 @@ class FloorViews:
         assert inputs.path is not None
         self.count, self.asked = FrameCount(), 0
         self._stream, self._mount = stream, mount
-        self._disparity, self._rgb, _ = pairs(stream, largest_gap=largest_gap)
+        self._disparity, self._rgb = pairs(stream, largest_gap=largest_gap)
         self._taken = stream.rgb_stamps[self._rgb]
         # when no colour image nearer to the disparity image can arrive any more, as for all frames before it
         shown = stream.disparity_stamps[self._disparity]

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from moteslam.robot.tables import Number, Positive, Section, Whole
+from moteslam.robot.values import Number, Positive, Section, Whole
 
 MAX_TRUNCATION = 100
 """Cells of a level; no truncation is longer."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.se2 import Pose
-from moteslam.robot.tables import NotNegative, Positive, Section, Truth
+from moteslam.robot.values import NotNegative, Positive, Section, Truth
 
 Array = NDArray[np.float64]
 

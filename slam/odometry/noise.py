@@ -8,7 +8,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.tables import NotNegative, Section
+from moteslam.robot.values import NotNegative, Section
 
 Lengths = TypeVar("Lengths", float, NDArray[np.float64])
 

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from moteslam.robot.tables import Number, Section, Share
+from moteslam.robot.values import Number, Section, Share
 from moteslam.slam.config import Method, ParticleFilterConfig, made_on_demand
 from moteslam.slam.filter.update_policy import UpdateConfig
 from moteslam.slam.inputs.config import SyncConfig

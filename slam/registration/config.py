@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from moteslam.robot.tables import NotNegative, Number, Positive, Section, Share, Whole
+from moteslam.robot.values import NotNegative, Number, Positive, Section, Share, Whole
 
 
 class RegistrationConfig(Section):

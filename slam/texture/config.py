@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from moteslam.robot.tables import NotNegative, Number, Section, Truth
+from moteslam.robot.values import NotNegative, Number, Section, Truth
 
 
 class TextureConfig(Section):

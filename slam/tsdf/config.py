@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, SerializeAsAny
 
-from moteslam.robot.tables import NotNegative, Number, Positive, Section, Share, Truth, Whole
+from moteslam.robot.values import NotNegative, Number, Positive, Section, Share, Truth, Whole
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.protocol import BackendConfig
 from moteslam.slam.config import Method, ParticleFilterConfig, made_on_demand

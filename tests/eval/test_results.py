@@ -43,7 +43,7 @@ def test_what_is_written_is_what_was_estimated(run, simulation, tmp_path: Path) 
     assert {file.suffix for file in tmp_path.iterdir()} == {
         *(".tum", ".png", ".pgm", ".yaml", ".json", ".toml", ".csv", ".npz", ".g2o")
     }
-    log_odds = read_map_arrays(tmp_path / "map.npz").raster("log_odds")
+    log_odds = read_map_arrays(tmp_path / "map.npz")
     assert log_odds.values.tobytes() == estimate.map.values.tobytes()
     assert (log_odds.cell_size, log_odds.origin) == (estimate.map.cell_size, estimate.map.origin)
     graph = read_g2o(tmp_path / "graph.g2o")

@@ -68,10 +68,10 @@ def test_from_a_simulated_camera_to_the_result_folder(
     assert "camera: 1 frame left out, unreadable; the first: " in said.err
     assert "Traceback" not in said.err
     picture = cv2.imread(str(result / "texture.png"), cv2.IMREAD_UNCHANGED)
-    floor = read_map_arrays(result / "texture.npz")
-    np.testing.assert_array_equal(picture[::-1, :, 3] > 0, floor.arrays["points"] > 0)
-    known = floor.arrays["points"] > 0
-    np.testing.assert_array_equal(picture[::-1, :, 2::-1][known], floor.arrays["colours"][known])
+    floor = {name: read_map_arrays(result / "texture.npz", name).values for name in ("points", "colours")}
+    np.testing.assert_array_equal(picture[::-1, :, 3] > 0, floor["points"] > 0)
+    known = floor["points"] > 0
+    np.testing.assert_array_equal(picture[::-1, :, 2::-1][known], floor["colours"][known])
     assert (picture[..., 3] == 255).sum() > 3000
     assert cv2.imread(str(result / "texture_over_time.png")).shape[1] > 1000
     without = tmp_path / "without"

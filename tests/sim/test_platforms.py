@@ -18,7 +18,7 @@ from moteslam.robot.inspection import Inspection, inspect_recording
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import bundled_platform, bundled_platforms, load_platform
 from moteslam.robot.recording import Recording
-from moteslam.robot.wheel_odometry import side_travel
+from moteslam.robot.wheel_odometry import wheel_motion
 from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import bundled_scenarios, load_scenario, parse_scenario
 from moteslam.sim.simulate import Simulation, simulate, true_drive
@@ -150,8 +150,7 @@ def test_range_noise_grows_as_configured(run: Run) -> None:
 def test_wheels_count_the_distance(run: Run) -> None:
     platform, encoders, truth = run.platform, run.recording.encoders, run.simulation.truth
     noise = platform.noise.encoders
-    left, right = side_travel(encoders.counts, platform.wheels)
-    driven = float((left + right).sum() / 2)
+    driven = float(wheel_motion(encoders.counts, platform.wheels)[0].sum())
     seconds = float(truth.stamps[-1] - truth.stamps[0]) - 2 * REST
     slips = max(1.0, seconds / (2 * noise.slip_time))  # independent ones of a side, and two sides
     sigma = np.sqrt(noise.scale_error**2 + noise.radius_error**2 / 2 + noise.slip**2 / (2 * slips))

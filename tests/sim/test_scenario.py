@@ -13,7 +13,7 @@ import tomli_w
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import Body, CameraSpec, EncoderSpec, ImuSpec, LidarSpec, Platform, Wheels
 from moteslam.robot.platforms import UCSD
-from moteslam.robot.tables import Section
+from moteslam.robot.values import Section
 from moteslam.sim.scenario import bundled_scenarios, load_scenario, parse_scenario, scenario_table
 from moteslam.sim.simulate import true_drive
 from moteslam.sim.world.world import MAX_SEGMENTS

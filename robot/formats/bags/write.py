@@ -45,9 +45,9 @@ from moteslam.robot.formats.bags.motion import GRAVITY, IMU, JOINT_STATE, ODOMET
 from moteslam.robot.formats.bags.scans import LASER_SCAN
 from moteslam.robot.formats.streams import Fan
 from moteslam.robot.formats.written import SCAN_POSES, WrittenOdometry, not_written, odometry_of
-from moteslam.robot.pictures import encode_png
 from moteslam.robot.platform import CameraSpec, Platform
 from moteslam.robot.platforms import platform_of, platform_table
+from moteslam.robot.raster import encode_png
 from moteslam.robot.recording import CHUNK, STREAMS, LidarStream, OdometryStream, Recording, RgbdStream
 from moteslam.robot.values import Issue, counted, expect_type
 

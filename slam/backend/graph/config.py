@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from moteslam.robot.tables import Number, Positive, Section, Share, Truth, Whole
+from moteslam.robot.values import Number, Positive, Section, Share, Truth, Whole
 from moteslam.slam.backend.protocol import BackendConfig
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.mapping.config import TsdfConfig

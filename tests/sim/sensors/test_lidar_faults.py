@@ -11,7 +11,7 @@ from moteslam.robot.noise import Noise
 from moteslam.robot.recording import LidarStream
 from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.sensors.clock import EPOCH
-from moteslam.sim.sensors.lidar_faults import Cart
+from moteslam.sim.sensors.faults import Cart
 from moteslam.sim.simulate import Simulation, simulate
 
 START, DURATION = 4.0, 3.0

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.raster import MapArrays, write_map_arrays
+from moteslam.robot.raster import Raster, write_map_arrays
 from moteslam.sim.scenario import parse_scenario
-from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan, wall_segments
+from moteslam.sim.world.layout import FloorPlan, read_floor_plan, wall_segments
 
 REST = "[0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 YAML = (
@@ -92,12 +92,12 @@ def test_a_plan_that_is_none_is_refused_as_the_scenarios(tmp_path: Path, table: 
         assert (str(caught.value.file), caught.value.field) == (str(tmp_path / "my.toml"), "world.plan.file")
 
 
-def arrays_file(path: Path, **changes: Any) -> Path:
+def arrays_file(path: Path, name: str = "log_odds", **changes: Any) -> Path:
     """Log-odds: a wall around a room, unknown beyond it."""
     values = np.zeros((30, 40), np.float32)
     values[5:25, 5:35], values[6:24, 6:34] = 2.0, -2.0
-    about: dict[str, Any] = {"kind": "log_odds", "arrays": {"log_odds": values}, "cell_size": 0.1, **changes}
-    write_map_arrays(path, MapArrays(**about))
+    about: dict[str, Any] = {"values": values, "cell_size": 0.1, **changes}
+    write_map_arrays(path, {name: Raster(**about)})
     return path
 
 
@@ -114,12 +114,7 @@ def test_log_odds_are_a_floor_plan_whatever_the_name(tmp_path: Path, name: str) 
 
 
 def test_arrays_that_are_no_floor_plan_are_refused(tmp_path: Path) -> None:
-    colours = {"colours": np.zeros((1, 1, 3)), "points": np.ones((1, 1))}
-    for changes, field in (
-        ({"arrays": {"log_odds": np.zeros((3, 3))}}, "log_odds"),
-        ({"cell_size": 100.0}, "log_odds"),
-        ({"kind": "texture", "arrays": colours}, "header.kind"),
-    ):
+    for changes in ({"values": np.zeros((3, 3))}, {"cell_size": 100.0}, {"name": "points"}):
         with pytest.raises(InputError) as caught:
             read_floor_plan(FloorPlan(file=str(arrays_file(tmp_path / "map.npz", **changes))))
-        assert caught.value.field == field
+        assert caught.value.field == "log_odds"

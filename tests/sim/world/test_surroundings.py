@@ -10,8 +10,7 @@ from moteslam.sim.scenario import load_scenario, parse_scenario
 from moteslam.sim.simulate import simulate, true_drive
 from moteslam.sim.world.layout import Layout, Room
 from moteslam.sim.world.pieces import Box
-from moteslam.sim.world.surroundings import lived_in
-from moteslam.sim.world.world import World
+from moteslam.sim.world.world import World, lived_in
 
 ROOM = World.of(
     Layout(rooms=(Room(corner=(0, 0), size=(40, 30)),), boxes=(Box(centre=(8, 6), size=(1, 1), material="glass"),))
