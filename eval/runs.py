@@ -190,7 +190,7 @@ def varying(groups: Sequence[Mapping[str, Any]]) -> list[str]:
     return [key for key in keys if any(group.get(key, "") != "" for group in groups)]
 
 
-MAX_BYTES = 1_000_000_000
+MAX_TABLE = 1_000_000_000
 """No exported table is larger."""
 ABOUT = ("id", "scenario", "recording", "platform", "noise", "seed", "configuration")
 """Columns that say which run a row is, beside those with a point that vary."""
@@ -202,7 +202,7 @@ Table = dict[str, dict[str, str]]
 def read_table(path: Path) -> Table:
     """The runs of a sweep, or of a table that ``sweep export`` wrote, those that were made."""
     if path.suffix == ".csv":
-        rows = list(csv.DictReader(read_text(path, "a table of a sweep", limit=MAX_BYTES).splitlines()))
+        rows = list(csv.DictReader(read_text(path, "a table of a sweep", limit=MAX_TABLE).splitlines()))
         if not rows or not set(rows[0]) >= {*ABOUT, "status", "error"}:
             raise InputError("expected a table that `moteslam sweep export` wrote", file=path)
     else:

@@ -112,11 +112,8 @@ def _draw_walls(axes: style.Axes, world: World) -> None:
     for i, name in enumerate(world.palette):
         lines, plain = world.segments[surfaces == i].reshape(-1, 2, 2), name == "plain"
         if len(lines):
-            look: dict[str, Any] = {
-                "colors": MATERIAL_COLOURS.get(name, OTHER_MATERIAL),
-                "linewidths": 1.0 if plain else 2.2,
-            }
-            axes.add_collection(LineCollection(lines, label="wall" if plain else name, **look))
+            colour, label = MATERIAL_COLOURS.get(name, OTHER_MATERIAL), "wall" if plain else name
+            axes.add_collection(LineCollection(lines, colors=colour, linewidths=1.0 if plain else 2.2, label=label))
 
 
 def _draw_route(axes: style.Axes, scenario: Scenario, line: Array | None, scale: float, name: str) -> list[Label]:

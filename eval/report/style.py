@@ -177,10 +177,10 @@ def mark_start(axes: Axes, path: Array) -> None:
 
 def mark_ends(axes: Axes, *paths: tuple[Array, str], label: str = "end") -> None:
     """Mark the last pose of each path [n, 2 or more], in the colour of its line."""
+    look: dict[str, Any] = {"marker": "s", "mec": "white", "ms": 6, "ls": ""}
     for path, colour in paths:
-        axes.plot(*path[-1, :2], "s", color=colour, mec="white", ms=6, ls="", zorder=7)
-    colour = paths[0][1] if len(paths) == 1 else "0.4"
-    axes.plot([], [], "s", color=colour, mec="white", ms=6, ls="", label=label)
+        axes.plot(*path[-1, :2], color=colour, zorder=7, **look)
+    axes.plot([], [], color=paths[0][1] if len(paths) == 1 else "0.4", label=label, **look)
 
 
 def show_everything(axes: Axes, *paths: Array, margin: float = 0.5) -> None:
