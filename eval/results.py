@@ -8,38 +8,32 @@ import platform
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from moteslam.errors import InputError
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
 from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops, write_particles
 from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
-from moteslam.robot.files import make_folder, read_text, write_atomically
+from moteslam.robot.files import make_folder, write_atomically
 from moteslam.robot.formats.map_server import map_image, trinary, write_map, write_picture
 from moteslam.robot.raster import Raster, encode_png, write_map_arrays
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Poses, between, compose
 from moteslam.robot.trajectories.text import write_g2o, write_tum
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import expect_type, first_complaint, processor_count
+from moteslam.robot.values import expect_type, processor_count
 from moteslam.slam.estimate import Estimate
 
 if TYPE_CHECKING:
-    from moteslam.eval.report.maps import Snapshot
+    from moteslam.eval.report.maps import Snapshot, Stages
     from moteslam.slam.texture.floor_map import TextureMap
 
 PACKAGES = ("moteslam", "taichi", "numpy")
 """Whose versions are recorded."""
-MAX_BYTES = 50_000_000
-"""No file of a result folder that is read here is larger."""
-T = TypeVar("T")
 GRAPH_COMMENTS = (
     "pose graph of moteslam: final poses, and the relative poses that were measured, with their information",
     "edges between consecutive ids are the chain, all others loops that were accepted",
@@ -55,11 +49,11 @@ def write_results(
     recording: Recording | None = None,
     true_map: Raster | None = None,
     snapshots: Sequence[Snapshot] = (),
-    stages: Sequence[tuple[float, TextureMap]] = (),
+    stages: Stages = (),
     figures: bool = True,
     run: Mapping[str, Any] | None = None,
 ) -> Figures:
-    """Fill a result folder (its files: ``docs/reference/formats.md``).
+    """Fill a result folder (its files: ``docs/reference/formats.md``); what ``metrics.json`` holds.
 
     Args:
         folder: made if need be; files in it are replaced.
@@ -67,17 +61,10 @@ def write_results(
         truth: what to score it with, on the clock of the recording; it is written too.
         recording: whose scans are drawn along dead reckoning, and show which loops are possible and which walls seen.
         true_map: trinary, in the frame of the truth, to score the map with.
-        snapshots: of the map over time, for the figure that shows it.
-        stages: of the coloured floor over time, likewise.
+        snapshots, stages: of the map and of the coloured floor over time, for the figures that show them.
         figures: draw them.
         run: more about the run for ``run.json``: the command, threads, times.
-
-    Returns:
-        what ``metrics.json`` holds. A truth without stamps in common with the run is an ``InputError``, before anything
-        is written.
     """
-    from moteslam.eval.report.maps import draw_texture_over_time
-
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     folder = Path(folder)
     make_folder(folder)
@@ -99,15 +86,7 @@ def write_results(
     write_json(folder / "metrics.json", scores)
     write_atomically(folder / "config.toml", estimate.config.to_toml())
     if figures:
-        draw_figures(folder, estimate, evidence, snapshots=snapshots)
-        if stages:
-            draw_texture_over_time(
-                folder / "texture_over_time.png",
-                stages,
-                estimate.map,
-                trajectory=estimate.trajectory_final,
-                title=f"{estimate.name}: map and coloured floor over time",
-            )
+        draw_figures(folder, estimate, evidence, snapshots=snapshots, stages=stages)
     issues = (*(() if recording is None else recording.warnings), *estimate.warnings)
     about = {
         "recording": estimate.name,
@@ -122,11 +101,7 @@ def write_results(
 
 
 def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None = None) -> None:
-    """Write a map, and the coloured floor, as pictures, as map_server and nav2 read them (trinary), and as arrays.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
+    """Write a map, and the coloured floor, as pictures, as map_server and nav2 read them (trinary), and as arrays."""
     cells: dict[str, Any] = {"cell_size": occupancy.cell_size, "origin": occupancy.origin}
     write_atomically(folder / "map.png", encode_png(map_image(occupancy.values)))
     write_map(folder / "map.pgm", Raster(trinary(occupancy.values), **cells))
@@ -141,65 +116,47 @@ def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None 
 
 
 def draw_figures(
-    folder: Path,
-    estimate: Estimate,
-    run: Evidence,
-    *,
-    snapshots: Sequence[Snapshot] = (),
+    folder: Path, estimate: Estimate, run: Evidence, *, snapshots: Sequence[Snapshot] = (), stages: Stages = ()
 ) -> None:
     """Draw the figures of a run into a folder, with what is known of it."""
     from moteslam.eval.report import curves, maps, particles
 
-    name, truth = estimate.name, run.truth
+    def title(text: str) -> str:
+        return f"{estimate.name}: {text}"
+
+    online, final, odometry = estimate.trajectory, estimate.trajectory_final, estimate.dead_reckoning
+    truth, diagnostics = run.truth, estimate.diagnostics
+    true_final, true_odometry = (None if truth is None else from_same_start(truth, one) for one in (final, odometry))
     maps.draw_trajectories(
         folder / "trajectories.png",
         estimate.map,
-        slam=estimate.trajectory_final,
-        dead_reckoning=_begun_at(estimate.trajectory_final.poses[0], estimate.dead_reckoning),
-        truth=None if truth is None else from_same_start(truth, estimate.trajectory_final),
-        title=f"{name}: the map and the paths on it",
+        slam=final,
+        dead_reckoning=_begun_at(final.poses[0], odometry),
+        truth=true_final,
+        title=title("the map and the paths on it"),
     )
     if snapshots:
-        maps.draw_over_time(
-            folder / "over_time.png",
-            snapshots,
-            trajectory=estimate.trajectory,
-            title=f"{name}: trajectory and map over time",
-        )
-    maps.draw_dead_reckoning(
-        folder / "dead_reckoning.png",
-        estimate.dead_reckoning,
-        recording=run.recording,
-        truth=None if truth is None else from_same_start(truth, estimate.dead_reckoning),
-        title=f"{name}: dead reckoning",
-    )
+        file = folder / "over_time.png"
+        maps.draw_over_time(file, snapshots, trajectory=online, title=title("trajectory and map over time"))
+    if stages:
+        file, about = folder / "texture_over_time.png", title("map and coloured floor over time")
+        maps.draw_texture_over_time(file, stages, estimate.map, trajectory=final, title=about)
+    file, about = folder / "dead_reckoning.png", title("dead reckoning")
+    maps.draw_dead_reckoning(file, odometry, recording=run.recording, truth=true_odometry, title=about)
     if estimate.loops:
-        maps.draw_loops(
-            folder / "loops.png",
-            estimate.map,
-            estimate.loops,
-            trajectory=estimate.trajectory_final,
-            title=f"{name}: loops on the map",
-        )
+        file = folder / "loops.png"
+        maps.draw_loops(file, estimate.map, estimate.loops, trajectory=final, title=title("loops on the map"))
     if len(estimate.particle_stamps):
-        particles.draw_particles(folder / "particles.png", particles.Cloud.of(estimate), title=f"{name}: particles")
-        updated = estimate.diagnostics["updated"] > 0
-        curves.draw_effective_particles(
-            folder / "effective_particles.png",
-            estimate.trajectory.stamps[updated],
-            estimate.diagnostics["n_eff"][updated],
-            estimate.diagnostics["resampled"][updated],
-            particles=estimate.diagnostics["particles"][updated],
-            title=f"{name}: effective number of particles",
-        )
+        particles.draw_particles(folder / "particles.png", particles.Cloud.of(estimate), title=title("particles"))
+        updated = diagnostics["updated"] > 0
+        n_eff, resampled, count = (diagnostics[name][updated] for name in ("n_eff", "resampled", "particles"))
+        values: Any = (online.stamps[updated], n_eff, resampled)
+        file, about = folder / "effective_particles.png", title("effective number of particles")
+        curves.draw_effective_particles(file, *values, particles=count, title=about)
     if truth is not None:
-        curves.draw_error(
-            folder / "error.png",
-            slam=run.track(ONLINE).ate,
-            final=run.track(FINAL).ate,
-            dead_reckoning=run.track(DEAD_RECKONING).ate,
-            title=f"{name}: error over time, after alignment",
-        )
+        slam, last, first = (run.track(name).ate for name in (ONLINE, FINAL, DEAD_RECKONING))
+        about = title("error over time, after alignment")
+        curves.draw_error(folder / "error.png", slam=slam, final=last, dead_reckoning=first, title=about)
 
 
 def from_same_start(truth: Trajectory, trajectory: Trajectory) -> Trajectory:
@@ -216,52 +173,6 @@ def _begun_at(pose: Poses, trajectory: Trajectory) -> Trajectory:
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
     """Write JSON that any reader takes."""
     write_atomically(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
-
-
-@dataclass(frozen=True)
-class ResultFolder:
-    """What ``metrics.json`` says of each metric, its value and unit or why it is absent, and ``run.json``."""
-
-    values: dict[str, float]
-    units: dict[str, str]
-    absent: dict[str, str]
-    run: dict[str, Any]
-
-
-class _Score(BaseModel):
-    value: float | None = None
-    unit: str = ""
-    absent: str = ""
-
-
-class _Scores(BaseModel):
-    metrics: dict[str, _Score]
-
-
-def is_result_folder(folder: Path) -> bool:
-    """Whether a folder holds the two files that ``read_result_folder`` reads."""
-    return all((folder / name).is_file() for name in ("metrics.json", "run.json"))
-
-
-def read_result_folder(folder: Path) -> ResultFolder:
-    """Read the two files, as ``write_results`` writes them."""
-    scores = _read(_Scores, folder / "metrics.json").metrics
-    run = _read(dict[str, Any], folder / "run.json")
-    there = {name: one for name, one in scores.items() if one.value is not None}
-    return ResultFolder(
-        {name: one.value for name, one in there.items() if one.value is not None},
-        {name: one.unit for name, one in there.items()},
-        {name: one.absent for name, one in scores.items() if one.value is None},
-        run,
-    )
-
-
-def _read(kind: type[T], file: Path) -> T:
-    try:
-        return TypeAdapter(kind).validate_json(read_text(file, "a file of a result folder", limit=MAX_BYTES))
-    except ValidationError as error:
-        field, problem = first_complaint(error)
-        raise InputError(problem, file=file, field=field or None) from error
 
 
 def environment() -> dict[str, dict[str, str]]:

@@ -75,13 +75,14 @@ DIAGNOSTICS_COLUMNS: Columns = {
     "degenerate": partial(_number, nan=True),
 }
 """Of ``diagnostics.csv``; what they mean: ``Estimate``. Metres, radians and seconds."""
+AXES = ("x", "y", "theta")
 SCORES = ("share", "runner_up", "known", "likelihood", "crossed")
 """Columns of a loop that are fields of ``LoopCandidate`` by their names."""
 LOOP_COLUMNS: Columns = {
     "earlier": _index,
     "later": _index,
     **dict.fromkeys(("earlier_stamp", "later_stamp"), _number),
-    **dict.fromkeys([f"{pose}_{axis}" for pose in ("predicted", "found") for axis in ("x", "y", "theta")], _number),
+    **dict.fromkeys([f"{pose}_{axis}" for pose in ("predicted", "found") for axis in AXES], _number),
     **dict.fromkeys(("window_distance", "window_angle"), _number),
     **dict.fromkeys(SCORES, _number),
     "verdict": _place_in(VERDICTS),
@@ -97,12 +98,8 @@ PARTICLE_SHAPES: dict[str, Shape] = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnostics(Summarised):
-    """What ``diagnostics.csv`` holds.
-
-    Attributes:
-        stamps: [n] of the scans [s].
-        covariances: [n, 3, 3] of the online poses.
-        values: [n] by name: ``state`` as of ``LocalisationState``, and ``VALUES``, as in ``Estimate.diagnostics``.
+    """What ``diagnostics.csv`` holds: of the scans the stamps [n] [s], covariances [n, 3, 3] of the online poses, and
+    values [n] by name: ``state`` as of ``LocalisationState``, and ``VALUES``, as in ``Estimate.diagnostics``.
     """
 
     stamps: NDArray[np.float64]
@@ -115,10 +112,10 @@ class Particles(Summarised):
     """What ``particles.npz`` holds.
 
     Attributes:
-        stamps: [u] float64, of the updates of the filter [s].
-        paths: [K, u, 3] float32, paths that end in the particles of the last update.
-        spread: [u, 3] float32, standard deviation of all particles after every update: along and across their mean
-            heading [m], and of the heading [rad].
+        stamps: [u] of the updates of the filter [s].
+        paths: [K, u, 3] paths that end in the particles of the last update.
+        spread: [u, 3] standard deviation of all particles after every update, along and across their mean heading [m],
+            and of the heading [rad].
     """
 
     stamps: NDArray[np.float64]
@@ -165,20 +162,15 @@ def read_loops(path: str | PathLike[str]) -> tuple[LoopCandidate, ...]:
     """Read ``loops.csv``; an ``InputError`` names the line and the column that is broken."""
     loops = []
     for line, row in _read(Path(path), LOOP_COLUMNS, "a table of loops"):
-        if row["earlier"] >= row["later"]:
-            problem = f"{row['later']}, expected more than that of earlier, {row['earlier']}"
+        earlier, later = row["earlier"], row["later"]
+        if earlier >= later:
+            problem = f"{later}, expected more than that of earlier, {earlier}"
             raise InputError(problem, file=path, line=line, field="later")
-        loop = LoopCandidate(
-            row["earlier"],
-            row["later"],
-            (row["earlier_stamp"], row["later_stamp"]),
-            np.array([row["predicted_x"], row["predicted_y"], row["predicted_theta"]]),
-            np.array([row["found_x"], row["found_y"], row["found_theta"]]),
-            (row["window_distance"], row["window_angle"]),
-            **{name: row[name] for name in SCORES},
-            verdict=VERDICTS[row["verdict"]],
-        )
-        loops.append(loop)
+        predicted, found = (np.array([row[f"{pose}_{axis}"] for axis in AXES]) for pose in ("predicted", "found"))
+        stamps, window = (row["earlier_stamp"], row["later_stamp"]), (row["window_distance"], row["window_angle"])
+        scores = {name: row[name] for name in SCORES}
+        verdict = VERDICTS[row["verdict"]]
+        loops.append(LoopCandidate(earlier, later, stamps, predicted, found, window, **scores, verdict=verdict))
     return tuple(loops)
 
 
@@ -205,7 +197,6 @@ def read_particles(path: str | PathLike[str]) -> Particles:
 
 
 def _read(path: Path, columns: Columns, what: str) -> Iterator[tuple[int, dict[str, Any]]]:
-    """The rows of a table by column, each with its line."""
     header, *lines = read_text(path, what, limit=MAX_BYTES).splitlines() or [""]
     if header != ",".join(columns):
         raise InputError(f"expected the columns {','.join(columns)}", file=path, line=1)

@@ -1,57 +1,68 @@
-"""The figures of a run: one dict, which ``metrics.json``, ``--json`` and what is printed have in common."""
+"""Scores: of a run of ours as one dict of figures; of anyone's trajectory by another one, relations, or its scans."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import inf, isnan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import match
-from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Certainty, Evidence
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, in_plane, match, oriented, spatial
+from moteslam.eval.metrics.ate import AteResult, PoseErrors, absolute_trajectory_error
+from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, lever_arm
+from moteslam.eval.metrics.evidence import FINAL, TRACKS, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
-from moteslam.eval.metrics.registry import measure
+from moteslam.eval.metrics.registry import Value, measure
+from moteslam.eval.metrics.relations import TOLERANCE, RelationResult, Relations, evaluate_relations
+from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
+from moteslam.eval.metrics.rpe import Unit, relative_pose_error
 from moteslam.robot.formats.map_server import read_map, trinary
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import expect_type
+from moteslam.robot.trajectory import TILT, Trajectory, tilt_of
+from moteslam.robot.values import Issue, expect_type
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
+from moteslam.slam.inputs.scans import Scans
 
 Figures = dict[str, Any]
 """Of a run, fit for JSON: what ``metrics.json`` holds (``docs/reference/formats.md``)."""
+Reference = Trajectory | Relations
+Truth = Trajectory | None
+
+ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
+"""Metrics that compare a map with the true one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """How a trajectory does: figures, with what is doubtful in ``warnings``, and errors by stamp, both fit for JSON."""
+
+    figures: dict[str, Any]
+    errors: dict[str, Any]
+    result: AteResult | RelationResult | ResidualResult
 
 
 def evidence_of(
-    estimate: Estimate,
-    truth: Trajectory | None = None,
-    *,
-    recording: Recording | None = None,
-    true_map: Raster | None = None,
+    estimate: Estimate, truth: Truth = None, *, recording: Recording | None = None, true_map: Raster | None = None
 ) -> Evidence:
     """What is known of a run of ours when it is scored; arguments as of ``score_estimate``."""
-    diagnostics, occupancy = estimate.diagnostics, estimate.map
+    tracks = estimate.trajectory_final, estimate.trajectory, estimate.dead_reckoning
+    states, updated, n_eff = (estimate.diagnostics[name] for name in ("state", "updated", "n_eff"))
+    spread, corrections = estimate.particle_spread, estimate.corrections
+    occupancy = estimate.map
     return Evidence(
-        trajectories={
-            FINAL: estimate.trajectory_final,
-            ONLINE: estimate.trajectory,
-            DEAD_RECKONING: estimate.dead_reckoning,
-        },
+        trajectories=dict(zip(TRACKS, tracks, strict=True)),
         truth=truth,
         occupancy=Raster(trinary(occupancy.values), occupancy.cell_size, occupancy.origin),
         true_map=true_map,
         recording=recording,
-        certainty=Certainty(
-            estimate.covariances,
-            diagnostics["state"],
-            diagnostics["updated"],
-            diagnostics["n_eff"],
-            estimate.particle_spread,
-            estimate.corrections,
-        ),
+        certainty=Certainty(estimate.covariances, states, updated, n_eff, spread, corrections),
         loops=estimate.loops if looks_for_loops(estimate.config) else None,
     )
 
@@ -63,29 +74,19 @@ def looks_for_loops(config: SlamConfig) -> bool:
 
 
 def score_estimate(
-    estimate: Estimate,
-    truth: Trajectory | None = None,
-    *,
-    recording: Recording | None = None,
-    true_map: Raster | None = None,
+    estimate: Estimate, truth: Truth = None, *, recording: Recording | None = None, true_map: Raster | None = None
 ) -> Figures:
-    """Score a run.
+    """Score a run by a truth on the clock of its recording.
 
-    Args:
-        estimate: the run.
-        truth: on the clock of its recording.
-        recording: its scans show which loops are possible, and which walls were seen.
-        true_map: trinary, in the frame of the truth; without it the map is not scored.
-
-    Raises:
-        InputError: the truth has no stamps in common with the run.
+    The recording's scans show which loops are possible, and which walls were seen. Without a true map, trinary and in
+    the frame of the truth, the map is not scored.
     """
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     return figures_of(estimate, evidence_of(estimate, truth, recording=recording, true_map=true_map))
 
 
 def figures_of(estimate: Estimate, run: Evidence) -> Figures:
-    """The same of a run whose evidence is at hand."""
+    """The same of a run whose evidence is at hand; ``InputError``: a truth on another clock."""
     stamps, diagnostics = estimate.trajectory.stamps, estimate.diagnostics
     if run.truth is not None:
         match(estimate.trajectory, run.truth)  # a truth on another clock is an error, not an absent figure
@@ -100,7 +101,7 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
         "localisation": {
             "states": state_counts(diagnostics["state"]),
             "first_lost_stamp": float(stamps[lost[0]]) if len(lost) else None,
-            "compared": _compared_states(run),
+            "compared": None if run.truth is None else _compared_states(run),
         },
     }
     if run.loops is not None and run.truth is not None and run.truth.oriented:
@@ -112,9 +113,6 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
 
 
 def _compared_states(run: Evidence) -> dict[str, Any] | None:
-    """The states of the scans that the truth tells right from wrong, if there are any."""
-    if run.truth is None:
-        return None
     try:
         found = run.localisation.as_dict()
     except InputError as error:
@@ -146,3 +144,123 @@ def true_map_beside(recording: Path) -> Raster | None:
     """The true map of a recording."""
     file = beside(recording, "truth_map.yaml")
     return None if file is None else read_map(file)
+
+
+def against(
+    estimate: Trajectory,
+    reference: Reference,
+    *,
+    align: bool = True,
+    scale: bool = False,
+    delta: float = 1.0,
+    unit: Unit = "m",
+    all_pairs: bool = False,
+    max_difference: float | None = None,
+) -> Evaluation:
+    """Score a trajectory by another one or by relations; arguments that are not of that kind change nothing.
+
+    ``align`` and ``scale`` are those of the absolute error, ``delta``, ``unit`` and ``all_pairs`` of the relative one:
+    an estimate that is shorter than ``delta`` has none, which a warning says. Stamps that belong together differ by at
+    most ``max_difference`` [s].
+    """
+    if isinstance(reference, Relations):
+        found = evaluate_relations(
+            estimate, reference, tolerance=TOLERANCE if max_difference is None else max_difference
+        )
+        return Evaluation({"kind": "relations", **found.as_dict()}, _by_stamp(found), found)
+    apart = MAX_DIFFERENCE if max_difference is None else max_difference
+    try:
+        ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
+    except InputError as error:
+        if (offset := clock_offset(estimate, reference)) is None:
+            raise
+        raise InputError(f"{error.problem}; {offset}", file=error.file, field=error.field) from None
+    issues = doubts(estimate, reference, ate)
+    question = "are these the same drive, on the same clock?"
+    issues += few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
+    if align:
+        issues += _explained(estimate, reference, ate, scale=scale, max_difference=apart)
+    rpe = None
+    try:
+        rpe = relative_pose_error(
+            estimate, reference, delta=delta, unit=unit, all_pairs=all_pairs, max_difference=apart
+        ).as_dict()
+    except InputError as error:
+        if error.field != "pairs":
+            raise
+        issues += (Issue("no-relative-error", f"no relative error: {error.problem}"),)
+    figures = {
+        "kind": "trajectory",
+        "aligned": align,
+        "scaled": align and scale,
+        "oriented": ate.rotation is not None,
+        "ate": ate.as_dict(),
+        "rpe": rpe,
+        "warnings": [issue.as_dict() for issue in issues],
+    }
+    return Evaluation(figures, _by_stamp(ate), ate)
+
+
+def _by_stamp(errors: PoseErrors) -> dict[str, Any]:
+    turns = None if errors.rotation_errors is None else errors.rotation_errors.tolist()
+    return {"stamps": errors.stamps.tolist(), "translation_m": errors.errors.tolist(), "rotation_rad": turns}
+
+
+def _explained(
+    estimate: Trajectory, reference: Trajectory, ate: AteResult, *, scale: bool, max_difference: float
+) -> tuple[Issue, ...]:
+    """The issue that an offset of the clocks, or one on the robot, explains the error, whichever leaves less of it."""
+    arm, after = lever_arm(ate), inf
+    if (offset := clock_offset(estimate, reference)) is not None:
+        moved = replace(estimate, stamps=estimate.stamps + offset.seconds)
+        after = absolute_trajectory_error(moved, reference, scale=scale, max_difference=max_difference).rmse
+    if arm is not None and arm.rmse < after:
+        text = f"an offset of x {arm.x:.3f} m, y {arm.y:.3f} m on the robot explains the ATE but for {arm.rmse:.4f} m: "
+        return (Issue("lever-arm", f"{text}the two are paths of different points of it, of lidar and base, say"),)
+    if offset is None:
+        return ()
+    return (Issue("clocks-differ", str(replace(offset, rmse=after, before=ate.rmse))),)
+
+
+def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> Evaluation:
+    """Score a trajectory by the scans of its recording; arguments and errors as in ``scan_residuals``."""
+    oriented(estimate)
+    result = scan_residuals(recording, estimate, scans=scans)
+    assert recording.lidar is not None  # or there would be no residuals
+    question = "is this its recording, on the same clock?"
+    issues = few_matched(result.matched, min(len(estimate), len(recording.lidar)), "scans or poses", question)
+    figures = {**result.as_dict(), "warnings": [issue.as_dict() for issue in issues]}
+    medians = [None if isnan(median) else median for median in result.medians.tolist()]
+    return Evaluation(figures, {"stamps": result.stamps.tolist(), "median_m": medians}, result)
+
+
+def measured(
+    estimate: Trajectory,
+    reference: Reference | None,
+    *,
+    recording: Recording | None = None,
+    occupancy: Path | None = None,
+    true_map: Path | None = None,
+    names: Sequence[str] | None = None,
+) -> dict[str, Value]:
+    """Metrics of a trajectory of any SLAM, by name; those that need what is not there are absent, with the reason.
+
+    ``occupancy`` and ``true_map`` are map_server ``.yaml`` files of its map, in the frame of the estimate, and of the
+    true one; with a true map its accuracy is measured, too.
+    """
+    truth = reference if isinstance(reference, Trajectory) else None
+    if truth is not None and any(tilt_of(spatial(one).positions) > TILT for one in (estimate, truth)):
+        if occupancy is not None:
+            raise InputError("a map in x and y, expected none of a motion in another plane", file=occupancy)
+        motion = absolute_trajectory_error(estimate, truth).motion
+        assert motion is not None  # in space
+        estimate, truth = in_plane(estimate, truth, *motion)
+    evidence = Evidence(
+        {FINAL: estimate},
+        truth=truth,
+        relations=reference if isinstance(reference, Relations) else None,
+        recording=recording,
+        occupancy=None if occupancy is None else read_map(occupancy),
+        true_map=None if true_map is None else read_map(true_map),
+    )
+    return measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))

@@ -54,18 +54,11 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Summary:
-    """The values of a figure over runs.
+    """The values of a figure over ``runs``, of which some failed and some have no value for another reason
+    (``absent``).
 
     Runs that failed count as worse than all others: they move the median and the quartiles, which are infinite where
-    too many failed.
-
-    Attributes:
-        runs: how many there were, failed and absent ones among them.
-        failed: how many failed.
-        absent: how many have no value for another reason; these count nowhere.
-        median, low_quartile, high_quartile: of values and failures.
-        low, high: bounds of the 95 % bootstrap interval of the median.
-        best, worst: of values and failures.
+    too many failed. ``low`` and ``high`` bound the 95 % bootstrap interval of the median.
     """
 
     runs: int
@@ -93,10 +86,6 @@ class Summary:
         best, worst = ends if better == "lower" else ends[::-1]
         low, high = median_interval(ranked)
         return cls(total, failed, absent, median, low_quartile, high_quartile, low, high, best, worst)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON; an infinite value is None."""
-        return _finite(asdict(self))
 
 
 @dataclass(frozen=True)
@@ -127,13 +116,12 @@ class Proportion:
 
 @dataclass(frozen=True)
 class Comparison:
-    """How a second configuration does against a first one on the same runs.
+    """How a second configuration does against a first one on the same runs: wins, losses and ties of it among the
+    pairs.
 
     A run that failed loses against one that did not; where both failed, neither wins, and the pair has no difference.
 
     Attributes:
-        pairs: runs that both have.
-        wins, losses, ties: of the second one.
         median: of the differences, second less first; infinite where failures decide it, None without any.
         low, high: bounds of its 95 % bootstrap interval.
         p: of the two-sided sign test; 1 where neither wins.
@@ -151,10 +139,6 @@ class Comparison:
     p: float
     failed: tuple[int, int]
     apart: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON; an infinite value is None."""
-        return _finite(asdict(self))
 
 
 def compare(
@@ -208,7 +192,3 @@ def median_interval(ranked: Array) -> tuple[float, float]:
         medians = np.sort(np.where(below == above, below, 0.5 * below + 0.5 * above))
     tail = (1 - CONFIDENCE) / 2
     return quantile(medians, tail), quantile(medians, 1 - tail)
-
-
-def _finite(values: dict[str, Any]) -> dict[str, Any]:
-    return {name: None if isinstance(value, float) and not isfinite(value) else value for name, value in values.items()}

@@ -6,7 +6,8 @@ import csv
 import io
 import re
 import unicodedata
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 Rows = Sequence[Sequence[str]]
 """Of cells, the first one the head; all of one length."""
@@ -47,6 +48,30 @@ def _literal(character: str) -> str:
     return character
 
 
+class Column(NamedTuple):
+    """A figure in a table: the head of its column, its place in a dict, as ``ate/rmse``, and how it is written."""
+
+    head: str
+    place: str
+    form: str = ""
+    unit: str = ""
+    factor: float = 1
+
+    def cell(self, figures: Mapping[str, Any]) -> str:
+        """The figure of a dict, a dash where it has none."""
+        found: Any = figures
+        for key in self.place.split("/"):
+            found = None if found is None else found.get(key)
+        if found is None:
+            return "-"
+        return f"{found if isinstance(found, str) else self.factor * found:{self.form}} {self.unit}".rstrip()
+
+
+def rows_of(columns: Sequence[Column], figures: Iterable[Mapping[str, Any]]) -> Rows:
+    """The rows of a table, the head and one a dict."""
+    return [[column.head for column in columns], *([column.cell(each) for column in columns] for each in figures)]
+
+
 def aligned(rows: Rows) -> str:
     """Columns two spaces apart, as wide as their text, control characters escaped."""
     from rich.cells import cell_len
@@ -65,7 +90,8 @@ def aligned(rows: Rows) -> str:
 
 def markdown(rows: Rows) -> str:
     """A table of GitHub's Markdown."""
-    head, *lines = [f"| {' | '.join(map(_markdown, row))} |" for row in rows]
+    written = [[MARKDOWN.sub(r"\\\1", " ".join(cell.split())) for cell in row] for row in rows]
+    head, *lines = [f"| {' | '.join(row)} |" for row in written]
     right = _numeric(rows)
     rule = "".join("---:|" if index in right else "---|" for index in range(len(rows[0])))
     return "\n".join([head, f"|{rule}", *lines])
@@ -75,7 +101,11 @@ def latex(rows: Rows) -> str:
     """A ``tabular`` of LaTeX that needs no package."""
     right = _numeric(rows)
     columns = "".join("r" if index in right else "l" for index in range(len(rows[0])))
-    head, *lines = [f"{' & '.join(map(_latex, row))} \\\\" for row in rows]
+
+    def written(cell: str) -> str:
+        return LIGATURES.sub(r"\1{}", "".join(LATEX.get(character, character) for character in " ".join(cell.split())))
+
+    head, *lines = [f"{' & '.join(map(written, row))} \\\\" for row in rows]
     begin, end = f"\\begin{{tabular}}{{{columns}}}", "\\end{tabular}"
     return "\n".join([begin, "\\hline", head, "\\hline", *lines, "\\hline", end])
 
@@ -99,15 +129,3 @@ FORMATS: dict[str, Callable[[Rows], str]] = {
 def _numeric(rows: Rows) -> set[int]:
     """The columns that hold numbers below their head."""
     return {k for k, (_, *cells) in enumerate(zip(*rows, strict=True)) if cells and all(map(NUMBER.fullmatch, cells))}
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
-
-
-def _markdown(text: str) -> str:
-    return MARKDOWN.sub(r"\\\1", _one_line(text))
-
-
-def _latex(text: str) -> str:
-    return LIGATURES.sub(r"\1{}", "".join(LATEX.get(character, character) for character in _one_line(text)))

@@ -95,8 +95,8 @@ def _recordings() -> Iterator[Reader]:
 
 
 def _trajectories() -> Iterator[Reader]:
-    from moteslam.eval.evaluation import against
     from moteslam.eval.metrics.relations import read_relations
+    from moteslam.eval.scores import against
     from moteslam.robot.trajectories import WRITERS, read_trajectory
 
     stamps = np.arange(9) / 2

@@ -1,16 +1,21 @@
-"""``moteslam platforms``, the robots that come with the package, and ``moteslam metrics``, what runs are scored by."""
+"""``moteslam platforms``, ``metrics`` and ``scenarios``: what comes with the package, and what it looks like."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from math import degrees
-from typing import Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import answer
-from moteslam.eval.tables import aligned
+from moteslam.eval.cli.text import answer, progress_bar, say, simulation_bar
+from moteslam.eval.tables import aligned, literal
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 def platforms(
@@ -31,13 +36,14 @@ def platforms(
     """  # noqa: D301
     import tomli_w
 
+    from moteslam.robot.platform import field_of_view
     from moteslam.robot.platforms import bundled_platforms, load_platform, platform_table
 
     if name is not None:
         chosen = platform_table(load_platform(name))
         answer(chosen, [tomli_w.dumps(chosen).rstrip("\n")], as_json=as_json)
         return
-    found = {
+    found: dict[str, dict[str, Any]] = {
         each: {
             "description": robot.description,
             "beams": robot.lidar.scan.beams,
@@ -51,26 +57,14 @@ def platforms(
         }
         for each, robot in ((each, load_platform(each)) for each in bundled_platforms())
     }
-    answer(found, _platform_lines(found), as_json=as_json)
-
-
-def _platform_lines(found: dict[str, dict[str, Any]]) -> Iterator[str]:
-    from moteslam.robot.platform import field_of_view
-
     rows = [("robot", "beams", "field of view", "rate", "range", "top speed", "what it is")]
-    for name, one in found.items():
-        rows.append(
-            (
-                name,
-                f"{one['beams']}",
-                f"{degrees(field_of_view(one['beams'], one['angle_increment_rad'])):.1f} deg",
-                f"{one['rate_hz']:g} Hz",
-                f"{one['range_min_m']:g} to {one['range_max_m']:g} m",
-                "-" if one["top_speed_m_s"] is None else f"{one['top_speed_m_s']:g} m/s",
-                one["description"],
-            )
-        )
-    yield aligned(rows)
+    for each, one in found.items():
+        view = degrees(field_of_view(one["beams"], one["angle_increment_rad"]))
+        reach = f"{one['range_min_m']:g} to {one['range_max_m']:g} m"
+        speed = "-" if one["top_speed_m_s"] is None else f"{one['top_speed_m_s']:g} m/s"
+        scan = (str(one["beams"]), f"{view:.1f} deg", f"{one['rate_hz']:g} Hz", reach)
+        rows.append((each, *scan, speed, one["description"]))
+    answer(found, [aligned(rows)], as_json=as_json)
 
 
 def metrics(as_json: options.Json = False) -> None:
@@ -87,7 +81,7 @@ def metrics(as_json: options.Json = False) -> None:
     """  # noqa: D301
     from moteslam.eval.metrics.registry import METRICS
 
-    found = {
+    found: dict[str, dict[str, Any]] = {
         name: {
             "of": "run" if one.of_trajectory is None else "trajectory",
             "unit": one.unit,
@@ -98,14 +92,115 @@ def metrics(as_json: options.Json = False) -> None:
         }
         for name, one in METRICS.items()
     }
-    answer(found, _metric_lines(found), as_json=as_json)
-
-
-def _metric_lines(found: dict[str, dict[str, Any]]) -> Iterator[str]:
+    lines = []
     for title, of in (("of each trajectory", "trajectory"), ("of a run", "run")):
         rows = [("", "unit", "better", "", "")]
         for name, one in found.items():
             if one["of"] == of:
                 source = one["source"] + "; costly" * one["costly"]
                 rows.append((name, one["unit"], one["better"] or "", one["meaning"], source))
-        yield from (title, aligned(rows), "")
+        lines += [title, aligned(rows), ""]
+    answer(found, lines, as_json=as_json)
+
+
+app = typer.Typer(rich_markup_mode=None)
+
+
+@app.callback(invoke_without_command=True)
+def scenarios(context: typer.Context, as_json: options.Json = False) -> None:
+    """List the bundled scenarios and why each is hard.
+
+    \b
+    Examples:
+      moteslam scenarios
+      moteslam scenarios --json
+      moteslam scenarios show corridor --out corridor.png
+    """  # noqa: D301
+    if context.invoked_subcommand is not None:
+        return
+    from moteslam.sim.scenario import bundled_scenarios
+
+    bundled = bundled_scenarios()
+    random = "random-corridors-N  building number N of as many as you like"
+    answer(bundled, [aligned(list(bundled.items())), random], as_json=as_json)
+
+
+@app.command()
+def show(
+    scenario: options.ScenarioName,
+    out: Annotated[Path, typer.Option(help="The PNG to write; folders above it are made.")],
+    seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of a random building.")] = None,
+    drive: Annotated[bool, typer.Option("--drive", help="Drive it, and draw the driven path.")] = False,
+    force: options.ForceFile = False,
+) -> None:
+    """Draw a scenario as a plan: walls and what they are made of, who moves, and the route.
+
+    \b
+    Examples:
+      moteslam scenarios show office --out office.png
+      moteslam scenarios show random-corridors --seed 7 --drive --out unseen.png
+    """  # noqa: D301
+    from moteslam.eval.cli.simulate import scenario_of
+    from moteslam.eval.report.scenarios import draw_scenario
+    from moteslam.sim.simulate import true_drive
+
+    with options.new_file(out, ".png", force=force):
+        chosen = scenario_of(scenario, seed)
+        with options.in_file(scenario):
+            driven = true_drive(chosen, seed).poses[:, :2] if drive else None
+        draw_scenario(out, chosen, driven=driven)
+    say(f"{literal(chosen.name)} in {literal(out)}")
+
+
+@app.command()
+def animate(
+    scenario: options.ScenarioName,
+    out: Annotated[Path, typer.Option(help="The .gif, .webp or .mp4 to write; folders above it are made.")],
+    seed: options.Seed = None,
+    platform: options.Robot = None,
+    noise: options.NoiseClass = None,
+    duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop after S seconds.")] = None,
+    fps: Annotated[float, typer.Option(metavar="N", help="Frames a second, 1 to 50.")] = 15.0,
+    speed: Annotated[
+        float | None, typer.Option(metavar="X", help="Times real time; by default the film takes at most 15 s.")
+    ] = None,
+    preset: options.Preset = None,
+    settings: options.Settings = None,
+    force: options.ForceFile = False,
+) -> None:
+    """Simulate a scenario, run SLAM, and film it: robot, beams, particles, and the map as it grows.
+
+    An .mp4 is H.264, VP9 or AV1, the first that the OpenCV here encodes; browsers play all three.
+
+    \b
+    Examples:
+      moteslam scenarios animate people --out people.gif
+      moteslam scenarios animate corridor --duration 60 --speed 5 --fps 25 --out corridor.mp4
+    """  # noqa: D301
+    from moteslam.eval.cli.simulate import scenario_of
+    from moteslam.eval.report.film import Pace, check_film, film, write_film
+    from moteslam.sim.simulate import simulate
+    from moteslam.slam.run import SlamSession
+
+    check_film(out)
+    with options.named(fps="--fps", speed="--speed"):
+        Pace.of(0.0, fps=fps, speed=speed)  # before the simulation, whose duration is not known yet
+    config = options.SlamOptions(preset=preset, settings=settings).resolved()
+    chosen = scenario_of(scenario, seed, platform=platform, noise=noise, duration=duration)
+    with options.new_file(out, force=force):
+        with options.in_file(scenario), simulation_bar() as report:
+            simulation = simulate(chosen, seed, progress=report)
+        session = SlamSession(simulation.recording, config, seed=simulation.scenario.seed)
+        assert simulation.recording.lidar is not None
+        stamps = simulation.recording.lidar.stamps
+        with options.named(fps="--fps", speed="--speed"):
+            pace = Pace.of(float(stamps[-1] - stamps[0]), fps=fps, speed=speed)
+        with progress_bar("SLAM", len(session), "scans") as progress:
+
+            def frames() -> Iterator[NDArray[np.uint8]]:
+                for update, shown in film(simulation, session, pace):
+                    progress(update.index + 1)
+                    yield from shown
+
+            write_film(out, frames(), fps=fps)
+    say(f"{literal(chosen.name)}: {len(pace.moments(stamps))} frames, {pace}, in {literal(out)}")

@@ -1,33 +1,26 @@
-"""``moteslam compare``: configurations on the same runs, in pairs; and the best one within a budget of time."""
+"""``moteslam compare``: configurations on the same runs, in pairs; and what ``sweep show`` finds of a sweep."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
-from math import inf, isnan
+from math import isinf, isnan
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.sweep_tables import digits, metric_names, shown, with_unit
 from moteslam.eval.cli.text import answer
 from moteslam.eval.tables import FORMATS, literal
+
+if TYPE_CHECKING:
+    from moteslam.eval.sweep.store import Row, Store
 
 COUNTS = ("configuration", "pairs", "better", "worse", "equal")
 HEAD = (*COUNTS, "median difference", "95 %", "p", "failed", "failed, first")
 CSV_HEAD = ("metric", *COUNTS, "median", "low", "high", "p", "failed", "failed_first")
-
-COST = "cpu_per_scan"
-BUDGET = re.compile(r"([0-9]+(?:\.[0-9]+)?)\s*(us|ms|s)")
-MILLISECONDS = {"us": 1e-3, "ms": 1.0, "s": 1e3}
-
-Runs = dict[tuple[Any, ...], dict[str, float] | None]
-"""Values by metric of each run of a configuration, None of one that failed; runs of two configurations with the same
-key (scenario or recording, platform, noise, duration, seed) are a pair."""
 
 
 def compare(
@@ -36,9 +29,7 @@ def compare(
         typer.Argument(metavar="PATH...", help="Files of sweeps, or result folders; the first is compared with."),
     ],
     metrics: options.Metrics = None,
-    baseline: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Compare with this configuration [the first].")
-    ] = None,
+    baseline: options.Baseline = None,
     form: options.Format = "text",
     as_json: options.Json = False,
 ) -> None:
@@ -55,61 +46,26 @@ def compare(
       moteslam compare particles.sweep --format markdown
     """  # noqa: D301
     from moteslam.eval import statistics
-    from moteslam.eval.sweep.tables import better
+    from moteslam.eval.runs import better, by_configuration, read_runs, values_of
 
     names = metric_names(metrics)
-    found = populations(paths)
+    found = by_configuration(row for row in read_runs(paths) if row.status)
     if len(found) < 2:
         raise InputError(f"{len(found)} configuration, expected two or more to compare", file=paths[0])
     first = next(iter(found)) if baseline is None else baseline
     if first not in found:
         raise ConfigError(f"{first!r}, expected one of {', '.join(map(repr, found))}", field="--baseline")
-    compared: dict[str, dict[str, Any]] = {}
-    for name in names:
-        ours = values_of(found[first], name)
-        others = {other: values_of(runs, name) for other, runs in found.items() if other != first}
-        compared[name] = {
-            other: asdict(statistics.compare(ours, each, better=better(name))) for other, each in others.items()
+    compared = {
+        name: {
+            other: asdict(statistics.compare(values_of(found[first], name), values_of(rows, name), better=better(name)))
+            for other, rows in found.items()
+            if other != first
         }
+        for name in names
+    }
     if not any(one["pairs"] for each in compared.values() for one in each.values()):
         raise InputError(f"no run in common with {first} that has {', '.join(names)}", file=paths[-1])
     answer({"baseline": first, "metrics": compared}, _lines(first, compared, form), as_json=as_json)
-
-
-def populations(paths: Sequence[Path]) -> dict[str, Runs]:
-    """The configurations of sweeps, and of result folders, by name in their order.
-
-    A file of a sweep has one for each of its configurations, with each combination of what varies; of several files the
-    name of each stands before them, its path where two are named alike. A result folder has one, named by the folder.
-    """
-    from moteslam.eval.results import read_result_folder
-    from moteslam.eval.sweep.store import opened
-    from moteslam.eval.sweep.tables import group_of
-
-    found: dict[str, Runs] = {}
-    alike = len({path.stem for path in paths}) < len(paths)
-    for path in paths:
-        if path.is_dir():
-            result = read_result_folder(path)
-            found[str(path)] = {(result.run.get("recording"), result.run.get("seed")): result.values}
-            continue
-        prefix = f"{path if alike else path.stem}: " if len(paths) > 1 else ""
-        with opened(path) as store:
-            for row in store.rows():
-                if row.status:
-                    run = row.run
-                    key = (group_of(row)["scenario"], run.platform, run.noise, run.duration, run.seed)
-                    found.setdefault(prefix + run.configured, {})[key] = row.known if row.status == "ok" else None
-    return found
-
-
-def values_of(runs: Runs, metric: str) -> dict[tuple[Any, ...], float | None]:
-    """One metric's, None of runs that failed; runs of which it is absent are left out."""
-    return {
-        key: None if values is None else values[metric]
-        for key, values in runs.items()
-        if values is None or metric in values
-    }
 
 
 def _lines(first: str, compared: dict[str, dict[str, Any]], form: str) -> Iterator[str]:
@@ -138,64 +94,105 @@ def _numbers(name: str, one: dict[str, Any]) -> tuple[str, ...]:
 def _signed(value: float | None) -> str:
     if value is None or isnan(value):
         return "-"
-    return "failed" if abs(value) == float("inf") else f"{value:+.3g}"
+    return "failed" if isinf(value) else f"{value:+.3g}"
 
 
-def affordable(file: Path, budget: str, metrics: list[str]) -> list[dict[str, Any]]:
-    """The configurations of a sweep whose median processor time a scan is within a budget, the best first.
+PARTS = ("median", "low", "high", "low_quartile", "high_quartile")
+"""Of a summary, in the table for programs."""
 
-    Best is the best median of the metric over all runs, failed ones among them; the others are compared with it in
-    pairs, since medians that differ by less than their seeds do say little.
-    """
-    from moteslam.eval.statistics import Summary, compare
-    from moteslam.eval.sweep.tables import better
 
-    given = BUDGET.fullmatch(budget.strip())
-    if given is None or not float(given[1]) > 0:
-        raise ConfigError(f"{budget!r}, expected a time above 0 a scan, such as 10ms", field="--budget")
-    if len(metrics) > 1:
-        raise ConfigError("more than one with --budget, expected what the best is chosen by", field="--metric")
-    (metric,), limit = metrics, float(given[1]) * MILLISECONDS[given[2]]
+def metric_names(given: list[str] | None) -> list[str]:
+    """The metrics that are asked for, ``final.ate`` by default; an unknown one is refused."""
+    from moteslam.eval.metrics.registry import chosen
 
-    def summary(values: dict[Any, float | None], metric: str) -> Summary:
-        there = [value for value in values.values() if value is not None]
-        return Summary.of(there, len(values) - len(there), better=better(metric))
+    chosen(given or ())
+    return given or ["final.ate"]
 
-    found = populations([file])
-    costs = {name: [v for v in values_of(runs, COST).values() if v is not None] for name, runs in found.items()}
-    known = {name: median for name, cost in costs.items() if (median := Summary.of(cost).median) is not None}
-    if not known:
-        raise InputError("without times, expected a sweep that was made with --time", file=file, field=COST)
-    values = {name: values_of(found[name], metric) for name, cost in known.items() if cost <= limit}
-    if not values:
-        name = min(known, key=known.__getitem__)
-        problem = f"nothing costs {limit:g} ms a scan or less; the cheapest is {name}, {known[name]:.3g} ms"
-        raise InputError(problem, file=file, field=COST)
-    sign = 1.0 if better(metric) == "lower" else -1.0
-    summaries = {name: summary(each, metric) for name, each in values.items()}
-    best, *others = sorted(values, key=lambda name: inf if (m := summaries[name].median) is None else sign * m)
-    return [
+
+def summed_up(store: Store, wanted: list[str] | None) -> dict[str, Any]:
+    """A sweep's hash, its numbers of runs by status, and its groups: what they have in common, successes, summaries."""
+    from moteslam.eval.runs import grouped, summary_of
+    from moteslam.eval.statistics import Proportion
+
+    rows = [row for row in store.rows() if row.status]
+    names = _measured(rows, wanted, store)
+    groups = [
         {
-            "configuration": name,
-            "cpu_per_scan_ms": known[name],
-            metric: asdict(summaries[name]),
-            "best_against_it": None
-            if name == best
-            else asdict(compare(values[name], values[best], better=better(metric))),
+            "group": dict(about),
+            "runs": len(members),
+            "success": Proportion(sum(row.succeeded for row in members), len(members)).as_dict(),
+            "metrics": {name: asdict(summary_of(members, name)) for name in names},
         }
-        for name in (best, *others)
+        for about, members in grouped(rows, lambda row: tuple(row.about.items())).items()
     ]
+    counts = {name or "pending": count for name, count in store.counts().items()}
+    return {"hash": store.digest, "runs": counts, "groups": groups}
 
 
-def affordable_lines(found: list[dict[str, Any]], metric: str, form: str) -> Iterator[str]:
-    """A row a configuration."""
+def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[str]:
+    """The metrics that are wanted; by default ``final.ate``, or the first of those that were measured."""
+    there = list(dict.fromkeys(name for row in rows if row.status == "ok" for name in (*row.values, *row.costs)))
+    if not there:
+        return wanted or ["final.ate"]
+    if wanted is None:
+        others = [name for name in there if name not in ("scans", "distance")]
+        return ["final.ate"] if "final.ate" in there else others[:1]
+    for name in wanted:
+        if name not in there:
+            alike = [one for one in there if one.endswith(f".{name}")] or there
+            problem = f"{name!r}, which was not measured, expected one of {', '.join(alike)}"
+            raise ConfigError(problem, file=store.path, field="--metric")
+    return wanted
+
+
+def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
+    """A row a group: of each metric the median with its intervals; in ``csv`` every number has a column of its own."""
+    from moteslam.eval.runs import varying
     from moteslam.robot.values import interval
 
-    rows = [("configuration", "ms a scan", metric, "95 %", "the best beats it in")]
-    for each in found:
-        one, against = each[metric], each["best_against_it"]
-        beaten = "" if against is None else f"{against['wins']} of {against['pairs']}, p {against['p']:.2g}"
-        within = interval(shown(one["low"]), shown(one["high"]))
-        cost = f"{each['cpu_per_scan_ms']:.3g}"
-        rows.append((each["configuration"], cost, shown(one["median"]), within, beaten))
-    yield FORMATS[form](rows)
+    groups = found["groups"]
+    if groups:
+        about, names = varying([each["group"] for each in groups]), list(groups[0]["metrics"])
+        if form == "csv":
+            columns = [f"{name}.{part}" for name in names for part in PARTS]
+        else:
+            columns = [column for name in names for column in (with_unit(name), "95 %", "quartiles")]
+        rows = [[*about, "runs", "success", *columns]]
+        for each in groups:
+            success = each["success"]
+            share = f" ({100 * success['low']:.0f} to {100 * success['high']:.0f} %)" * (form != "csv")
+            cells = [*(str(each["group"].get(key, "")) for key in about), str(each["runs"])]
+            cells.append(f"{success['count']}{share}")
+            for one in each["metrics"].values():
+                if form == "csv":
+                    cells += [digits(one[part]) for part in PARTS]
+                else:
+                    median, *ends = (shown(one[part]) for part in PARTS)
+                    cells += [median, interval(*ends[:2]), interval(*ends[2:])]
+            rows.append(cells)
+        yield FORMATS[form](rows)
+    if form == "text":
+        yield total(found)
+
+
+def total(found: dict[str, Any]) -> str:
+    """How many runs there are of each status."""
+    names = {"pending": "not made yet"}
+    return ", ".join(f"{count} {names.get(name, name)}" for name, count in found["runs"].items())
+
+
+def with_unit(name: str) -> str:
+    """A metric with its unit, as ``final.ate [m]``; what is no metric as it is."""
+    from moteslam.eval.runs import unit_of
+
+    return f"{name} [{unit}]" if (unit := unit_of(name)) else name
+
+
+def digits(value: float | None) -> str:
+    """For programs: all digits, nothing where there is no number, ``inf`` for failures."""
+    return "" if value is None else repr(value)
+
+
+def shown(value: float | None) -> str:
+    """For people."""
+    return "-" if value is None else "failed" if isinf(value) else f"{value:.4g}"

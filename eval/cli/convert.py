@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -51,6 +50,7 @@ def convert(
     from moteslam.robot.inspection import stream_reports
     from moteslam.robot.trajectories import format_to_write as trajectory_format
     from moteslam.robot.trajectories import is_trajectory, write_trajectory
+    from moteslam.robot.values import counted
 
     found: dict[str, Any]
     name, problem = None, ""
@@ -84,24 +84,18 @@ def convert(
         }
     if not as_json:
         warn(issues)
-    answer(found | {"warnings": [issue.as_dict() for issue in issues]}, _lines(found, path), as_json=as_json)
-
-
-def _lines(found: dict[str, Any], path: Path) -> Iterator[str]:
-    from moteslam.robot.values import counted
-
     if "poses" in found:
-        yield f"{literal(path.name)}: {counted(found['poses'], 'pose')}, {found['distance_m']:.1f} m"
+        lines = [f"{literal(path.name)}: {counted(found['poses'], 'pose')}, {found['distance_m']:.1f} m"]
     else:
         counts = ", ".join(f"{stream} {count}" for stream, count in found["readings"].items())
-        yield f"{literal(found['recording'])}: readings of {counts}"
-    yield f"wrote {literal(found['out'])}, {found['format']}"
+        lines = [f"{literal(found['recording'])}: readings of {counts}"]
+    lines.append(f"wrote {literal(found['out'])}, {found['format']}")
     if found.get("truth") is not None:
-        yield f"the truth stays where it is: moteslam evaluate TRAJECTORY {literal(found['truth'])}"
+        lines.append(f"the truth stays where it is: moteslam evaluate TRAJECTORY {literal(found['truth'])}")
+    answer(found | {"warnings": [issue.as_dict() for issue in issues]}, lines, as_json=as_json)
 
 
 def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
-    """A trajectory, and what of its file is no part of it."""
     import numpy as np
 
     from moteslam.robot.trajectories import is_g2o, read_trajectory

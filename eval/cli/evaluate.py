@@ -13,13 +13,12 @@ import typer
 from moteslam.errors import InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import answer, note, warn
-from moteslam.eval.tables import aligned, literal
+from moteslam.eval.tables import Column, aligned, literal, rows_of
 
 NEEDED = {
     "a recording": ("sequence", "platform"),
     "a reference": ("plot", "max_difference", "time_offset"),
     "a reference trajectory": ("no_align", "scale", "delta", "unit", "all_pairs", "loops", "map"),
-    "a .relations reference": ("no_interpolate",),
     "a --map": ("true_map",),
 }
 """What options are about: without it they would change nothing, and are refused."""
@@ -27,7 +26,16 @@ NEEDED = {
 Row = Mapping[str, Any]
 """Of a trajectory: ``estimate``, ``reference`` with ``kind`` and figures, and ``recording`` with ``residuals``."""
 STATISTICS = ("rmse", "mean", "median", "std", "max")
-HEAD = ("error", "count", "RMSE", "mean", "median", "std", "max")
+HEAD = ("error", "count", "RMSE", *STATISTICS[1:])
+RESIDUALS = (
+    Column("estimate", "estimate"),
+    Column("scans", "residuals/scans"),
+    Column("residual median [mm]", "residuals/median_m", ".1f", factor=1000),
+    Column("90 % below [mm]", "residuals/quantile_90_m", ".1f", factor=1000),
+    Column("beyond 3 cm", "residuals/beyond_3_cm_share", ".1f", "%", 100),
+    Column("unseen", "residuals/unseen_share", ".1f", "%", 100),
+    Column("no return", "residuals/no_return_share", ".1f", "%", 100),
+)
 
 
 def evaluate(
@@ -76,9 +84,6 @@ def evaluate(
         typer.Option(min=0, metavar="S", help="Between stamps that belong together [0.01; 0.0001 for relations]."),
     ] = None,
     time_offset: Annotated[float, typer.Option(metavar="S", help="Seconds to add to the stamps of every EST.")] = 0.0,
-    no_interpolate: Annotated[
-        bool, typer.Option("--no-interpolate", help="Only relations with a pose at both of their stamps.")
-    ] = False,
     save: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the result as JSON, with the error at every stamp.")
     ] = None,
@@ -108,19 +113,18 @@ def evaluate(
     Examples:
       moteslam evaluate demo/trajectory.tum demo/truth.tum
       moteslam evaluate demo/trajectory.tum demo/truth.tum --delta 5 --unit s --json
-      moteslam evaluate mine.tum theirs.tum odometry.tum truth.tum --plot errors.png
+      moteslam evaluate mine.tum theirs.tum truth.tum --plot errors.png
       moteslam evaluate result/trajectory.tum intel.relations
       moteslam evaluate result/trajectory_final.tum --recording robot.log.gz
-      moteslam evaluate result/trajectory_final.tum robot4_reference.txt --recording robot4
       moteslam evaluate theirs.tum robot.bag:/ground_truth --time-offset -2.5
       moteslam evaluate theirs.tum truth.tum --map theirs.yaml --true-map truth_map.yaml --metric rpe_10m
       moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
     """  # noqa: D301
-    from moteslam.eval.evaluation import against, measured, read_reference, under_recording
     from moteslam.eval.metrics.association import oriented
     from moteslam.eval.metrics.loops import score_loops
-    from moteslam.eval.metrics.relations import is_relations
+    from moteslam.eval.metrics.relations import is_relations, read_relations
     from moteslam.eval.run_tables import read_loops
+    from moteslam.eval.scores import Reference, against, measured, under_recording
     from moteslam.robot.formats import open_recording
     from moteslam.robot.formats.streams import MAX_STAMP
     from moteslam.robot.trajectories import read_trajectory
@@ -128,77 +132,67 @@ def evaluate(
     from moteslam.slam.inputs.synchronise import synchronise
 
     _refuse_options(context, paths, recording, map_file)
-    options.expect_new(save, force=force)
-    options.expect_new(plot, ".png", force=force)
-    estimates, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
-    for file in estimates:
-        if is_relations(file):
+    with options.new_file(save, force=force), options.new_file(plot, ".png", force=force):
+        estimates, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
+        if wrong := next(filter(is_relations, estimates), None):
             problem = "holds relations, or quaternions of other lengths than 1"
-            raise InputError(f"{problem}; expected trajectories, and relations last", file=file)
-    if not abs(time_offset) < MAX_STAMP:
-        raise InputError(f"{time_offset:g}, expected seconds", field="--time-offset")
-    trajectories = {str(file): read_trajectory(file) for file in estimates}
-    if time_offset:
-        trajectories = {name: replace(one, stamps=one.stamps + time_offset) for name, one in trajectories.items()}
-    opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)
-    truth = None if reference is None else read_reference(reference)
-    scans = None if opened is None else synchronise(opened).scans
-    if not isinstance(truth, Trajectory):
-        for one in trajectories.values():
-            warn(one.warnings)
-    results: dict[str, Any] = {}
-    rows: list[dict[str, Any]] = []
-    whole: list[dict[str, Any]] = []
-    """The rows, with the error at every stamp."""
-    for name, one in trajectories.items():
-        rows.append({"estimate": name})
-        whole.append({"estimate": name})
-        if truth is not None and reference is not None:
-            with options.in_file(reference), options.named(delta="--delta", max_difference="--max-difference"):
-                compared = against(
-                    one,
-                    truth,
-                    align=not no_align,
-                    scale=scale,
-                    delta=delta,
-                    unit=unit,
-                    all_pairs=all_pairs,
-                    max_difference=max_difference,
-                    interpolate=not no_interpolate,
-                )
-            results[name] = compared.result
-            rows[-1] |= {"reference": str(reference), **compared.figures}
-            whole[-1] |= {"reference": str(reference), **compared.figures, "errors": compared.errors}
-        if opened is not None:
-            with options.in_file(name):
-                under = under_recording(one, opened, scans=scans)
-            rows[-1] |= {"recording": str(recording), "residuals": under.figures}
-            whole[-1] |= {"recording": str(recording), "residuals": {**under.figures, "errors": under.errors}}
-    if opened is not None:
-        warn(opened.warnings)
-    found: dict[str, Any] = {}
-    if loops is not None:
-        assert isinstance(truth, Trajectory)  # or --loops was refused
-        ledger = score_loops(read_loops(loops), oriented(truth)[0], opened, scans=scans)
-        found["loops"] = {"file": str(loops), **ledger.as_dict()}
-    if metrics or true_map is not None:
-        found["metrics"] = {}
+            raise InputError(f"{problem}; expected trajectories, and relations last", file=wrong)
+        if not abs(time_offset) < MAX_STAMP:
+            raise InputError(f"{time_offset:g}, expected seconds", field="--time-offset")
+        trajectories = {str(file): read_trajectory(file) for file in estimates}
+        if time_offset:
+            trajectories = {name: replace(one, stamps=one.stamps + time_offset) for name, one in trajectories.items()}
+        opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)
+        truth: Reference | None = None
+        if reference is not None:
+            truth = read_relations(reference) if is_relations(reference) else read_trajectory(reference)
+        scans = None if opened is None else synchronise(opened).scans
+        if not isinstance(truth, Trajectory):
+            for one in trajectories.values():
+                warn(one.warnings)
+        results: dict[str, Any] = {}
+        rows: list[dict[str, Any]] = []
+        whole: list[dict[str, Any]] = []
+        """The rows, with the error at every stamp."""
+        how: dict[str, Any] = {"align": not no_align, "scale": scale, "delta": delta, "unit": unit}
+        how |= {"all_pairs": all_pairs, "max_difference": max_difference}
         for name, one in trajectories.items():
+            row: dict[str, Any] = {"estimate": name}
+            errors: dict[str, Any] = {}
+            if truth is not None and reference is not None:
+                with options.in_file(reference), options.named(delta="--delta", max_difference="--max-difference"):
+                    compared = against(one, truth, **how)
+                results[name], errors["errors"] = compared.result, compared.errors
+                row |= {"reference": str(reference), **compared.figures}
+            if opened is not None:
+                with options.in_file(name):
+                    under = under_recording(one, opened, scans=scans)
+                row |= {"recording": str(recording), "residuals": under.figures}
+                errors["residuals"] = {**under.figures, "errors": under.errors}
+            rows.append(row)
+            whole.append(row | errors)
+        if opened is not None:
+            warn(opened.warnings)
+        found: dict[str, Any] = {}
+        if loops is not None:
+            assert isinstance(truth, Trajectory)  # or --loops was refused
+            ledger = score_loops(read_loops(loops), oriented(truth)[0], opened, scans=scans)
+            found["loops"] = {"file": str(loops), **ledger.as_dict()}
+        if metrics or true_map is not None:
+            known: dict[str, Any] = {"recording": opened, "occupancy": map_file, "true_map": true_map}
             with options.named(metrics="--metric"):
-                values = measured(one, truth, recording=opened, occupancy=map_file, true_map=true_map, names=metrics)
-            found["metrics"][name] = {metric: value.as_dict() for metric, value in values.items()}
-    if save is not None:
-        from moteslam.eval.results import write_json
-        from moteslam.robot.files import folder_for
+                measures = {name: measured(one, truth, names=metrics, **known) for name, one in trajectories.items()}
+            found["metrics"] = {
+                name: {metric: value.as_dict() for metric, value in values.items()} for name, values in measures.items()
+            }
+        if save is not None:
+            from moteslam.eval.results import write_json
 
-        with folder_for(save):
             write_json(save, {"results": whole, **found})
-    if plot is not None:
-        from moteslam.eval.report.curves import draw_comparison
-        from moteslam.robot.files import folder_for
+        if plot is not None:
+            from moteslam.eval.report.curves import draw_comparison
 
-        assert reference is not None  # or --plot was refused
-        with folder_for(plot):
+            assert reference is not None  # or --plot was refused
             draw_comparison(plot, results, title=f"against {reference.name}")
     if not as_json:
         for doubt in _doubts(rows):
@@ -224,20 +218,20 @@ def _refuse_options(context: typer.Context, paths: list[Path], recording: Path |
         raise refuse("given without --true-map, expected the map to compare it with", "map")
     if "map" in given and len(paths) > 2:
         raise refuse("given with several EST, expected the one whose map it is", "map")
-    there = {"a recording"} if recording is not None else set()
-    there |= {"a --map"} if map_file is not None else set()
-    if len(paths) > 1:
-        there |= {"a reference", "a .relations reference" if is_relations(paths[-1]) else "a reference trajectory"}
-    own = {"a recording": "a --recording", "a --map": "the map that it is compared with"}
+    there = {
+        "a recording": recording is not None,
+        "a reference": len(paths) > 1,
+        "a reference trajectory": len(paths) > 1 and not is_relations(paths[-1]),
+        "a --map": map_file is not None,
+    }
     for needed, names in NEEDED.items():
-        if needed not in there and (without := next((name for name in names if name in given), None)):
-            raise refuse(f"given without {needed}, expected {own.get(needed, 'one as the last file')}", without)
+        if not there[needed] and (without := next((name for name in names if name in given), None)):
+            raise refuse(f"given without {needed}", without)
     if given >= {"scale", "no_align"}:
         raise refuse("given with --no-align, expected one of the two", "scale")
 
 
 def _lines(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str]:
-    """The scores of trajectories, all by the same; then metrics and loops."""
     kind, reference = rows[0].get("kind"), literal(rows[0].get("reference"))
     if kind == "trajectory" and len(rows) > 1:
         yield f"against {reference}"
@@ -248,7 +242,7 @@ def _lines(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str]:
             yield from _relations(row) if kind == "relations" else [aligned([HEAD, *_errors(row)])]
     if "residuals" in rows[0]:
         yield f"scans of {literal(rows[0]['recording'])}"
-        yield _residuals(rows)
+        yield aligned(rows_of(RESIDUALS, rows))
     for name, values in more.get("metrics", {}).items():
         yield f"metrics of {literal(name)}"
         yield aligned([("metric", "value"), *((metric, _value(value)) for metric, value in values.items())])
@@ -260,11 +254,10 @@ def _lines(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str]:
 def _doubts(rows: Sequence[Row]) -> Iterator[str]:
     """What is doubtful in the comparisons, each beginning with a file."""
     for row in rows:
-        name, reference = row["estimate"], row.get("reference")
+        files = f"{row['estimate']}: ", f"{row.get('reference')}: "
         for issue in (*row.get("warnings", ()), *row.get("residuals", {}).get("warnings", ())):
-            message = issue["message"]
-            named = message.startswith((f"{name}: ", f"{reference}: "))  # those of reading
-            yield message if named else f"{name}: {message}"
+            message = issue["message"]  # those of reading begin so
+            yield message if message.startswith(files) else files[0] + message
 
 
 def loop_lines(loops: Row) -> Iterator[str]:
@@ -288,7 +281,6 @@ def _value(value: Row) -> str:
 
 
 def _errors(row: Row) -> list[tuple[str, ...]]:
-    """A line for each kind of error, as of ``HEAD``."""
     name = "ATE" if row["aligned"] else "ATE, not aligned"
     if row["scaled"]:
         name = f"ATE, scaled by {row['ate']['scale']:.4f}"
@@ -305,18 +297,18 @@ def _errors(row: Row) -> list[tuple[str, ...]]:
 
 
 def _comparison(rows: Sequence[Row]) -> str:
-    """A line a trajectory; relative errors where any has one."""
     ate = "ATE, scale fitted," if rows[0]["scaled"] else "ATE" if rows[0]["aligned"] else "ATE, not aligned,"
-    pairs = next((f"{row['rpe']['delta']:g} {row['rpe']['unit']}" for row in rows if row["rpe"] is not None), None)
-    head = ("estimate", "poses", f"{ate} RMSE [m]", "median", "max", "heading RMSE [deg]")
-    lines: list[tuple[str, ...]] = [(*head, f"RPE over {pairs}, RMSE [m]") if pairs else head]
-    for row in rows:
-        along, turn, rpe = row["ate"]["translation_m"], row["ate"]["rotation_deg"], row["rpe"]
-        errors = (f"{along[name]:.4f}" for name in ("rmse", "median", "max"))
-        heading = "-" if turn is None else f"{turn['rmse']:.3f}"
-        over = ("-" if rpe is None else f"{rpe['translation_m']['rmse']:.4f}",) if pairs else ()
-        lines.append((row["estimate"], str(along["count"]), *errors, heading, *over))
-    return aligned(lines)
+    columns = [
+        Column("estimate", "estimate"),
+        Column("poses", "ate/translation_m/count"),
+        Column(f"{ate} RMSE [m]", "ate/translation_m/rmse", ".4f"),
+        Column("median", "ate/translation_m/median", ".4f"),
+        Column("max", "ate/translation_m/max", ".4f"),
+        Column("heading RMSE [deg]", "ate/rotation_deg/rmse", ".3f"),
+    ]
+    if pairs := next((f"{row['rpe']['delta']:g} {row['rpe']['unit']}" for row in rows if row["rpe"] is not None), ""):
+        columns.append(Column(f"RPE over {pairs}, RMSE [m]", "rpe/translation_m/rmse", ".4f"))
+    return aligned(rows_of(columns, rows))
 
 
 def _relations(row: Row) -> Iterator[str]:
@@ -331,15 +323,3 @@ def _relations(row: Row) -> Iterator[str]:
     yield aligned(lines)
     used = f"{row['used']} of {row['total']} relations used, {row['interpolated']} of them between poses"
     yield f"\x1b[1m{used}\x1b[0m" if sys.stdout.isatty() else used
-
-
-def _residuals(rows: Sequence[Row]) -> str:
-    lines = [("estimate", "scans", "residual median [mm]", "90 % below [mm]", "beyond 3 cm", "unseen", "no return")]
-    for row in rows:
-        found = row["residuals"]
-        median, below = (f"{1000 * found[name]:.1f}" for name in ("median_m", "quantile_90_m"))
-        beyond, unseen, none = (
-            f"{100 * found[f'{name}_share']:.1f} %" for name in ("beyond_3_cm", "unseen", "no_return")
-        )
-        lines.append((row["estimate"], str(found["scans"]), median, below, beyond, unseen, none))
-    return aligned(lines)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, replace
-from math import degrees
+from math import pi
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -52,14 +52,19 @@ def inspect(
       moteslam inspect robot.bag --deep --plot robot.png
       moteslam inspect ucsd --sequence 20 --json
     """  # noqa: D301
+    with options.new_file(plot, ".png", force=force):
+        whole, lines = _inspected(part.open(path), deep=deep, plot=plot)
+    answer(whole, lines, as_json=as_json)
+
+
+def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[dict[str, Any], Iterator[str]]:
+    """All that is found, as JSON has it and in words."""
     import numpy as np
 
     from moteslam.robot.inspection import inspect_recording
     from moteslam.slam.calibration.calibrate import calibrate
     from moteslam.slam.calibration.findings import findings
 
-    options.expect_new(plot, ".png", force=force)
-    recording = part.open(path)
     found = inspect_recording(recording, deep=deep)
     about: Findings | None = None
     stale: tuple[Issue, ...] = ()
@@ -72,12 +77,10 @@ def inspect(
     found = replace(found, problems=(*found.problems, *more))
     if plot is not None:
         from moteslam.eval.report.streams import draw_streams
-        from moteslam.robot.files import folder_for
 
-        with folder_for(plot):
-            draw_streams(plot, recording, found)
+        draw_streams(plot, recording, found)
     whole = {**found.to_dict(), "calibration": None if about is None else [asdict(one) for one in about.figures]}
-    answer(whole, _lines(found, recording.platform, about), as_json=as_json)
+    return whole, _lines(found, recording.platform, about)
 
 
 def _stale(recording: Recording) -> tuple[Issue, ...]:
@@ -139,41 +142,38 @@ def _sensors(found: Inspection, platform: Platform) -> Iterator[Row]:
     if (gyro := found.gyro_at_rest) is not None:
         noise = None if platform.imu is None else platform.noise.imu
         bias, deviation = (None, None) if noise is None else (noise.gyro_bias, noise.gyro_noise)
-        for name, value, known in (("mean", gyro.mean, bias), ("noise", gyro.deviation, deviation)):
-            yield f"gyro at rest, {name}", _shown(value, ".5f", "rad/s"), _shown(known, ".5f", "rad/s")
+        yield _row("gyro at rest, mean", gyro.mean, bias, ".5f", "rad/s")
+        yield _row("gyro at rest, noise", gyro.deviation, deviation, ".5f", "rad/s")
 
 
 def _lidar(found: LidarReport, rate: float | None, platform: Platform) -> Iterator[Row]:
     spec, at_rest = platform.lidar, found.noise_at_rest
     noise = platform.noise.lidar if spec.rate is not None else None  # one that gives no rate gives no noise either
-    turns = NONE
-    if spec.angle_increment is not None:
-        turns = "clockwise" if spec.angle_increment < 0 else "counterclockwise"
     resolution, dropout = (None, None) if noise is None else (noise.resolution, noise.dropout)
     deviation, expected, at = None, None, "at rest"
     if at_rest is not None:
         deviation, at = at_rest.deviation, f"at {at_rest.at_range:.2f} m, at rest"
         if noise is not None:
             expected = noise.range_noise + noise.range_noise_per_metre * at_rest.at_range
-    beams = -(-found.beams // found.interlace)
+    step, beams = spec.angle_increment, -(-found.beams // found.interlace)
     interlaced = f"{beams} of {found.beams}" if found.interlace > 1 else str(beams)
     yield "lidar beams", interlaced, _shown(spec.beams, "")
-    yield "first beam", _degrees(found.angle_min), _degrees(spec.angle_min)
-    yield "between beams", _degrees(found.angle_increment), _degrees(spec.angle_increment)
-    yield "turns", found.turns, turns
+    yield _row("first beam", found.angle_min, spec.angle_min, ".4g", "deg", 180 / pi)
+    yield _row("between beams", found.angle_increment, step, ".4g", "deg", 180 / pi)
+    yield "turns", found.turns, NONE if step is None else "clockwise" if step < 0 else "counterclockwise"
     yield "scan rate", _shown(rate, ".2f", "Hz"), _shown(spec.rate, "g", "Hz")
-    yield "shortest limit", _shown(found.range_min, "g", "m"), _shown(spec.range_min, "g", "m")
-    yield "longest limit", _shown(found.range_max, "g", "m"), _shown(spec.range_max, "g", "m")
-    yield "nearest endpoint", _shown(found.nearest, ".3f", "m"), NONE
-    yield "farthest endpoint", _shown(found.farthest, ".3f", "m"), NONE
-    yield "range resolution", _shown(found.resolution, ".3g", "mm", 1000), _shown(resolution, ".3g", "mm", 1000)
-    yield f"range noise {at}", _shown(deviation, ".3g", "mm", 1000), _shown(expected, ".3g", "mm", 1000)
-    yield "dropouts", _shown(found.invalid, ".2f", "%", 100), _shown(dropout, ".2f", "%", 100)
-    yield "no return", _shown(found.no_return, ".2f", "%", 100), NONE
+    yield _row("shortest limit", found.range_min, spec.range_min, "g", "m")
+    yield _row("longest limit", found.range_max, spec.range_max, "g", "m")
+    yield _row("nearest endpoint", found.nearest, None, ".3f", "m")
+    yield _row("farthest endpoint", found.farthest, None, ".3f", "m")
+    yield _row("range resolution", found.resolution, resolution, ".3g", "mm", 1000)
+    yield _row(f"range noise {at}", deviation, expected, ".3g", "mm", 1000)
+    yield _row("dropouts", found.invalid, dropout, ".2f", "%", 100)
+    yield _row("no return", found.no_return, None, ".2f", "%", 100)
 
 
-def _degrees(angle: float | None) -> str:
-    return NONE if angle is None else f"{degrees(angle):.4g} deg"
+def _row(name: str, measured: float | None, stated: float | None, form: str, unit: str, factor: float = 1) -> Row:
+    return name, _shown(measured, form, unit, factor), _shown(stated, form, unit, factor)
 
 
 def _shown(value: float | None, form: str, unit: str = "", factor: float = 1) -> str:

@@ -12,16 +12,11 @@ from types import FrameType
 
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """What asks a program to stop: Ctrl-C, the system, a terminal that is closed (which Windows has not)."""
-
 MESSAGE = "interrupted, nothing was left behind"
 
 
 class Interrupted(BaseException):
-    """The user, or the system, asked the program to stop.
-
-    Attributes:
-        exit_code: 128 and the number of the signal: 130 for Ctrl-C.
-    """
+    """Asked to stop by a signal; the exit code is 128 and its number: 130 for Ctrl-C."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -33,7 +28,12 @@ _asked: list[int] = []
 
 def leave_at_once() -> None:
     """From here on a signal ends the program on the spot, in one line: while it is read, there is nothing to tidy."""
-    _handle(_leave)
+
+    def leave(number: int, _frame: FrameType | None) -> None:
+        os.write(2, f"moteslam: {MESSAGE}\n".encode())
+        os._exit(128 + number)
+
+    _handle(leave)
 
 
 def on_interrupt() -> None:
@@ -59,17 +59,11 @@ def was_asked() -> Interrupted | None:
 
 
 def _handle(handler: object) -> None:
-    if threading.current_thread() is not threading.main_thread():
-        return
-    for number in SIGNALS:
-        # what was ignored from the start stays so: nohup, and jobs in the background of a script
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, handler)  # type: ignore[arg-type]
-
-
-def _leave(number: int, _frame: FrameType | None) -> None:
-    os.write(2, f"moteslam: {MESSAGE}\n".encode())
-    os._exit(128 + number)
+    if threading.current_thread() is threading.main_thread():
+        for number in SIGNALS:
+            # what was ignored from the start stays so: nohup, and jobs in the background of a script
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, handler)  # type: ignore[arg-type]
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

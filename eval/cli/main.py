@@ -14,21 +14,9 @@ from typing import Annotated, Any
 import typer
 
 from moteslam.errors import ExistsError, MoteslamError, MoteslamWarning, OutputError
-from moteslam.eval.cli import (
-    catalogue,
-    compare,
-    convert,
-    demo,
-    evaluate,
-    inspect,
-    replay,
-    report,
-    scenarios,
-    simulate,
-    sweep,
-)
+from moteslam.eval.cli import catalogue, compare, convert, evaluate, inspect, replay, report, simulate, sweep
 from moteslam.eval.cli.interrupt import MESSAGE, Interrupted, leave_with, on_interrupt, was_asked
-from moteslam.eval.cli.text import STDOUT, flush, note, say
+from moteslam.eval.cli.text import STDOUT, note, say, stdout_named
 
 BAD_INPUT, INTERNAL_ERROR, CLOSED_PIPE = 2, 1, 141
 
@@ -71,11 +59,11 @@ def _root(
 
 
 for command in (
-    *(demo.demo, simulate.simulate, replay.replay, evaluate.evaluate),
+    *(replay.demo, simulate.simulate, replay.replay, evaluate.evaluate),
     *(compare.compare, report.report, inspect.inspect, convert.convert, catalogue.platforms, catalogue.metrics),
 ):
     app.command()(command)
-app.add_typer(scenarios.app, name="scenarios")
+app.add_typer(catalogue.app, name="scenarios")
 app.add_typer(sweep.app, name="sweep")
 
 
@@ -95,9 +83,10 @@ def run(arguments: list[str]) -> int:
             stream.reconfigure(errors="backslashreplace")
     try:
         on_interrupt()
-        with warnings_noted():
+        with _warnings_noted():
             code = app(args=arguments, prog_name="moteslam", standalone_mode=False)
-        flush()
+        with stdout_named():
+            sys.stdout.flush()
     except (BrokenPipeError, SystemExit):  # Typer makes the one of the other
         _discard_stdout()  # the reader of our output has closed it (``| head``)
         return CLOSED_PIPE
@@ -110,8 +99,7 @@ def run(arguments: list[str]) -> int:
 
 
 @contextmanager
-def warnings_noted() -> Iterator[None]:
-    """Print our own warnings as one line each."""
+def _warnings_noted() -> Iterator[None]:
 
     def show(message: Warning | str, category: type[Warning], *details: Any, **more: Any) -> None:
         if issubclass(category, MoteslamWarning):

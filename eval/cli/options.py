@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import wraps
-from inspect import Parameter, signature
+from inspect import Parameter, Signature, signature
 from itertools import chain
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 OUT = "Folder for the result; it must not exist."
 TOPIC_STREAMS = ("lidar", "odometry", "imu", "encoders")
 """What a topic of a bag can be read as."""
-
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out, whole, at the end.")]
 ForceFile = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
@@ -35,6 +34,9 @@ Format = Annotated[
 ]
 Metrics = Annotated[
     list[str] | None, typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable.")
+]
+Baseline = Annotated[
+    str | None, typer.Option("--baseline", metavar="NAME", help="Compare with this configuration [the first].")
 ]
 ScenarioName = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
@@ -88,17 +90,24 @@ def in_file(file: Path | str) -> Iterator[None]:
         raise type(error)(error.problem, file=file, field=error.field) from error
 
 
-def expect_new(file: Path | None, *endings: str, force: bool) -> None:
-    """Refuse a file to write that exists, is no regular file, or whose ending is not one of these."""
+@contextmanager
+def new_file(file: Path | None, *endings: str, force: bool) -> Iterator[None]:
+    """Refuse a file to write that exists, is no regular file, or whose ending is not one of these.
+
+    Folders above it are made; an error in the block leaves none of them.
+    """
     if file is None:
+        yield
         return
-    from moteslam.robot.files import expect_file
+    from moteslam.robot.files import expect_file, folder_for
 
     if endings and file.suffix.lower() not in endings:
         raise OutputError(f"expected a name that ends in {' or '.join(endings)}", file=file)
     expect_file(file)
     if file.exists() and not force:
         raise ExistsError("exists already; name a new file", file=file)
+    with folder_for(file):
+        yield
 
 
 @dataclass(frozen=True)
@@ -184,33 +193,23 @@ def _topics(given: Iterable[str]) -> Topics:
 
 def with_options(**groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the options of dataclasses after its own; it gets each as one argument: ``run=SlamOptions``."""
-    shared = {name: _parameters(group) for name, group in groups.items()}
+
+    def parameters(of: Callable[..., Any]) -> list[Parameter]:
+        found = signature(of, eval_str=True).parameters.values()
+        return [one.replace(kind=Parameter.KEYWORD_ONLY) for one in found if one.name not in groups]
+
+    shared = {name: parameters(group) for name, group in groups.items()}
 
     def extended(command: Callable[..., None]) -> Callable[..., None]:
-        hints = get_type_hints(command, include_extras=True)
-        own = [
-            parameter.replace(annotation=hints[name], kind=Parameter.KEYWORD_ONLY)
-            for name, parameter in signature(command).parameters.items()
-            if name not in groups
-        ]
-
         @wraps(command)
         def whole(**given: Any) -> None:
-            for name, parameters in shared.items():
-                given[name] = groups[name](**{parameter.name: given.pop(parameter.name) for parameter in parameters})
+            for name, group in groups.items():
+                given[name] = group(**{parameter.name: given.pop(parameter.name) for parameter in shared[name]})
             command(**given)
 
-        listed = signature(command).replace(parameters=[*own, *chain.from_iterable(shared.values())])
-        whole.__signature__ = listed  # type: ignore[attr-defined]  # Typer reads it
-        whole.__annotations__ = {parameter.name: parameter.annotation for parameter in listed.parameters.values()}
+        listed = [*parameters(command), *chain.from_iterable(shared.values())]
+        whole.__signature__ = Signature(listed)  # type: ignore[attr-defined]  # Typer reads it
+        whole.__annotations__ = {parameter.name: parameter.annotation for parameter in listed}
         return whole
 
     return extended
-
-
-def _parameters(group: type[Any]) -> list[Parameter]:
-    types = get_type_hints(group, include_extras=True)
-    return [
-        Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=types[field.name])
-        for field in fields(group)
-    ]

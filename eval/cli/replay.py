@@ -1,17 +1,17 @@
-"""``moteslam replay``: SLAM, or dead reckoning, over a recording."""
+"""``moteslam demo`` and ``moteslam replay``: SLAM, or dead reckoning, over a simulated drive or a recording."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from itertools import chain
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import answer, warn
+from moteslam.eval.cli.text import answer, simulation_bar, warn
 from moteslam.eval.tables import literal
 
 if TYPE_CHECKING:
@@ -25,6 +25,55 @@ if TYPE_CHECKING:
 
 FEW_PAIRS = 150
 """Of scans: enough to see what moves a result by a tenth of a metre, in half a second."""
+
+
+@options.with_options(run=options.SlamOptions)
+def demo(
+    out: Annotated[Path, typer.Option(help=options.OUT)] = Path("demo"),
+    scenario: Annotated[str, typer.Option(metavar="NAME", help="Scenario to drive.")] = "corridor",
+    platform: options.Robot = None,
+    noise: options.NoiseClass = None,
+    duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop the drive after S seconds.")] = None,
+    *,
+    run: options.SlamOptions,
+) -> None:
+    """Simulate a corridor, run SLAM, score and draw it.
+
+    The estimate is scored against the simulator's truth, which SLAM does not see.
+
+    \b
+    Examples:
+      moteslam demo
+      moteslam demo --duration 20 --out short
+      moteslam demo --scenario loop --seed 7 --out loop
+      moteslam demo --scenario office --platform turtlebot3 --noise as_recorded --out small
+    """  # noqa: D301
+    config = run.resolved()
+
+    from moteslam.eval.cli.running import run_into, run_lines
+    from moteslam.eval.cli.simulate import scenario_of
+    from moteslam.kernels import runtime
+    from moteslam.robot.files import result_folder
+    from moteslam.sim.simulate import simulate
+
+    driven = scenario_of(scenario, run.seed, platform=platform, noise=noise, duration=duration)
+    with result_folder(out, force=run.force) as folder:
+        runtime.init(run.arch, run.threads)  # a device that is not there is refused before the drive
+        with options.in_file(scenario), simulation_bar() as report:
+            simulation = simulate(driven, run.seed, progress=report)
+        found = run_into(
+            folder,
+            simulation.recording,
+            config,
+            run,
+            truth=simulation.truth,
+            true_map=simulation.true_map(config.map.cell_size),
+            about={"scenario": driven.name},
+        )
+    found = {"out": str(out), **found}
+    look = [] if run.no_figures else [f"look at {literal(out / 'trajectories.png')}"]
+    lines = chain(run_lines(found, f"{driven.name}: {simulation.truth.length:.1f} m"), look)
+    answer(found, lines, as_json=run.as_json)
 
 
 @options.with_options(part=options.RecordingOptions, run=options.SlamOptions)
@@ -143,7 +192,6 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
 def _dead_reckon(
     path: Path, recording: Recording, config: SlamConfig, out: Path | None, run: options.SlamOptions
 ) -> None:
-    """Dead reckoning alone, printed, and written where ``out`` is given."""
     from moteslam.robot.files import result_folder, write_atomically
     from moteslam.robot.trajectories.text import write_tum
     from moteslam.slam.odometry.dead_reckoning import dead_reckon
@@ -159,13 +207,9 @@ def _dead_reckon(
                 from moteslam.eval.results import from_same_start
 
                 truth, _ = _truth_beside(path, trajectory.stamps)
-                draw_dead_reckoning(
-                    folder / "dead_reckoning.png",
-                    trajectory,
-                    recording=recording,
-                    truth=None if truth is None else from_same_start(truth, trajectory),
-                    title=f"{recording.name}: dead reckoning",
-                )
+                truth = None if truth is None else from_same_start(truth, trajectory)
+                file, title = folder / "dead_reckoning.png", f"{recording.name}: dead reckoning"
+                draw_dead_reckoning(file, trajectory, recording=recording, truth=truth, title=title)
     x, y, theta = trajectory.poses[-1].tolist()
     found = {
         "out": None if out is None else str(out),
@@ -176,14 +220,10 @@ def _dead_reckon(
         "end": {"x_m": x, "y_m": y, "heading_deg": degrees(theta)},
         "warnings": [issue.as_dict() for issue in recording.warnings],
     }
-    answer(found, _lines(found), as_json=run.as_json)
-
-
-def _lines(found: dict[str, Any]) -> Iterator[str]:
-    """Of dead reckoning."""
-    driven = f"{found['distance_m']:.1f} m in {found['duration_s']:.1f} s"
-    yield f"{literal(found['recording'])}: dead reckoning over {driven}"
-    end = found["end"]
-    yield f"ends at x {end['x_m']:.2f} m, y {end['y_m']:.2f} m, heading {end['heading_deg']:.1f} deg"
-    if found["out"] is not None:
-        yield f"result in {literal(found['out'])}"
+    driven = f"{trajectory.length:.1f} m in {found['duration_s']:.1f} s"
+    lines = [
+        f"{literal(recording.name)}: dead reckoning over {driven}",
+        f"ends at x {x:.2f} m, y {y:.2f} m, heading {degrees(theta):.1f} deg",
+        *([] if out is None else [f"result in {literal(out)}"]),
+    ]
+    answer(found, lines, as_json=run.as_json)

@@ -15,11 +15,7 @@ from moteslam.eval.tables import literal
 def report(
     paths: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="PATH...",
-            help="Files of sweeps, result folders, and folders with either in them.",
-            show_default=False,
-        ),
+        typer.Argument(metavar="PATH...", help="Files of sweeps, result folders, and folders with either in them."),
     ],
     out: Annotated[Path, typer.Option(metavar="FILE.html", help="The page; it must not exist.")] = Path("report.html"),
     title: Annotated[str | None, typer.Option(metavar="TEXT", help="Of the page [the first path's name].")] = None,
@@ -27,9 +23,7 @@ def report(
         list[str] | None,
         typer.Option("--metric", metavar="NAME", help="Which metrics [those of the sweeps, or the usual]; repeatable."),
     ] = None,
-    baseline: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Compare with this configuration [the first].")
-    ] = None,
+    baseline: options.Baseline = None,
     force: options.ForceFile = False,
     as_json: options.Json = False,
 ) -> None:
@@ -44,22 +38,17 @@ def report(
       moteslam report result
       moteslam report before after --metric final.ate --metric map_f1 --title "before and after"
     """  # noqa: D301
-    options.expect_new(out, ".html", ".htm", force=force)
-    from moteslam.eval.page.document import page
-    from moteslam.eval.page.material import gather
-    from moteslam.robot.files import folder_for, write_atomically
-    from moteslam.robot.values import counted
+    with options.new_file(out, ".html", ".htm", force=force):
+        from moteslam.eval.page.document import gather, page
+        from moteslam.robot.files import write_atomically
+        from moteslam.robot.values import counted
 
-    material = gather(paths)
-    more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
-    name = title if title is not None else f"{paths[0].absolute().name}{more}"
-    with progress_bar("reading runs", len(material.runs), "runs") as update:
-        text = page(material, title=name, metrics=metrics or (), baseline=baseline, progress=update)
-    with folder_for(out):
+        material = gather(paths)
+        more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+        name = title if title is not None else f"{paths[0].absolute().name}{more}"
+        with progress_bar("reading runs", len(material.runs), "runs") as update:
+            text = page(material, title=name, metrics=metrics or (), baseline=baseline, progress=update)
         write_atomically(out, text)
-    about = {"file": str(out), "bytes": len(text.encode()), "runs": len(material.runs)}
-    answer(
-        about,
-        [f"{counted(len(material.runs), 'run')} in {literal(out)} ({len(text.encode()) / 1e6:.1f} MB)"],
-        as_json=as_json,
-    )
+    size = len(text.encode())
+    line = f"{counted(len(material.runs), 'run')} in {literal(out)} ({size / 1e6:.1f} MB)"
+    answer({"file": str(out), "bytes": size, "runs": len(material.runs)}, [line], as_json=as_json)

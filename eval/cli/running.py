@@ -15,7 +15,7 @@ from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.report.maps import Snapshots, TextureStages
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import Figures, number
-from moteslam.eval.tables import aligned, literal
+from moteslam.eval.tables import Column, aligned, literal, rows_of
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
@@ -27,6 +27,15 @@ from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 if TYPE_CHECKING:
     from moteslam.eval.cli.options import SlamOptions
+
+SCORES = (
+    Column("", ""),
+    Column("ATE RMSE", "ate/value", ".1f", "cm", 100),
+    Column("median", "ate_median/value", ".1f", "cm", 100),
+    Column("max", "ate_max/value", ".1f", "cm", 100),
+    Column("heading RMSE", "heading/value", ".2f", "deg"),
+    Column("RPE over 1 m", "rpe_1m/value", ".2f", "cm", 100),
+)
 
 
 def run_into(
@@ -101,8 +110,7 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
     """The estimate with the coloured floor, if the recording has images, and the floor at stages of the run."""
     if not wants_colours(estimate.config, recording):
         return estimate, []
-    path = estimate.trajectory_final
-    stages = TextureStages(float(path.stamps[0]), float(path.stamps[-1]))
+    stages = TextureStages(*estimate.trajectory_final.stamps[[0, -1]].tolist())
     span = max(stages.end - stages.begin, 1e-9)
     with progress_bar("floor", 1.0) as progress:
 
@@ -132,16 +140,11 @@ def run_lines(found: Figures, driven: str) -> Iterator[str]:
 
 def score_lines(figures: Figures) -> Iterator[str]:
     """The absolute error, and the relative error over 1 m, which is drift a metre; then the scores of loops."""
-    rows: list[tuple[str, ...]] = [("", "ATE RMSE", "median", "max", "heading RMSE", "RPE over 1 m")]
-    columns = [("ate", 100, ".1f", "cm"), ("ate_median", 100, ".1f", "cm"), ("ate_max", 100, ".1f", "cm")]
-    columns += [("heading", 1, ".2f", "deg"), ("rpe_1m", 100, ".2f", "cm")]
+    rows = []
     for name, track in (("dead reckoning", DEAD_RECKONING), ("SLAM (online)", ONLINE), ("SLAM (final)", FINAL)):
-        cells = []
-        for metric, factor, form, unit in columns:
-            value = number(figures, f"{track}.{metric}")
-            cells.append("-" if value is None else f"{factor * value:{form}} {unit}")
-        rows.append((name, *cells))
-    yield aligned(rows)
+        own = {key.removeprefix(f"{track}."): one for key, one in figures["metrics"].items() if key.startswith(track)}
+        rows.append({"": name, **own})
+    yield aligned(rows_of(SCORES, rows))
     if "loops" in figures:
         shares = {name: number(figures, f"loops_{name}") for name in ("precision", "recall", "false")}
         yield from loop_lines(figures["loops"] | shares)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,7 +13,7 @@ import typer
 from moteslam.errors import ConfigError, MoteslamError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import answer, note, progress_bar, simulation_bar
-from moteslam.eval.tables import aligned, literal
+from moteslam.eval.tables import Column, aligned, literal, rows_of
 
 if TYPE_CHECKING:
     from moteslam.sim.logged import Logging
@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 
 MAX_BATCH = 100_000
 """Simulations that one command makes at most."""
+BATCH = (
+    *(Column("scenario", "scenario"), Column("seed", "seed"), Column("distance [m]", "distance_m", ".1f")),
+    *(Column("time [s]", "duration_s", ".0f"), Column("end", "end")),
+)
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,12 @@ class Recorded:
         as_sensed = self.file_format == "ucsd" and logging == Logging()
         return simulation if as_sensed else logged(simulation, logging)
 
+    def write(self, folder: Path, simulation: Simulation, **watch: Any) -> None:
+        """Write it into a folder; more arguments as of ``write_simulation``."""
+        from moteslam.sim.output import write_simulation
+
+        write_simulation(folder, simulation, map_resolution=self.true_map, file_format=self.file_format, **watch)
+
 
 @options.with_options(recorded=Recorded)
 def simulate(
@@ -106,12 +116,10 @@ def simulate(
       moteslam simulate office --platform turtlebot3 --set noise.lidar.dropout=0.1 --out small
       moteslam simulate big_loop --platform lms200 --log-every 0.75 --log-turn 0.5 --format carmen --out keys
       moteslam simulate random-corridors --out many --batch 20 --true-map 0.05
-      moteslam simulate my_rooms.toml --out rooms
-      moteslam simulate corridor --out coloured --camera
       moteslam replay corridor --out result
     """  # noqa: D301
     from moteslam.robot.files import result_folder
-    from moteslam.sim.output import write_simulation
+    from moteslam.sim.output import log_name
 
     if recorded.true_map is not None and not 0.001 <= recorded.true_map <= 10:
         raise ConfigError(f"{recorded.true_map:g} m, expected 0.001 to 10", field="--true-map")
@@ -119,48 +127,21 @@ def simulate(
     if batch is not None:
         with result_folder(out, force=force) as folder:
             made = _make_batch(scenario, recorded, loaded, loaded.seed if seed is None else seed, batch, folder, jobs)
-        answer({"out": str(out), "simulations": made}, _batch_lines(made, out), as_json=as_json)
+        lines = [aligned(rows_of(BATCH, made)), f"recordings and truths in {literal(out)}"]
+        answer({"out": str(out), "simulations": made}, lines, as_json=as_json)
         return
-    with (
-        result_folder(out, force=force) as folder,
-        options.in_file(scenario),
-        options.named(resolution="--true-map"),
-    ):
+    with result_folder(out, force=force) as folder, options.in_file(scenario), options.named(resolution="--true-map"):
         with simulation_bar() as report:
             simulation = recorded.simulate(loaded, seed, report)
         with progress_bar("images", 1.0) as update:
-            write_simulation(
-                folder,
-                simulation,
-                map_resolution=recorded.true_map,
-                file_format=recorded.file_format,
-                announce=note,
-                progress=lambda _what, share: update(share),
-            )
+            recorded.write(folder, simulation, announce=note, progress=lambda _what, share: update(share))
     found = {"out": str(out), **about(simulation)}
-    answer(found, _lines(found, out, recorded.file_format), as_json=as_json)
-
-
-def _lines(found: dict[str, Any], out: Path, file_format: str) -> Iterator[str]:
-    from moteslam.sim.output import log_name
-
     counts = ", ".join(f"{count} {name}" for name, count in found["readings"].items())
     distance = f"{found['distance_m']:.1f} m in {found['duration_s']:.0f} s ({found['end']})"
-    yield f"{literal(found['scenario'])}: {distance}; readings: {counts}"
-    if file_format == "carmen":
-        yield f"log in {literal(out / log_name(found['scenario']))}, truth beside it"
-    else:
-        yield f"recording and truth in {literal(out)}"
-
-
-def _batch_lines(made: list[dict[str, Any]], out: Path) -> Iterator[str]:
-    rows = [("scenario", "seed", "distance [m]", "time [s]", "end")]
-    for one in made:
-        rows.append(
-            (one["scenario"], str(one["seed"]), f"{one['distance_m']:.1f}", f"{one['duration_s']:.0f}", one["end"])
-        )
-    yield aligned(rows)
-    yield f"recordings and truths in {literal(out)}"
+    where = f"recording and truth in {literal(out)}"
+    if recorded.file_format == "carmen":
+        where = f"log in {literal(out / log_name(found['scenario']))}, truth beside it"
+    answer(found, [f"{literal(found['scenario'])}: {distance}; readings: {counts}", where], as_json=as_json)
 
 
 def scenario_of(
@@ -172,10 +153,7 @@ def scenario_of(
     settings: Sequence[str] = (),
     duration: float | None = None,
 ) -> Scenario:
-    """``load_scenario`` with ``random-corridors`` as the building of that seed; the drive ends after ``duration`` [s].
-
-    Errors name the option.
-    """
+    """A scenario, with ``random-corridors`` as the building of that seed; the drive ends after ``duration`` [s]."""
     from moteslam.sim.scenario import load_scenario
     from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 
@@ -210,22 +188,17 @@ def about(simulation: Simulation) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Job:
-    """One simulation of a batch, for a process of its own."""
+    """One simulation of a batch, for a process of its own; the case is its seed."""
 
     scenario: str
     recorded: Recorded
     case: int
-    """The seed."""
     folder: str
-
-    def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def _make_batch(
     scenario: str, recorded: Recorded, loaded: Scenario, first: int, count: int, folder: Path, processes: int | None
 ) -> list[dict[str, Any]]:
-    """Make simulations with seeds from the first on; what ``about`` says of each. One that fails ends them all."""
     from moteslam.eval.sweep.workers import make_all
     from moteslam.robot.values import processor_count
     from moteslam.sim.output import file_name
@@ -251,11 +224,10 @@ def _make_batch(
 def make(job: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
     """Simulate and write one of a batch, in a process of its own; what ``about`` says of it."""
     from moteslam.robot.files import make_folder
-    from moteslam.sim.output import write_simulation
 
     del timed
     recorded, seed, folder = Recorded(**job["recorded"]), job["case"], Path(job["folder"])
     simulation = recorded.simulate(recorded.scenario(job["scenario"], seed), seed)
     make_folder(folder)
-    write_simulation(folder, simulation, map_resolution=recorded.true_map, file_format=recorded.file_format)
+    recorded.write(folder, simulation)
     return about(simulation)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import chain
-from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,11 +11,10 @@ from typer.core import TyperGroup
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.compare import affordable, affordable_lines
+from moteslam.eval.cli.compare import metric_names, summary_lines, summed_up, total
 from moteslam.eval.cli.interrupt import Interrupted
-from moteslam.eval.cli.sweep_tables import metric_names, summary_lines, summed_up, total
 from moteslam.eval.cli.text import answer, note, progress_bar, say
-from moteslam.eval.tables import aligned, literal
+from moteslam.eval.tables import Column, aligned, literal, rows_of
 
 
 class RunByDefault(TyperGroup):
@@ -39,8 +36,10 @@ app = typer.Typer(
 
 DIFFERENT = NOTHING = 1
 """Exit codes."""
-HASH_SHOWN = 16
-"""Digits of a hash in a table."""
+SPECS = (
+    *(Column("name", "name"), Column("runs", "runs"), Column("hash", "hash", ".16")),
+    Column("what it is for", "description"),
+)
 MOST_SHOWN = 40
 """Differences in the table that is printed."""
 File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam sweep` wrote.")]
@@ -80,14 +79,13 @@ def run(
     Examples:
       moteslam sweep particles.toml
       moteslam sweep corridor-suite-1
-      moteslam sweep particles.toml --workers 1 --time --out timed.sweep
       moteslam sweep particles.toml --shard 2/8 --out part2.sweep
       moteslam sweep particles.toml --scheduler tcp://head:8786
     """  # noqa: D301
     from moteslam.eval.results import environment
-    from moteslam.eval.sweep import workers as processes
     from moteslam.eval.sweep.spec import read_spec, spec_file
     from moteslam.eval.sweep.store import WHOLE, begin, opened
+    from moteslam.eval.sweep.workers import make_all, make_all_on
     from moteslam.robot.values import counted, processor_count
 
     if timed and workers not in (None, 1):
@@ -99,16 +97,15 @@ def run(
     beside = file.with_suffix(".sweep") if file == Path(spec) else Path(f"{spec}.sweep")
     target = beside if out is None else out
     begin(target, file, wanted, shard or WHOLE, environment())
-    count = 1 if timed else workers or processor_count()
     with opened(target, write=True) as store:
         runs = store.pending()
         done = sum(store.counts().values()) - len(runs)
         with progress_bar("sweep", done + len(runs), "runs") as update:
             update(done)
-            if scheduler is None:
-                outcomes = processes.make_all(runs, workers=count, timeout=wanted.timeout, timed=timed)
-            else:
-                outcomes = processes.make_all_on(scheduler, runs, timeout=wanted.timeout, timed=timed)
+            limits: dict[str, Any] = {"timeout": wanted.timeout, "timed": timed}
+            outcomes = make_all(runs, workers=1 if timed else workers or processor_count(), **limits)
+            if scheduler is not None:
+                outcomes = make_all_on(scheduler, runs, **limits)
             try:
                 for outcome in outcomes:
                     store.record(outcome)
@@ -119,7 +116,7 @@ def run(
             except (Interrupted, KeyboardInterrupt) as error:
                 error.add_note(f"interrupted, {counted(done, 'run')} in {target}: the same command goes on")
                 raise
-        found = summed_up(store, wanted, None)
+        found = summed_up(store, None)
     lines = chain(summary_lines(found, "text"), [f"recorded in {literal(target)}"])
     answer(found, lines, as_json=as_json)
     if found["runs"].keys() - {"ok", "pending"} and "ok" not in found["runs"]:
@@ -153,43 +150,29 @@ def list_specs(
         spec = read_spec(file)
         runs = plan(spec, check=False)
         found.append({"name": each, "runs": len(runs), "hash": digest(runs), "description": spec.description})
-    rows = [("name", "runs", "hash", "what it is for")]
-    rows += [(one["name"], str(one["runs"]), one["hash"][:HASH_SHOWN], one["description"]) for one in found]
-    answer(found, [aligned(rows)], as_json=as_json)
+    answer(found, [aligned(rows_of(SPECS, found))], as_json=as_json)
 
 
 @app.command("show")
 def show(
     file: File,
     metrics: options.Metrics = None,
-    budget: Annotated[
-        str | None, typer.Option(metavar="TIME", help="The best configuration within this processor time a scan.")
-    ] = None,
     form: options.Format = "text",
     as_json: options.Json = False,
 ) -> None:
     """Sum up the runs recorded so far: median with its 95 % interval, quartiles, successes.
-
-    With --budget, of a sweep made with --time: the configurations that cost at most that much, the best first, and
-    in how many of the same runs the best one beats each.
 
     \b
     Examples:
       moteslam sweep show particles.sweep
       moteslam sweep show particles.sweep --metric final.ate --metric map_f1
       moteslam sweep show particles.sweep --format latex > table.tex
-      moteslam sweep show timed.sweep --budget 10ms
     """  # noqa: D301
-    from moteslam.eval.sweep.spec import SweepSpec
     from moteslam.eval.sweep.store import opened
 
-    names = metric_names(metrics)
-    if budget is not None:
-        within = affordable(file, budget, names)
-        answer(within, affordable_lines(within, names[0], form), as_json=as_json)
-        return
+    metric_names(metrics)
     with opened(file) as store:
-        found = summed_up(store, SweepSpec.model_validate_json(store.spec), metrics)
+        found = summed_up(store, metrics)
     answer(found, summary_lines(found, form), as_json=as_json)
     if not as_json and form != "text" and set(found["runs"]) != {"ok"}:
         note(f"warning: {file}: {total(found)}")
@@ -217,29 +200,22 @@ def plot(
       moteslam sweep plot range.sweep --metric final.ate --metric map_f1 --label "reach [m]" --out range.png
     """  # noqa: D301
     from moteslam.eval.report.sweep_curves import draw_sweep
-    from moteslam.eval.sweep.spec import SweepSpec
-    from moteslam.eval.sweep.store import opened
-    from moteslam.eval.sweep.tables import summaries, varying
-    from moteslam.robot.files import folder_for
+    from moteslam.eval.runs import read_runs, varying
 
     names = metric_names(metrics)
-    options.expect_new(out, ".png", force=force)
-    with opened(file) as store:
-        spec = SweepSpec.model_validate_json(store.spec)
-        found = summaries(store.rows(), names, dict(spec.success))
-    if not found:
-        raise InputError("no run was made yet, expected some", file=file)
-    known = varying([group.about for group in found])
-    column = along or next(iter(spec.vary), None)
-    if column not in known:
-        problem = "needed where no key varies" if column is None else f"{column!r}"
-        raise ConfigError(f"{problem}, expected one of {', '.join(known)}", field="--x")
-    for name in names:
-        best = (group.values[name].best for group in found)
-        if not any(value is not None and isfinite(value) for value in best):
-            raise InputError(f"no run that ended well has {name}, expected a metric of the sweep", file=file)
-    with folder_for(out):
-        draw_sweep(out, found, names, column=column, label=label)
+    with options.new_file(out, ".png", force=force):
+        rows = [row for row in read_runs([file]) if row.status]
+        if not rows:
+            raise InputError("no run was made yet, expected some", file=file)
+        known = varying([row.about for row in rows])
+        column = along or next((key for row in rows for key, _ in row.run.varied), None)
+        if column not in known:
+            problem = "needed where no key varies" if column is None else f"{column!r}"
+            raise ConfigError(f"{problem}, expected one of {', '.join(known)}", field="--x")
+        for name in names:
+            if not any(row.status == "ok" and name in row.known for row in rows):
+                raise InputError(f"no run that ended well has {name}, expected a metric of the sweep", file=file)
+        draw_sweep(out, rows, names, column=column, label=label)
     say(f"wrote {literal(out)}")
 
 
@@ -276,31 +252,25 @@ def diff(
     Examples:
       moteslam sweep diff mine.sweep published.csv
     """  # noqa: D301
-    from moteslam.eval.sweep.tables import differences, read_table
+    from moteslam.eval.runs import differences, read_table
+    from moteslam.robot.values import counted
 
     first, second = read_table(file), read_table(other)
     common = first.keys() & second.keys()
     if not common:
         raise InputError("no run in common with it, expected a sweep of the same specification", file=other)
-    alone = len(first) + len(second) - 2 * len(common)
-    found = {"runs": len(common), "in_one_alone": alone, "differences": differences(first, second)}
-    answer(found, _difference_lines(found, file, other), as_json=as_json)
-    if found["differences"]:
-        raise typer.Exit(DIFFERENT)
-
-
-def _difference_lines(found: dict[str, Any], file: Path, other: Path) -> Iterator[str]:
-    from moteslam.robot.values import counted
-
-    cells = found["differences"]
-    if cells:
-        yield aligned(
-            [("run", "column", str(file), str(other)), *(tuple(cell.values()) for cell in cells[:MOST_SHOWN])]
-        )
+    alone, cells = len(first) + len(second) - 2 * len(common), differences(first, second)
+    found = {"runs": len(common), "in_one_alone": alone, "differences": cells}
+    more = f", {alone} in one of the two alone" if alone else ""
+    lines = [f"{counted(len(cells), 'difference')} in {counted(len(common), 'run')}{more}"]
     if len(cells) > MOST_SHOWN:
-        yield f"... and {len(cells) - MOST_SHOWN} more: --json has all"
-    more = f", {found['in_one_alone']} in one of the two alone" if found["in_one_alone"] else ""
-    yield f"{counted(len(cells), 'difference')} in {counted(found['runs'], 'run')}{more}"
+        lines.insert(0, f"... and {len(cells) - MOST_SHOWN} more: --json has all")
+    if cells:
+        head = ("run", "column", str(file), str(other))
+        lines.insert(0, aligned([head, *(tuple(cell.values()) for cell in cells[:MOST_SHOWN])]))
+    answer(found, lines, as_json=as_json)
+    if cells:
+        raise typer.Exit(DIFFERENT)
 
 
 @app.command("export")
@@ -316,15 +286,13 @@ def export(
       moteslam sweep export particles.sweep --out particles.csv
       moteslam sweep export particles.sweep --out particles.parquet
     """  # noqa: D301
-    from moteslam.eval.sweep.store import opened
-    from moteslam.eval.sweep.tables import as_csv, write_parquet
+    from moteslam.eval.runs import as_csv, read_runs, write_parquet
     from moteslam.robot.files import write_atomically
 
-    options.expect_new(out, ".csv", ".parquet", force=force)
-    with opened(file) as store:
-        rows = list(store.rows())
-    if out.suffix == ".csv":
-        write_atomically(out, as_csv(rows))
-    else:
-        write_parquet(out, rows)
+    with options.new_file(out, ".csv", ".parquet", force=force):
+        rows = read_runs([file])
+        if out.suffix == ".csv":
+            write_atomically(out, as_csv(rows))
+        else:
+            write_parquet(out, rows)
     say(f"{len(rows)} runs in {literal(out)}")

@@ -30,18 +30,13 @@ def answer(found: Any, lines: Iterable[str], *, as_json: bool) -> None:
 
 def say(text: str = "") -> None:
     """A line of the result, on stdout."""
-    with _stdout_named():
+    with stdout_named():
         sys.stdout.write(text + "\n")
 
 
-def flush() -> None:
-    """Write out what was said; ``OutputError`` where that fails, but a closed pipe is a ``BrokenPipeError``."""
-    with _stdout_named():
-        sys.stdout.flush()
-
-
 @contextmanager
-def _stdout_named() -> Iterator[None]:
+def stdout_named() -> Iterator[None]:
+    """An error of writing to stdout is an ``OutputError``, but a closed pipe a ``BrokenPipeError``."""
     try:
         yield
     except BrokenPipeError:
@@ -71,27 +66,17 @@ def progress_bar(what: str, total: float, unit: str = "") -> Iterator[Callable[[
         yield lambda _done: check_interrupt()
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
-    from rich.text import Text
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    class Rate(ProgressColumn):
-        def render(self, task: Task) -> Text:
-            speed = task.finished_speed or task.speed
-            return Text("" if speed is None or not unit else f"{speed:.0f} {unit}/s")
-
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f}%"),
-        Rate(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=total)
+    rate = [TextColumn("{task.fields[rate]}", markup=False)] if unit else []
+    parts = (TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
+    with Progress(*parts, *rate, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=total, rate="")
 
         def update(done: float) -> None:
             check_interrupt()
-            progress.update(task, completed=done)
+            speed = progress.tasks[0].speed
+            progress.update(task, completed=done, rate=f"{speed:.0f} {unit}/s" if speed else "")
 
         yield update
 

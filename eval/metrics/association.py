@@ -29,10 +29,8 @@ from moteslam.slam.inputs.synchronise import require_lidar
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MAX_DIFFERENCE = 0.01
-"""Stamps further apart than this [s] do not belong together, as evo has it."""
-MAX_GAP = 1.0
-"""Poses further apart than this [s] are not interpolated between."""
+MAX_DIFFERENCE, MAX_GAP = 0.01, 1.0
+"""Stamps further apart than this [s] do not belong together, as evo has it; no pose is interpolated in a longer gap."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,9 +60,6 @@ def match(
     ``max_difference`` [s] away (evo's rule). Interpolated, the one is evaluated at the stamps of the other, see
     ``covered``: the reference (True), neither (False), by default the one with more poses, and neither where they have
     as many, most of them at the same stamps.
-
-    Raises:
-        InputError: a trajectory is empty, or no pose has a partner.
     """
     expect_type(estimate, Trajectory, "estimate", "read_trajectory(path) reads one")
     expect_type(reference, Trajectory, "reference", "read_trajectory(path) reads one")
@@ -83,10 +78,9 @@ def match(
         which = [*(pair if shorter is estimate else pair[::-1])]
         stamps = estimate.stamps[which[0]]
     if not len(stamps):
-        raise InputError(
-            f"no stamps in common: the estimate covers {from_to(estimate.stamps)}, the reference "
-            f"{from_to(reference.stamps)}, expected stamps within {max_difference:g} s of each other"
-        )
+        covers = f"the estimate covers {from_to(estimate.stamps)}, the reference {from_to(reference.stamps)}"
+        expected = f"expected stamps within {max_difference:g} s of each other"
+        raise InputError(f"no stamps in common: {covers}, {expected}")
     there, true = (_at(one, stamps, index, space) for one, index in zip((estimate, reference), which, strict=True))
     spaces = None if there[1] is None or true[1] is None else (there[1], true[1])
     return Matched(stamps, there[0], true[0], estimate.oriented and reference.oriented, spaces)
@@ -109,7 +103,11 @@ def _at(trajectory: Trajectory, stamps: Array, index: NDArray[Any] | None, space
     if index is not None:
         return trajectory.poses[index], spatial(trajectory)[index] if space else None
     poses = se2.interpolate(trajectory.stamps, trajectory.poses, stamps)
-    return poses, space_at(trajectory, stamps) if space else None
+    if not space:
+        return poses, None
+    there = spatial(trajectory)
+    where, turns = interpolated(trajectory.stamps, there.positions, quaternions_of(there.rotations), stamps)
+    return poses, Space(where, rotations_of(turns))
 
 
 def oriented(*trajectories: Trajectory, field: str | None = None) -> tuple[Trajectory, ...]:
@@ -154,9 +152,6 @@ def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStr
     Where the trajectory has a pose for every scan, in order, these are taken; else poses are interpolated at the scans'
     stamps: if it has more poses than there are scans wherever it covers them, if not at the scans within
     ``MAX_DIFFERENCE`` of a pose.
-
-    Raises:
-        InputError: no scans, or fewer than two with a pose; poses that are not finite.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     expect_type(trajectory, Trajectory, "trajectory", "read_trajectory(path) reads one")
@@ -173,11 +168,9 @@ def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStr
     else:
         index, _ = within(stamps, times, MAX_DIFFERENCE)
     if len(index) < 2:
-        raise InputError(
-            f"poses at {len(index)} of {counted(len(stamps), 'scan')}, expected at two or more: the scans cover "
-            f"{from_to(stamps)}, the trajectory {from_to(times)}",
-            field="trajectory",
-        )
+        covers = f"the scans cover {from_to(stamps)}, the trajectory {from_to(times)}"
+        problem = f"poses at {len(index)} of {counted(len(stamps), 'scan')}, expected at two or more: {covers}"
+        raise InputError(problem, field="trajectory")
     return lidar, index, se2.interpolate(times, trajectory.poses, stamps[index])
 
 
@@ -208,13 +201,6 @@ def spatial(trajectory: Trajectory) -> Space:
     zeros = np.zeros_like(x)
     quaternions = np.stack((zeros, zeros, np.sin(heading / 2), np.cos(heading / 2)), axis=-1)
     return Space(np.stack((x, y, zeros), axis=-1), rotations_of(quaternions))
-
-
-def space_at(trajectory: Trajectory, stamps: Array) -> Space:
-    """The poses in space interpolated at other stamps [m], held beyond the ends."""
-    space = spatial(trajectory)
-    where, turns = interpolated(trajectory.stamps, space.positions, quaternions_of(space.rotations), stamps)
-    return Space(where, rotations_of(turns))
 
 
 def laid(source: Array, target: Array, *, scale: bool = False) -> tuple[Array, Array, float]:
@@ -261,11 +247,8 @@ def planar(space: Space, turn: Array, first: Array) -> Array:
 def in_plane(
     estimate: Trajectory, reference: Trajectory, rotation: Array, translation: Array
 ) -> tuple[Trajectory, Trajectory]:
-    """Two trajectories with their plane of motion turned into x and y.
-
-    Args:
-        estimate, reference: of which one moves in another plane.
-        rotation, translation: that lay the estimate on the reference.
+    """Two trajectories, one of which moves in another plane, with that turned into x and y; a rotation [3, 3] and a
+    translation [3] lay the estimate on the reference.
     """
     there, on = spatial(estimate), spatial(reference)
     turn = upright(on.positions)

@@ -10,17 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import (
-    MAX_DIFFERENCE,
-    Matched,
-    angles,
-    heading_of,
-    laid,
-    match,
-    nearest_rotation,
-    planar,
-    upright,
-)
+from moteslam.eval.metrics import association
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
 from moteslam.eval.statistics import Statistics
 from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, umeyama, wrap
 from moteslam.robot.trajectory import Space, Trajectory
@@ -34,12 +25,8 @@ STANDING = 0.01
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PoseErrors(Summarised):
-    """Errors of poses, and their statistics.
-
-    Attributes:
-        stamps: [n] of the poses [s]; [n, 2] of pairs of poses.
-        errors: [n] of the position [m].
-        rotation_errors: [n] of the rotation [rad], from 0; None where one of the two trajectories has none.
+    """Errors of poses at stamps [n] [s], or of pairs of poses at stamps [n, 2]: of the position [n] [m], and of the
+    rotation [n] [rad], from 0; None where one of the two trajectories has none.
     """
 
     stamps: Array
@@ -74,11 +61,8 @@ class PoseErrors(Summarised):
 
     def as_dict(self) -> dict[str, Any]:
         """The statistics, fit for JSON."""
-        turns = self.rotation_deg
-        return {
-            "translation_m": self.translation.as_dict(),
-            "rotation_deg": None if turns is None else turns.as_dict(),
-        }
+        turns = None if self.rotation_deg is None else self.rotation_deg.as_dict()
+        return {"translation_m": self.translation.as_dict(), "rotation_deg": turns}
 
     def _summary(self) -> str:
         turn = "" if self.rotation is None else f" and {np.rad2deg(self.rotation.rmse):.2f} deg"
@@ -90,12 +74,11 @@ class AteResult(PoseErrors):
     """The absolute trajectory error: distances to the reference, and differences of heading.
 
     Attributes:
-        aligned: [n, 3] the estimate's poses, laid on the reference.
-        reference: [n, 3] the poses they are compared with.
+        aligned, reference: [n, 3] the estimate's poses, laid on the reference, and those they are compared with.
         transform: [3] what laid them there, a pose of the estimate's frame in the reference's.
         scale: that the estimate was multiplied by before; 1 unless it was asked for.
-        motion: of trajectories that are compared in space, the rotation [3, 3] and translation [3] that laid the
-            estimate on the reference; poses are then those in the plane of motion.
+        motion: in space, the rotation [3, 3] and translation [3] that laid the estimate on the reference; poses are
+            then those in the plane of motion.
     """
 
     aligned: Poses
@@ -128,9 +111,6 @@ def absolute_trajectory_error(
             headings.
         from_start: lay only the first poses on each other, in place of that.
         scale: with the alignment, multiply the estimate by the scale of least squares.
-
-    Raises:
-        InputError: no poses, or no stamps in common; or a scale from the start alone.
     """
     if from_start and scale:
         raise InputError("given with from_start, expected one of the two", field="scale")
@@ -147,25 +127,20 @@ def _in_plane(matched: Matched, *, align: bool, from_start: bool, scale: bool) -
     if from_start:
         transform = compose(reference[0], inverse(estimated[0]))
     elif align:
-        transform = _laid(estimated, reference)
+        goal = reference[:, :2].mean(axis=0)
+        if np.square(reference[:, :2] - goal).sum(axis=1).mean() >= STANDING**2:
+            transform = umeyama(estimated[:, :2], reference[:, :2])
+        else:
+            turns = reference[:, 2] - estimated[:, 2]
+            turn = float(np.arctan2(np.sin(turns).mean(), np.cos(turns).mean()))
+            transform = compose((*goal, turn), (*-estimated[:, :2].mean(axis=0), 0.0))
     aligned = compose(transform, estimated)
     errors = np.hypot(*(aligned[:, :2] - reference[:, :2]).T)
-    turns = np.abs(wrap(aligned[:, 2] - reference[:, 2])) if matched.oriented else None
-    return AteResult(matched.stamps, errors, turns, aligned, reference, np.array(transform), factor)
-
-
-def _laid(estimate: Poses, reference: Poses) -> Poses:
-    """The pose [3] that lays poses [n, 3] on those of a reference [n, 3]: see ``absolute_trajectory_error``."""
-    goal = reference[:, :2].mean(axis=0)
-    if np.square(reference[:, :2] - goal).sum(axis=1).mean() >= STANDING**2:
-        return umeyama(estimate[:, :2], reference[:, :2])
-    turns = reference[:, 2] - estimate[:, 2]
-    turn = float(np.arctan2(np.sin(turns).mean(), np.cos(turns).mean()))
-    return compose((*goal, turn), (*-estimate[:, :2].mean(axis=0), 0.0))
+    turned = np.abs(wrap(aligned[:, 2] - reference[:, 2])) if matched.oriented else None
+    return AteResult(matched.stamps, errors, turned, aligned, reference, np.array(transform), factor)
 
 
 def _in_space(matched: Matched, *, align: bool, from_start: bool, scale: bool) -> AteResult:
-    """The same in space, drawn in the plane of the reference's motion."""
     assert matched.space is not None
     there, true = matched.space
     rotation, translation, factor = np.eye(3), np.zeros(3), 1.0
@@ -173,16 +148,16 @@ def _in_space(matched: Matched, *, align: bool, from_start: bool, scale: bool) -
         rotation = true.rotations[0] @ there.rotations[0].T
         translation = true.positions[0] - rotation @ there.positions[0]
     elif align and true.positions.std(axis=0).max() >= STANDING:
-        rotation, translation, factor = laid(there.positions, true.positions, scale=scale)
+        rotation, translation, factor = association.laid(there.positions, true.positions, scale=scale)
     elif align:
-        rotation, _ = nearest_rotation((true.rotations @ np.swapaxes(there.rotations, 1, 2)).sum(axis=0))
+        rotation, _ = association.nearest_rotation((true.rotations @ np.swapaxes(there.rotations, 1, 2)).sum(axis=0))
         translation = true.positions.mean(axis=0) - rotation @ there.positions.mean(axis=0)
     laid_on = Space(factor * there.positions @ rotation.T + translation, rotation @ there.rotations)
     errors = np.linalg.norm(laid_on.positions - true.positions, axis=1)
-    turns = angles(np.swapaxes(true.rotations, 1, 2) @ laid_on.rotations) if matched.oriented else None
-    turn = upright(true.positions)
-    aligned, reference = (planar(space, turn, true.rotations[0]) for space in (laid_on, true))
-    transform = np.array((translation[0], translation[1], float(heading_of(rotation))))
+    turns = association.angles(np.swapaxes(true.rotations, 1, 2) @ laid_on.rotations) if matched.oriented else None
+    turn = association.upright(true.positions)
+    aligned, reference = (association.planar(space, turn, true.rotations[0]) for space in (laid_on, true))
+    transform = np.array((translation[0], translation[1], float(association.heading_of(rotation))))
     return AteResult(matched.stamps, errors, turns, aligned, reference, transform, factor, (rotation, translation))
 
 

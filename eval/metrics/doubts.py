@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import InputError
 from moteslam.eval.metrics.association import evenly, in_space, spatial
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.robot.se2 import transform_points, umeyama
@@ -16,27 +15,21 @@ from moteslam.robot.values import Issue
 
 Array = NDArray[np.float64]
 
-LONGEST = 120.0
-"""Offsets up to this are tried [s]; of clocks without a common time all."""
+LONGEST, TRIES = 120.0, 1200
+"""Offsets up to this are tried [s], of clocks without a common time all, and so many at most."""
 STEP, PRECISION = 0.1, 1e-4
 """The search begins with offsets the first apart [s], and ends with the second."""
-TRIES = 1200
-"""Offsets that are tried at most; farther apart where there would be more."""
-COARSE, FINE = 200, 5000
-"""Positions of the reference that are compared in the search, and at its end."""
-LEAST = 10
-"""Positions that are compared at least."""
+LEAST, COARSE, FINE = 10, 200, 5000
+"""Positions of the reference that are compared at least, in the search, and at its end."""
 DENSE = 0.5
 """Poses nearer to each other than this [s] are interpolated."""
-GAIN, GAIN_METRES = 0.5, 0.01
+GAIN, GAIN_METRES, FITS = 0.5, 0.01, 0.1
 """The error must fall to less than this share of itself, the less the less of the drives is left in common, and by more
-than this [m]."""
+than this [m]; without a common time to less than this share of the spread of the reference."""
 OVERLAP = 0.6
 """Share of the shorter drive that they must have in common."""
 WINDOW, CHORDS = 3.0, 0.7
 """Over this much path [m] the distances moved must differ less, by this factor."""
-FITS = 0.1
-"""Without a common time it must be less than this share of the spread of the reference."""
 ALIKE = 1.2
 """Of offsets whose errors differ by less than this factor the smallest is taken."""
 SMALL, LARGER = 0.1, 50.0
@@ -45,10 +38,9 @@ AXES = np.deg2rad(30.0)
 """Orientations that differ by more than this throughout [rad] are of other axes."""
 HEIGHTS = 0.05
 """Heights that are left out are reported where they are spread by more [m]."""
-UNLIKE = 0.5
-"""Two paths have nothing in common where the error is more than this share of the spread of the reference."""
-FEW = 0.5
-"""Where less than this share of the shorter trajectory's poses has a partner, the two may not belong together."""
+UNLIKE, FEW = 0.5, 0.5
+"""Two paths have nothing in common where the error is more than this share of the spread of the reference, and may not
+belong together where less than this share of the shorter one's poses has a partner."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +53,11 @@ class ClockOffset:
     rmse: float
     before: float | None
 
+    def __str__(self) -> str:
+        instead = "" if self.before is None else f" in place of {self.before:.4f} m"
+        fits = f"moved by {self.seconds:+.3f} s the estimate fits with an ATE of {self.rmse:.4f} m{instead}"
+        return f"{fits}: its clock seems to be another one (--time-offset {self.seconds:.3f})"
+
 
 def clock_offset(estimate: Trajectory, reference: Trajectory) -> ClockOffset | None:
     """The offset of the estimate's clock that lays it on its reference best, where it helps much: see ``GAIN``.
@@ -72,12 +69,11 @@ def clock_offset(estimate: Trajectory, reference: Trajectory) -> ClockOffset | N
     if min(len(estimate), len(reference)) < LEAST:
         return None
     space = in_space(estimate, reference)
-    paths = [spatial(one).positions if space else one.poses[:, :2] for one in (estimate, reference)]
-    clocks = [estimate.stamps, reference.stamps]
-    swapped = float(np.median(np.diff(clocks[0]))) > float(np.median(np.diff(clocks[1])))
-    if min(map(np.ptp, clocks)) <= 0 or max(np.abs(path).max() for path in paths) > FARTHEST:
+    drives = [(one.stamps, spatial(one).positions if space else one.poses[:, :2]) for one in (estimate, reference)]
+    if any(np.ptp(stamps) <= 0 or np.abs(path).max() > FARTHEST for stamps, path in drives):
         return None
-    found = _offset(_Search(clocks[swapped], paths[swapped], clocks[not swapped], paths[not swapped]))
+    swapped = float(np.median(np.diff(drives[0][0]))) > float(np.median(np.diff(drives[1][0])))
+    found = _offset(_Search(*drives[swapped], *drives[not swapped]))
     return replace(found, seconds=-found.seconds) if found is not None and swapped else found
 
 
@@ -103,16 +99,15 @@ def _offset(search: _Search) -> ClockOffset | None:
         if not np.isfinite(errors).any():
             return None
         best, step = float(around[np.nanargmin(errors)]), step / 5
-    rmse = search.rmse(best, FINE)
-    before, after = search.rmse(0.0, FINE, also=best), search.rmse(best, FINE, also=0.0)
+    rmse, before, after = (search.rmse(at, FINE, also=also) for at, also in ((best, None), (0.0, best), (best, 0.0)))
     share = (search.common(best) / search.shorter - OVERLAP) / (1 - OVERLAP)
     if np.isnan(before):  # hardly a time in common
         fits = rmse < FITS * search.spread * share and rmse + GAIN_METRES < search.spread
         return ClockOffset(best, rmse, None) if fits else None
-    if not (after < GAIN * before * share and before - after > GAIN_METRES):
+    much = after < GAIN * before * share and before - after > GAIN_METRES
+    # else it is a fit of another shape, not of another time
+    if not much or not search.chords(best, also=0.0) < CHORDS * search.chords(0.0, also=best):
         return None
-    if not search.chords(best, also=0.0) < CHORDS * search.chords(0.0, also=best):
-        return None  # a fit of another shape, not of another time
     return ClockOffset(best, rmse, search.rmse(0.0, FINE))
 
 
@@ -146,7 +141,10 @@ def lever_arm(ate: AteResult) -> LeverArm | None:
 
 def doubts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> tuple[Issue, ...]:
     """What was assumed when both were read, the space they are compared in, and units and axes that seem other ones."""
-    return _of_reading(estimate, reference) + _of_space(estimate, reference) + _of_shape(ate)
+    left_out = "out-of-plane" if in_space(estimate, reference) else ""  # it matters in x and y
+    issues = [issue for issue in (*estimate.warnings, *reference.warnings) if issue.code != left_out]
+    found = (*dict.fromkeys(issues), _of_space(estimate, reference), _of_shape(ate))
+    return tuple(issue for issue in found if issue is not None)
 
 
 def few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:
@@ -156,68 +154,43 @@ def few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[I
     return (Issue("few-matched", f"{matched} of {shorter} {what} have a partner: {question}", matched),)
 
 
-def on_another_clock(error: InputError, offset: ClockOffset | None) -> InputError:
-    """The error, with the offset at which the two fit."""
-    if offset is None:
-        return error
-    return InputError(f"{error.problem}; {in_words(offset)}", file=error.file, field=error.field)
-
-
-def in_words(offset: ClockOffset) -> str:
-    """An offset of the clocks, with the option that takes it."""
-    instead = "" if offset.before is None else f" in place of {offset.before:.4f} m"
-    fits = f"moved by {offset.seconds:+.3f} s the estimate fits with an ATE of {offset.rmse:.4f} m{instead}"
-    return f"{fits}: its clock seems to be another one (--time-offset {offset.seconds:.3f})"
-
-
-def _of_reading(estimate: Trajectory, reference: Trajectory) -> tuple[Issue, ...]:
-    """What was assumed when both were read; the plane of motion matters where they are compared in x and y."""
-    left_out = {"out-of-plane"} if in_space(estimate, reference) else set()
-    issues = dict.fromkeys((*estimate.warnings, *reference.warnings))
-    return tuple(issue for issue in issues if issue.code not in left_out)
-
-
-def _of_space(estimate: Trajectory, reference: Trajectory) -> tuple[Issue, ...]:
-    """That two are compared in space, or that the heights of one are left out."""
+def _of_space(estimate: Trajectory, reference: Trajectory) -> Issue | None:
     spaces = [one.space for one in (estimate, reference) if one.space is not None]
     if not spaces:
-        return ()
+        return None
     if in_space(estimate, reference):
         tilt = np.rad2deg(max(tilt_of(space.positions) for space in spaces))
         why = f"moves in a plane {tilt:.0f} degrees out of x and y" if tilt > np.rad2deg(TILT) else "moves in z, too"
         compared = "aligned and compared in space; errors are those of three coordinates, turns those about any axis"
-        return (Issue("in-space", f"{why}: {compared}", len(reference)),)
+        return Issue("in-space", f"{why}: {compared}", len(reference))
     spread = float(spaces[0].positions[:, 2].std())
     if spread < HEIGHTS:
-        return ()
+        return None
     whose = "estimate" if estimate.space is not None else "reference"
     text = f"heights of the {whose}, spread by {spread:.2f} m, are left out: the other one is in the plane"
-    return (Issue("heights-left-out", text, len(reference)),)
+    return Issue("heights-left-out", text, len(reference))
 
 
-def _of_shape(ate: AteResult) -> tuple[Issue, ...]:
-    """That one path is far larger than the other or its mirror image, or that the axes of both bodies differ."""
-    there, true = ate.aligned[:, :2], ate.reference[:, :2]
-    size = float(np.linalg.norm(there.std(axis=0)) / max(float(np.linalg.norm(true.std(axis=0))), SMALL))
-    if ate.rmse > SMALL and not 1 / LARGER < size < LARGER:
-        return (Issue("sizes-differ", f"the estimate is {size:.3g} times as large as the reference: other units?"),)
-    mirrored = there * (1.0, -1.0)
-    off = transform_points(umeyama(mirrored, true), mirrored) - true
-    if ate.motion is None and ate.rmse > SMALL and float(np.sqrt(np.square(off).sum(axis=1).mean())) < ate.rmse / 5:
-        text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
-        return (Issue("mirrored", text),)
+def _of_shape(ate: AteResult) -> Issue | None:
+    there, true, turns = ate.aligned[:, :2], ate.reference[:, :2], ate.rotation_errors
     spread = float(np.linalg.norm(true.std(axis=0)))
-    if ate.rmse > SMALL and ate.rmse > UNLIKE * spread:
-        text = f"errors of {ate.rmse:.2f} m where the reference itself is spread by {spread:.2f} m"
-        return (Issue("unlike", f"{text}: another drive or building, or an estimate that is lost"),)
-    if ate.rotation_errors is None or np.median(ate.rotation_errors) < AXES:
-        return ()
-    if ate.rotation_errors.std() > 0.2 * AXES:
-        return ()
-    degrees = np.rad2deg(float(np.median(ate.rotation_errors)))
+    if ate.rmse > SMALL:
+        size = float(np.linalg.norm(there.std(axis=0)) / max(spread, SMALL))
+        if not 1 / LARGER < size < LARGER:
+            return Issue("sizes-differ", f"the estimate is {size:.3g} times as large as the reference: other units?")
+        mirrored = there * (1.0, -1.0)
+        off = transform_points(umeyama(mirrored, true), mirrored) - true
+        if ate.motion is None and float(np.sqrt(np.square(off).sum(axis=1).mean())) < ate.rmse / 5:
+            text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
+            return Issue("mirrored", text)
+        if ate.rmse > UNLIKE * spread:
+            text = f"errors of {ate.rmse:.2f} m where the reference itself is spread by {spread:.2f} m"
+            return Issue("unlike", f"{text}: another drive or building, or an estimate that is lost")
+    if turns is None or np.median(turns) < AXES or turns.std() > 0.2 * AXES:
+        return None
+    degrees = np.rad2deg(float(np.median(turns)))
     why = f"orientations differ by {degrees:.0f} degrees throughout: other axes of the body, or a mirrored path"
-    text = f"{why}; errors of rotation and relative errors hold that"
-    return (Issue("body-axes", text, len(ate.stamps)),)
+    return Issue("body-axes", f"{why}; errors of rotation and relative errors hold that", len(ate.stamps))
 
 
 class _Search:
@@ -235,7 +208,6 @@ class _Search:
             self.there = _at(self.at, times, goal)
 
     def errors(self, offsets: Array, most: int) -> Array:
-        """``rmse`` [k] of offsets [k]."""
         return np.array([self.rmse(float(offset), most) for offset in offsets])
 
     def rmse(self, offset: float, most: int, *, also: float | None = None) -> float:

@@ -11,15 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.eval.metrics import localisation as filters
 from moteslam.eval.metrics.association import covered, evenly, oriented
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.localisation import (
-    LocalisationResult,
-    NeesResult,
-    nees_from_start,
-    score_localisation,
-    share_within_spread,
-)
 from moteslam.eval.metrics.loops import LoopResult, score_loops
 from moteslam.eval.metrics.map_quality import MapAccuracy, MapConsistency, map_accuracy, map_consistency
 from moteslam.eval.metrics.relations import RelationResult, Relations, evaluate_relations
@@ -44,12 +38,9 @@ MAX_SEEN = 3000
 
 @dataclass(frozen=True, eq=False)
 class Certainty:
-    """What a filter knew of itself at every scan of the online trajectory.
-
-    Attributes:
-        covariances, states, updated, corrections: as of ``score_localisation``.
-        effective: [n] effective number of particles.
-        spread: [u, 3] standard deviation of the particles at every update, along, across [m], heading [rad].
+    """What a filter knew of itself at every scan of the online trajectory: as of ``score_localisation``, the effective
+    number of particles [n], and the standard deviation of the particles at every update [u, 3], along, across [m],
+    heading [rad].
     """
 
     covariances: Array
@@ -76,11 +67,9 @@ class Cost:
 class Evidence:
     """What is known of a run; metrics that need what is None cannot be had.
 
-    Attributes:
-        trajectories: the estimates by name; ``FINAL`` is the one that the map was drawn along.
-        truth, relations: on the clock of the recording.
-        occupancy, true_map: trinary, the latter in the frame of the truth.
-        loops: the candidates of the back end; None where it looks for none.
+    ``FINAL`` is the trajectory that the map was drawn along; truth and relations are on the clock of the recording,
+    both maps trinary, the true one in the frame of the truth; ``loops`` are the candidates of a back end that looks for
+    some.
     """
 
     trajectories: Mapping[str, Trajectory]
@@ -113,18 +102,23 @@ class Evidence:
         return known, online, truth
 
     @cached_property
-    def localisation(self) -> LocalisationResult:
+    def localisation(self) -> filters.LocalisationResult:
         """Covariances and states of the online trajectory against the truth."""
         known, online, truth = self._known()
-        return score_localisation(
+        return filters.score_localisation(
             online, known.covariances, known.states, known.updated, truth, corrections=known.corrections
         )
 
     @cached_property
-    def nees_from_start(self) -> NeesResult:
+    def nees_from_start(self) -> filters.NeesResult:
         """The NEES of the online trajectory, anchored at the start."""
         known, online, truth = self._known()
-        return nees_from_start(online, known.covariances, truth)
+        return filters.nees_from_start(online, known.covariances, truth)
+
+    @property
+    def time_taken(self) -> Cost:
+        """``InputError`` where it was not measured."""
+        return needed(self.cost, "time was measured")
 
     @property
     def within_spread(self) -> float:
@@ -133,7 +127,7 @@ class Evidence:
         true = truth.at(online.stamps).poses
         laid = se2.compose(se2.compose(true[0], se2.inverse(online.poses[0])), online.poses)
         spread = needed(known.spread, "spread of the particles")
-        return share_within_spread(se2.between(true, laid)[known.updated > 0], spread)
+        return filters.share_within_spread(se2.between(true, laid)[known.updated > 0], spread)
 
     @cached_property
     def loop_result(self) -> LoopResult:

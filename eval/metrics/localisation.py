@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import covered, evenly
@@ -22,15 +22,14 @@ from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 MAX_SCANS, MAX_AROUND = 5000, 60
 """At most this many scans are scored, each by at most this many poses of the map around it, evenly chosen."""
-CHI_SQUARED_95 = 7.815
+DEGREES_OF_FREEDOM, CHI_SQUARED_95 = 3, 7.815
 """The squared error of three normal variables, in variances, is below this in 95 % of cases."""
-ROUNDS = 8
-"""Of reweighting, for the offset of the robot's frame."""
-TYPICAL = np.array([0.02, 0.02, 0.003])
-"""Errors of this size weigh half in that offset [m], [m], [rad]."""
+ROUNDS, TYPICAL = 8, np.array([0.02, 0.02, 0.003])
+"""Of reweighting, for the offset of the robot's frame, in which errors of this size weigh half [m], [m], [rad]."""
 ASTRAY_DISTANCE, ASTRAY_ROTATION = 0.5, 0.15
 """A robot that has moved by this much more than it thinks since an update is astray [m], [rad]: that is no drift. Less
 says nothing: where another particle is the best one the estimate jumps."""
@@ -44,8 +43,7 @@ class LocalisationResult(Summarised):
         stamps, states: [n] of the scans that were scored: all that have a map around them, at most ``MAX_SCANS``.
         errors: [n, 3] of the online poses relative to the map around the robot, in its frame (x, y [m], theta).
         nees: [n] normalised estimation error squared, e^T C^-1 e: 3 in the mean if the covariances C are right.
-        offset: [3] of the robot's frame that was taken out, the same for all scans: the lidar stands elsewhere than the
-            recording states.
+        offset: [3] of the robot's frame that was taken out: the lidar stands elsewhere than the recording states.
         astray: [n] whether it is elsewhere than it thinks: since a step that was off by more than drift, until it is
             right about a place that was mapped before.
     """
@@ -60,7 +58,7 @@ class LocalisationResult(Summarised):
     @property
     def wrong(self) -> Flags:
         """[n] whether the pose is off by more than ``LOST_DISTANCE`` or ``LOST_ROTATION``, or the robot is astray."""
-        return np.asarray(_beyond(self.errors, LOST_DISTANCE, LOST_ROTATION) | self.astray)
+        return np.asarray(_wrong(self.errors) | self.astray)
 
     def precision(self, least: LocalisationState) -> float | None:
         """The share of wrong poses among those of this state or a worse one, if there are any."""
@@ -77,23 +75,17 @@ class LocalisationResult(Summarised):
         if len(right):
             within = float((right < CHI_SQUARED_95).mean())
             nees = {"mean": float(right.mean()), "median": float(np.median(right)), "within_95": within}
+        found = {"scans": len(self.stamps), "wrong": int(self.wrong.sum()), "states": state_counts(self.states)}
         lost, doubtful = (
             {"precision": self.precision(least), "recall": self.recall(least)}
             for least in (LocalisationState.LOST, LocalisationState.DOUBTFUL)
         )
-        return {
-            "scans": len(self.stamps),
-            "wrong": int(self.wrong.sum()),
-            "states": state_counts(self.states),
-            "nees": nees,
-            "lost": lost,
-            "doubtful_or_lost": doubtful,
-        }
+        return {**found, "nees": nees, "lost": lost, "doubtful_or_lost": doubtful}
 
 
-def state_counts(states: Array | NDArray[np.int64]) -> dict[str, int]:
+def state_counts(states: ArrayLike) -> dict[str, int]:
     """How many scans are in each state, by its name in small letters."""
-    return {state.name.lower(): int((states == state).sum()) for state in LocalisationState}
+    return {state.name.lower(): int((np.asarray(states) == state).sum()) for state in LocalisationState}
 
 
 def score_localisation(
@@ -114,16 +106,10 @@ def score_localisation(
     until it is right about what it mapped before.
 
     Args:
-        trajectory: [n] online poses.
-        covariances: [n, 3, 3] of them.
-        states: [n] as of ``LocalisationState``.
+        trajectory, covariances, states: [n] online poses, [n, 3, 3] of them, [n] as of ``LocalisationState``.
         updated: [n] above 0 where the scan went into the map.
-        truth: on their clock.
+        truth: on their clock; ``InputError`` of this field where no scan has a map around it there.
         corrections: of the path while the robot drove, in order.
-
-    Raises:
-        InputError: arrays that do not fit together, or a covariance that is not positive definite; or, of the field
-            ``truth``, no scan with a map around it there.
     """
     expect_type(trajectory, Trajectory, "trajectory")
     expect_type(truth, Trajectory, "truth", "read_trajectory(path) reads one")
@@ -134,22 +120,52 @@ def score_localisation(
     estimated = trajectory.poses[there]
     true = se2.interpolate(truth.stamps, truth.poses, trajectory.stamps[there]) if len(there) else estimated
     numbers = np.where(updated > 0, np.cumsum(updated > 0) - 1, -1)[there]  # of each update among all, -1 of the others
-    to_score = np.isin(np.arange(len(there)), evenly(np.arange(len(there)), MAX_SCANS))
-    updates = np.flatnonzero(numbers >= 0)
-    counts = np.searchsorted(updates, np.arange(len(there)))  # of the updates before each scan
-    epochs = np.searchsorted([correction.scan for correction in corrections], np.arange(len(there)), side="left")
-    scored: list[tuple[int, NDArray[np.intp], Poses]] = []  # scan, updates around it, and where the map has them
-    astray, known = np.zeros(len(there), np.bool_), 0  # updates from before the robot went astray; 0 where it did not
+    scored, astray = _around(estimated, true, numbers, corrections)
+    if not scored:
+        raise InputError("it covers no scan with a map around it, expected two updates or more", field="truth")
+    chosen = np.array([scan for scan, _, _ in scored])
+    counts = np.array([len(around) for _, around, _ in scored])
+    each, begins = np.repeat(chosen, counts), counts.cumsum() - counts
+    around, mapped = (np.concatenate([one[k] for one in scored]) for k in (1, 2))
+    off, relative = _differences(estimated[each], true[each], mapped, true[around])
+    errors = np.add.reduceat(off, begins) / counts[:, None]
+    effects = np.eye(3) - np.add.reduceat(_seen_from(relative), begins) / counts[:, None, None]
+    offset = _frame_offset(errors, effects)
+    errors = errors - effects @ offset
+    scans = there[chosen]
+    if not (np.linalg.eigvalsh(covariances[scans]) > 0).all():
+        raise InputError("a covariance that is not positive definite", field="covariances")
+    nees, known = squared_errors(errors, covariances[scans]), states[scans].astype(np.int64)
+    return LocalisationResult(trajectory.stamps[scans], errors, nees, known, offset, astray[chosen])
+
+
+def _around(
+    estimated: Poses, true: Poses, numbers: Indices, corrections: Sequence[Correction]
+) -> tuple[list[tuple[int, Indices, Poses]], Flags]:
+    """Scans to score, the updates around each, and where the map has these; and which of all scans [n] are astray."""
+    n, updates = len(estimated), np.flatnonzero(numbers >= 0)
+    to_score = np.isin(np.arange(n), evenly(np.arange(n), MAX_SCANS))
+    counts = np.searchsorted(updates, np.arange(n))  # of the updates before each scan
+    epochs = np.searchsorted([correction.scan for correction in corrections], np.arange(n), side="left")
+    scored: list[tuple[int, Indices, Poses]] = []
+    astray, known = np.zeros(n, np.bool_), 0  # updates from before the robot went astray; 0 where it did not
     for epoch in np.unique(epochs).tolist():
-        mapped = _mapped(estimated, numbers, corrections[epoch - 1]) if epoch else estimated
+        mapped = estimated
+        if epoch:
+            path = corrections[epoch - 1].path
+            corrected = (numbers >= 0) & (numbers < len(path))
+            mapped = np.where(corrected[:, None], path[np.where(corrected, numbers, 0)], estimated)
         scans = np.flatnonzero((epochs == epoch) & (counts > 0))
-        jumps = _jumps(estimated, true, mapped, scans, updates[counts[scans] - 1])
+        last = updates[counts[scans] - 1]
+        moved, thought = se2.between(true[last], true[scans]), se2.between(mapped[last], estimated[scans])
+        further = np.hypot(moved[:, 0], moved[:, 1]) - np.hypot(thought[:, 0], thought[:, 1]) > ASTRAY_DISTANCE
+        jumps = further | (np.abs(moved[:, 2]) - np.abs(thought[:, 2]) > ASTRAY_ROTATION)
         for scan, before, jump in zip(scans.tolist(), counts[scans].tolist(), jumps.tolist(), strict=True):
             earlier = updates[:before]
             near = _near(estimated[scan], mapped[earlier]) | _near(true[scan], true[earlier])
             if known and (around := earlier[:known][near[:known]]).size:
                 off, _ = _differences(estimated[scan], true[scan], mapped[around], true[around])
-                if not _beyond(off.mean(axis=0)[None], LOST_DISTANCE, LOST_ROTATION)[0]:
+                if not _wrong(off.mean(axis=0)[None])[0]:
                     known = 0
             elif not known and jump:
                 known = before
@@ -157,41 +173,7 @@ def score_localisation(
             if to_score[scan] and near.any():
                 around = evenly(earlier[near], MAX_AROUND)
                 scored.append((scan, around, mapped[around]))
-    if not scored:
-        raise InputError("it covers no scan with a map around it, expected two updates or more", field="truth")
-    chosen = np.array([scan for scan, _, _ in scored])
-    counts = np.array([len(around) for _, around, _ in scored])
-    around, each, begins = (
-        np.concatenate([around for _, around, _ in scored]),
-        np.repeat(chosen, counts),
-        counts.cumsum(),
-    )
-    off, relative = _differences(estimated[each], true[each], np.concatenate([at for *_, at in scored]), true[around])
-    errors = np.add.reduceat(off, begins - counts) / counts[:, None]
-    effects = np.eye(3) - np.add.reduceat(_seen_from(relative), begins - counts) / counts[:, None, None]
-    offset = _frame_offset(errors, effects)
-    errors = errors - effects @ offset
-    scans = there[chosen]
-    if not (np.linalg.eigvalsh(covariances[scans]) > 0).all():
-        raise InputError("a covariance that is not positive definite", field="covariances")
-    nees = squared_errors(errors, covariances[scans])
-    known_states = states[scans].astype(np.int64)
-    return LocalisationResult(trajectory.stamps[scans], errors, nees, known_states, offset, astray[chosen])
-
-
-def _mapped(estimated: Poses, numbers: NDArray[np.intp], correction: Correction) -> Poses:
-    """Where the map has the poses [n, 3] after a correction: ``numbers`` [n] of the updates, -1 of other scans."""
-    corrected = (numbers >= 0) & (numbers < len(correction.path))
-    return np.where(corrected[:, None], correction.path[np.where(corrected, numbers, 0)], estimated)
-
-
-def _jumps(
-    estimated: Poses, true: Poses, mapped: Poses, scans: NDArray[np.intp], updates: NDArray[np.intp]
-) -> NDArray[np.bool_]:
-    """[k] whether the robot has moved by more than it thinks, by more than drift, from updates [k] to scans [k]."""
-    moved, thought = se2.between(true[updates], true[scans]), se2.between(mapped[updates], estimated[scans])
-    distance = np.hypot(moved[:, 0], moved[:, 1]) - np.hypot(thought[:, 0], thought[:, 1])
-    return (distance > ASTRAY_DISTANCE) | (np.abs(moved[:, 2]) - np.abs(thought[:, 2]) > ASTRAY_ROTATION)
+    return scored, astray
 
 
 def _differences(estimated: Poses, true: Poses, mapped_around: Poses, true_around: Poses) -> tuple[Array, Poses]:
@@ -205,9 +187,9 @@ def _near(pose: Poses, others: Poses) -> Flags:
     return np.asarray(np.square(others[:, 0] - pose[0]) + np.square(others[:, 1] - pose[1]) <= NEIGHBOURHOOD**2)
 
 
-def _beyond(errors: Array, distance: float, rotation: float) -> Flags:
-    """[n] whether errors [n, 3] are larger than a distance [m] or a rotation [rad]."""
-    return np.asarray((np.hypot(errors[:, 0], errors[:, 1]) > distance) | (np.abs(errors[:, 2]) > rotation))
+def _wrong(errors: Array) -> Flags:
+    """[n] whether errors [n, 3] are those of a robot that is lost."""
+    return np.asarray((np.hypot(errors[:, 0], errors[:, 1]) > LOST_DISTANCE) | (np.abs(errors[:, 2]) > LOST_ROTATION))
 
 
 def _seen_from(relative: Poses) -> Array:
@@ -227,8 +209,7 @@ def _frame_offset(errors: Array, effects: Array) -> Array:
     scaled, rows = errors / TYPICAL, effects / TYPICAL[:, None]
     prior = np.diag(0.01 / TYPICAL**2)  # where the robot has not turned some of it cannot be seen
     for _ in range(ROUNDS):
-        left = np.square(scaled - rows @ offset).sum(axis=1)
-        weights = 1 / np.square(1 + left)
+        weights = 1 / np.square(1 + np.square(scaled - rows @ offset).sum(axis=1))
         normal = np.einsum("nij,n,nik->jk", rows, weights, rows) + prior
         offset = np.linalg.solve(normal, np.einsum("nij,n,ni->j", rows, weights, scaled))
     return np.asarray(offset)
@@ -236,9 +217,6 @@ def _frame_offset(errors: Array, effects: Array) -> Array:
 
 def _share(some: Flags, among: Flags) -> float | None:
     return float(some[among].mean()) if among.any() else None
-
-
-DEGREES_OF_FREEDOM = 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -285,10 +263,6 @@ def nees_from_start(trajectory: Trajectory, covariances: Array, truth: Trajector
     Estimate and truth are laid on each other at the first pose that the truth covers, whose covariance is taken as the
     origin's; no later pose is used for the alignment, as it would hide what drifts. Poses before the covariances have
     rank three are left out.
-
-    Raises:
-        InputError: of the field ``covariances``: another shape, one that is not positive semi-definite, or none of rank
-            three; of ``truth``: fewer than two poses that it covers.
     """
     expect_type(trajectory, Trajectory, "trajectory")
     expect_type(truth, Trajectory, "truth", "read_trajectory(path) reads one")

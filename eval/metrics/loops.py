@@ -24,20 +24,14 @@ Array = NDArray[np.float64]
 
 MAX_TRANSLATION, MAX_ROTATION = 0.3, np.deg2rad(3.0)
 """A loop whose relative pose is farther from the true one than either, [m] and [rad], is false."""
-SPACING = 0.5
-"""Key scans are the first within each such length of path [m]; a turn by a radian counts as a metre."""
-MAX_KEY_SCANS = 3000
-"""Of a longer drive this many key scans, spread evenly over it, are looked at."""
-MIN_PATH = 15.0
-"""A loop binds scans more than this far apart along the path [m]."""
-MAX_DISTANCE = 2.0
-"""A loop is possible between scans at most this far apart in truth [m]."""
-SAME_PLACE = 0.2
-"""An endpoint closer than this to one of the other scan [m] is shared with it."""
-MIN_SHARED = 0.5
-"""A loop is possible where at least this share of the later scan's endpoints is shared with the earlier one."""
-MAX_ENDPOINTS = 100
-"""At most this many endpoints of the later scan are looked up, spread evenly over its beams."""
+SPACING, MAX_KEY_SCANS = 0.5, 3000
+"""Key scans are the first within each such length of path [m], a turn by a radian counts as a metre; of more than so
+many an even choice is looked at."""
+MIN_PATH, MAX_DISTANCE = 15.0, 2.0
+"""A loop is possible between scans more than this far apart along the path, and at most this far in truth [m] ..."""
+MIN_SHARED, SAME_PLACE, MAX_ENDPOINTS = 0.5, 0.2, 100
+"""... where at least this share of the later scan's endpoints, or of an even choice of so many, is shared with the
+earlier one: closer than this to one of it [m]."""
 BOUND_PATH = 2.5
 """A loop binds the scans up to this far before and after its own along the path [m]."""
 
@@ -47,10 +41,10 @@ class LoopResult(PoseErrors):
     """The accepted loops [n] of a run whose scans, at the stamps [n, 2], the truth covers, against it.
 
     Attributes:
-        possible: how many later key scans have a possible loop; None without a recording.
-        bound: how many of those a loop binds that was accepted and is not false.
-        overruled: how many loops were edges of the graph, but not confirmed by the final path.
-        overruled_false: how many of those are false.
+        possible, bound: how many later key scans have a possible loop, None without a recording, and how many of those
+            a loop binds that was accepted and is not false.
+        overruled, overruled_false: how many loops were edges of the graph, but not confirmed by the final path, and how
+            many of these are false.
         issues: why precision or recall cannot be had.
     """
 
@@ -83,18 +77,11 @@ class LoopResult(PoseErrors):
 
     def as_dict(self) -> dict[str, Any]:
         """Fit for JSON: metres and degrees, shares from 0 to 1."""
-        return {
-            "precision": self.precision,
-            "accepted": self.pairs,
-            "false": self.false,
-            "recall": self.recall,
-            "possible": self.possible,
-            "bound": self.bound,
-            "overruled": self.overruled,
-            "overruled_false": self.overruled_false,
-            **(super().as_dict() if self.pairs else {"translation_m": None, "rotation_deg": None}),
-            "warnings": [issue.as_dict() for issue in self.issues],
-        }
+        names = ("precision", "pairs", "false", "recall", "possible", "bound", "overruled", "overruled_false")
+        errors = super().as_dict() if self.pairs else {"translation_m": None, "rotation_deg": None}
+        warnings = [issue.as_dict() for issue in self.issues]
+        figures = {"accepted" if name == "pairs" else name: getattr(self, name) for name in names}
+        return {**figures, **errors, "warnings": warnings}
 
     def _summary(self) -> str:
         return f"{self.pairs} accepted, {self.false} false, {self.bound} of {self.possible} possible ones bound"
@@ -111,15 +98,8 @@ def score_loops(
 
     A key scan with a possible loop (``possible_loops``) is bound by a loop that was accepted and is not false, whose
     later scan is at most ``BOUND_PATH`` of path from the key scan, and whose earlier scan is at most as far from one of
-    the key scan's partners.
-
-    Args:
-        loops: the candidates, whatever became of them.
-        truth: on the clock of the recording; accepted loops outside of it are left out.
-        recording, scans: as of ``scan_residuals``; their endpoints show which loops are possible: no recall without.
-
-    Raises:
-        InputError: something of another type, a truth without poses, or a recording without scans.
+    the key scan's partners. Loops outside of the truth, on the clock of the recording, are left out. Without the
+    recording, whose endpoints show which loops are possible, there is no recall.
     """
     expect_type(truth, Trajectory, "truth", "read_trajectory(path) reads one")
     if not len(truth):
@@ -160,13 +140,10 @@ def _errors(loops: Sequence[LoopCandidate], truth: Trajectory) -> tuple[Array, A
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PossibleLoops(Summarised):
-    """The pairs of key scans between which a loop is possible.
+    """The pairs [p] of key scans between which a loop is possible: indices in the recording, and path driven up to
+    both.
 
-    Attributes:
-        earlier, later: [p] indices of the scans in the recording.
-        stamps: [n] of all scans that the truth covers [s].
-        path: [n] driven up to each of those [m].
-        places: [p, 2] driven up to the earlier and the later scan of each pair [m].
+    ``stamps`` [n] are of all scans that the truth covers [s], ``path`` [n] is driven up to each [m].
     """
 
     earlier: Indices
@@ -191,10 +168,8 @@ def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | No
 
     Key scans are the first within each ``SPACING`` of true path or turn, whatever the run took for its own. A loop is
     possible between two of them that are more than ``MIN_PATH`` of path apart, at most ``MAX_DISTANCE`` apart, and
-    share at least ``MIN_SHARED`` of their endpoints, laid at the true poses.
-
-    Raises:
-        InputError: no scans; or, of the field ``trajectory``, fewer than two of them with a true pose.
+    share at least ``MIN_SHARED`` of their endpoints, laid at the true poses. ``InputError`` of the field
+    ``trajectory``: fewer than two scans with a true pose.
     """
     from scipy.spatial import cKDTree
 

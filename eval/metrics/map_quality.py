@@ -22,18 +22,14 @@ from moteslam.slam.inputs.synchronise import synchronise
 
 Array = NDArray[np.float64]
 
-SAME_WALL = 0.1
-"""Walls closer to each other than this [m] are the same wall."""
-
-FARTHEST = 1.0
-"""A wall cell counts as at most this far from the nearest one of the other map [m]."""
+SAME_WALL, FARTHEST = 0.1, 1.0
+"""Walls closer to each other than this are the same wall; no wall cell counts as farther from the other map's [m]."""
 
 
 @dataclass(frozen=True)
 class MapAccuracy:
-    """A map against the true map: the metrics ``map_precision`` to ``map_known``.
-
-    And how many wall cells the map has, and how many cells of the true surface were seen.
+    """A map against the true map: the metrics ``map_precision`` to ``map_known``, how many wall cells the map has, and
+    how many cells of the true surface were seen.
     """
 
     precision: float
@@ -51,21 +47,17 @@ def map_accuracy(
 ) -> MapAccuracy:
     """Score a map by the true one, values [H, W] of ``FREE``, ``OCCUPIED`` or ``UNKNOWN``, of any cell size each.
 
-    The true surface are the true wall cells beside free ones: nobody sees the inside of a wall.
-
-    Args:
-        estimate, truth: the maps.
-        transform: [3] pose of the estimate's frame in the true one, as ``absolute_trajectory_error`` finds it.
-        seen: [p, 2] what the lidar saw, in the true frame: recall is over the surface within ``SAME_WALL`` of a point.
-
-    Raises:
-        InputError: maps of other values, or without a wall.
+    The true surface are the true wall cells beside free ones: nobody sees the inside of a wall. ``transform`` [3] is
+    the pose of the estimate's frame in the true one, as ``absolute_trajectory_error`` finds it. With what the lidar
+    saw, ``seen`` [p, 2] in the true frame, recall is over the surface within ``SAME_WALL`` of a point of it.
     """
+    from scipy.ndimage import binary_dilation
+
     for raster, name in ((estimate, "estimate"), (truth, "truth")):
         expect_type(raster, Raster, name, "read_map(path) reads one")
         if raster.values.ndim != 2 or not np.isin(raster.values, (FREE, OCCUPIED, UNKNOWN)).all():
             raise InputError("values beside free, occupied and unknown, expected a trinary map", field=name)
-    everywhere = surface_of(truth)
+    everywhere = truth.centres(np.argwhere((truth.values == OCCUPIED) & binary_dilation(truth.values == FREE)))
     surface = everywhere if seen is None else everywhere[_distances(everywhere, seen) <= SAME_WALL]
     walls = se2.transform_points(transform, estimate.centres(np.argwhere(estimate.values == OCCUPIED)))
     for points, name in ((walls, "estimate"), (surface, "truth")):
@@ -91,13 +83,6 @@ def map_accuracy(
     )
 
 
-def surface_of(truth: Raster) -> Array:
-    """The centres [n, 2] of the wall cells of a trinary map that share an edge with a free one [m]."""
-    from scipy.ndimage import binary_dilation
-
-    return truth.centres(np.argwhere((truth.values == OCCUPIED) & binary_dilation(truth.values == FREE)))
-
-
 def _distances(points: Array, others: Array) -> Array:
     """Of points [n, 2] to the nearest of others [m, 2], at most ``FARTHEST``: [n] [m]."""
     from scipy.spatial import cKDTree
@@ -107,25 +92,20 @@ def _distances(points: Array, others: Array) -> Array:
     return np.minimum(cKDTree(others).query(points, distance_upper_bound=FARTHEST)[0], FARTHEST)
 
 
-SPACING = 0.3
-"""A scan is used once the robot has moved by this much [m] or turned by as many radians since the last one used."""
-MAX_SCANS = 5000
-"""At most this many of them are used, spread evenly over the drive."""
+SPACING, MAX_SCANS = 0.3, 5000
+"""A scan is used once the robot has moved by this much [m], or turned by as many radians, since the last one used; of
+more than so many an even choice."""
 CELL, BLOCK = 0.05, 1.0
 """Edges of the cells, and of the blocks by which walls are measured [m]."""
 CROFTON = np.pi / 4
 """Metres of a straight line in each metre of the squares that it meets, in the mean over its directions."""
 SAMPLES = 8000
 """Endpoints that are compared with those of other scans, spread evenly over all."""
-NEAR_PATH, FAR_PATH = 6.0, 15.0
-"""Scans less than the first and more than the second of path apart are compared [m]."""
-REACH = 0.4
-"""An endpoint without another one within this distance [m] is not compared with those scans."""
-TWICE, APART = 0.1, 1.0
+NEAR_PATH, FAR_PATH, REACH = 6.0, 15.0, 0.4
+"""Scans less than the first and more than the second of path apart are compared [m], where endpoints are this near."""
+TWICE, APART, SAME_FACING = 0.1, 1.0, 0.8
 """A wall is drawn twice where the nearest endpoint on the same side of it, more than ``FAR_PATH`` away, is farther than
-the first and nearer than the second [m]."""
-SAME_FACING = 0.8
-"""Smallest cosine between the normals of two endpoints of the same side of a wall."""
+the first and nearer than the second [m]: the cosine between their normals is larger than the third."""
 AROUND, FEWEST = 0.15, 10
 """A wall's thickness is measured over the endpoints within this distance of one [m], where there are at least
 this many."""
@@ -136,8 +116,7 @@ class MapConsistency:
     """The sharpness of the map that the scans draw: the metrics ``map_cells`` to ``map_twice``.
 
     ``walls`` is the length of the walls that were seen [m], counted again where they are seen again after ``FAR_PATH``:
-    so it hardly depends on where the trajectory draws them. ``far`` and ``twice`` are None where the robot comes back
-    to no place; ``scans`` is how many were used.
+    so it hardly depends on where the trajectory draws them. ``far`` and ``twice`` are None without a place seen again.
     """
 
     cells: int
@@ -151,11 +130,7 @@ class MapConsistency:
 
 
 def map_consistency(recording: Recording, trajectory: Trajectory, *, scans: Scans | None = None) -> MapConsistency:
-    """Score a trajectory by the map that the scans of its recording draw under it; arguments as of ``scan_residuals``.
-
-    Raises:
-        InputError: no scans, fewer than two of them with a pose, or none that sees what another one saw.
-    """
+    """Score a trajectory by the map that its recording's scans draw under it; arguments as of ``scan_residuals``."""
     lidar, index, poses = placed_scans(recording, trajectory)
     used = evenly(_spaced(poses), MAX_SCANS)
     synchronised = synchronise(recording).scans if scans is None else scans
@@ -207,33 +182,25 @@ def _surface(scans: Scans, lidar: LidarStream, index: int, pose: Array) -> tuple
 
 
 def _between_scans(points: Array, normals: Array, owners: NDArray[np.intp], path: Array) -> tuple[Array, Array, Array]:
-    """Distances [m] of some endpoints to the nearest one of near scans, of far scans, and of far ones on the same side.
-
-    Args:
-        points, normals: [p, 2].
-        owners: [p] the scan of each.
-        path: [p] driven up to it [m].
+    """Distances [m] of some endpoints [p, 2] with normals [p, 2], each of a scan [p] after some path [p] [m], to the
+    nearest one of near scans, of far scans, and of far ones on the same side.
     """
     from scipy.spatial import cKDTree
 
     chosen = evenly(np.arange(len(points)), SAMPLES)
     tree = cKDTree(points)
-    near, far, twice = [], [], []
+    found: tuple[list[float], list[float], list[float]] = ([], [], [])
     for i, around in zip(chosen.tolist(), tree.query_ball_point(points[chosen], APART), strict=True):
         others = np.array(around)
         gap = np.abs(path[others] - path[i])
         distance = np.hypot(*(points[others] - points[i]).T)
-        close = (gap < NEAR_PATH) & (owners[others] != owners[i]) & (distance < REACH)
-        away = gap > FAR_PATH
-        facing = away & (normals[others] @ normals[i] > SAME_FACING)
-        away &= distance < REACH
-        if close.any():
-            near.append(distance[close].min())
-        if away.any():
-            far.append(distance[away].min())
-        if facing.any():
-            twice.append(distance[facing].min())
-    return np.array(near), np.array(far), np.array(twice)
+        near = (gap < NEAR_PATH) & (owners[others] != owners[i]) & (distance < REACH)
+        facing = (gap > FAR_PATH) & (normals[others] @ normals[i] > SAME_FACING)
+        for distances, those in zip(found, (near, (gap > FAR_PATH) & (distance < REACH), facing), strict=True):
+            if those.any():
+                distances.append(float(distance[those].min()))
+    near_by, far, twice = map(np.array, found)
+    return near_by, far, twice
 
 
 def _length_seen(points: Array, path: Array) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import covered
+from moteslam.eval.metrics.association import covered, from_to
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.robot.files import open_regular
 from moteslam.robot.formats.streams import MAX_JUMP
@@ -26,19 +26,15 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1e-4
 """Stamps of a relation and of a pose that are the same reading differ by less than this [s]."""
-UPRIGHT = 0.2
-"""Height [m], roll and pitch [rad] of a relation are less."""
-HEAD = 100_000
-"""Bytes by which a file of relations is known."""
+UPRIGHT, HEAD = 0.2, 100_000
+"""A file of relations is known by so many bytes: height [m], roll and pitch [rad] are less than this."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Relations(Summarised):
     """Where the robot was at one time, seen from where it was at another.
 
-    Attributes:
-        stamps: [n, 2] the time of the frame and of the pose in it [s].
-        poses: [n, 3] the pose at the second time in the frame of the first.
+    ``poses`` [n, 3] are at the second of the stamps [n, 2] [s], in the frame of the first.
     """
 
     stamps: Array
@@ -50,12 +46,8 @@ class Relations(Summarised):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RelationResult(PoseErrors):
-    """The errors of the relations that could be used, at their stamps [n, 2].
-
-    Attributes:
-        total: relations in the file.
-        is_at_stamps: [n] which have a pose at both of their stamps.
-        is_clear: [n] whose stamps each belong to exactly one pose.
+    """The errors of the relations that could be used, at their stamps [n, 2], of ``total`` in the file; which of them
+    [n] have a pose at both of their stamps, and which are clear: their stamps each belong to exactly one pose.
     """
 
     rotation_errors: Array
@@ -81,14 +73,10 @@ class RelationResult(PoseErrors):
 
     def as_dict(self) -> dict[str, Any]:
         """Fit for JSON."""
+        counts = {"total": self.total, "used": self.pairs, "interpolated": self.pairs - self.matched}
         some = {"at_stamps": self.at_stamps, "clear": self.clear}
-        return {
-            "total": self.total,
-            "used": self.pairs,
-            "interpolated": self.pairs - self.matched,
-            "all": super().as_dict(),
-            **{name: None if errors is None else errors.as_dict() for name, errors in some.items()},
-        }
+        some_or_none = {name: None if errors is None else errors.as_dict() for name, errors in some.items()}
+        return {**counts, "all": super().as_dict(), **some_or_none}
 
     def _of(self, some: NDArray[np.bool_]) -> PoseErrors | None:
         return PoseErrors(self.stamps[some], self.errors[some], self.rotation_errors[some]) if some.any() else None
@@ -118,11 +106,7 @@ def is_relations(path: str | PathLike[str]) -> bool:
 
 
 def read_relations(path: str | PathLike[str]) -> Relations:
-    """Read ``t1 t2 x y z roll pitch yaw`` lines (metres, radians), of which x, y and yaw count.
-
-    Raises:
-        InputError: not a text file of at most 500 MB, a line without eight finite numbers, or no line.
-    """
+    """Read ``t1 t2 x y z roll pitch yaw`` lines (metres, radians), of which x, y and yaw count."""
     path = Path(path)
     rows, _ = number_lines(path, "relations", 8, "t1 t2 x y z roll pitch yaw")
     table = np.array(rows, np.float64)
@@ -137,13 +121,10 @@ def evaluate_relations(
     The error of a relation is the pose est (-) ref, where both are the pose at t2 seen from the pose at t1: the
     length of its translation [m] and its absolute angle [rad].
 
-    A log may repeat a stamp for distinct scans, and then it is unknown which of them a relation meant. The *clear*
-    relations are those whose two stamps each belong to exactly one pose of the trajectory. Of several poses with one
-    stamp the first stands for it. A stamp between two poses at most ``MAX_GAP`` apart has the pose interpolated there,
-    unless ``interpolate`` is false. The stamps of a relation and of its pose are at most ``tolerance`` apart [s].
-
-    Raises:
-        InputError: no relation can be used.
+    A log may repeat a stamp for distinct scans, and then it is unknown which of them a relation meant. Of several poses
+    with one stamp the first stands for it. A stamp between two poses at most ``MAX_GAP`` apart has the pose
+    interpolated there, unless ``interpolate`` is false. The stamps of a relation and of its pose are at most
+    ``tolerance`` apart [s].
     """
     expect_type(trajectory, Trajectory, "trajectory", "read_trajectory(path) reads one")
     expect_type(relations, Relations, "relations", "read_relations(path) reads some")
@@ -160,11 +141,9 @@ def evaluate_relations(
         reachable = reachable | covered(relations.stamps, stamps, 0.0)
     used = reachable.all(axis=1)
     if not used.any():
-        raise InputError(
-            f"none of {len(relations)} relations has a pose at both of its stamps, expected the relations of "
-            f"this log: they cover {relations.stamps.min():.3f} to {relations.stamps.max():.3f} s, the trajectory "
-            f"{stamps[0]:.3f} to {stamps[-1]:.3f} s"
-        )
+        problem = f"none of {len(relations)} relations has a pose at both of its stamps"
+        covers = f"they cover {from_to(np.sort(relations.stamps.ravel()))}, the trajectory {from_to(stamps)}"
+        raise InputError(f"{problem}, expected the relations of this log: {covers}")
     at, count = relations.stamps[used], count[used]
     between_poses = interpolated(stamps, trajectory.poses, at.ravel()).reshape(-1, 2, 3)
     poses = np.where((count > 0)[..., None], trajectory.poses[first[used]], between_poses)

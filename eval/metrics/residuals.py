@@ -25,19 +25,16 @@ PATH_REACH = 2.0
 """Scans less than this far apart along the path are compared [m]: little drift, much seen by both."""
 SPACING = 0.25
 """Of the scans within each such length of path the first is used [m]; a turn by a radian counts as a metre."""
-MAX_NEIGHBOURS = 8
-"""A scan is compared with at most this many others, spread evenly over those within ``PATH_REACH``."""
-MAX_SCANS = 600
-"""At most this many scans are compared with others, spread evenly over the path."""
+MAX_SCANS, MAX_NEIGHBOURS = 600, 8
+"""At most so many scans, spread evenly over the path, are compared with at most so many others within reach each."""
 REACH = 0.5
 """An endpoint has no residual against a scan whose nearest endpoint is farther away than this [m]."""
 MAX_STRETCH = 4.0
 """A line joins adjacent endpoints up to this many times as far apart as their beams are at that range: a surface that
 the beams meet at less than 75 degrees from its normal."""
-MIN_JOINED = 0.05
-"""Adjacent endpoints this near to each other are joined whatever the range [m]: so far apart noise alone puts them."""
-MAX_JOINED = 1.0
-"""No line is longer [m]."""
+MIN_JOINED, MAX_JOINED = 0.05, 1.0
+"""Adjacent endpoints nearer than the first are joined whatever the range [m], as noise alone puts them so far apart; no
+line is longer than the second [m]."""
 FAR = 0.03
 """The share of residuals beyond this distance [m] is reported."""
 
@@ -49,12 +46,9 @@ class ResidualResult(Summarised):
     Attributes:
         median, quantile_90, beyond_3_cm: of the residuals [m], [m], and the share of those above 3 cm.
         unseen: share of the endpoints compared that have no residual against any other scan.
-        no_return: share of all beams of the recording without a return (``inf``); those without a usable reading
-            (``nan``) are not among them.
-        residuals, endpoints: how many there are, and how many endpoints were compared.
-        matched: how many scans have a pose.
-        stamps, medians: [n] of the scans whose endpoints were compared [s], and their median residuals [m]; NaN for a
-            scan without any.
+        no_return: share of all beams with a usable reading that met nothing (``inf``).
+        residuals, endpoints, matched: how many there are, how many endpoints were compared, how many scans have a pose.
+        stamps, medians: [n] of the scans compared [s], and their median residuals [m], NaN without any.
     """
 
     median: float
@@ -84,7 +78,7 @@ class ResidualResult(Summarised):
 
 
 def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans | None = None) -> ResidualResult:
-    """How noisy the scans of a recording are, and how well a trajectory lays them on each other.
+    """How noisy the scans of a recording are, and how well a trajectory on its clock lays them on each other.
 
     The scans used are the first within each ``SPACING`` of path or turn. Every second of them is compared with the
     others less than ``PATH_REACH`` of path away. A residual is the distance of an endpoint of the one scan to the lines
@@ -93,24 +87,15 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
     other scan did not see the place: its nearest endpoint is more than ``REACH`` away, or on no line, or the last of a
     surface with the foot beyond it. Noise of standard deviation s across a surface gives a median of about 0.87 s.
 
-    Args:
-        recording: with a lidar.
-        trajectory: of the robot, on the recording's clock; which poses are taken: ``placed_scans``.
-        scans: the recording's as ``synchronise(recording)`` gives them; made here by default.
-
-    Raises:
-        InputError: no scans, fewer than two of them with a pose, a robot that stands, poses that are not finite, or
-            no residual at all.
+    Which poses are taken: ``placed_scans``. ``scans`` are the recording's as ``synchronise(recording)`` gives them.
     """
     lidar, index, poses = placed_scans(recording, trajectory)
     path, turned = travelled(poses)
     used = np.unique(np.floor((path + turned) / SPACING), return_index=True)[1]
     if len(used) < 2:
-        raise InputError(
-            f"{path[-1]:.2f} m driven and {np.rad2deg(turned[-1]):.0f} deg turned over "
-            f"{counted(len(index), 'scan')}, expected at least {SPACING:g} m or {np.rad2deg(SPACING):.0f} deg",
-            field="trajectory",
-        )
+        driven = f"{path[-1]:.2f} m driven and {np.rad2deg(turned[-1]):.0f} deg turned"
+        expected = f"expected at least {SPACING:g} m or {np.rad2deg(SPACING):.0f} deg"
+        raise InputError(f"{driven} over {counted(len(index), 'scan')}, {expected}", field="trajectory")
     synchronised = synchronise(recording).scans if scans is None else scans
 
     @lru_cache(maxsize=64)  # those within reach of a scan and of the next
@@ -133,11 +118,9 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
     no_return = sum(int(np.isinf(scans).sum()) for scans in chunks(lidar.ranges))
     beams = sum(int(measured(scans, lidar.interlace).sum()) for scans in chunks(lidar.ranges))
     if not len(everything):
-        raise InputError(
-            f"no endpoint lies near the lines of another scan, expected scans less than {PATH_REACH:g} m of path "
-            "apart that see the same surfaces, and their own trajectory",
-            field="trajectory",
-        )
+        expected = f"expected scans less than {PATH_REACH:g} m of path apart that see the same surfaces"
+        problem = f"no endpoint lies near the lines of another scan, {expected}, and their own trajectory"
+        raise InputError(problem, field="trajectory")
     return ResidualResult(
         median=float(np.median(everything)),
         quantile_90=float(np.quantile(everything, 0.9)),

@@ -9,22 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import (
-    MAX_DIFFERENCE,
-    Indices,
-    Matched,
-    angles,
-    evenly,
-    match,
-    oriented,
-    travelled,
-)
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, angles, evenly, match, oriented, travelled
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.robot.se2 import Poses, between
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 Unit = Literal["m", "s", "frames"]
 Pairs = tuple[Indices, Indices]
 
@@ -54,12 +46,8 @@ class RpeResult(PoseErrors):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DriftResult(Summarised):
-    """Errors of relative poses over lengths of path, divided by the length.
-
-    Attributes:
-        lengths: [n] of each part of the path that was compared [m], one of ``LENGTHS``.
-        translation: [n] error of its translation per metre [m/m].
-        rotation: [n] error of its rotation per metre [rad/m].
+    """Errors of relative poses over lengths [n] of path [m], of ``LENGTHS``, divided by the length: of translation [n]
+    [m/m] and of rotation [n] [rad/m].
     """
 
     lengths: Array
@@ -79,16 +67,9 @@ def relative_pose_error(
 ) -> RpeResult:
     """The relative pose error (Sturm et al. 2012), with the pairs that evo takes: measured on the estimate.
 
-    The pairs follow each other end to end, each the shortest that reaches ``delta``; with ``all_pairs`` one begins at
-    every pose and ends where its length is nearest to ``delta``, within ten per cent.
-
-    Args:
-        estimate, reference, max_difference, interpolate: see ``match``.
-        delta, unit: how far apart the poses of a pair are: metres of path, seconds, or poses (a whole number).
-        all_pairs: a pair from every pose on, rather than one after another.
-
-    Raises:
-        InputError: no stamps in common, a delta that is no length, or a trajectory shorter than delta.
+    The pairs follow each other end to end, each the shortest that reaches ``delta``: metres of path, seconds, or a
+    whole number of poses. With ``all_pairs`` one begins at every pose and ends where its length is nearest to
+    ``delta``, within ten per cent. How poses are matched: see ``match``.
     """
     if unit not in get_args(Unit):
         raise InputError(f"{unit!r}, expected one of {', '.join(get_args(Unit))}", field="unit")
@@ -99,10 +80,8 @@ def relative_pose_error(
     positions = matched.estimate[:, :2] if matched.space is None else matched.space[0].positions
     first, last = _pairs(matched.stamps, positions, delta, unit, all_pairs=all_pairs)
     if not len(first):
-        raise InputError(
-            f"no pair {delta:g} {unit} apart among {len(matched.stamps)} matched poses, expected a shorter delta",
-            field="pairs",
-        )
+        problem = f"no pair {delta:g} {unit} apart among {len(matched.stamps)} matched poses, expected a shorter delta"
+        raise InputError(problem, field="pairs")
     return RpeResult(matched.stamps[first], *_errors(matched, first, last), delta, unit)
 
 
@@ -111,9 +90,6 @@ def drift(estimate: Trajectory, reference: Trajectory) -> DriftResult:
 
     From every pose on, and over each of ``LENGTHS`` of the reference's path, the error of the relative pose divided by
     that length.
-
-    Raises:
-        InputError: no stamps in common, or a drive shorter than the shortest length.
     """
     matched = match(*oriented(estimate, reference))
     path, _ = travelled(matched.reference)
@@ -135,9 +111,6 @@ def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> PoseError
 
     Each pose is compared with the earliest one within ``SAME_PLACE`` of it by the reference that lies more than
     ``LEAST_PATH`` of path before it.
-
-    Raises:
-        InputError: no stamps in common, or a drive that comes back to no place.
     """
     from scipy.spatial import cKDTree
 
@@ -149,11 +122,8 @@ def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> PoseError
     np.minimum.at(earliest, pairs[:, 1], pairs[:, 0])
     later = np.flatnonzero(path - path[earliest] > LEAST_PATH)
     if not len(later):
-        raise InputError(
-            f"no place visited twice: none within {SAME_PLACE:g} m of an earlier one more than {LEAST_PATH:g} m of "
-            "path before it",
-            field="path",
-        )
+        near = f"none within {SAME_PLACE:g} m of an earlier one more than {LEAST_PATH:g} m of path before it"
+        raise InputError(f"no place visited twice: {near}", field="path")
     stamps = matched.stamps[chosen]
     visits = np.column_stack((stamps[earliest[later]], stamps[later]))
     return PoseErrors(visits, *planar_errors(true, matched.estimate[chosen], earliest[later], later))
@@ -183,16 +153,12 @@ def planar_errors(true: Poses, estimated: Poses, first: Indices, last: Indices) 
 
 
 def _pairs(stamps: Array, positions: Array, delta: float, unit: Unit, *, all_pairs: bool) -> Pairs:
-    """First and last index [k] of every pair."""
     if unit == "frames":
-        step = int(delta)
-        ids = np.arange(0, len(positions), 1 if all_pairs else step)
-        last = ids + step
-        return ids[last < len(positions)], last[last < len(positions)]
+        first = np.arange(0, len(positions) - int(delta), 1 if all_pairs else int(delta))
+        return first, first + int(delta)
     steps = np.diff(stamps) if unit == "s" else np.sqrt((np.diff(positions, axis=0) ** 2).sum(axis=1))
-    choose = _every if all_pairs else _end_to_end
     # Unix stamps are known to a microsecond: ten times 0.1 s is a second, whichever way it rounds
-    return choose(steps, delta - 1e-6 if unit == "s" else delta)
+    return (_every if all_pairs else _end_to_end)(steps, delta - 1e-6 if unit == "s" else delta)
 
 
 def _end_to_end(steps: Array, delta: float) -> Pairs:

@@ -6,13 +6,13 @@ Names go through ``label``: plotly.js takes some HTML in its texts, and its enti
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
-from moteslam.eval.page.material import ReportRun
+from moteslam.eval.runs import lines_over, summary_of, values_of
 from moteslam.eval.statistics import Summary
-from moteslam.eval.sweep.tables import better
+from moteslam.eval.sweep.store import Row
 from moteslam.eval.tables import literal
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#B8A700")
@@ -34,77 +34,50 @@ def label(text: object) -> str:
     return html.escape(literal(text), quote=False)
 
 
-def summary_of(runs: Sequence[ReportRun], metric: str) -> Summary:
-    """The values of a metric over runs; those that failed count as the worst."""
-    good = [run for run in runs if run.status == "ok"]
-    return Summary.of([run.values.get(metric) for run in good], len(runs) - len(good), better=better(metric))
-
-
-def grouped(runs: Sequence[ReportRun], by: Callable[[ReportRun], Any]) -> dict[Any, list[ReportRun]]:
-    """Runs by what they have in common, in the order of the first ones."""
-    groups: dict[Any, list[ReportRun]] = {}
-    for run in runs:
-        groups.setdefault(by(run), []).append(run)
-    return groups
-
-
-def curves(runs: Sequence[ReportRun], key: str, metric: str, unit: str) -> Figure | None:
-    """The median of a metric over the values of one key that varies, with its 95 % interval, a line a rest.
-
-    None if fewer than two values have one.
+def curves(runs: Sequence[Row], key: str, metric: str, unit: str) -> Figure | None:
+    """The median of a metric over the values of one key that varies, with its 95 % interval; None of fewer than two
+    values.
     """
-    having = [run for run in runs if key in dict(run.varied)]
-    values = list(dict.fromkeys(dict(run.varied)[key] for run in having))
+    lines = lines_over(runs, key)
+    values = list(dict.fromkeys(value for line in lines for value in line.groups))
     numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
     if numeric:
         values.sort()
-
-    def rest(run: ReportRun) -> tuple[str, ...]:
-        others = [f"{other}={value}" for other, value in run.varied if other != key]
-        return tuple(filter(None, (run.place, run.platform, run.noise, run.base, *others)))
-
-    lines = grouped(having, rest)
-    common = set.intersection(*map(set, lines)) if len(lines) > 1 else set()
     traces: list[Figure] = []
-    for number, (name, members) in enumerate(list(lines.items())[:MOST_LINES]):
-        at = grouped(members, lambda run: dict(run.varied)[key])
-        summaries = {value: summary_of(at[value], metric) for value in values if value in at}
-        title = ", ".join(part for part in name if part not in common) or ", ".join(name)
+    for number, line in enumerate(lines[:MOST_LINES]):
+        title = line.label or line.name
         points = [
-            (value if numeric else label(value), f"{title}; {key}={value}", one) for value, one in summaries.items()
+            (value if numeric else label(value), f"{title}; {key}={value}", summary_of(line.groups[value], metric))
+            for value in values
+            if value in line.groups
         ]
         dash = DASHES[(number // len(COLOURS)) % len(DASHES)]
         look = {"line": {"color": COLOURS[number % len(COLOURS)], "width": 2, "dash": dash}, "marker": _marker(number)}
         traces.append({**_medians(points, mode="lines+markers", thickness=1.5), "name": label(title), **look})
-    everything = [value for trace in traces for value in trace["y"]]
-    if len(values) < 2 or not everything:
+    if len(values) < 2 or not any(trace["y"] for trace in traces):
         return None
     x_axis = {"title": {"text": label(key)}, "type": "category", **(_axis(values) if numeric else {})}
-    return _figure(traces, x_axis, _y(metric, unit, everything), len(lines), "lines")
+    return _figure(traces, x_axis, _y(metric, unit, traces), len(lines), "lines")
 
 
-def spread(runs: Sequence[ReportRun], metric: str, unit: str) -> Figure | None:
-    """Every run as a point, a column a configuration; its median and 95 % interval beside them.
-
-    None of fewer than two runs with a value.
+def spread(columns: Mapping[str, Sequence[Row]], metric: str, unit: str) -> Figure | None:
+    """Every run as a point, a column a configuration; its median and 95 % interval beside them; None of fewer than two
+    runs.
     """
     traces: list[Figure] = []
-    everything: list[float] = []
-    columns = grouped(runs, lambda run: run.configuration)
     names = list(columns)[:MOST_LINES]
     for number, name in enumerate(names):
-        having = [run for run in columns[name] if run.status == "ok" and metric in run.values]
+        having = [run for run in columns[name] if run.status == "ok" and metric in run.known]
         if not having:
             continue
-        values = [run.values[metric] for run in having]
-        everything += values
+        values = [run.known[metric] for run in having]
         places = [number + 0.5 * (((7 * k) % 23) / 23 - 0.5) for k in range(len(values))]  # apart, the same each time
-        texts = [f"{run.configuration}; {run.name}: {run.values[metric]:.4g}" for run in having]
+        texts = [f"{name}; {run.name}: {run.known[metric]:.4g}" for run in having]
         look = {"color": COLOURS[number % len(COLOURS)], "size": 5, "opacity": 0.5}
         traces.append({**_points("markers", places, values, texts), "name": label(name), "marker": look})
         median = _medians([(number + 0.36, name, summary_of(columns[name], metric))], mode="markers", thickness=2.0)
         traces.append({**median, "marker": {**look, "size": 9, "opacity": 1.0, "symbol": "diamond"}})
-    if len(everything) < 2:
+    if sum(len(trace["y"]) for trace in traces[::2]) < 2:
         return None
     x_axis = {
         "tickvals": list(range(len(names))),
@@ -114,27 +87,30 @@ def spread(runs: Sequence[ReportRun], metric: str, unit: str) -> Figure | None:
         "range": [-0.6, len(names) - 0.4],
     }
     traces = [{**trace, "showlegend": False} for trace in traces]
-    return _figure(traces, x_axis, _y(metric, unit, everything), len(columns), "configurations")
+    return _figure(traces, x_axis, _y(metric, unit, traces), len(columns), "configurations")
 
 
-def paired(runs: Sequence[ReportRun], baseline: str, metric: str, unit: str) -> Figure | None:
+def paired(columns: Mapping[str, Sequence[Row]], baseline: str, metric: str, unit: str) -> Figure | None:
     """A point for each pair of runs of a configuration and the baseline on the same case. None without any."""
-    by_name = grouped([run for run in runs if run.status == "ok" and metric in run.values], lambda r: r.configuration)
-    first = {run.case: run for run in by_name.get(baseline, ())}
+    first = values_of(columns[baseline], metric)
     traces: list[Figure] = []
-    everything: list[float] = []
-    others = [name for name in grouped(runs, lambda run: run.configuration) if name != baseline]
+    others = [name for name in columns if name != baseline]
     for number, name in enumerate(others[:MOST_LINES]):
-        pairs = [(first[run.case], run) for run in by_name.get(name, ()) if run.case in first]
+        names = {run.case: run.name for run in columns[name]}
+        pairs = [
+            (case, one, value)
+            for case, value in values_of(columns[name], metric).items()
+            if (one := first.get(case)) is not None and value is not None
+        ]
         if not pairs:
             continue
-        x, y = ([run.values[metric] for run in side] for side in zip(*pairs, strict=True))
-        everything += [*x, *y]
-        texts = [f"{name}; {b.name}: {b.values[metric]:.4g}, {baseline}: {a.values[metric]:.4g}" for a, b in pairs]
+        _, x, y = zip(*pairs, strict=True)
+        texts = [f"{name}; {names[case]}: {b:.4g}, {baseline}: {a:.4g}" for case, a, b in pairs]
         marker = {**_marker(number + 1), "opacity": 0.7}
         traces.append({**_points("markers", x, y, texts), "name": label(name), "marker": marker})
     if not traces:
         return None
+    everything = [value for trace in traces for value in (*trace["x"], *trace["y"])]
     ends = [min(everything), max(everything)]
     look = {"hoverinfo": "skip", "line": {"color": "#7F7F7F", "width": 1, "dash": "dot"}}
     line = {"type": "scatter", "mode": "lines", "name": "equal", "x": ends, "y": ends, **look}
@@ -179,8 +155,8 @@ def _title(name: str, unit: str) -> Figure:
     return {"title": {"text": label(f"{name} [{unit}]" if unit else name)}}
 
 
-def _y(metric: str, unit: str, values: Sequence[float]) -> Figure:
-    look = _axis(values)
+def _y(metric: str, unit: str, traces: Sequence[Figure]) -> Figure:
+    look = _axis([value for trace in traces for value in trace["y"]])
     return {**_title(metric, unit), **look} | ({} if look["type"] == "log" else {"rangemode": "tozero"})
 
 

@@ -1,13 +1,16 @@
-"""The report as one HTML file: tables, charts and a player of runs, with everything that they need in it."""
+"""The report as one HTML file: what it is made of, tables, charts and a player of runs."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 import json
+import os
 import re
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import distribution
 from importlib.resources import files
@@ -15,18 +18,141 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+import tomli_w
 from jinja2 import BaseLoader, Environment, StrictUndefined
 from markupsafe import Markup, escape
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, InputError
+from moteslam.eval import runs
 from moteslam.eval.metrics.registry import chosen, metric
 from moteslam.eval.page import charts
-from moteslam.eval.page.material import Key, Material, ReportRun
 from moteslam.eval.page.player import Budget, playable
 from moteslam.eval.statistics import Proportion, compare
-from moteslam.eval.sweep.tables import better
+from moteslam.eval.sweep.store import Row, opened
 from moteslam.eval.tables import literal
-from moteslam.robot.values import interval
+from moteslam.robot.files import read_text
+from moteslam.robot.values import interval, read_toml
+
+DEPTH = 3
+"""Of folders in which result folders are looked for."""
+
+
+@dataclass
+class Material:
+    """All that a report is made of.
+
+    Attributes:
+        runs: in their order, those that were made.
+        documents: title and text of what was run: specifications of sweeps, configurations.
+        facts: title, and names with values: versions, hardware.
+        pending, wanted: runs of sweeps that were not made yet, and metrics that the specifications name.
+    """
+
+    runs: list[Row] = field(default_factory=list)
+    documents: list[tuple[str, str]] = field(default_factory=list)
+    facts: dict[str, dict[str, str]] = field(default_factory=dict)
+    pending: int = 0
+    wanted: list[str] = field(default_factory=list)
+
+    @property
+    def issues(self) -> Counter[str]:
+        """What was wrong with recordings and runs, and how many runs had it."""
+        return Counter(str(issue.get("message")) for run in self.runs for issue in run.issues)
+
+
+def gather(paths: Sequence[Path]) -> Material:
+    """Read files of sweeps, result folders, and folders that hold any of these."""
+    found: list[Path] = []
+    for path in paths:
+        within = list(_within(path)) if path.is_dir() else [path]
+        if not within:
+            raise InputError("no result folder and no .sweep file in it, expected some", file=path)
+        if not path.exists():
+            raise InputError("there is no such file or folder, expected a .sweep file or a result folder", file=path)
+        found += within
+    material = Material()
+    for path in found:
+        if not path.is_dir():
+            _take_sweep(material, path, runs.prefix_of(path, found))
+    _take_folders(material, [path for path in found if path.is_dir()])
+    if not material.runs:
+        raise InputError("no run was made yet, expected at least one", file=paths[0])
+    return material
+
+
+def _within(top: Path) -> Iterator[Path]:
+    """Result folders, and files of sweeps, in a folder and those in it."""
+
+    def refuse(error: OSError) -> None:
+        raise InputError(f"cannot be read: {error.strerror or error}", file=error.filename or top) from error
+
+    for root, folders, names in os.walk(top, onerror=refuse):
+        deeper = len(Path(root).relative_to(top).parts) < DEPTH and not runs.is_result_folder(Path(root))
+        folders[:] = sorted(name for name in folders if deeper and not name.startswith("."))
+        if runs.is_result_folder(Path(root)):
+            yield Path(root)
+        else:
+            yield from (Path(root, name) for name in sorted(names) if name.endswith(".sweep"))
+
+
+def _take_sweep(material: Material, path: Path, prefix: str) -> None:
+    with opened(path) as store:
+        spec = json.loads(store.spec)
+        material.wanted += [name for name in spec.get("metrics") or () if name not in material.wanted]
+        material.documents.append((f"Specification of {path.name}", tomli_w.dumps(spec)))
+        for title, facts in store.environment.items():
+            material.facts.setdefault(f"{title} of {path.name}", dict(facts))
+        made = [row.renamed(prefix + row.run.configuration) for row in store.rows() if row.status]
+        material.pending += len(store.pending())
+    material.runs += made
+    if programs := {row.run.configuration: row.run.version for row in made if row.run.version}:
+        material.facts[f"programs of {path.name}"] = programs
+
+
+def _take_folders(material: Material, folders: Sequence[Path]) -> None:
+    """Result folders: those of one configuration, by the text of ``config.toml``, are runs of it."""
+    rows = [runs.read_result_folder(folder) for folder in folders]
+    texts = runs.grouped(rows, lambda row: read_text(_config(row), "a file of a result folder", limit=runs.MAX_BYTES))
+    names = _names(texts)
+    for text, members in texts.items():
+        material.documents.append((f"Configuration {names[text]}", text))
+        material.runs += [row.renamed(names[text]) for row in members]
+        for row in members:
+            for title, facts in row.facts.items():
+                material.facts.setdefault(title.capitalize(), dict(facts))
+
+
+def _config(row: Row) -> Path:
+    assert row.folder is not None
+    return row.folder / "config.toml"
+
+
+def _names(texts: dict[str, list[Row]]) -> dict[str, str]:
+    """A name for each configuration: what it sets otherwise than the first one, else the folder of its runs."""
+    if len(texts) < 2:
+        return dict.fromkeys(texts, "configuration")
+    tables = {text: _flat(read_toml(_config(rows[0]), "a config.toml")) for text, rows in texts.items()}
+    keys = dict.fromkeys(key for table in tables.values() for key in table)
+    first = next(iter(tables.values()))
+    changed = [key for key in keys if any(table.get(key) != first.get(key) for table in tables.values())]
+    names: dict[str, str] = {}
+    for text, rows in texts.items():
+        folders = [_config(row).parent for row in rows]
+        together = len(rows) > 1 and len({folder.parent for folder in folders}) == 1
+        name = folders[0].parent.name if together else folders[0].name
+        if 0 < len(changed) <= 3:
+            name = ", ".join(f"{key}={tables[text].get(key, '-')}" for key in changed)
+        same = sum(name == other or other.startswith(f"{name} (") for other in names.values())
+        names[text] = f"{name} ({same + 1})" if same else name
+    return names
+
+
+def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return flat
+
 
 USUAL = (
     *("final.ate", "online.ate", "dead_reckoning.ate", "final.rpe_1m", "map_f1", "map_cells_per_metre"),
@@ -53,41 +179,39 @@ def page(
     compared with the first configuration. ``progress`` is called with how many runs were read. ``ConfigError``: an
     unknown metric or baseline.
     """
-    runs, names = material.runs, _metrics(material, metrics)
-    by_configuration = charts.grouped(runs, lambda run: run.configuration)
-    if baseline is not None and baseline not in by_configuration:
-        expected = ", ".join(map(repr, list(by_configuration)[:8]))
+    made, names = material.runs, _metrics(material, metrics)
+    configurations = runs.by_configuration(made)
+    if baseline is not None and baseline not in configurations:
+        expected = ", ".join(map(repr, list(configurations)[:8]))
         raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
-    first = baseline or next(iter(by_configuration))
-    units, meanings = dict.fromkeys(names, ""), dict.fromkeys(names, "")
+    first = baseline or next(iter(configurations))
+    measured = {name: unit for run in made for name, one in run.scores.items() if (unit := one.get("unit"))}
+    units = {name: measured.get(name) or runs.unit_of(name) for name in names}
+    meanings = dict.fromkeys(names, "")
     for name in names:
         with suppress(ConfigError):  # of a plug-in that is not here
-            units[name], meanings[name] = metric(name).unit, metric(name).meaning
-        units[name] = material.units.get(name) or units[name]
-    player_of: dict[int, int | None] = {}
+            meanings[name] = metric(name).meaning
+    played = [run for run in made if run.folder is not None]
+    budget = Budget.of(max(len(played), 1))
     players: list[tuple[str, Markup]] = []
-    budget = Budget.of(max(sum(run.folder is not None for run in runs), 1))
-    for number, run in enumerate(runs):
-        player_of[number] = None if run.folder is None else len(players)
-        if run.folder is not None:
-            players.append((f"{run.configuration}: {run.name}", data_block(playable(run.folder, budget))))
-            progress(len(players))
-    keys = list(dict.fromkeys(key for run in runs for key, _ in run.varied))
+    for run in played:
+        assert run.folder is not None
+        players.append((f"{run.run.configured}: {run.name}", data_block(playable(run.folder, budget))))
+        progress(len(players))
+    keys = list(dict.fromkeys(key for run in made for key, _ in run.run.varied))
     drawn = [
         {
-            "spread": charts.spread(runs, name, units[name]),
-            "pairs": charts.paired(runs, first, name, units[name]),
-            "curves": [one for key in keys if (one := charts.curves(runs, key, name, units[name])) is not None],
+            "spread": charts.spread(configurations, name, units[name]),
+            "pairs": charts.paired(configurations, first, name, units[name]),
+            "curves": [one for key in keys if (one := charts.curves(made, key, name, units[name])) is not None],
         }
         for name in names
     ]
-    others = [name for name in by_configuration if name != first]
+    others = [name for name in configurations if name != first]
+    values = {name: {each: runs.values_of(rows, name) for each, rows in configurations.items()} for name in names}
     pairs = {
-        name: [
-            (other, compare(*(_values(by_configuration[one], name) for one in (first, other)), better=better(name)))
-            for other in others
-        ]
-        for name in names
+        name: [(other, compare(each[first], each[other], better=runs.better(name))) for other in others]
+        for name, each in values.items()
     }
     return _render(
         {
@@ -97,13 +221,12 @@ def page(
             "names": names,
             "units": units,
             "meanings": meanings,
-            "runs": runs,
-            "configurations": by_configuration,
-            "places": charts.grouped(runs, lambda run: ", ".join(filter(None, (run.place, run.platform, run.noise)))),
+            "runs": made,
+            "configurations": configurations,
+            "places": runs.grouped(made, lambda run: run.place),
             "baseline": first,
             "pairs": pairs if others else {},
-            "failures": [run for run in runs if run.status != "ok"],
-            "player_of": player_of,
+            "failures": [run for run in made if run.status != "ok"],
             "players": players,
             "charts": data_block(drawn),
             "has_curves": any(each["curves"] for each in drawn),
@@ -139,8 +262,8 @@ def _render(context: dict[str, Any]) -> str:
         "lines": lambda text: Markup("\n").join(escape(literal(line)) for line in text.splitlines()),
         "key": lambda value: "" if value is None else repr(value),  # by which a cell is sorted
         "success": lambda runs: Proportion(sum(run.succeeded for run in runs), len(runs)),
-        "summary": charts.summary_of,
-        "by_configuration": lambda runs: charts.grouped(runs, lambda run: run.configuration),
+        "summary": runs.summary_of,
+        "by_configuration": runs.by_configuration,
         "s": lambda count: "" if count == 1 else "s",
     }
     policy = (
@@ -157,8 +280,7 @@ def _hash(text: str) -> str:
 
 
 def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
-    """The metrics that are shown."""
-    having = list(dict.fromkeys(name for run in material.runs for name in run.values))
+    having = list(dict.fromkeys(name for run in material.runs for name in run.known))
     if wanted:
         try:
             chosen(wanted)
@@ -171,12 +293,6 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(found or having or material.wanted or ["final.ate"]))[
         : max(MOST_METRICS, len(set(material.wanted)))
     ]
-
-
-def _values(runs: Sequence[ReportRun], metric: str) -> dict[Key, float | None]:
-    """By case, None of runs that failed; runs of which the metric is absent are left out."""
-    having = [run for run in runs if run.status != "ok" or metric in run.values]
-    return {run.case: run.values[metric] if run.status == "ok" else None for run in having}
 
 
 def _number(value: float | None) -> str:

@@ -48,11 +48,8 @@ class Budget:
     @classmethod
     def of(cls, runs: int) -> Budget:
         """For each of this many runs: some 10 MB for 300 of them."""
-        return cls(
-            steps=int(np.clip(STEPS // runs, FEWEST_STEPS, MOST_STEPS)),
-            picture=min(LARGEST_PICTURE, PICTURES // runs),
-            particles=min(LARGEST_CLOUD, CLOUDS // runs),
-        )
+        steps = int(np.clip(STEPS // runs, FEWEST_STEPS, MOST_STEPS))
+        return cls(steps, min(LARGEST_PICTURE, PICTURES // runs), min(LARGEST_CLOUD, CLOUDS // runs))
 
 
 def playable(folder: Path, budget: Budget) -> dict[str, Any]:
@@ -60,9 +57,6 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
 
     Lengths are whole millimetres (errors tenths), angles milliradians, times milliseconds from the first scan; each
     number but the first of a list is the difference from the one before. Of errors each is the largest since the last.
-
-    Raises:
-        InputError: a file of the folder that is missing or damaged.
     """
     final, online, odometry = (
         read_tum(folder / f"{name}.tum") for name in ("trajectory_final", "trajectory", "dead_reckoning")
@@ -80,16 +74,13 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
         "online": _path(online.at(stamps).poses),
         "odometry": _path(compose(final.poses[0], between(odometry.poses[0], odometry.at(stamps).poses))),
     }
-    truth_file = folder / "truth.tum"
-    if truth_file.is_file():
-        truth = read_tum(truth_file)
+    if (folder / "truth.tum").is_file():
+        truth = read_tum(folder / "truth.tum")
         ate = absolute_trajectory_error(final, truth)
         there = compose(inverse(ate.transform), ate.reference)
         found["truth"] = _path(Trajectory(ate.stamps, there).at(stamps).poses)
-        found["errors"] = {
-            name: _errors(trajectory, truth, stamps)
-            for name, trajectory in (("final", final), ("online", online), ("odometry", odometry))
-        }
+        paths = {"final": final, "online": online, "odometry": odometry}
+        found["errors"] = {name: _errors(trajectory, truth, stamps) for name, trajectory in paths.items()}
     diagnostics = read_diagnostics(folder / "diagnostics.csv")
     if len(diagnostics.stamps) == len(final):
         found["state"] = np.maximum.reduceat(diagnostics.values["state"], steps).astype(int).tolist()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -16,36 +15,26 @@ from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.relations import RelationResult
 from moteslam.eval.metrics.residuals import ResidualResult
 from moteslam.eval.report import style
-from moteslam.eval.report.style import broken, curve_axes, line_look
+from moteslam.eval.report.style import File, broken, curve_axes, line_look
 
 Array = NDArray[np.float64]
+Errors = AteResult | None
 Line = tuple[str, AteResult, dict[str, Any]]
 """Label, errors and look of a curve."""
 
 RUG = 1.05
 """Where the marks of resampling stand, as a share of the particles."""
-SINGLE_VALUES = 300
-"""A curve of more values is unreadable: their range in windows and their running median are drawn instead."""
-FAR_APART = 20
-"""Errors of which one is this many times another are drawn on logarithmic axes ..."""
-LEAST_SHOWN = 0.01
-"""... from there on [cm], [deg]."""
-WINDOWS, MEDIANS = 240, 25
-"""How many of the windows of the range, and of the running median, make a run."""
+SINGLE_VALUES, WINDOWS, MEDIANS = 300, 240, 25
+"""A curve of more values is unreadable: their range in windows and their running median are drawn, so many a run."""
+FAR_APART, LEAST_SHOWN = 20, 0.01
+"""Errors of which one is this many times another are drawn on logarithmic axes, from there on [cm], [deg]."""
 
 
 def draw_error(
-    path: str | PathLike[str],
-    *,
-    slam: AteResult,
-    final: AteResult | None = None,
-    dead_reckoning: AteResult | None = None,
-    title: str = "",
+    path: File, *, slam: AteResult, final: Errors = None, dead_reckoning: Errors = None, title: str = ""
 ) -> None:
-    """Distance and angle between estimate and truth over time, after alignment.
-
-    Of SLAM (online), of its final path, and of dead reckoning; on logarithmic axes where one is ``FAR_APART`` times as
-    far off as another.
+    """Distance and angle between estimate and truth over time, after alignment, of SLAM (online), of its final path,
+    and of dead reckoning; on logarithmic axes where one is ``FAR_APART`` times as far off as another.
     """
     given = (
         ("dead reckoning", dead_reckoning, {"color": style.DEAD_RECKONING}),
@@ -79,12 +68,10 @@ def _draw_errors(
 
 
 def draw_effective_particles(
-    path: str | PathLike[str], stamps: Array, n_eff: Array, resampled: Array, *, particles: Array, title: str = ""
+    path: File, stamps: Array, n_eff: Array, resampled: Array, *, particles: Array, title: str = ""
 ) -> None:
     """The effective number of particles before resampling at updates [n] of the filter with stamps [s], how many
     particles there are where that changes, and where the filter resampled (not 0).
-
-    Of more than ``SINGLE_VALUES`` updates, the range in windows and a running median are drawn.
     """
     time, when, most, n = stamps - stamps[0], np.asarray(resampled, bool), int(particles.max()), len(stamps)
     with style.saved_figure(path, size=(10.0, 3.6), title=title) as figure:
@@ -113,7 +100,7 @@ def draw_effective_particles(
 
 
 def draw_comparison(
-    path: str | PathLike[str], results: Mapping[str, AteResult | RelationResult | ResidualResult], *, title: str = ""
+    path: File, results: Mapping[str, AteResult | RelationResult | ResidualResult], *, title: str = ""
 ) -> None:
     """Errors over time and paths, after alignment; against relations, the share of them below each error.
 
@@ -127,7 +114,7 @@ def draw_comparison(
         _draw_shares(path, {name: r for name, r in shown.items() if isinstance(r, RelationResult)}, title)
 
 
-def _draw_errors_and_paths(path: str | PathLike[str], results: Mapping[str, AteResult], title: str) -> None:
+def _draw_errors_and_paths(path: File, results: Mapping[str, AteResult], title: str) -> None:
     has_heading = any(ate.rotation_errors is not None for ate in results.values())
     first = next(iter(results.values())).reference
     lines: list[Line] = [
@@ -140,15 +127,12 @@ def _draw_errors_and_paths(path: str | PathLike[str], results: Mapping[str, AteR
         plan = figure.add_subplot(grid[:, 1])
         angle = figure.add_subplot(grid[1, 0], sharex=distance) if has_heading else None
         _draw_errors(distance, angle, lines)
-        plan.plot(*first[:, :2].T, label="reference", **style.TRUTH_BAND)
-        for _, ate, look in lines:
-            plan.plot(*ate.aligned[:, :2].T, lw=1.1, **look)
-        style.mark_start(plan, first)
-        style.mark_ends(plan, (first, style.TRUTH), *((ate.aligned, look["color"]) for _, ate, look in lines))
+        paths = [(ate.aligned, {"lw": 1.1, **look}) for _, ate, look in lines]
+        style.draw_paths(plan, (first, {**style.TRUTH_BAND, "label": "reference"}), *paths, start=first)
         style.plan(plan)
 
 
-def _draw_shares(path: str | PathLike[str], results: Mapping[str, RelationResult], title: str) -> None:
+def _draw_shares(path: File, results: Mapping[str, RelationResult], title: str) -> None:
     with style.saved_figure(path, size=(10.0, 4.2), title=title, columns=(1, 1)) as figure:
         distance, angle = figure.subplots(1, 2, sharey=True)
         for i, (name, result) in enumerate(results.items()):

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -30,30 +29,24 @@ Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 """[height, width, 3]: red, green, blue."""
 
-MAX_FPS = 50.0
-"""Frames a second. Browsers slow GIFs down that have more."""
-MAX_SPEED = 10000.0
+MAX_FPS, MAX_SPEED, MAX_FRAMES = 50.0, 10000.0, 2000
+"""Frames a second (browsers slow GIFs down that have more), times real time, and frames in all."""
 USUAL_LENGTH = 15.0
 """A film is at most this long where nobody asks for a speed [s]."""
 SPEEDS = tuple(step for step in style.STEPS if 1 <= step <= 5000)
 """The speeds to choose from then."""
-MAX_FRAMES = 2000
 BEAMS_DRAWN = 90
 PERSON, DOOR, BEAM = "#D55E00", "#CC79A7", "#E69F00"
 STYLE = style.PictureStyle(font_size=12.0, dpi=100.0)
 """Text is 12 pixels high or more where a player shows a film 480 pixels high."""
-PLAN = (9.0, 4.6)
-"""Width and height that the plan takes at most [inch]."""
-NARROWEST = 6.4
-"""Width of the plan at least, for the legend and the caption [inch]."""
+PLAN, NARROWEST = (9.0, 4.6), 6.4
+"""Width and height that the plan takes at most, and its width at least, for the legend and the caption [inch]."""
 LEFT, RIGHT, BELOW, ABOVE = 0.75, 0.3, 1.35, 0.4
 """Beside the plan, below it (the legend) and above it (the caption) [inch]."""
 NAME_SHOWN = 30
 """Characters of the scenario's name that the caption holds at most."""
 CODECS = {"avc1": "H.264", "vp09": "VP9", "av01": "AV1"}
-"""What browsers play in an MP4, by four-letter code, in the order in which they are tried. Most builds of OpenCV lack
-an encoder for H.264, which players outside browsers know best."""
-WEBP_QUALITY = 80
+"""What browsers play in an MP4, in the order in which they are tried: most builds of OpenCV do not encode H.264."""
 GIF_TICK = 0.01
 """Frames of a GIF last whole multiples of this [s]."""
 
@@ -67,11 +60,7 @@ class Pace:
 
     @classmethod
     def of(cls, duration: float, *, fps: float = 15.0, speed: float | None = None) -> Pace:
-        """The pace of a film of a run of this duration [s]; without a speed it takes at most ``USUAL_LENGTH``.
-
-        Raises:
-            ConfigError: a value out of bounds, or more than ``MAX_FRAMES`` frames.
-        """
+        """The pace of a film of a run of this duration [s]; without a speed it takes at most ``USUAL_LENGTH``."""
         if speed is None:
             speed = next((speed for speed in SPEEDS if duration / speed <= USUAL_LENGTH), SPEEDS[-1])
         if not 1 <= fps <= MAX_FPS:
@@ -84,10 +73,7 @@ class Pace:
         return cls(fps, speed)
 
     def moments(self, stamps: Array) -> NDArray[np.int64]:
-        """For each frame [k] the index of the last scan before it, of scans with these stamps [n] [s].
-
-        The last frame shows the last scan.
-        """
+        """For each frame [k] the index of the last scan before it, of scans at stamps [n] [s]; the last at last."""
         times = np.arange(stamps[0], stamps[-1], self.speed / self.fps)
         return np.append(np.searchsorted(stamps, times, side="right") - 1, len(stamps) - 1)
 
@@ -96,11 +82,7 @@ class Pace:
 
 
 def film(simulation: Simulation, session: SlamSession, pace: Pace) -> Iterator[tuple[Update, tuple[Frame, ...]]]:
-    """Run a session over a simulation and film it, in SLAM's own frame: the robot starts at the origin.
-
-    Yields:
-        each update, and the frames that show it: mostly one or none.
-    """
+    """Each update of a session over a simulation, and the frames that show it, mostly one or none, in SLAM's frame."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -178,12 +160,8 @@ def _seen_from(start: Array, points: Array) -> Array:
     return se2.transform_points(se2.inverse(start), points)
 
 
-def check_film(path: str | PathLike[str]) -> None:
-    """Check that a film of this name can be written, before it is made.
-
-    Raises:
-        OutputError: another ending than .gif, .webp and .mp4, or no encoder for it.
-    """
+def check_film(path: style.File) -> None:
+    """Refuse a film that cannot be written, before it is made."""
     from PIL import features
 
     kind = Path(path).suffix.lower()
@@ -196,19 +174,14 @@ def check_film(path: str | PathLike[str]) -> None:
         raise OutputError(f"OpenCV here has no encoder that browsers play ({known}), expected .webp or .gif", file=path)
 
 
-def write_film(path: str | PathLike[str], frames: Iterable[Frame], *, fps: float = 15.0) -> None:
-    """Write frames, all of one size, one at least, as a GIF, WebP or MP4, by the name's ending, as they come.
-
-    Raises:
-        OutputError: see :func:`check_film`, or it cannot be written.
-    """
+def write_film(path: style.File, frames: Iterable[Frame], *, fps: float = 15.0) -> None:
+    """Write frames, all of one size, one at least, as a GIF, WebP or MP4, by the name's ending, as they come."""
     check_film(path)
     kind = Path(path).suffix.lower()
     write_atomically(path, _mp4(frames, fps, video_codec() or "") if kind == ".mp4" else _animated(kind, frames, fps))
 
 
 def _animated(kind: str, frames: Iterable[Frame], fps: float) -> bytes:
-    """A GIF or WebP that repeats for ever."""
     from PIL import Image
 
     # an octree keeps the colours of thin lines, which a median cut would take for those of their neighbours
@@ -222,7 +195,7 @@ def _animated(kind: str, frames: Iterable[Frame], fps: float) -> bytes:
             yield image
 
     images: Iterator[Image.Image] = quantised() if kind == ".gif" else map(Image.fromarray, frames)
-    look = {"optimize": False} if kind == ".gif" else {"duration": 1000 / fps, "quality": WEBP_QUALITY}
+    look = {"optimize": False} if kind == ".gif" else {"duration": 1000 / fps, "quality": 80}
     content = io.BytesIO()
     next(images).save(content, kind[1:], save_all=True, append_images=images, loop=0, **look)
     return content.getvalue()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from moteslam.eval.metrics.association import evenly
 from moteslam.eval.report import style
+from moteslam.eval.report.style import STYLE, File
 from moteslam.eval.run_tables import loop_counts
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
@@ -24,6 +24,9 @@ from moteslam.slam.scan_records import Update
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 Array = NDArray[np.float64]
+Way = Trajectory | None
+Stages = Sequence[tuple[float, TextureMap]]
+"""The coloured floor at stamps [s]."""
 
 SCANS_DRAWN, BEAMS_DRAWN = 400, 180
 """At most this number of a recording's scans, and of the beams of each, is drawn under dead reckoning."""
@@ -37,9 +40,12 @@ REJECTED_DRAWN = ("overruled", "contradicted", "ambiguous")
 
 def draw_map(axes: style.Axes, occupancy: Raster) -> None:
     """The map: white where free, a light grey where unknown and beyond, dark where occupied."""
+    belief = np.tanh(np.asarray(occupancy.values, np.float64) / 2)  # 2 p - 1: -1 free, 0 unknown, 1 occupied
+    end = np.where(belief < 0, STYLE.map_free, STYLE.map_occupied)
+    greys = STYLE.map_unknown + (end - STYLE.map_unknown) * np.abs(belief)
     axes.set_facecolor(style.UNKNOWN)
     look: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": 1, "interpolation": "antialiased"}
-    axes.imshow(style.map_greys(occupancy.values), origin="lower", extent=occupancy.extent, zorder=0, **look)
+    axes.imshow(greys, origin="lower", extent=occupancy.extent, zorder=0, **look)
 
 
 def map_corners(occupancy: Raster) -> Array:
@@ -51,16 +57,10 @@ def map_corners(occupancy: Raster) -> Array:
 
 
 def draw_trajectories(
-    path: str | PathLike[str],
-    occupancy: Raster,
-    *,
-    slam: Trajectory,
-    dead_reckoning: Trajectory | None = None,
-    truth: Trajectory | None = None,
-    title: str = "",
+    path: File, occupancy: Raster, *, slam: Trajectory, dead_reckoning: Way = None, truth: Way = None, title: str = ""
 ) -> None:
     """The map, and on it the paths of the truth, of SLAM as known at the end, and of dead reckoning, in its frame."""
-    given: tuple[tuple[Trajectory | None, dict[str, Any]], ...] = (
+    given: tuple[tuple[Way, dict[str, Any]], ...] = (
         (truth, {**style.TRUTH_BAND, "label": "truth"}),
         (dead_reckoning, {"color": style.DEAD_RECKONING, "lw": 1.1, "ls": "--", "label": "dead reckoning"}),
         (slam, {"color": style.SLAM, "lw": 1.3, "label": style.FINAL}),
@@ -69,19 +69,11 @@ def draw_trajectories(
     points = np.concatenate([*(poses[:, :2] for poses, _ in shown), map_corners(occupancy)])
     with style.saved_plan(path, points, title=title) as axes:
         draw_map(axes, occupancy)
-        for poses, look in shown:
-            axes.plot(*poses[:, :2].T, **look)
-        style.mark_start(axes, slam.poses)
-        style.mark_ends(axes, *((poses, look["color"]) for poses, look in shown))
+        style.draw_paths(axes, *shown, start=slam.poses)
 
 
 def draw_dead_reckoning(
-    path: str | PathLike[str],
-    trajectory: Trajectory,
-    *,
-    recording: Recording | None = None,
-    truth: Trajectory | None = None,
-    title: str = "",
+    path: File, trajectory: Trajectory, *, recording: Recording | None = None, truth: Way = None, title: str = ""
 ) -> None:
     """Dead reckoning, with the scans where it would put them (figures 5 and 6): their walls drift apart.
 
@@ -90,36 +82,27 @@ def draw_dead_reckoning(
     walls = np.zeros((0, 2))
     if recording is not None and recording.lidar is not None and len(recording.lidar) == len(trajectory):
         walls = _endpoints(recording, trajectory)
-    paths = [] if truth is None else [(truth.poses, style.TRUTH)]
-    paths.append((trajectory.poses, style.DEAD_RECKONING))
+    paths = [] if truth is None else [(truth.poses, {**style.TRUTH_BAND, "label": "truth"})]
+    paths.append((trajectory.poses, {"color": style.DEAD_RECKONING, "lw": 1.4, "label": "dead reckoning"}))
     limits = np.quantile(walls, (STRAY, 1 - STRAY), axis=0) if len(walls) else walls
     points = np.concatenate([*(poses[:, :2] for poses, _ in paths), limits])
     with style.saved_plan(path, points, title=title, margin=1.0) as axes:
         if len(walls):
             axes.plot(walls[:, 0], walls[:, 1], ",", color="0.45", alpha=0.5)
             axes.plot([], [], ".", color="0.45", label="endpoints of scans")
-        if truth is not None:
-            axes.plot(*truth.poses[:, :2].T, label="truth", **style.TRUTH_BAND)
-        axes.plot(*trajectory.poses[:, :2].T, color=style.DEAD_RECKONING, lw=1.4, label="dead reckoning")
-        style.mark_start(axes, trajectory.poses)
-        style.mark_ends(axes, *paths)
+        style.draw_paths(axes, *paths, start=trajectory.poses)
 
 
 def draw_loops(
-    path: str | PathLike[str],
-    occupancy: Raster,
-    loops: Sequence[LoopCandidate],
-    *,
-    trajectory: Trajectory,
-    title: str = "",
+    path: File, occupancy: Raster, loops: Sequence[LoopCandidate], *, trajectory: Trajectory, title: str = ""
 ) -> None:
     """The map, on it the final path (a pose at every scan), and lines between the two poses of every loop."""
     poses = trajectory.poses[:, :2]
     counts = loop_counts(loops)
     accepted = [loop for loop in loops if loop.accepted]
     rejected = [loop for loop in loops if loop.verdict in REJECTED_DRAWN]
-    others = [f"{counts[name]} {name}" for name in list(counts)[1:] if name not in ("accepted", *REJECTED_DRAWN)]
-    others = [text for text in others if not text.startswith("0 ")]
+    drawn = ("candidates", "accepted", *REJECTED_DRAWN)
+    others = [f"{count} {verdict}" for verdict, count in counts.items() if count and verdict not in drawn]
     with style.saved_plan(path, np.concatenate((poses, map_corners(occupancy))), title=title, columns=(3, 1)) as axes:
         draw_map(axes, occupancy)
         axes.plot(*poses.T, color=style.SLAM, lw=0.7, label=style.FINAL)
@@ -208,9 +191,7 @@ def with_opacity(texture: TextureMap) -> NDArray[np.uint8]:
     return np.concatenate((np.where(known, texture.values, 255), np.where(known, 255, 0)), axis=-1).astype(np.uint8)
 
 
-def draw_over_time(
-    path: str | PathLike[str], snapshots: Sequence[Snapshot], *, trajectory: Trajectory, title: str = ""
-) -> None:
+def draw_over_time(path: File, snapshots: Sequence[Snapshot], *, trajectory: Trajectory, title: str = "") -> None:
     """The map at stages of the run, one at least, and the trajectory, as it was known at each scan, until then.
 
     All at one scale: figures 1 and 2 of the paper.
@@ -224,17 +205,11 @@ def draw_over_time(
 
 
 def draw_texture_over_time(
-    path: str | PathLike[str],
-    stages: Sequence[tuple[float, TextureMap]],
-    occupancy: Raster,
-    *,
-    trajectory: Trajectory,
-    title: str = "",
+    path: File, stages: Stages, occupancy: Raster, *, trajectory: Trajectory, title: str = ""
 ) -> None:
     """The map and, beside it, the coloured floor at stages of the run (figures 3 and 4 of the paper).
 
-    The stages have a stamp [s] each; over their colours are the walls of the map, and the trajectory along which the
-    floor was coloured until then.
+    Over the colours are the walls of the map, and the trajectory along which the floor was coloured until then.
     """
     belief = np.tanh(occupancy.values / 2)
     dark = np.zeros((*belief.shape, 4))
@@ -254,21 +229,13 @@ def draw_texture_over_time(
             axes.set_title(f"{stamp - trajectory.stamps[0]:.0f} s")
 
 
-def _draw_path(axes: style.Axes, poses: NDArray[np.float64], name: str, end: str) -> None:
-    axes.plot(*poses[:, :2].T, color=style.SLAM, lw=1.0, label=name)
-    style.mark_start(axes, poses)
-    style.mark_ends(axes, (poses, style.SLAM), label=end)
+def _draw_path(axes: style.Axes, poses: Array, name: str, end: str) -> None:
+    style.draw_paths(axes, (poses, {"color": style.SLAM, "lw": 1.0, "label": name}), start=poses, end=end)
 
 
 @contextmanager
 def _panels(
-    path: str | PathLike[str],
-    count: int,
-    points: NDArray[np.float64],
-    *,
-    width: float,
-    columns: tuple[int, int],
-    title: str,
+    path: File, count: int, points: Array, *, width: float, columns: tuple[int, int], title: str
 ) -> Iterator[list[style.Axes]]:
     """The axes of a figure of this width [inch] with that many floor plans, all of which show points [n, 2] [m].
 

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from os import PathLike
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.metrics.association import travelled
 from moteslam.eval.report import style
-from moteslam.eval.report.style import STEPS, broken
+from moteslam.eval.report.style import STEPS, File, broken
 from moteslam.robot.se2 import between, compose
 from moteslam.slam.estimate import Estimate
 
 Array = NDArray[np.float64]
 
-PARTICLES_DRAWN = 50
-"""Of more particles than these, an even choice is drawn."""
-ELLIPSES = 30
-"""Places on the plan where the spread is drawn, evenly along the path."""
+PARTICLES_DRAWN, ELLIPSES = 50, 30
+"""Of more particles an even choice is drawn; at so many places on the plan, evenly along the path, the spread."""
 DRAWN_SIZE = 0.08
 """Deviations are magnified to at most this share of the plan's longer side."""
 COMPONENTS = (("along [cm]", 100.0), ("across [cm]", 100.0), ("heading [deg]", 180 / np.pi))
@@ -76,7 +73,7 @@ class Cloud:
         return np.flatnonzero(np.diff(self.ancestor_counts) > 0) + 1
 
 
-def draw_particles(path: str | PathLike[str], cloud: Cloud, *, title: str = "") -> None:
+def draw_particles(path: File, cloud: Cloud, *, title: str = "") -> None:
     """The particles' deviations, magnified on the plan and over time, and their ancestors (figure 8 of the paper)."""
     count = len(cloud.paths)
     drawn = np.unique(np.linspace(0, count - 1, min(count, PARTICLES_DRAWN)).round().astype(np.int64))
@@ -95,16 +92,12 @@ def draw_particles(path: str | PathLike[str], cloud: Cloud, *, title: str = "") 
 
 
 def magnification(largest: float, size: float) -> int:
-    """The factor that deviations up to the largest [m] are magnified by on a plan of this size [m].
-
-    1, 2 or 5 times a power of ten, 5000 at most.
-    """
+    """By which deviations up to the largest [m] are magnified on a plan of a size [m]: 1, 2, 5, 10 ... up to 5000."""
     limit = DRAWN_SIZE * size / max(largest, 1e-6)
     return max(int(step) for step in STEPS if step == 1 or 1 < step <= min(limit, 5000))
 
 
 def _draw_plan(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None:
-    """The mean path, and around it the survivors' paths and the spread of all particles, magnified."""
     from matplotlib.collections import EllipseCollection, LineCollection
 
     mean, deviations = cloud.mean, cloud.deviations(drawn)
@@ -132,7 +125,6 @@ def _draw_plan(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None
 
 
 def _draw_deviations(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64], column: int) -> None:
-    """One component of the deviations over time: of the survivors' paths, and the standard deviation of all."""
     from matplotlib.collections import LineCollection
 
     label, unit = COMPONENTS[column]
@@ -156,7 +148,6 @@ def _draw_deviations(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64], c
 
 
 def _draw_ancestors(axes: style.Axes, cloud: Cloud) -> None:
-    """How many ancestors the survivors have at each update, and where lineages part."""
     counts, partings, count = cloud.ancestor_counts, cloud.partings, len(cloud.paths)
     axes.plot(cloud.time, counts, color="black", lw=1.0, drawstyle="steps-post")
     label = f"lineages part ({len(partings)} times)"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,26 +17,28 @@ from moteslam.sim.world.world import World, true_map
 
 Array = NDArray[np.float64]
 
-MATERIAL_COLOURS = {"glass": "#56B4E9", "black": "black", "shiny": "#E69F00"}
-PLAIN_COLOUR, OTHER_MATERIAL, PERSON, DOOR, SLIPPERY = "0.25", "#CC79A7", "#D55E00", "#009E73", "#F0E442"
+MATERIAL_COLOURS = {"plain": "0.25", "glass": "#56B4E9", "black": "black", "shiny": "#E69F00"}
+OTHER_MATERIAL, PERSON, DOOR, SLIPPERY = "#CC79A7", "#D55E00", "#009E73", "#F0E442"
 UNREACHED, FREE_SPACE = "0.9", "white"
-FURNITURE_COLOURS = {"shelf": "#CDB08A", "table": "#E8D5B5", "chair": "#F4E8D2", "box": "0.75", "pillar": "0.55"}
-"""By kind; those that may stand on another one come after it. Of tables and chairs it is the board that is filled,
-which the lidar does not see."""
+FURNITURE = {
+    "shelves": ("shelf", "#CDB08A"),
+    "tables": ("table", "#E8D5B5"),
+    "chairs": ("chair", "#F4E8D2"),
+    "boxes": ("box", "0.75"),
+    "pillars": ("pillar", "0.55"),
+}
+"""Name and colour of each kind; those that may stand on another one come after it. Of tables and chairs it is the board
+that is filled, which the lidar does not see."""
 
-LONGEST = 11.0
-"""The longer side of the plan [inch]."""
-RASTER = 1500
-"""Cells along the longer side of the raster of free space."""
-ARROWS_APART = 0.9
-"""Distance between the arrows along a route [inch]."""
+LONGEST, RASTER = 11.0, 1500
+"""The longer side of the plan [inch], and the cells along it of the raster of free space."""
+ARROWS_APART, ARROW_BESIDE = 0.9, 0.05
+"""Between the arrows along a route, and how far to the right of it they are, as there and back differ [inch]."""
 ARROW: dict[str, Any] = {
     **{"units": "inches", "width": 0.035, "headwidth": 2.0, "headlength": 3.1, "headaxislength": 3.1},
     **{"scale_units": "inches", "scale": 1 / 0.11},
 }
 """A triangle 0.11 inch long and 0.07 wide."""
-ARROW_BESIDE = 0.05
-"""How far to the right of the line an arrow is drawn, as there and back differ [inch]."""
 FONT_SIZE = 8.0 / 72
 """Of labels [inch]."""
 CHARACTER = (0.62, 1.3)
@@ -56,12 +57,8 @@ class Label(NamedTuple):
     colour: str = "black"
 
 
-def draw_scenario(path: str | PathLike[str], scenario: Scenario, *, driven: Array | None = None) -> None:
-    """Draw a scenario as a plan; the path [n, 2] that was driven [m] in place of its route.
-
-    Raises:
-        InputError: a floor plan that cannot be read.
-    """
+def draw_scenario(path: style.File, scenario: Scenario, *, driven: Array | None = None) -> None:
+    """Draw a scenario as a plan; the path [n, 2] that was driven [m] in place of its route."""
     world = World.of(scenario.world)
     points = world.segments.reshape(-1, 2)
     scale = LONGEST / (float(np.ptp(points, axis=0).max()) + 2.0)  # inch/m, as of saved_plan
@@ -89,7 +86,6 @@ def _draw_unreached(axes: style.Axes, world: World, start: Array) -> None:
 
 
 def _draw_slippery(axes: style.Axes, layout: Layout) -> list[Label]:
-    """Patches of slippery floor; their labels."""
     from matplotlib.patches import Rectangle
 
     labels = []
@@ -101,38 +97,26 @@ def _draw_slippery(axes: style.Axes, layout: Layout) -> list[Label]:
 
 
 def _draw_furniture(axes: style.Axes, layout: Layout) -> None:
-    """The areas that pieces take on the floor, a colour a kind."""
     from matplotlib.collections import PolyCollection
 
-    furniture = {
-        "shelf": [piece.polygon() for piece in layout.shelves],
-        "table": [piece.polygon() for piece in layout.tables],
-        "chair": [piece.polygon() for piece in layout.chairs],
-        "box": [piece.polygon() for piece in layout.boxes],
-        "pillar": [piece.polygon() for piece in layout.pillars],
-    }
     look: dict[str, Any] = {"edgecolors": "0.6", "linewidths": 0.4, "zorder": 0.5}
-    for kind, colour in FURNITURE_COLOURS.items():
-        if areas := furniture[kind]:
+    for kinds, (kind, colour) in FURNITURE.items():
+        if areas := [piece.polygon() for piece in getattr(layout, kinds)]:
             axes.add_collection(PolyCollection(areas, facecolors=colour, label=f"{kind} ({len(areas)})", **look))
 
 
 def _draw_walls(axes: style.Axes, world: World) -> None:
-    """Walls and outlines of what stands, a colour a material."""
     from matplotlib.collections import LineCollection
 
     surfaces = np.zeros(len(world.segments), np.int64) if world.surfaces is None else world.surfaces
     for i, name in enumerate(world.palette):
-        lines = world.segments[surfaces == i].reshape(-1, 2, 2)
+        lines, plain = world.segments[surfaces == i].reshape(-1, 2, 2), name == "plain"
         if len(lines):
-            plain = name == "plain"
-            colour = PLAIN_COLOUR if plain else MATERIAL_COLOURS.get(name, OTHER_MATERIAL)
-            label = "wall" if plain else name
+            colour, label = MATERIAL_COLOURS.get(name, OTHER_MATERIAL), "wall" if plain else name
             axes.add_collection(LineCollection(lines, colors=colour, linewidths=1.0 if plain else 2.2, label=label))
 
 
 def _draw_route(axes: style.Axes, scenario: Scenario, line: Array | None, scale: float, name: str) -> list[Label]:
-    """The route with arrows, its start and its goal; their labels."""
     start = scenario.start
     style.mark_start(axes, start[None])
     if line is None:
@@ -152,12 +136,7 @@ def _draw_route(axes: style.Axes, scenario: Scenario, line: Array | None, scale:
 
 
 def along(line: Array, spacing: float) -> tuple[Array, Array]:
-    """Places [n, 2] on a line [k, 2] at even distances, at least one, and the line's unit directions there [n, 2].
-
-    Args:
-        line: two corners at least, in any unit.
-        spacing: about this distance between two places.
-    """
+    """Places [n, 2] on a line [k, 2], k at least 2, about a spacing apart, and its unit directions there [n, 2]."""
     steps = np.diff(line, axis=0)
     lengths = np.hypot(*steps.T)
     travelled = np.concatenate(([0.0], np.cumsum(lengths)))
@@ -169,14 +148,12 @@ def along(line: Array, spacing: float) -> tuple[Array, Array]:
 
 
 def _draw_people(axes: style.Axes, scenario: Scenario) -> list[Label]:
-    """Where people start and walk; their labels."""
     labels = []
     for i, person in enumerate(scenario.people):
-        waypoints = np.asarray(person.waypoints)
-        strolls = len(waypoints) == 1
+        strolls = len(person.waypoints) == 1
         look: dict[str, Any] = {"color": PERSON, "mfc": "white" if strolls else PERSON, "mec": PERSON, "lw": 1.2}
         look["label"] = "person, strolls about" if strolls else "person, there and back"
-        axes.plot(*waypoints.T, "o" if strolls else "o:", markevery=[0], ms=5, **look)
+        axes.plot(*np.transpose(person.waypoints), "o" if strolls else "o:", markevery=[0], ms=5, **look)
         labels.append(Label(f"person {i + 1}", person.waypoints[0], PERSON))
     if scenario.crowd is not None:
         axes.plot([], [], "o", color="none", mec=PERSON, ms=5, label=f"+ {scenario.crowd.count} who stroll anywhere")
@@ -184,7 +161,6 @@ def _draw_people(axes: style.Axes, scenario: Scenario) -> list[Label]:
 
 
 def _draw_doors(axes: style.Axes, scenario: Scenario) -> list[Label]:
-    """The leaves of doors, shut and open; their labels."""
     labels = []
     for i, door in enumerate(scenario.doors):
         leaf = np.array((door.hinge, door.end))

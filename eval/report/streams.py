@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from os import PathLike
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +20,7 @@ BINS = 240
 RANGE_BINS = 80
 
 
-def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspection) -> None:
+def draw_streams(path: style.File, recording: Recording, found: Inspection) -> None:
     """Draw what a recording's streams cover, their rates, the yaw rates they measure, and all its ranges, over time."""
     stamps = {name: some for name, some in recording.stamps().items() if len(some)}
     first = min(float(some[0]) for some in stamps.values())
@@ -45,14 +43,8 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
             late = {clock.name: f"\n{1000 * clock.offset:+.0f} ms to {clock.reference}" for clock in found.clocks}
             times = np.linspace(first, last, 4 * BINS)
             for width, (name, rate) in zip(np.linspace(2.2, 0.8, len(rates)), rates.items(), strict=True):
-                label = f"{name}{late.get(name, '')}"
-                axes.plot(
-                    times - first,
-                    yaw_rate(*rate, times),
-                    color=colours.get(name, STREAM_COLOURS[-1]),
-                    lw=width,
-                    label=label,
-                )
+                label, colour = f"{name}{late.get(name, '')}", colours.get(name, STREAM_COLOURS[-1])
+                axes.plot(times - first, yaw_rate(*rate, times), color=colour, lw=width, label=label)
             axes.set_ylabel("yaw rate [rad/s]")
             _legend(axes)
         if lidar is not None:
@@ -75,7 +67,6 @@ def _draw_cover(axes: style.Axes, stamps: dict[str, Array], colours: dict[str, s
 
 
 def _gaps(stamps: Array) -> NDArray[np.intp]:
-    """After which readings there is a gap, as `inspect` reports it."""
     steps = np.diff(stamps)
     above = steps[steps > 0]
     longest = max(GAP * float(np.median(above)), REPORTED_GAP) if len(above) else np.inf
@@ -104,7 +95,10 @@ def _draw_ranges(above: style.Axes, below: style.Axes, lidar: LidarStream, first
 
     A column is a group of scans, up to the next group; between two groups with a gap between them it is empty.
     """
-    times, gaps, limit, count = lidar.stamps - first, _gaps(lidar.stamps), _longest(lidar), len(lidar)
+    times, gaps, count = lidar.stamps - first, _gaps(lidar.stamps), len(lidar)
+    sample = lidar.ranges[:: max(1, count // 500)]
+    endpoints = sample[np.isfinite(sample)]  # nearly all of them are drawn
+    limit = float(np.quantile(endpoints, 0.995)) * 1.05 if len(endpoints) else lidar.range_max
     gaps = gaps[np.diff(times)[gaps] > times[-1] / BINS]  # shorter ones are no wider than a column
     begins = np.union1d(np.linspace(0, count, min(BINS, count), endpoint=False).astype(np.intp), gaps + 1)
     columns, lengths = np.arange(len(begins) + 1), np.linspace(0, limit, RANGE_BINS + 1)
@@ -133,13 +127,5 @@ def _draw_ranges(above: style.Axes, below: style.Axes, lidar: LidarStream, first
     _legend(below)
 
 
-def _longest(lidar: LidarStream) -> float:
-    """Up to which range to draw [m]: nearly all endpoints of scans spread over the recording."""
-    sample = lidar.ranges[:: max(1, len(lidar) // 500)]
-    endpoints = sample[np.isfinite(sample)]
-    return float(np.quantile(endpoints, 0.995)) * 1.05 if len(endpoints) else lidar.range_max
-
-
 def _legend(axes: style.Axes) -> None:
-    """Beside the panel, over no data."""
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

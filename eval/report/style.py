@@ -1,7 +1,6 @@
 """How every figure looks: white, colours that colour-blind eyes tell apart, legends outside the axes, units.
 
-The functions ``draw_*`` of this folder write a PNG to ``path``, with ``title`` over the figure; an ``OutputError`` says
-that it cannot be written. Points are in metres, times in seconds.
+The functions ``draw_*`` of this folder write a PNG to ``path``, with ``title`` over the figure; points [m], times [s].
 """
 
 from __future__ import annotations
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     Axes = matplotlib.axes.Axes  # of annotations here and in the files beside this one
 
 Array = NDArray[np.float64]
+File = str | PathLike[str]
 
 
 @dataclass(frozen=True)
@@ -94,12 +94,11 @@ GAP = 10
 
 @contextmanager
 def saved_figure(
-    path: str | PathLike[str], *, size: tuple[float, float], title: str = "", columns: tuple[int, int] = (5, 2)
+    path: File, *, size: tuple[float, float], title: str = "", columns: tuple[int, int] = (5, 2)
 ) -> Iterator[Figure]:
     """A figure of this width and height [inch] to draw on, written as a PNG when the block ends.
 
-    Under it is one legend for all panels that have none of their own, each label once: of that many columns in a
-    figure wider than 7 inch, and in others.
+    Under it is one legend for all panels without one, of that many columns where it is wider than 7 inch, and else.
     """
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports font caches
     import matplotlib
@@ -114,11 +113,10 @@ def saved_figure(
         FigureCanvasAgg(figure)
         yield figure
         figure.suptitle(shortened(title, 90)).set_parse_math(False)
+        shared = [axes.get_legend_handles_labels() for axes in figure.axes if axes.get_legend() is None]
         shown: dict[str, Any] = {}
-        for axes in figure.axes:
-            if axes.get_legend() is None:
-                for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-                    shown.setdefault(literal(label), handle)
+        for handle, label in (pair for each in shared for pair in zip(*each, strict=True)):
+            shown.setdefault(literal(label), handle)
         if shown:
             ncols = columns[0] if size[0] > 7 else columns[1]
             legend = figure.legend(list(shown.values()), list(shown), loc="outside lower center", ncols=ncols)
@@ -135,22 +133,16 @@ def saved_figure(
 
 @contextmanager
 def saved_plan(
-    path: str | PathLike[str],
-    points: Array,
-    *,
-    title: str = "",
-    margin: float = 0.5,
-    longest: float = 8.0,
-    columns: tuple[int, int] = (5, 2),
+    path: File, points: Array, *, margin: float = 0.5, longest: float = 8.0, **figure_options: Any
 ) -> Iterator[Axes]:
-    """The axes of a figure of one floor plan that shows points [n, 2] and a margin [m], without empty bands.
+    """The axes of a ``saved_figure`` of one floor plan that shows points [n, 2] and a margin [m], without empty bands.
 
     Its longer side is about ``longest`` [inch].
     """
     extent = np.ptp(points, axis=0) + 2.0
     width, height = longest * extent / extent.max()
     size = max(float(width), 4.5) + 0.6, max(float(height), 1.1) + 1.1
-    with saved_figure(path, size=size, title=title, columns=columns) as figure:
+    with saved_figure(path, size=size, **figure_options) as figure:
         axes = figure.subplots()
         plan(axes)
         show_everything(axes, points, margin=margin)
@@ -163,18 +155,19 @@ def shortened(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
-def map_greys(log_odds: NDArray[np.float32]) -> Array:
-    """The greys of a map, 0 black to 1 white, of log-odds [H, W]: those of ``STYLE`` and in between."""
-    belief = np.tanh(np.asarray(log_odds, np.float64) / 2)  # 2 p - 1: -1 free, 0 unknown, 1 occupied
-    end = np.where(belief < 0, STYLE.map_free, STYLE.map_occupied)
-    return np.asarray(STYLE.map_unknown + (end - STYLE.map_unknown) * np.abs(belief))
-
-
 def plan(axes: Axes) -> None:
     """Axes of a floor plan: metres, and equal in x and y."""
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
+
+
+def draw_paths(axes: Axes, *paths: tuple[Array, dict[str, Any]], start: Array, end: str = "end") -> None:
+    """Paths [n, 2 or more], each with its look, on a plan; where one of them starts, and where each ends."""
+    for path, look in paths:
+        axes.plot(*path[:, :2].T, **look)
+    mark_start(axes, start)
+    mark_ends(axes, *((path, look["color"]) for path, look in paths), label=end)
 
 
 def mark_start(axes: Axes, path: Array) -> None:
@@ -184,10 +177,10 @@ def mark_start(axes: Axes, path: Array) -> None:
 
 def mark_ends(axes: Axes, *paths: tuple[Array, str], label: str = "end") -> None:
     """Mark the last pose of each path [n, 2 or more], in the colour of its line."""
+    look: dict[str, Any] = {"marker": "s", "mec": "white", "ms": 6, "ls": ""}
     for path, colour in paths:
-        axes.plot(*path[-1, :2], "s", color=colour, mec="white", ms=6, ls="", zorder=7)
-    colour = paths[0][1] if len(paths) == 1 else "0.4"
-    axes.plot([], [], "s", color=colour, mec="white", ms=6, ls="", label=label)
+        axes.plot(*path[-1, :2], color=colour, zorder=7, **look)
+    axes.plot([], [], color=paths[0][1] if len(paths) == 1 else "0.4", label=label, **look)
 
 
 def show_everything(axes: Axes, *paths: Array, margin: float = 0.5) -> None:

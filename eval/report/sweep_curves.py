@@ -4,56 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isfinite, log10
-from os import PathLike
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from moteslam.eval.metrics.registry import metric
 from moteslam.eval.report import style
-from moteslam.eval.sweep.tables import GroupSummary, better, varying
+from moteslam.eval.report.style import File
+from moteslam.eval.runs import Line, better, lines_over, summary_of, unit_of
+from moteslam.eval.sweep.store import Row
 from moteslam.eval.tables import literal
 
 FAR_APART, FAR_APART_BELOW = 12.0, 5.0
 """Values of which one is this many times another have a logarithmic axis, if all are above 0; so have those below."""
-DODGE = 0.012
-"""Between the same place on two lines, as a share of the axis: so that intervals lie beside each other."""
+DODGE, MARGIN = 0.012, 0.08
+"""Between the same place on two lines, whose intervals lie side by side, and beyond the values, where medians that are
+infinite lie; as shares of the axis."""
 MARKERS = ("o", "s", "^", "D", "v", "P")
-SETTINGS = ("scenario", "platform", "noise")
-"""Columns that say where it was run: they choose the colour, all others dashes and marker."""
-MARGIN = 0.08
-"""Beyond the values, as a share of the axis; medians that are infinite lie there."""
-
-
-class Line(NamedTuple):
-    """The groups of one scenario and configuration at their places on the axis; its label sets it apart from others."""
-
-    label: str
-    look: dict[str, Any]
-    places: list[float]
-    groups: list[GroupSummary]
 
 
 def draw_sweep(
-    path: str | PathLike[str],
-    groups: Sequence[GroupSummary],
-    metrics: Sequence[str],
-    *,
-    column: str,
-    label: str | None = None,
+    path: File, rows: Sequence[Row], metrics: Sequence[str], *, column: str, label: str | None = None
 ) -> None:
-    """Medians over a column of ``GroupSummary.about`` with bars for their 95 % bootstrap intervals, a panel a metric.
+    """Medians over a column of ``Row.about`` with bars for their 95 % bootstrap intervals, a panel a metric.
 
-    A median that is infinite, since half of the runs failed, is an open marker beyond the others. Bars end at the edge
-    where they go on to infinity. Groups without the column are left out.
+    A colour stands for a scenario, robot and noise, dashes for a configuration. A median that is infinite, since half
+    of the runs failed, is an open marker beyond the others. Bars end at the edge where they go on to infinity.
     """
-    shown = [group for group in groups if column in group.about]
-    places = places_of([group.about[column] for group in shown])
-    lines = lines_of(shown, column, places)
+    lines = lines_over(rows, column)
+    places = places_of([value for line in lines for value in line.groups])
+    looks = _looks(lines)
     with style.saved_figure(path, size=(1.0 + 5.2 * len(metrics), 4.6)) as figure:
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axes, name in zip(panels, metrics, strict=True):
-            _draw(axes, lines, name, places)
+            _draw(axes, lines, looks, name, places)
             axes.set_xlabel(literal(column if label is None else label), parse_math=False)
         panels[0].errorbar([], [], yerr=[], color="0.4", ls="", capsize=3.5, label="95 % interval of the median")
 
@@ -73,34 +56,15 @@ def places_of(values: Sequence[Any]) -> dict[Any, float]:
     return dict(sorted(numbers.items(), key=lambda item: item[1]))
 
 
-def lines_of(groups: Sequence[GroupSummary], column: str, places: dict[Any, float]) -> list[Line]:
-    """The lines of groups: a colour for each scenario, robot and noise, dashes for each configuration."""
-
-    def text(group: GroupSummary, key: str) -> str:
-        return str(group.about.get(key, ""))
-
-    keys = varying([group.about for group in groups])
-    others = [key for key in keys if key != column and len({text(group, key) for group in groups}) > 1]
-    members: dict[tuple[tuple[str, ...], tuple[str, ...]], list[GroupSummary]] = {}
-    for group in groups:
-        where = tuple(text(group, key) for key in others if key in SETTINGS)
-        words = {key: text(group, key) for key in others if key not in SETTINGS}
-        how = tuple(word if key == "configuration" or not word else f"{key}={word}" for key, word in words.items())
-        members.setdefault((where, how), []).append(group)
-    wheres = list(dict.fromkeys(where for where, _ in members))
-    hows = list(dict.fromkeys(how for _, how in members))
-    lines = []
-    for (where, how), each in members.items():
-        first, second = wheres.index(where), hows.index(how)
-        look = {
-            "color": style.COLOURS[first % len(style.COLOURS)],
-            "ls": style.DASHES[second % len(style.DASHES)],
-            "marker": MARKERS[(second if len(hows) > 1 else first) % len(MARKERS)],
-        }
-        ordered = sorted(each, key=lambda group: places[group.about[column]])
-        label = ", ".join(filter(None, (*where, *how)))
-        lines.append(Line(label, look, [places[group.about[column]] for group in ordered], ordered))
-    return lines
+def _looks(lines: Sequence[Line]) -> list[dict[str, Any]]:
+    wheres, hows = list(dict.fromkeys(line.where for line in lines)), list(dict.fromkeys(line.how for line in lines))
+    looks = []
+    for line in lines:
+        first, second = wheres.index(line.where), hows.index(line.how)
+        marker = MARKERS[(second if len(hows) > 1 else first) % len(MARKERS)]
+        dashes = style.DASHES[second % len(style.DASHES)]
+        looks.append({"color": style.COLOURS[first % len(style.COLOURS)], "ls": dashes, "marker": marker})
+    return looks
 
 
 def far_apart(values: Sequence[float], factor: float = FAR_APART) -> bool:
@@ -108,11 +72,13 @@ def far_apart(values: Sequence[float], factor: float = FAR_APART) -> bool:
     return len(values) > 0 and min(values) > 0 and max(values) >= factor * min(values)
 
 
-def _draw(axes: style.Axes, lines: Sequence[Line], name: str, places: dict[Any, float]) -> None:
-    summaries = [group.values[name] for line in lines for group in line.groups]
-    ends = [value for one in summaries for value in (one.median, one.low, one.high)]
+def _draw(
+    axes: style.Axes, lines: Sequence[Line], looks: Sequence[dict[str, Any]], name: str, places: dict[Any, float]
+) -> None:
+    summed = [{value: summary_of(rows, name) for value, rows in line.groups.items()} for line in lines]
+    ends = [end for line in summed for one in line.values() for end in (one.median, one.low, one.high)]
     finite = [value for value in ends if value is not None and isfinite(value)]
-    unit, factor = axis_unit(metric(name).unit, finite)
+    unit, factor = axis_unit(unit_of(name), finite)
     finite = [factor * value for value in finite]
     low, high = _limits(finite, logarithmic=far_apart(finite), from_zero=better(name) == "lower")
     first, last = min(places.values()), max(places.values())
@@ -120,18 +86,18 @@ def _draw(axes: style.Axes, lines: Sequence[Line], name: str, places: dict[Any, 
         first, last = first - 0.5, last + 0.5
     if far_apart(list(places.values()), FAR_APART_BELOW):
         axes.set_xscale("log")
-    for index, line in enumerate(lines):
-        having = [(x, group.values[name]) for x, group in zip(line.places, line.groups, strict=True)]
+    for index, (line, groups) in enumerate(zip(lines, summed, strict=True)):
+        having = [(x, groups[value]) for value, x in places.items() if value in groups]
         having = [(x, one) for x, one in having if one.median is not None]
         shift = DODGE * (index - (len(lines) - 1) / 2)
         x = np.array([x for x, _ in having])
         x = x * (last / first) ** shift if axes.get_xscale() == "log" else x + shift * (last - first)
         shown = [[factor * float(getattr(one, part)) for _, one in having] for part in ("median", "low", "high")]
         y, bottom, top = np.clip(shown, low, high)
-        look = {"lw": 1.4, "ms": 5.5, "capsize": 3.5, "label": line.label or "median", **line.look}
+        look = {"lw": 1.4, "ms": 5.5, "capsize": 3.5, "label": line.label or "median", **looks[index]}
         axes.errorbar(x, y, yerr=(y - bottom, top - y), **look)
         failed = ~np.isfinite(shown[0])
-        axes.plot(x[failed], y[failed], "o", mfc="white", mec=line.look["color"], ms=9, zorder=5)
+        axes.plot(x[failed], y[failed], "o", mfc="white", mec=looks[index]["color"], ms=9, zorder=5)
     names = [f"{value:g}" if isinstance(value, float) else str(value) for value in places]
     axes.set_xticks(list(places.values()), names, parse_math=False)
     if far_apart(finite):

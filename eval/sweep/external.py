@@ -21,24 +21,17 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.logged import with_odometry
 
 RecordingFormat = Literal["carmen", "ucsd"]
-TAIL = 300
-"""Characters of the last line that a program printed that go into the error."""
-LONGEST_VERSION = 200
-"""Characters of a version."""
+TAIL, LONGEST_VERSION = 300, 200
+"""Characters of the last line that a program printed that go into the error, and of a version."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """An external SLAM.
+    """An external SLAM: a program and its arguments, the format of its recording, and what it writes into ``{out}``.
 
-    Attributes:
-        words: the program and its arguments; in each ``{recording}`` stands for the file or folder of the recording,
-            ``{platform}`` for its robot as TOML, ``{out}`` for an empty folder, ``{seed}`` for the seed.
-        format: in which it is given the recording: ``carmen``, a log, or ``ucsd``, a folder of arrays.
-        trajectory: file in ``{out}`` with its trajectory, on the clock of the recording: TUM, or another format of
-            `read_trajectory`.
-        map: map_server ``.yaml`` file in ``{out}``, in the frame of the trajectory; empty if it has none.
-        version: what is recorded of the program; it changes nothing.
+    In each word ``{recording}`` stands for the file or folder of the recording, ``{platform}`` for its robot as TOML,
+    ``{out}`` for an empty folder, ``{seed}`` for the seed. The trajectory is on the clock of the recording, the map,
+    which may be missing, in the trajectory's frame. The version changes nothing.
     """
 
     words: tuple[str, ...]
@@ -51,32 +44,27 @@ class Command:
 def estimate(command: Command, recording: Recording, seed: int) -> tuple[Trajectory, Raster | None]:
     """Run an external SLAM over a recording; its trajectory, and its map if it wrote one.
 
-    Nothing but the recording and its robot is given to it; what it prints is thrown away, but for the last line of one
-    that fails.
+    Nothing but the recording and its robot is given to it; of what it prints the last line of one that fails is kept.
     """
     with tempfile.TemporaryDirectory(prefix="moteslam-") as temporary:
-        folder = Path(temporary)
-        out, given = folder / "out", folder / "in"
+        out, given = Path(temporary) / "out", Path(temporary) / "in"
         out.mkdir()
         given.mkdir()
         try:
-            if command.format == "carmen":
-                file = given / "recording.log"
-                lidar = recording.lidar
-                posed = recording.odometry is not None or (lidar is not None and lidar.odometry is not None)
-                # a log has odometry poses, as the base integrates them
-                write_carmen(file, recording if posed else with_odometry(recording, gyro=recording.imu is not None))
-            else:
-                file = given
+            file = given
+            if command.format == "ucsd":
                 write_ucsd(given, recording, sequence=0)
+            else:  # a log has odometry poses, as the base integrates them
+                file = given / "recording.log"
+                posed = recording.odometry is not None or getattr(recording.lidar, "odometry", None) is not None
+                write_carmen(file, recording if posed else with_odometry(recording, gyro=recording.imu is not None))
         except MoteslamError as error:
             problem = f"the recording cannot be given to it in the format {command.format}: {error.problem}"
             raise InputError(problem, file=command.words[0]) from error
         robot = given / "platform.toml"
         write_platform(robot, recording.platform)
-        names = {"recording": file, "platform": robot, "out": out, "seed": seed}
         words = list(command.words)
-        for name, value in names.items():
+        for name, value in {"recording": file, "platform": robot, "out": out, "seed": seed}.items():
             words = [word.replace(f"{{{name}}}", str(value)) for word in words]
         run_program(words, out)
         if not (out / command.trajectory).is_file():

@@ -32,22 +32,22 @@ class PlannedRun(Section):
 
     scenario: str
     """Its name, or the path of its file; empty where a recording is replayed."""
-    recording: str
+    recording: str = ""
     """Path of it; empty where a scenario is simulated."""
-    platform: str
-    noise: str
+    platform: str = ""
+    noise: str = ""
     """In place of the scenario's own; empty for that."""
-    duration: float | None
+    duration: float | None = None
     """The drive ends after this time [s]; None for the scenario's own."""
     seed: int
     """Of simulation and SLAM."""
     configuration: str
-    preset: str
-    settings: tuple[str, ...]
+    preset: str = ""
+    settings: tuple[str, ...] = ()
     """``key=value`` over scenario, robot and preset, with their prefixes; sorted."""
-    varied: tuple[tuple[str, Scalar], ...]
+    varied: tuple[tuple[str, Scalar], ...] = ()
     """Keys and values of what varies, in the order of the specification."""
-    metrics: tuple[str, ...]
+    metrics: tuple[str, ...] = ()
     command: tuple[tuple[str, ...] | str, ...] = ()
     """An external SLAM in place of the preset: see ``Command``; empty for none."""
 
@@ -85,10 +85,6 @@ class PlannedRun(Section):
     def for_scenario(self) -> tuple[str, ...]:
         """The settings over the scenario, those of its robot among them."""
         return tuple(setting.removeprefix("scenario.") for setting in self.settings if not setting.startswith("slam."))
-
-    def as_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
-        return self.model_dump(mode="json")
 
 
 def plan(spec: SweepSpec, *, check: bool = True) -> list[PlannedRun]:
@@ -169,20 +165,17 @@ def _runs(spec: SweepSpec) -> Iterator[PlannedRun]:
     simulated = product(spec.scenarios, ("",), spec.platforms or [""], spec.noise or [""], seeds)
     recorded = product(("",), spec.recordings, ("",), ("",), seeds)
     combinations = [dict(zip(spec.vary, values, strict=True)) for values in product(*map(spec.values, spec.vary))]
+    # a command does not know keys of ours: it is run once for all of their values
+    others = [{key: value for key, value in one.items() if not key.startswith("slam.")} for one in combinations]
+    apart = list({tuple(one.items()): one for one in others}.values())
     for cases in (simulated, recorded):
         for case in cases:
             runs = [
                 _run(spec, case, name, one, values)
                 for name, one in spec.configurations.items()
-                for values in (_apart(combinations) if one.command else combinations)
+                for values in (apart if one.command else combinations)
             ]
             yield from sorted(runs, key=lambda run: run.case)
-
-
-def _apart(combinations: list[dict[str, Scalar]]) -> list[dict[str, Scalar]]:
-    """Without keys of ours, which a command does not know: it is run once for all of their values."""
-    others = [{key: value for key, value in one.items() if not key.startswith("slam.")} for one in combinations]
-    return list({tuple(one.items()): one for one in others}.values())
 
 
 def _run(
@@ -190,6 +183,7 @@ def _run(
 ) -> PlannedRun:
     scenario, recording, platform, noise, seed = case
     settings = {key: value for key, value in (one.set | varied).items() if not recording or key.startswith("slam.")}
+    written = {key: tomli_w.dumps({"": value}).strip().partition("= ")[2] for key, value in settings.items()}
     command: tuple[tuple[str, ...] | str, ...] = ()
     if one.command:  # the version only where one was given: a run's name follows from these
         command = one.command, one.format, one.trajectory, one.map, *([str(one.version)] if one.version else [])
@@ -202,20 +196,14 @@ def _run(
         seed=seed,
         configuration=name,
         preset=one.preset,
-        settings=tuple(sorted(f"{key}={_literal(value)}" for key, value in settings.items())),
+        settings=tuple(sorted(map("=".join, written.items()))),
         varied=tuple(varied.items()),
         metrics=spec.metrics,
         command=command,
     )
 
 
-def _literal(value: Any) -> str:
-    """A value as TOML writes it."""
-    return tomli_w.dumps({"value": value}).strip().partition("= ")[2]
-
-
 def _check(runs: list[PlannedRun]) -> None:
-    """Refuse what a run would refuse, before the first begins."""
     seen: set[Any] = set()
     for run in runs:
         slam, world = (run.preset, run.for_slam()), run.case[:4] + run.case[6:]
@@ -243,8 +231,7 @@ def _named(where: str, run: PlannedRun) -> Iterator[None]:
         yield
     except MoteslamError as error:
         problem, field = error.problem, error.field or ""
-        varied = [key for key, _ in run.varied if field and key.partition(".")[2].endswith(field)]
-        if varied:
+        if varied := [key for key, _ in run.varied if field and key.partition(".")[2].endswith(field)]:
             where = f"vary.{varied[0]}"
         elif run.platform and field == run.platform:
             where, problem = "platforms", f"{run.platform!r}, {problem}"

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from moteslam.eval.metrics.catalogue import COSTS
 from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
-from moteslam.eval.metrics.registry import Value, measure
+from moteslam.eval.metrics.registry import COSTS, Value, measure
 from moteslam.eval.metrics.relations import Relations, is_relations, read_relations
 from moteslam.eval.scores import beside, evidence_of, true_map_beside, truth_file
 from moteslam.eval.sweep.external import Command, estimate
@@ -60,11 +59,11 @@ def load_case(run: PlannedRun) -> Case:
 
 
 _latest: dict[Any, Case] = {}
-"""The latest case: the next run may be of it."""
+"""The next run may be of it."""
 
 
 def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
-    """Make a run, given as ``PlannedRun.as_dict``; time and memory are those of a process that did nothing else.
+    """Make a run, a ``PlannedRun`` as JSON has it; time and memory are those of a process that did nothing else.
 
     Returns:
         ``values`` of all metrics, scans and distance, each with ``value`` and ``unit`` or ``absent``; and ``issues``.
@@ -105,11 +104,6 @@ def _external(run: PlannedRun, case: Case) -> tuple[Evidence, Cost, tuple[Issue,
     trajectory, occupancy = estimate(command, case.recording, run.seed)
     wall, after = time.perf_counter() - clock, resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    evidence = Evidence(
-        {FINAL: trajectory},
-        truth=case.truth,
-        occupancy=occupancy,
-        true_map=case.true_map,
-        recording=case.recording,
-    )
+    about = {"truth": case.truth, "occupancy": occupancy, "true_map": case.true_map, "recording": case.recording}
+    evidence = Evidence({FINAL: trajectory}, **about)  # type: ignore[arg-type]
     return evidence, Cost(cpu, wall, 1024 * after.ru_maxrss), trajectory.warnings

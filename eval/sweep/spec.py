@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.evidence import TRACKS
@@ -23,7 +23,7 @@ MAX_RUNS = 1_000_000
 PREFIXES = ("slam.", "scenario.", "platform.")
 """What a key that varies, or that a configuration sets, begins with: whose key it is."""
 NAME = r"^[\w.+-]{1,80}$"
-SUCCESS_ATE = 0.5
+SUCCESS = {"final.ate": 0.5}
 """A run succeeds, where nothing else is said, with a final ATE of at most this [m]."""
 
 Scalar = bool | int | float | str
@@ -104,6 +104,11 @@ class Configuration(Section):
         return self
 
 
+def _counted(seeds: str) -> str:
+    numbers(seeds)
+    return seeds
+
+
 class SweepSpec(Section):
     """A sweep: every configuration, with every combination of what varies, on every case and every seed."""
 
@@ -124,7 +129,7 @@ class SweepSpec(Section):
     """Classes of noise in place of the scenarios' own."""
     duration: Positive | None = None
     """The drives end after this time, if not before [s]."""
-    seeds: str = "0-9"
+    seeds: Annotated[str, AfterValidator(_counted)] = "0-9"
     """Of the simulation and of SLAM: `0-9`, or `3,5,10-19`."""
     configurations: dict[Annotated[str, Field(pattern=NAME)], Configuration] = Field(
         default_factory=lambda: {"default": Configuration()}, min_length=1
@@ -134,16 +139,10 @@ class SweepSpec(Section):
     """Keys that take these values, in every combination."""
     metrics: tuple[str, ...] = ()
     """What is measured, by name; all metrics that are not costly by default."""
-    success: dict[str, NotNegative] = Field(default_factory=lambda: {"final.ate": SUCCESS_ATE})
+    success: dict[str, NotNegative] = Field(default_factory=lambda: dict(SUCCESS))
     """A run succeeds if each of these metrics is present and at most this large."""
     timeout: Positive = 1800.0
     """A run that takes longer has failed [s]."""
-
-    @field_validator("seeds")
-    @classmethod
-    def _counted(cls, value: str) -> str:
-        numbers(value)
-        return value
 
     @model_validator(mode="after")
     def _cases(self) -> SweepSpec:
@@ -154,7 +153,7 @@ class SweepSpec(Section):
     def values(self, key: str) -> list[Scalar]:
         """What a key of ``vary`` takes."""
         given = self.vary[key]
-        return list(given.values()) if isinstance(given, Range) else list(given)
+        return [*given.values()] if isinstance(given, Range) else [*given]
 
 
 def bundled_specs() -> dict[str, Path]:
@@ -202,7 +201,7 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
 
 
 def _expanded(name: str) -> str:
-    """A path with the variables of the environment that it names, all of which must be set."""
+    """A path with the variables of the environment that it names."""
     try:
         return re.sub(r"\$\{([A-Za-z_][A-Za-z0-9_]*)\}", lambda found: os.environ[found[1]], name)
     except KeyError as error:

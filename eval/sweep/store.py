@@ -7,66 +7,110 @@ import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 from moteslam.errors import ConfigError, InputError, OutputError
-from moteslam.eval.metrics.catalogue import COSTS
+from moteslam.eval.metrics.registry import COSTS
 from moteslam.eval.sweep.plan import PlannedRun, digest, plan, shard
-from moteslam.eval.sweep.spec import SweepSpec
+from moteslam.eval.sweep.spec import SUCCESS, SweepSpec
 from moteslam.eval.sweep.workers import Outcome
 from moteslam.robot.files import staged_file
 
-VERSION = "1"
+VERSION = "2"
 WHOLE = "1/1"
 """The part of a sweep that is all of it."""
 SCHEMA = """
 CREATE TABLE about (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE runs (
-    id TEXT PRIMARY KEY, number INTEGER NOT NULL, run TEXT NOT NULL,
-    status TEXT, error TEXT, issues TEXT
+    id TEXT PRIMARY KEY, number INTEGER NOT NULL, run TEXT NOT NULL, status TEXT, error TEXT, result TEXT
 );
-CREATE TABLE results (
-    run TEXT NOT NULL REFERENCES runs (id), name TEXT NOT NULL, value REAL, unit TEXT NOT NULL, absent TEXT,
-    PRIMARY KEY (run, name)
-) WITHOUT ROWID;
-CREATE TABLE costs (
-    run TEXT NOT NULL REFERENCES runs (id), name TEXT NOT NULL, value REAL, unit TEXT NOT NULL,
-    PRIMARY KEY (run, name)
-) WITHOUT ROWID;
 """
 Environment = Mapping[str, Mapping[str, str]]
 """Versions and hardware, by name."""
+Facts = Environment | None
+Key = tuple[Any, ...]
 
 
 @dataclass(frozen=True)
 class Row:
-    """A run of a sweep as it is recorded; the dicts are by metric.
+    """A run of a sweep as it is recorded, or of a result folder.
 
     Attributes:
         status: as of ``Outcome``; empty of one that was not made yet.
-        values: None if absent.
-        absent: reasons.
-        costs: times and memory, where they were measured.
+        scores: by metric, as of ``Value.as_dict``.
         issues: of recording and run.
+        succeeded: whether it ended well, with each metric of ``SweepSpec.success`` present and within its limit.
+        folder: of its result, if it has one.
+        facts: versions and hardware of a result folder.
     """
 
     run: PlannedRun
     status: str
-    error: str
-    values: dict[str, float | None]
-    units: dict[str, str]
-    absent: dict[str, str]
-    costs: dict[str, float]
+    error: str = ""
+    scores: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     issues: tuple[dict[str, Any], ...] = ()
+    succeeded: bool = False
+    folder: Path | None = None
+    facts: Environment = field(default_factory=dict)
+
+    @cached_property
+    def known(self) -> dict[str, float]:
+        """The values that are not absent, by metric."""
+        return {name: float(value) for name, one in self.scores.items() if (value := one.get("value")) is not None}
 
     @property
-    def known(self) -> dict[str, float]:
-        """Values and costs that are not absent."""
-        return {name: value for name, value in (self.values | self.costs).items() if value is not None}
+    def values(self) -> dict[str, float | None]:
+        """By metric, None if absent, without the costs."""
+        return {name: self.known.get(name) for name in self.scores if name not in COSTS}
+
+    @property
+    def costs(self) -> dict[str, float]:
+        """Times and memory, where they were measured."""
+        return {name: value for name, value in self.known.items() if name in COSTS}
+
+    @cached_property
+    def about(self) -> dict[str, Any]:
+        """What a run has in common with those of other seeds, by column."""
+        run = self.run
+        place = run.scenario or Path(run.recording).name
+        return {
+            "scenario": Path(place).stem if place.endswith(".toml") else place,
+            "platform": Path(run.platform).stem,
+            "noise": run.noise,
+            "configuration": run.configuration,
+            "version": run.version,
+            **dict(run.varied),
+        }
+
+    @property
+    def case(self) -> Key:
+        """Where, robot, noise, duration and seed: runs of two configurations with the same are a pair."""
+        return self.about["scenario"], self.about["platform"], self.run.noise, self.run.duration, self.run.seed
+
+    @property
+    def place(self) -> str:
+        """For people: where it drove, with which robot and noise."""
+        return ", ".join(filter(None, (str(self.about[key]) for key in ("scenario", "platform", "noise"))))
+
+    @property
+    def name(self) -> str:
+        """The same, with the seed."""
+        return f"{self.place}, seed {self.run.seed}"
+
+    def renamed(self, configuration: str) -> Row:
+        """The same with another name of its configuration."""
+        return replace(self, run=self.run.model_copy(update={"configuration": configuration}))
+
+
+def within(scores: Mapping[str, Mapping[str, Any]], limits: Mapping[str, float] = SUCCESS) -> bool:
+    """Whether each of some metrics is present and within its limit."""
+    values = {name: scores.get(name, {}).get("value") for name in limits}
+    return all(value is not None and value <= limits[name] for name, value in values.items())
 
 
 class Store:
@@ -93,37 +137,20 @@ class Store:
 
     def record(self, outcome: Outcome[PlannedRun]) -> None:
         """Record what became of a run; after this it is on the disk."""
-        result, run = outcome.result, outcome.run.id
-        values = [
-            (run, name, value.get("value"), value.get("unit", ""), value.get("absent"))
-            for name, value in result.get("values", {}).items()
-        ]
-        costs = [value[:4] for value in values if value[1] in COSTS and value[2] is not None]
-        issues = json.dumps(result.get("issues", []))
+        result = json.dumps(outcome.result)
         with self._connection as connection:
-            about = (outcome.status, outcome.error, issues, run)
-            connection.execute("UPDATE runs SET status = ?, error = ?, issues = ? WHERE id = ?", about)
-            others = [value for value in values if value[1] not in COSTS]
-            connection.executemany("INSERT INTO results VALUES (?, ?, ?, ?, ?)", others)
-            connection.executemany("INSERT INTO costs VALUES (?, ?, ?, ?)", costs)
+            about = (outcome.status, outcome.error, result, outcome.run.id)
+            connection.execute("UPDATE runs SET status = ?, error = ?, result = ? WHERE id = ?", about)
 
     def rows(self) -> Iterator[Row]:
         """All runs, in their order."""
-        columns = "id, run, coalesce(status, ''), coalesce(error, ''), coalesce(issues, '[]')"
-        query = f"SELECT {columns} FROM runs ORDER BY number"
-        for run, text, status, error, issues in self._connection.execute(query):
-            found = self._connection.execute("SELECT name, value, unit, absent FROM results WHERE run = ?", (run,))
-            results = found.fetchall()
-            yield Row(
-                PlannedRun.model_validate_json(text),
-                status,
-                error,
-                {name: value for name, value, _, _ in results},
-                {name: unit for name, value, unit, _ in results if value is not None},
-                {name: absent for name, _, _, absent in results if absent is not None},
-                dict(self._connection.execute("SELECT name, value FROM costs WHERE run = ?", (run,))),
-                tuple(json.loads(issues)),
-            )
+        columns = "run, coalesce(status, ''), coalesce(error, ''), coalesce(result, '{}')"
+        success = json.loads(self.spec).get("success", SUCCESS)
+        for text, status, error, result in self._connection.execute(f"SELECT {columns} FROM runs ORDER BY number"):
+            found = json.loads(result)
+            scores, issues = dict(sorted(found.get("values", {}).items())), tuple(found.get("issues", ()))
+            succeeded = status == "ok" and within(scores, success)
+            yield Row(PlannedRun.model_validate_json(text), status, error, scores, issues, succeeded)
 
     def take(self, other: Store) -> None:
         """Take over what another part of the same sweep has and this one has not."""
@@ -133,11 +160,8 @@ class Store:
         for row in other.rows():
             known = mine.get(row.run.id)
             if row.status and known is None:
-                values: dict[str, Any] = {
-                    name: {"value": value, "unit": row.units.get(name, ""), "absent": row.absent.get(name)}
-                    for name, value in (row.values | row.costs).items()
-                }
-                self.record(Outcome(row.run, row.status, row.error, {"values": values, "issues": row.issues}))
+                result = {"values": row.scores, "issues": row.issues}
+                self.record(Outcome(row.run, row.status, row.error, result))
             elif known is not None and row.status and (known.status, known.values) != (row.status, row.values):
                 raise InputError(f"another result of {row.run.name}, expected the same", file=other.path)
 
@@ -171,13 +195,7 @@ def opened(path: str | PathLike[str], *, write: bool = False) -> Iterator[Store]
 
 
 def create(
-    path: str | PathLike[str],
-    spec: str,
-    runs: Iterable[PlannedRun],
-    *,
-    part: str = WHOLE,
-    digest: str = "",
-    environment: Environment | None = None,
+    path: Path, spec: str, runs: Iterable[PlannedRun], *, part: str = WHOLE, digest: str = "", environment: Facts = None
 ) -> None:
     """Make the file of a sweep, complete or not at all; the specification is JSON."""
     about = {"version": VERSION, "spec": spec, "part": part, "digest": digest}
@@ -203,13 +221,15 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Env
         raise ConfigError(f"{part!r}, expected a part and how many there are, such as 2/8", field="--shard")
     if target.exists():
         with opened(target) as store:
+            problem = ""
             if store.spec != text:
-                raise OutputError("is of another specification, expected another --out", file=target)
-            if store.part != part:
-                raise OutputError(f"holds part {store.part}, not {part}, expected another --out", file=target)
-            if store.digest and store.digest != digest(plan(spec, check=False)):
-                problem = "has runs of other scenarios or robots of these names, expected another --out"
-                raise OutputError(problem, file=target)
+                problem = "is of another specification"
+            elif store.part != part:
+                problem = f"holds part {store.part}, not {part}"
+            elif store.digest and store.digest != digest(plan(spec, check=False)):
+                problem = "has runs of other scenarios or robots of these names"
+            if problem:
+                raise OutputError(f"{problem}, expected another --out", file=target)
         return
     try:
         runs = plan(spec)

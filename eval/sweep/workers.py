@@ -20,8 +20,11 @@ from collections import Counter, deque
 from collections.abc import Generator, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from math import inf
 from multiprocessing.connection import wait
 from typing import Any, Generic, Protocol, TypeVar
+
+from pydantic_core import to_jsonable_python
 
 from moteslam.errors import BackendError, MoteslamError
 from moteslam.eval.sweep.plan import PlannedRun
@@ -30,23 +33,17 @@ TRIES = 3
 """A run whose process dies is made again, as the process may have been killed for what others did; this often."""
 TAIL = 300
 """Characters of what a dead process printed last that go into the error."""
-WAIT = 0.5
-"""Seconds between two looks at the clock, at most."""
-CONNECT = 20
-"""A scheduler of a cluster that does not answer within this time is not there [s]."""
 RUNS = "moteslam.eval.sweep.runs"
 """The module that makes the runs of a sweep."""
+WAIT, CONNECT = 0.5, 20
+"""Between two looks at the clock, at most, and until a scheduler of a cluster must have answered [s]."""
 
 
 class Run(Protocol):
     """Something to make; a process is given runs of the same case, one after the other, if there are any."""
 
     @property
-    def case(self) -> Any:
-        """What the recording follows from."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
+    def case(self) -> Any: ...  # noqa: D102
 
 
 R = TypeVar("R", bound=Run)
@@ -67,15 +64,10 @@ class Worker(Generic[R]):
 
     def __init__(self, module: str, run: R, *, timed: bool) -> None:
         self._printed = tempfile.TemporaryFile()  # noqa: SIM115 - closed by ``end``
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "moteslam.eval.sweep.workers", module],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._printed,
-            text=True,
-            encoding="utf-8",
-            start_new_session=True,  # an interrupt is for the parent
-        )
+        command = [sys.executable, "-m", "moteslam.eval.sweep.workers", module]
+        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": self._printed}
+        # an interrupt is for the parent
+        self._process = subprocess.Popen(command, **pipes, text=True, encoding="utf-8", start_new_session=True)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._input, self._output = self._process.stdin, self._process.stdout
@@ -89,7 +81,7 @@ class Worker(Generic[R]):
         """Give it a run."""
         self.run, self.began = run, time.monotonic()
         with suppress(BrokenPipeError):  # dead: its output says so
-            self._input.write(json.dumps({"run": run.as_dict(), "timed": timed}) + "\n")
+            self._input.write(json.dumps({"run": to_jsonable_python(run), "timed": timed}) + "\n")
             self._input.flush()
 
     def take(self) -> Outcome[R] | None:
@@ -121,7 +113,7 @@ class Worker(Generic[R]):
 
 
 def make_all(
-    runs: Iterable[R], *, workers: int, timeout: float = float("inf"), timed: bool = False, module: str = RUNS
+    runs: Iterable[R], *, workers: int, timeout: float = inf, timed: bool = False, module: str = RUNS
 ) -> Generator[Outcome[R], None, None]:
     """Make runs in so many processes by the ``make`` of a module, and give what became of each as it ends.
 
@@ -132,10 +124,8 @@ def make_all(
     alive: list[Worker[R]] = []
 
     def next_run(case: Any = None) -> R:
-        """The next run of a case, else the first."""
-        index = next((k for k, run in enumerate(waiting) if run.case == case), 0)
-        run = waiting[index]
-        del waiting[index]
+        run = next((run for run in waiting if run.case == case), waiting[0])
+        waiting.remove(run)
         return run
 
     def drop(worker: Worker[R]) -> None:
@@ -176,8 +166,7 @@ def make_all_on(
     """As ``make_all``, on the workers of a cluster, which need moteslam and the recordings under the same paths.
 
     A run is made in a new process, since Taichi wants the main thread and a run may die. Where a worker of the cluster
-    dies the scheduler, at ``tcp://host:8786``, gives its runs to another one; a run with which several workers died has
-    crashed.
+    dies the scheduler gives its runs to another one; a run with which several workers died has crashed.
     """
     try:
         from distributed import Client, as_completed
@@ -205,7 +194,6 @@ def make_all_on(
 
 
 def _made(run: PlannedRun, timeout: float, *, timed: bool) -> Outcome[PlannedRun]:
-    """On a worker of the cluster: make one run."""
     (outcome,) = make_all([run], workers=1, timeout=timeout, timed=timed)
     return outcome
 

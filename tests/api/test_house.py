@@ -142,7 +142,7 @@ def test_every_package_folder_is_built():
     assert sorted(PROJECT["tool"]["setuptools"]["packages"]) == sorted(found)
 
 
-@pytest.mark.parametrize("package", ["sim.scenarios", "robot.platforms", "eval.sweep.specs"])
+@pytest.mark.parametrize("package", ["sim.scenarios", "robot.platforms", "eval.sweep.specs", "eval.metrics"])
 def test_the_bundled_files_are_built(package: str):
     patterns = PROJECT["tool"]["setuptools"]["package-data"][f"moteslam.{package}"]
     folder = ROOT.joinpath(*package.split("."))

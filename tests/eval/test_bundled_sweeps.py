@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from command_lines import printed, refused
 
+from moteslam.eval.runs import read_table
 from moteslam.eval.sweep.plan import PLATFORMS, SCENARIOS, PlannedRun, digest, plan
 from moteslam.eval.sweep.spec import bundled_specs, read_spec
 from moteslam.eval.sweep.store import opened
-from moteslam.eval.sweep.tables import read_table
 
 SUITE_1 = "e6250b323c16c3c3ba468dcda1f89303fe1a35ee901fcc90a598da2345b8b252"
 """The whole hash of corridor-suite-1."""

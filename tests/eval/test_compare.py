@@ -1,4 +1,4 @@
-"""Configurations in pairs: of sweeps and of result folders; within a budget; and where two sweeps differ."""
+"""Configurations in pairs, of sweeps and of result folders; and where two sweeps differ."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from command_lines import printed, refused
 from made_sweeps import Values, recorded
 
 from moteslam.eval.cli import main
-from moteslam.eval.cli.compare import populations
+from moteslam.eval.runs import by_configuration, read_runs
 from moteslam.eval.sweep.plan import PlannedRun
 
 TWO = 'scenarios = ["corridor"]\n[configurations.plain]\n[configurations.better]\nset = { slam.particles = 50 }\n'
-THREE = 'scenarios = ["corridor"]\n[vary]\nslam.particles = [1, 10, 100]\n'
+OTHER = 'scenarios = ["corridor"]\n[vary]\nslam.particles = [1, 10]\n'
 
 
 def swept(folder: Path, name: str, factor: float = 1.0, *, failed: tuple[int, ...] = ()) -> Path:
@@ -28,16 +28,6 @@ def swept(folder: Path, name: str, factor: float = 1.0, *, failed: tuple[int, ..
 
     folder.mkdir(exist_ok=True)
     return recorded(folder / f"{name}.sweep", TWO, result)
-
-
-def timed(folder: Path) -> Path:
-    """Three numbers of particles, the more the better and the slower."""
-
-    def result(run: PlannedRun) -> Values:
-        count = int(dict(run.varied)["slam.particles"])
-        return {"final.ate": ((1 + run.seed) / count, "m"), "cpu_per_scan": ({1: 2.0, 10: 8.0, 100: 30.0}[count], "ms")}
-
-    return recorded(folder / "timed.sweep", THREE, result)
 
 
 def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -57,7 +47,7 @@ def test_two_sweeps_are_matched_by_scenario_platform_and_seed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = swept(tmp_path, "a"), swept(tmp_path, "b", 2.0)
-    assert list(populations(files)) == ["a: plain", "a: better", "b: plain", "b: better"]
+    assert list(by_configuration(read_runs(files))) == ["a: plain", "a: better", "b: plain", "b: better"]
     found = json.loads(printed(capsys, "compare", *files, "--json"))["metrics"]["final.ate"]
     assert [found[name]["losses"] for name in ("a: better", "b: plain", "b: better")] == [0, 10, 10]
     assert found["b: plain"]["median"] == pytest.approx(5.5)
@@ -80,33 +70,8 @@ def test_result_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert "no run in common" in refused(capsys, "compare", *both)
 
 
-def test_the_best_configuration_within_a_budget(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    show = ("sweep", "show", timed(tmp_path), "--budget")
-
-    def best(budget: str) -> list[dict]:
-        return json.loads(printed(capsys, *show, budget, "--json"))
-
-    assert [each["configuration"] for each in best("10 ms")] == [
-        "default, slam.particles=10",
-        "default, slam.particles=1",
-    ]
-    assert best("10ms")[1]["best_against_it"]["wins"] == 10
-    assert best("1s")[0]["configuration"] == "default, slam.particles=100"
-    assert len(best("2000us")) == 1
-    assert "10 of 10, p 0.002" in printed(capsys, *show, "10ms")
-
-
-@pytest.mark.parametrize(
-    ("budget", "problem"),
-    [("1ms", "the cheapest is default, slam.particles=1, 2 ms"), ("0ms", "expected a time above 0")],
-)
-def test_a_budget_that_nothing_meets(
-    budget: str, problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert problem in refused(capsys, "sweep", "show", timed(tmp_path), "--budget", budget)
-
-
 def test_where_two_sweeps_differ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = recorded(tmp_path / "other.sweep", OTHER, lambda _: {"final.ate": (1.0, "m")})
     first, second, table = swept(tmp_path, "a"), swept(tmp_path / "b", "a", failed=(4,)), tmp_path / "a.csv"
     printed(capsys, "sweep", "export", first, "--out", table)
     for same in (first, table):
@@ -116,4 +81,4 @@ def test_where_two_sweeps_differ(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert all(line.startswith("corridor, seed 4, better") for line in shown[1:-1])
     assert [line.split()[4] for line in shown[1:-1]] == ["status", "error", "final.ate"]
     assert shown[-1] == "3 differences in 20 runs"
-    assert "no run in common" in refused(capsys, "sweep", "diff", first, timed(tmp_path))
+    assert "no run in common" in refused(capsys, "sweep", "diff", first, other)

@@ -16,11 +16,11 @@ from report_material import HOSTILE, run_of, sweep
 from moteslam.errors import InputError
 from moteslam.eval.cli import main
 from moteslam.eval.page import charts
-from moteslam.eval.page.document import data_block, page
-from moteslam.eval.page.material import Material, gather
+from moteslam.eval.page.document import Material, data_block, gather, page
 from moteslam.eval.page.player import Budget, playable
 from moteslam.eval.results import write_results
 from moteslam.eval.run_tables import read_particles
+from moteslam.eval.runs import by_configuration
 from moteslam.robot.formats.map_server import write_picture
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectories.text import read_tum
@@ -109,7 +109,7 @@ def test_what_is_gathered_of_a_sweep(tmp_path: Path) -> None:
     found = gather([sweep(tmp_path / "s.sweep", fail=1)])
     assert (len(found.runs), found.pending) == (58, 2)
     assert found.wanted == ["final.ate", "map_f1"]
-    names = list(dict.fromkeys(run.configuration for run in found.runs))
+    names = list(by_configuration(found.runs))
     assert names[:2] == ["default, slam.particles=1", "default, slam.particles=10"]
     assert [run.status for run in found.runs].count("failed") == 1
 
@@ -118,7 +118,7 @@ def test_what_is_gathered_of_folders(result: Path) -> None:
     for path in (result, result.parent):
         found = gather([path])
         assert [run.folder for run in found.runs] == [result]
-        assert found.runs[0].values["final.ate"] < 0.1
+        assert found.runs[0].known["final.ate"] < 0.1
         assert found.facts["Versions"]["numpy"]
 
 
@@ -130,7 +130,7 @@ def test_folders_of_one_configuration_are_its_runs(result: Path, tmp_path: Path)
             re.sub(r"^particles = .*\n", change, file.read_text(), flags=re.M) if change else file.read_text()
         )
     found = gather([tmp_path])
-    assert [run.configuration for run in found.runs] == ["particles=10", "particles=10", "particles=7"]
+    assert [run.run.configuration for run in found.runs] == ["particles=10", "particles=10", "particles=7"]
 
 
 def test_a_report_of_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
@@ -145,7 +145,7 @@ def test_a_report_of_the_command_line(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_names_are_text(tmp_path: Path) -> None:
     material = gather([sweep(tmp_path / "s.sweep", fail=2)])
-    material.runs.append(run_of(HOSTILE, place=HOSTILE, error=HOSTILE, status="crashed"))
+    material.runs.append(run_of(HOSTILE, scenario=HOSTILE, status="crashed"))
     material.documents.append((HOSTILE, HOSTILE))
     text = page(material, title=HOSTILE)
     assert "<img src=x" not in text
@@ -193,15 +193,15 @@ def test_a_curve_has_medians_with_intervals_over_what_varies(tmp_path: Path) -> 
 
 
 def test_pairs_are_of_the_same_case() -> None:
-    runs = [run_of("a", seed) for seed in range(3)] + [run_of("b", seed, values={"final.ate": 1.0}) for seed in (1, 5)]
-    figure = charts.paired(runs, "a", "final.ate", "m")
+    runs = [run_of("a", seed) for seed in range(3)] + [run_of("b", seed, ate=1.0) for seed in (1, 5)]
+    figure = charts.paired(by_configuration(runs), "a", "final.ate", "m")
     assert figure is not None
     assert (figure["data"][1]["x"], figure["data"][1]["y"]) == ([1.1], [1.0])
-    assert charts.paired(runs, "b", "map_f1", "") is None
+    assert charts.paired(by_configuration(runs), "b", "map_f1", "") is None
 
 
 def test_failed_runs_count_as_the_worst() -> None:
-    material = Material(runs=[run_of("a", k) for k in range(3)] + [run_of("a", 9, "crashed", values={})] * 4)
+    material = Material(runs=[run_of("a", k) for k in range(3)] + [run_of("a", 9, "crashed")] * 4)
     text = page(material, title="t")
     assert "3 of 7 (16 to 75 %)" in text
     assert '<span class="median">failed</span>' in text

@@ -17,8 +17,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select, WebDriverWait
 
-from moteslam.eval.page.document import page
-from moteslam.eval.page.material import gather
+from moteslam.eval.page.document import gather, page
 from moteslam.eval.results import write_results
 
 pytestmark = pytest.mark.slow

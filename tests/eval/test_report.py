@@ -21,10 +21,10 @@ from moteslam.eval.report import curves, maps
 from moteslam.eval.report.maps import draw_over_time
 from moteslam.eval.report.particles import Cloud, draw_particles, magnification
 from moteslam.eval.report.style import broken, saved_figure
-from moteslam.eval.report.sweep_curves import axis_unit, draw_sweep, far_apart, lines_of, places_of
+from moteslam.eval.report.sweep_curves import axis_unit, draw_sweep, far_apart, places_of
 from moteslam.eval.results import from_same_start, write_map_files
-from moteslam.eval.statistics import Proportion, Summary
-from moteslam.eval.sweep.tables import GroupSummary
+from moteslam.eval.sweep.plan import PlannedRun
+from moteslam.eval.sweep.store import Row
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, map_image, trinary
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.raster import Raster
@@ -222,11 +222,9 @@ def test_magnification_is_a_round_number(largest: float, factor: int) -> None:
     assert magnification(largest, 10.0) == factor
 
 
-def group(scenario: str, configuration: str, error: float | None, **varied: object) -> GroupSummary:
-    about = {"scenario": scenario, "platform": "", "noise": "", "configuration": configuration, **varied}
-    values = [None] if error is None else [error]
-    summary = Summary.of(values if error != inf else [], 1 if error == inf else 0)
-    return GroupSummary(about, 1, Proportion(1, 1), {"final.ate": summary})
+def made(scenario: str, configuration: str, error: float | None, **varied: bool | float | str) -> Row:
+    run = PlannedRun(scenario=scenario, seed=0, configuration=configuration, varied=tuple(varied.items()))
+    return Row(run, "failed" if error == inf else "ok", "", {"final.ate": {} if error is None else {"value": error}})
 
 
 @pytest.mark.parametrize(
@@ -248,30 +246,29 @@ def test_axes_are_logarithmic_where_values_are_far_apart() -> None:
     assert not far_apart([0, 100])
 
 
-def test_a_colour_a_scenario_and_dashes_a_configuration() -> None:
-    groups = [
-        group(scenario, configuration, value, **{"slam.particles": count})
+def test_a_colour_a_scenario_and_dashes_a_configuration(tmp_path: Path, drawn: list[Figure]) -> None:
+    rows = [
+        made(scenario, configuration, value, **{"slam.particles": count})
         for scenario in ("corridor", "office")
         for configuration in ("default", "paper")
         for count, value in ((10, 0.1), (3, 0.2))
     ]
-    lines = lines_of(groups, "slam.particles", places_of([10, 3]))
-    assert [line.label for line in lines] == [
-        "corridor, default", "corridor, paper", "office, default", "office, paper"
-    ]  # fmt: skip
-    colours, dashes = ([line.look[key] for line in lines] for key in ("color", "ls"))
+    draw_sweep(tmp_path / "a.png", rows, ["final.ate"], column="slam.particles")
+    lines = [container.lines[0] for container in drawn[0].axes[0].containers[:4]]
+    assert legend_of(drawn[0])[:4] == ["corridor, default", "corridor, paper", "office, default", "office, paper"]
+    colours, dashes = [line.get_color() for line in lines], [line.get_linestyle() for line in lines]
     assert colours[0] == colours[1] != colours[2]
     assert dashes[0] == dashes[2] != dashes[1]
-    assert lines[0].places == [3.0, 10.0]
-    assert [one.values["final.ate"].median for one in lines[0].groups] == [0.2, 0.1]
+    np.testing.assert_allclose(lines[0].get_xdata(), [3, 10], rtol=0.05)
+    np.testing.assert_allclose(lines[0].get_ydata(), [20, 10])  # [cm]
 
 
 @pytest.mark.parametrize(
     "errors", [(0.1, 0.2, 0.3), (0.01, 0.1, 5.0), (0.1, inf, None), (inf, inf, inf), (0.0, 0.0, 0.0)]
 )
 def test_whatever_the_values_are_they_are_drawn(errors: tuple[float | None, ...], tmp_path: Path) -> None:
-    groups = [group("corridor", "default", error, **{"slam.particles": k}) for k, error in enumerate(errors)]
-    draw_sweep(tmp_path / "a.png", groups, ["final.ate"], column="slam.particles", label="$ [m]")
+    rows = [made("corridor", "default", error, **{"slam.particles": k}) for k, error in enumerate(errors)]
+    draw_sweep(tmp_path / "a.png", rows, ["final.ate"], column="slam.particles", label="$ [m]")
     with Image.open(tmp_path / "a.png") as picture:
         assert picture.size[0] > 500
         assert len(picture.convert("RGB").getcolors(1 << 24) or ()) > 10

@@ -12,8 +12,8 @@ import pytest
 from moteslam import read_tum, scan_residuals
 from moteslam.errors import InputError
 from moteslam.eval.cli import main
-from moteslam.eval.evaluation import under_recording
 from moteslam.eval.metrics import residuals
+from moteslam.eval.scores import under_recording
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.platform import Platform

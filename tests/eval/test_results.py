@@ -11,7 +11,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from moteslam.errors import InputError
-from moteslam.eval.results import draw_figures, read_result_folder, write_results
+from moteslam.eval.results import draw_figures, write_results
+from moteslam.eval.runs import read_result_folder
 from moteslam.eval.scores import evidence_of, number, score_estimate
 from moteslam.robot import se2
 from moteslam.robot.raster import read_map_arrays
@@ -49,10 +50,10 @@ def test_what_is_written_is_what_was_estimated(run, simulation, tmp_path: Path) 
     np.testing.assert_array_equal(graph.information, estimate.graph.information)
     np.testing.assert_array_equal(graph.loops, estimate.graph.loops)
     read = read_result_folder(tmp_path)
-    assert read.values["final.ate"] == number(figures, "final.ate")
-    assert read.units["final.ate"] == "m"
-    assert read.absent["map_f1"] == "no true map"
-    assert read.run == about
+    assert read.known["final.ate"] == number(figures, "final.ate")
+    assert read.scores["final.ate"]["unit"] == "m"
+    assert read.scores["map_f1"] == {"absent": "no true map"}
+    assert (read.run.scenario, read.run.seed) == (estimate.name, 1)
 
 
 def test_without_truth_what_needs_it_is_absent(run, tmp_path: Path) -> None:

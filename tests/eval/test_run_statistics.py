@@ -27,10 +27,9 @@ def test_failed_runs_are_the_worst_and_never_averaged() -> None:
         summary = Summary.of(values, failed)
         assert summary.median == pytest.approx(median)
         assert (summary.runs, summary.failed, summary.best) == (3 + failed, failed, 0.1)
-    assert Summary.of(values, 4).as_dict()["median"] is None
     assert Summary.of(values, 2, better="higher").median == 0.1
     assert Summary.of([]).median is None
-    assert Summary.of([None]).as_dict()["median"] is None
+    assert Summary.of([None]).median is None
 
 
 def test_the_interval_of_the_median_holds_it_as_often_as_it_says() -> None:
@@ -80,7 +79,6 @@ def test_failed_runs_lose() -> None:
     assert found.median == pytest.approx(0.1)
     lost = compare({0: 0.1, 1: 0.1}, {0: None, 1: None})
     assert lost.median == inf
-    assert lost.as_dict()["median"] is None
     nothing = compare({}, {})
     assert (nothing.pairs, nothing.median, nothing.p) == (0, None, 1.0)
 

@@ -1,0 +1,270 @@
+"""Runs with their figures, read from sweeps and result folders alike, grouped, summed up, exported, and told apart."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.eval.metrics.registry import COSTS, metric
+from moteslam.eval.statistics import Better, Summary
+from moteslam.eval.sweep.plan import PlannedRun
+from moteslam.eval.sweep.spec import PREFIXES
+from moteslam.eval.sweep.store import Key, Row, opened, within
+from moteslam.eval.tables import comma_separated, literal
+from moteslam.robot.files import read_text, write_atomically
+from moteslam.robot.values import first_complaint
+
+MAX_BYTES = 50_000_000
+"""No file of a result folder that is read here is larger."""
+SETTINGS = ("scenario", "platform", "noise")
+"""Columns that say where a run was made."""
+G = TypeVar("G", bound=Hashable)
+M = TypeVar("M", bound=BaseModel)
+
+
+class _Score(BaseModel):
+    value: float | None = None
+    unit: str | None = None
+    absent: str | None = None
+
+
+class _Scores(BaseModel):
+    metrics: dict[str, _Score]
+
+
+class _About(BaseModel):
+    scenario: str | None = None
+    recording: str | None = None
+    seed: int = 0
+    warnings: tuple[dict[str, Any], ...] = ()
+    versions: dict[str, Any] = {}
+    hardware: dict[str, Any] = {}
+
+
+def is_result_folder(folder: Path) -> bool:
+    """Whether a folder holds the two files that ``read_result_folder`` reads."""
+    return all((folder / name).is_file() for name in ("metrics.json", "run.json"))
+
+
+def read_result_folder(folder: Path) -> Row:
+    """Read ``metrics.json`` and ``run.json``; the configuration is named by the folder."""
+    found = _read(_Scores, folder / "metrics.json").metrics
+    about = _read(_About, folder / "run.json")
+    run = PlannedRun(
+        scenario=about.scenario or about.recording or folder.absolute().name,
+        seed=about.seed,
+        configuration=str(folder),
+    )
+    scores = {name: one.model_dump(exclude_none=True) for name, one in found.items()}
+    facts = {"versions": _texts(about.versions), "hardware": _texts(about.hardware)}
+    return Row(run, "ok", "", scores, about.warnings, within(scores), folder, facts)
+
+
+def _texts(facts: dict[str, Any]) -> dict[str, str]:
+    return {name: str(value) for name, value in facts.items()}
+
+
+def _read(model: type[M], file: Path) -> M:
+    try:
+        return model.model_validate_json(read_text(file, "a file of a result folder", limit=MAX_BYTES))
+    except ValidationError as error:
+        field, problem = first_complaint(error)
+        raise InputError(problem, file=file, field=field or None) from error
+
+
+def read_runs(paths: Sequence[Path]) -> list[Row]:
+    """The runs of sweeps and result folders, those not made yet too."""
+    found: list[Row] = []
+    for path in paths:
+        if path.is_dir():
+            found.append(read_result_folder(path))
+        else:
+            with opened(path) as store:
+                found += [row.renamed(prefix_of(path, paths) + row.run.configuration) for row in store.rows()]
+    return found
+
+
+def prefix_of(path: Path, paths: Sequence[Path]) -> str:
+    """What the names of a sweep's configurations begin with among several: its name, its path where two are alike."""
+    if len(paths) == 1:
+        return ""
+    alike = sum(other.stem == path.stem for other in paths) > 1
+    return f"{path if alike else path.stem}: "
+
+
+def grouped(rows: Iterable[Row], by: Callable[[Row], G]) -> dict[G, list[Row]]:
+    """Runs by what they have in common, in the order of the first ones."""
+    groups: dict[G, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(by(row), []).append(row)
+    return groups
+
+
+def by_configuration(rows: Iterable[Row]) -> dict[str, list[Row]]:
+    """Runs by their configuration, with what varies."""
+    return grouped(rows, lambda row: row.run.configured)
+
+
+def better(name: str) -> Better:
+    """Which values of a metric are better; lower of one where neither is."""
+    try:
+        return metric(name).better or "lower"
+    except ConfigError:  # scans, distance, or of a plug-in that is not here
+        return "lower"
+
+
+def unit_of(name: str) -> str:
+    """Of a metric; empty for what is none."""
+    try:
+        return metric(name).unit
+    except ConfigError:
+        return ""
+
+
+def values_of(rows: Iterable[Row], name: str) -> dict[Key, float | None]:
+    """One metric's by case, None of runs that failed; runs of which it is absent are left out."""
+    return {
+        row.case: row.known[name] if row.status == "ok" else None
+        for row in rows
+        if row.status != "ok" or name in row.known
+    }
+
+
+def summary_of(rows: Iterable[Row], name: str) -> Summary:
+    """The values of a metric over runs; those that failed count as the worst."""
+    rows = list(rows)
+    good = [row for row in rows if row.status == "ok"]
+    return Summary.of([row.known.get(name) for row in good], len(rows) - len(good), better=better(name))
+
+
+@dataclass(frozen=True)
+class Line:
+    """The runs of one scenario and configuration, by their values of a column.
+
+    ``where`` (scenario, robot, noise) and ``how`` set the line apart from the others; ``name`` is all that it is.
+    """
+
+    where: tuple[str, ...]
+    how: tuple[str, ...]
+    name: str
+    groups: Mapping[Any, Sequence[Row]]
+
+    @property
+    def label(self) -> str:
+        """What sets it apart, in words; empty of a single line."""
+        return ", ".join((*self.where, *self.how))
+
+
+def lines_over(rows: Iterable[Row], column: str) -> list[Line]:
+    """The lines of a chart over a column of ``Row.about``; runs without it are left out."""
+    members: dict[tuple[tuple[str, str], ...], list[Row]] = grouped(
+        (row for row in rows if column in row.about),
+        lambda row: tuple((key, _words(key, value)) for key, value in row.about.items() if key != column),
+    )
+    common = set.intersection(*map(set, members)) if members else set()
+    lines = []
+    for parts, runs in members.items():
+        apart = [part for part in parts if part not in common and part[1]]
+        where = tuple(words for key, words in apart if key in SETTINGS)
+        how = tuple(words for key, words in apart if key not in SETTINGS)
+        name = ", ".join(words for _, words in parts if words)
+        lines.append(Line(where, how, name, grouped(runs, lambda row: row.about[column])))
+    return lines
+
+
+def _words(key: str, value: Any) -> str:
+    if key in (*SETTINGS, "configuration") or value == "":
+        return str(value)
+    return f"{key}={value}"
+
+
+def varying(groups: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The columns in which some of the groups have something."""
+    keys = dict.fromkeys(key for group in groups for key in group)
+    return [key for key in keys if any(group.get(key, "") != "" for group in groups)]
+
+
+MAX_TABLE = 1_000_000_000
+"""No exported table is larger."""
+ABOUT = ("id", "scenario", "recording", "platform", "noise", "seed", "configuration")
+"""Columns that say which run a row is, beside those with a point that vary."""
+
+Table = dict[str, dict[str, str]]
+"""Of each run, by its id, every column as text."""
+
+
+def read_table(path: Path) -> Table:
+    """The runs of a sweep, or of a table that ``sweep export`` wrote, those that were made."""
+    if path.suffix == ".csv":
+        rows = list(csv.DictReader(read_text(path, "a table of a sweep", limit=MAX_TABLE).splitlines()))
+        if not rows or not set(rows[0]) >= {*ABOUT, "status", "error"}:
+            raise InputError("expected a table that `moteslam sweep export` wrote", file=path)
+    else:
+        with opened(path) as store:
+            rows = list(csv.DictReader(as_csv(list(store.rows())).splitlines()))
+    return {row["id"]: {name: value or "" for name, value in row.items()} for row in rows if row["status"]}
+
+
+def differences(first: Table, second: Table) -> list[dict[str, str]]:
+    """The cells of the runs that both have which differ, times and memory left out, in the order of the first.
+
+    Of each: ``run``, in words, ``column``, and what stands there in the ``first`` and the ``second``.
+    """
+    found = []
+    for run, row in first.items():
+        other = second.get(run)
+        if other is None:
+            continue
+        place = row["scenario"] or Path(row["recording"]).name
+        parts = filter(None, (place, row["platform"], row["noise"], f"seed {row['seed']}", row["configuration"]))
+        varied = (f"{key}={value}" for key, value in row.items() if key.startswith(PREFIXES))
+        name = ", ".join((*parts, *varied))
+        for column in dict.fromkeys((*row, *other)):
+            one, two = row.get(column, ""), other.get(column, "")
+            if one != two and column not in COSTS:
+                found.append({"run": name, "column": column, "first": one, "second": two})
+    return found
+
+
+def columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
+    """Every run as a row: what it is, what became of it, its values, and its times at the end, by column."""
+
+    def each(*mappings: Mapping[str, Any]) -> dict[str, list[Any]]:
+        """A column for each key that any of these has, a mapping a row."""
+        names = dict.fromkeys(name for one in mappings for name in one)
+        return {name: [one.get(name) for one in mappings] for name in names}
+
+    table: dict[str, list[Any]] = {name: [getattr(row.run, name) for row in rows] for name in ABOUT}
+    if any(row.run.version for row in rows):
+        table["version"] = [row.run.version for row in rows]
+    table |= each(*(dict(row.run.varied) for row in rows))
+    table |= {"status": [row.status for row in rows], "error": [literal(row.error) for row in rows]}
+    return table | each(*(row.values for row in rows)) | each(*(row.costs for row in rows))
+
+
+def as_csv(rows: Sequence[Row]) -> str:
+    """The columns as CSV: numbers with the fewest digits that read back the same, empty for None."""
+    table = columns(rows)
+    return comma_separated([list(table), *(list(map(_text, row)) for row in zip(*table.values(), strict=True))]) + "\n"
+
+
+def write_parquet(path: Path, rows: Sequence[Row]) -> None:
+    """Write the columns as Parquet."""
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as error:
+        raise OutputError("needs pyarrow, expected it installed: pip install 'moteslam[parquet]'", file=path) from error
+    table = pyarrow.BufferOutputStream()
+    parquet.write_table(pyarrow.table(columns(rows)), table)
+    write_atomically(path, table.getvalue().to_pybytes())
+
+
+def _text(value: object) -> str:
+    return "" if value is None else repr(value) if isinstance(value, float) else str(value)
