@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from dataclasses import dataclass
 from functools import partial
 from math import isfinite, isnan
@@ -128,8 +129,8 @@ def write_diagnostics(path: str | PathLike[str], estimate: Estimate) -> None:
     states = [STATES[int(state)] for state in estimate.diagnostics["state"]]
     numbers = [estimate.covariances[:, i, j] for i, j in ELEMENTS.values()]
     numbers += [estimate.diagnostics[name] for name in VALUES]
-    rows = zip(estimate.trajectory.stamps.tolist(), states, np.column_stack(numbers).tolist(), strict=True)
-    _write(path, DIAGNOSTICS_COLUMNS, ([repr(stamp), state, *map(_shown, row)] for stamp, state, row in rows))
+    rows = zip(estimate.trajectory.stamps.tolist(), states, np.column_stack(numbers), strict=True)
+    _write(path, DIAGNOSTICS_COLUMNS, ([repr(stamp), state, *map(_shown, row.tolist())] for stamp, state, row in rows))
 
 
 def read_diagnostics(path: str | PathLike[str]) -> Diagnostics:
@@ -214,7 +215,7 @@ def _read(path: Path, columns: Columns, what: str) -> Iterator[tuple[int, dict[s
 
 
 def _write(path: str | PathLike[str], columns: Columns, rows: Iterable[Sequence[str]]) -> None:
-    write_atomically(path, "\n".join(map(",".join, [columns, *rows])) + "\n")
+    write_atomically(path, "".join(",".join(row) + "\n" for row in chain((columns,), rows)))
 
 
 def _shown(number: float) -> str:
