@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import chain
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from math import isfinite, isnan
 from os import PathLike
 from pathlib import Path
