@@ -129,8 +129,3 @@ FORMATS: dict[str, Callable[[Rows], str]] = {
 def _numeric(rows: Rows) -> set[int]:
     """The columns that hold numbers below their head."""
     return {k for k, (_, *cells) in enumerate(zip(*rows, strict=True)) if cells and all(map(NUMBER.fullmatch, cells))}
-
-
-def interval(first: str, last: str) -> str:
-    """``2 to 3``; one of them where they are the same."""
-    return first if first == last else f"{first} to {last}"

@@ -148,7 +148,7 @@ def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[s
 def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
     """A row a group: of each metric the median with its intervals; in ``csv`` every number has a column of its own."""
     from moteslam.eval.runs import varying
-    from moteslam.eval.tables import interval
+    from moteslam.robot.values import interval
 
     groups = found["groups"]
     if groups:

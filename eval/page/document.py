@@ -29,9 +29,9 @@ from moteslam.eval.page import charts
 from moteslam.eval.page.player import Budget, playable
 from moteslam.eval.statistics import Proportion, compare
 from moteslam.eval.sweep.store import Row, opened
-from moteslam.eval.tables import interval, literal
+from moteslam.eval.tables import literal
 from moteslam.robot.files import read_text
-from moteslam.robot.values import read_toml
+from moteslam.robot.values import interval, read_toml
 
 DEPTH = 3
 """Of folders in which result folders are looked for."""
