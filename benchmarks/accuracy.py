@@ -1,7 +1,7 @@
 """The accuracy of SLAM over many seeds, on real logs and in simulated scenarios, beside what is asked.
 
     python benchmarks/accuracy.py logs --out logs.csv
-    python benchmarks/accuracy.py scenarios --runs corridor loop office --seeds 20 --odometry-noise 3
+    python benchmarks/accuracy.py scenarios --runs corridor loop office --seeds 20 --preset paper
     python benchmarks/accuracy.py worlds --runs twins grid --seeds 0-99 --out worlds.csv
 
 | study | what | seeds |
@@ -20,7 +20,6 @@
 | false-loops | worlds with false loops in the final graph, a tenth as many as were accepted, and without | 0 to 4 |
 | stages | each stage of the back end off: logs, key scans, false loops, every scan | 200 to 202 |
 | particles | fork and lookalikes as key scans, 1 to 100 particles, with the back end and without | 100 to 149 |
-| faults | drives with gaps, stale and jumping odometry, carts, aslant lidars, stuck wheels, and none | 0 to 4 |
 | colours | colours of the floor in the weights, with and without | 0 and 1; two_halls 0 to 9 |
 
 From classes to residuals, and with colours, the filter runs alone. From key-scans on SLAM has seed 0; else that of the
@@ -39,7 +38,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from parts.false_loops import false_loops
-from parts.harness import Bar, Case, Row, arguments, benchmark, expect_known, factor, status
+from parts.harness import Bar, Case, Row, arguments, benchmark, expect_known, status
 from parts.runs import (
     FILTER_ALONE,
     HALF_DEGREE,
@@ -115,7 +114,6 @@ class Runs:
         simulated: what ``simulate_case`` takes besides.
         false_loops: enter false ones into the final graph, a tenth as many as were accepted.
         residuals: measure those of the scans under the final poses.
-        warning: the code of the one that is expected.
     """
 
     run: str
@@ -127,7 +125,6 @@ class Runs:
     settings: tuple[str, ...] = ()
     false_loops: bool = False
     residuals: bool = False
-    warning: str = ""
 
 
 def alone(run: str, names: Iterable[str], seeds: int, **more: Any) -> Runs:
@@ -150,18 +147,6 @@ STAGED = (
     Runs("{} every scan", INDOORS, FEW, slam_seed=0),
     Runs("{} every scan", ("campus", "mile"), FEW[:1], slam_seed=0),
 )
-FAULTS = {
-    "gap of 1 s": ("gap", 'kind="gap", start=20, duration=1'),
-    "gap of 10 s": ("gap", 'kind="gap", start=20, duration=10'),
-    "gap, counters lost": ("gap", 'kind="gap", counters="lost", start=20, duration=3'),
-    "stale odometry": ("stale-odometry", 'kind="stale_odometry", start=20, duration=3'),
-    "jump": ("odometry-jumps", 'kind="odometry_jump", x=1.0, theta=0.5, start=20'),
-    "cart": ("travels-along", 'kind="cart"'),
-    "tilt": ("travels-along", 'kind="tilt", pitch=0.087'),
-    "repeated scans": ("scans-repeat", 'kind="repeated_scans", start=20, duration=5'),
-    "stuck wheels": ("wheels-spin", 'kind="stuck_wheels", start=20, duration=5'),
-}
-"""The code of the warning, and the fault as a scenario has it."""
 COLOURS = {"without": (), "with": ("colours.enabled=true",)}
 
 STUDIES: dict[str, list[Runs]] = {
@@ -234,13 +219,6 @@ STUDIES: dict[str, list[Runs]] = {
         for number in (1, 10, 30, 100)
         for back_end, settings in (("back end", ()), ("filter alone", FILTER_ALONE))
     ],
-    "faults": [
-        Runs(f"{{}}, {fault}", SMALL, range(5), simulated=simulated, warning=warning)
-        for fault, warning, simulated in (
-            ("no fault", "", {}),
-            *((fault, code, {"settings": (f"faults=[{{{text}}}]",)}) for fault, (code, text) in FAULTS.items()),
-        )
-    ],
     "colours": [
         Runs(
             f"{{}}, {which} colours",
@@ -274,8 +252,6 @@ def measure(this: Runs, name: str, seed: int) -> Row:
         row |= loop_figures(estimate, case)
     if name in FORKS:
         row["right"] = row["final"] < RIGHT
-    if this.warning:
-        row["warned"] = any(issue.code == this.warning for issue in estimate.warnings)
     if this.residuals:
         found = scan_residuals(case.recording, estimate.trajectory_final)
         names = ("median", "quantile_90", "beyond_3_cm", "no_return")
@@ -283,12 +259,10 @@ def measure(this: Runs, name: str, seed: int) -> Row:
     return row
 
 
-def asked(study: str, name: str, odometry_noise: float | None) -> tuple[Bar, ...]:
-    """The bars of a log or a scenario; with another odometry, and where getting lost is expected, fewer."""
+def asked(study: str, name: str) -> tuple[Bar, ...]:
+    """The bars of a log or a scenario; where getting lost is expected, fewer."""
     if study not in ("logs", "scenarios", "buildings"):
         return ()
-    if odometry_noise is not None:
-        return (NEVER_LOST,)
     expected = name not in LOGS and load_scenario(name).expect_divergence
     return BARS.get(name, () if expected else (NEVER_LOST,))
 
@@ -299,17 +273,13 @@ def main() -> int:
     parser.add_argument("study", choices=STUDIES, metavar="STUDY")
     parser.add_argument("--runs", nargs="+", metavar="NAME", help="of the study, by the names of logs and scenarios")
     parser.add_argument("--preset", help="in place of the study's")
-    parser.add_argument("--noise", choices=NOISES, help="of the sensors, in place of the study's")
-    parser.add_argument("--odometry-noise", type=factor, metavar="X", help="times the scenarios' own")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings", help="of SLAM")
     options = parser.parse_args()
-    changed = {"noise_class": options.noise, "odometry_noise": options.odometry_noise}
-    about = {**changed, "preset": options.preset, "settings": " ".join(options.settings)}
+    about = {"preset": options.preset, "settings": " ".join(options.settings)}
     cases: list[Case] = []
     for runs in STUDIES[options.study]:
         this = replace(
             runs,
-            simulated={**runs.simulated, **{key: value for key, value in changed.items() if value is not None}},
             preset=options.preset or runs.preset,
             settings=(*runs.settings, *options.settings),
         )
@@ -319,7 +289,7 @@ def main() -> int:
             cases.append((row, (this, name, seed)))
     expect_known(parser, "--runs", options.runs or (), dict.fromkeys(row["name"] for row, _ in cases))
     cases = [case for case in cases if options.runs is None or case[0]["name"] in options.runs]
-    bars = {row["run"]: asked(options.study, row["name"], options.odometry_noise) for row, _ in cases}
+    bars = {row["run"]: asked(options.study, row["name"]) for row, _ in cases}
     try:
         for _, (this, name, _) in cases:
             resolve_config(this.preset, this.settings)

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from parts.harness import Bar, Row, arguments, benchmark, factor, folder, memory, status
+from parts.harness import Bar, Row, arguments, benchmark, factor, memory, status
 
 BEAMS, SCAN_RATE, IMU_RATE = 1081, 40, 100
 START = 1.6e9
@@ -106,11 +106,10 @@ def main() -> int:
     parser.add_argument("--hours", type=factor, default=0.05, help="length of each bag [h]")
     parser.add_argument("--image-rate", type=factor, default=2.0, help="colour and depth images a second [Hz]")
     parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
-    parser.add_argument("--folder", type=folder, help="where the bags are made, and removed again")
     options = parser.parse_args()
     recording = made_up(options.hours, options.image_rate)
     cases = []
-    with tempfile.TemporaryDirectory(dir=options.folder) as place:
+    with tempfile.TemporaryDirectory() as place:
         for kind in options.kinds:
             path, began = Path(place) / (kind if kind == "rosbag2" else f"x.{kind}"), time.perf_counter()
             write_recording(path, recording, to=kind)

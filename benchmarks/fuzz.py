@@ -1,33 +1,30 @@
 """Mutated inputs for every reader: each is read, or refused in one line, within bounds of time and memory.
 
     python benchmarks/fuzz.py --inputs 100000 --out fuzz.csv
-    python benchmarks/fuzz.py --readers carmen ucsd --inputs 5000 --seeds 3-3 --keep failures
+    python benchmarks/fuzz.py --readers carmen ucsd --inputs 5000 --seeds 3-3
 
 An input is a file that the project has written itself, with bits, bytes, words, lines or members of an archive changed,
 dropped or repeated. Whatever raises anything but the project's own error of one line, takes more than 10 s, or more
-than 1 GB, is a failure; --keep writes these inputs into a folder.
+than 1 GB, is a failure.
 """
 
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 from parts.fuzzing import fuzz, limit_memory
-from parts.harness import Bar, Row, arguments, benchmark, count, folder, status
+from parts.harness import Bar, Row, arguments, benchmark, count, status
 from parts.readers import readers
 
 
-def measure(name: str, inputs: int, seed: int, keep: Path | None) -> Row:
+def measure(name: str, inputs: int, seed: int) -> Row:
     """What became of the inputs of one reader."""
     chosen = [reader for reader in readers() if reader.name == name]
     fuzz(chosen, range(2), seed=2**40)  # so that modules are loaded
     limit_memory()
     tally = fuzz(chosen, range(inputs), seed=seed)
     for failure in tally.failures:
-        print(f"{name}, input {failure.index}, in {failure.file}:\n{failure.what}", file=sys.stderr)
-        if keep is not None:
-            (keep / f"{name}-{failure.index}-{Path(failure.file).name}").write_bytes(failure.content)
+        print(f"{name}, input {failure.number}, in {failure.file}:\n{failure.what}", file=sys.stderr)
     return {"read": tally.read[name], "refused": tally.refused[name], "failed": len(tally.failures)}
 
 
@@ -37,11 +34,10 @@ def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--inputs", type=count, default=2000, help="of all readers together")
     parser.add_argument("--readers", nargs="+", choices=known, default=known, metavar="NAME", help=", ".join(known))
-    parser.add_argument("--keep", type=folder, help="folder for the inputs that fail")
     options = parser.parse_args()
     each = -(-options.inputs // len(options.readers))
     cases = [
-        ({"run": name, "seed": seed, "inputs": str(each)}, (name, each, seed, options.keep))
+        ({"run": name, "seed": seed, "inputs": str(each)}, (name, each, seed))
         for seed in options.seeds or range(1)
         for name in options.readers
     ]

@@ -2,7 +2,7 @@
 
     python benchmarks/localisation_state.py --out state.csv
     python benchmarks/localisation_state.py --setups "key scans" --scenarios doors lab --seeds 200-204
-    python benchmarks/localisation_state.py --out state.csv --resume --draw docs/images/reliability.png
+    python benchmarks/localisation_state.py --out state.csv --draw docs/images/reliability.png
 
 Every bundled scenario as the setups have it: every scan of the scenario's own robot, by the noise of data sheets or as
 recorded; key scans of the LMS200 by wheels alone, with noise of 5 % and 10 % added to each step; robots that are

@@ -30,7 +30,6 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # the twins
 from parts.harness import count, result_file, stamp
-from parts.rays import raycasting
 from parts.tasks import (
     Contender,
     Loops,
@@ -38,6 +37,7 @@ from parts.tasks import (
     grid_update,
     integration,
     matching,
+    raycasting,
     registration,
     search,
     thinning,
@@ -48,6 +48,7 @@ from moteslam.eval.tables import aligned
 from moteslam.kernels import runtime
 
 SOURCES = [Path(__file__).with_name(name) for name in ("loops.c", "maps.c")]
+COMPILERS = ("gcc", "clang", "cc")
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC")
 SHORTEST = 2e-3
 """Of a turn [s]: in it a shorter call is made several times."""
@@ -68,20 +69,12 @@ class Differs(Exception):  # noqa: N818 - a finding
 
 
 def compile_loops(folder: Path, threads: int) -> tuple[Loops, str]:
-    """The C loops, compiled into a folder, and how; or none, and why."""
-    given = shlex.split(os.environ.get("CC", ""))
-    found = next(filter(None, map(shutil.which, given[:1] or ("gcc", "clang", "cc"))), None)
-    if found is None:
-        return Loops(None), f"no C loops: there is no {given[0] if given else 'gcc, clang or cc'}"
-    openmp = ("-fopenmp",) if threads > 1 else ()
-    compiler, objects = [found, *given[1:]], [source.with_suffix(".o").name for source in SOURCES]
+    """The C loops, compiled into a folder, and how."""
+    compiler = shlex.split(os.environ.get("CC", "")) or list(filter(None, map(shutil.which, COMPILERS)))[:1] or ["cc"]
+    openmp, objects = ("-fopenmp",) if threads > 1 else (), [source.with_suffix(".o").name for source in SOURCES]
     # not linked with -ffast-math: loaded, the library would have the whole process take the smallest numbers for 0
-    calls = ([*compiler, *FLAGS, *openmp, "-c", *map(str, SOURCES)], [*compiler, *openmp, "-shared", *objects, "-lm"])
-    for words in calls:
-        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode:
-            why = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
-            return Loops(None), f"no C loops: {found} cannot compile them: {why}"
+    for words in ([*compiler, *FLAGS, *openmp, "-c", *SOURCES], [*compiler, *openmp, "-shared", *objects, "-lm"]):
+        subprocess.run(words, cwd=folder, check=True)
     return Loops(folder / "a.out"), " ".join(("C by", *compiler, *FLAGS, *openmp))
 
 
@@ -147,10 +140,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name in options.tasks:
             task = TASKS[name](loops)
             for other, contender in list(task.others.items()):
-                if (other == "C" and loops.library is None) or (contender.serial and options.threads > 1):
+                if contender.serial and options.threads > 1:
                     del task.others[other]
             if not task.others:
-                print(f"{name}: left out, nothing here does its work" + " on several threads" * (options.threads > 1))
+                print(f"{name}: left out, nothing here does its work on several threads")
                 continue
             try:
                 found = measure(task, options.rounds, options.threads)

@@ -1,25 +1,33 @@
 """A drive too simple to need physics, and a small scenario, for tests of the simulator."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from ucsd_robot import WHEELS
 
+from moteslam.sim.actors.actors import Tracks
 from moteslam.sim.robot.drive import Drive
+
+
+def moving(
+    start: tuple[float, float, float],
+    velocity: tuple[float, float, float],
+    seconds: float,
+    tracks: Tracks | None = None,
+) -> Drive:
+    """A robot that moves evenly, x and y and heading alike."""
+    stamps = np.arange(round(seconds * 400) + 1) / 400
+    poses, speeds = np.asarray(start) + stamps[:, None] * np.asarray(velocity), np.tile(velocity, (len(stamps), 1))
+    return Drive(stamps, poses, speeds.astype(float), np.zeros((len(stamps), 4)), "arrived", tracks)
 
 
 def steady(seconds: float, *, speed: float = 0.0, turn_rate: float = 0.0) -> Drive:
     """A robot whose wheels do not slip, at one speed [m/s] or turning on the spot [rad/s]."""
     assert not (speed and turn_rate)
-    stamps = np.arange(round(seconds * 400) + 1) / 400
-    zeros, side = np.zeros_like(stamps), turn_rate * WHEELS.effective_track / 2
-    return Drive(
-        stamps,
-        poses=np.stack((speed * stamps, zeros, turn_rate * stamps), axis=1),
-        velocities=np.stack((zeros + speed, zeros, zeros + turn_rate), axis=1),
-        wheel_travel=stamps[:, None] * np.array((speed + side, speed - side, speed + side, speed - side)),
-        end="arrived",
-    )
+    drive, side = moving((0.0, 0.0, 0.0), (speed, 0.0, turn_rate), seconds), turn_rate * WHEELS.effective_track / 2
+    travel = drive.stamps[:, None] * np.array((speed + side, speed - side, speed + side, speed - side))
+    return replace(drive, wheel_travel=travel)
 
 
 def room_table() -> dict[str, Any]:

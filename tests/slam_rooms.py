@@ -5,18 +5,33 @@ from itertools import pairwise
 
 import numpy as np
 
+from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.robot import se2
 from moteslam.robot.platforms import CARMEN
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.simulate import Simulation, simulate
+from moteslam.slam.estimate import Estimate
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
+from moteslam.slam.run import run_slam
+from moteslam.slam.settings import resolve_config
 
 STEP = np.radians(1.5)
 ANGLES = np.radians(np.arange(-135, 135, 1.5))
 """Of the beams [rad], and between them."""
 REACH = 4.0
 """Of the lidar in ``bare_corridor`` [m]."""
+
+
+def run(recording: Recording, *settings: str, preset: str = "default", seed: int = 0) -> Estimate:
+    """What SLAM makes of a recording."""
+    return run_slam(recording, resolve_config(preset, settings), seed=seed)
+
+
+def ate(path: Trajectory, reference: Trajectory) -> float:
+    """The RMSE of a path laid on a reference [m]."""
+    return absolute_trajectory_error(path, reference).rmse
 
 
 def circled_room(*, scans: int = 120, drift: float = 0.03) -> tuple[Recording, np.ndarray]:

@@ -7,22 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from slam_rooms import ate
 
-from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.relations import evaluate_relations, read_relations
 from moteslam.robot.formats import open_recording
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import load_scenario
-from moteslam.sim.simulate import Simulation, simulate
+from moteslam.sim.simulate import simulate
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import load_preset
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("taichi")]
-
-
-def short(name: str, seconds: float, seed: int) -> Simulation:
-    return simulate(load_scenario(name).model_copy(update={"duration": seconds}), seed=seed)
 
 
 def moteslam(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -40,7 +36,7 @@ def test_a_preset_drives_a_scenario_without_diverging(preset: str, scenario: str
     simulation = simulate(load_scenario(scenario), seed=seed)
     estimate = run_slam(simulation.recording, load_preset(preset), seed=seed)
     for trajectory in (estimate.trajectory, estimate.trajectory_final):
-        assert absolute_trajectory_error(trajectory, simulation.truth).translation.rmse < most
+        assert ate(trajectory, simulation.truth) < most
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -67,13 +63,14 @@ def test_the_default_preset_follows_key_scans(data_folder: Path):
     recording = open_recording(data_folder / "key_scans" / "freiburg-101.log.gz")
     reference = read_tum(data_folder / "key_scans" / "freiburg-101.reference.tum")
     estimate = run_slam(recording, load_preset("default"), seed=0)
-    assert absolute_trajectory_error(estimate.trajectory_final, reference).translation.rmse < 0.06
-    assert absolute_trajectory_error(estimate.trajectory, reference).translation.rmse < 0.09
+    assert ate(estimate.trajectory_final, reference) < 0.06
+    assert ate(estimate.trajectory, reference) < 0.09
 
 
 @pytest.mark.parametrize("preset", ["paper", "default"])
 def test_one_thread_and_two_give_the_same_bytes(tmp_path: Path, preset: str):
-    write_simulation(tmp_path, short("office", 25, seed=2))
+    scenario = load_scenario("office").model_copy(update={"duration": 25.0})
+    write_simulation(tmp_path, simulate(scenario, seed=2))
     for threads in (1, 2):
         out = tmp_path / f"out{threads}"
         moteslam("replay", tmp_path, "--out", out, "--preset", preset, "--threads", threads, "--no-figures")

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from parts.costs import start_kernels
 from parts.harness import Row, memory
-from parts.runs import STEP_NOISE, simulate_case, wheels_case
+from parts.runs import STEP_NOISE, simulate_case, start_kernels, wheels_case
 
 Array = NDArray[np.float64]
 

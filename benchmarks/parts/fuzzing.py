@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,15 +26,13 @@ MEMORY = 1_000_000_000
 """What reading may take beyond what the process has before [bytes]."""
 
 
-@dataclass(frozen=True)
-class Failure:
+class Failure(NamedTuple):
     """An input that was neither read nor refused in one line; ``what`` is the end of the traceback."""
 
     reader: str
-    index: int
-    what: str
+    number: int
     file: str
-    content: bytes
+    what: str
 
 
 @dataclass
@@ -95,7 +94,7 @@ def _try(index: int, seed: int, folder: Path, reader: Reader, tally: Tally) -> N
         finally:
             signal.setitimer(signal.ITIMER_VIRTUAL, 0)
     if problem:
-        tally.failures.append(Failure(reader.name, index, problem, name, content))
+        tally.failures.append(Failure(reader.name, index, name, problem))
 
 
 def _too_long(_number: int, _frame: FrameType | None) -> None:

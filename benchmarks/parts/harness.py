@@ -87,21 +87,11 @@ def factor(text: str) -> float:
 def result_file(text: str) -> Path:
     """A file that can be written, checked before anything is measured; the folders above it are made."""
     path = Path(text)
-    if path.is_dir():
-        raise argparse.ArgumentTypeError(f"{text!r} is a folder, expected a file")
-    folder(str(path.parent))
-    return path
-
-
-def folder(text: str) -> Path:
-    """A folder that can be written to, made where it is missing."""
-    path = Path(text)
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("a", encoding="utf-8").close()
     except OSError as error:
-        raise argparse.ArgumentTypeError(f"{text!r}: {error.strerror}, expected a folder to write to") from error
-    if not os.access(path, os.W_OK):
-        raise argparse.ArgumentTypeError(f"{text!r}: not to be written to")
+        raise argparse.ArgumentTypeError(f"{text!r}: {error.strerror}, expected a file to write to") from error
     return path
 
 
@@ -111,7 +101,6 @@ def arguments(doc: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--seeds", type=seeds, metavar="N", help="from 0, in place of the usual ones; or 10-19")
     parser.add_argument("--workers", type=count, default=1, help="processes [1]")
     parser.add_argument("--out", type=result_file, metavar="FILE.csv", help="a row a run, written anew after each")
-    parser.add_argument("--resume", action="store_true", help="keep the rows that --out has, and run the others")
     return parser
 
 
@@ -165,7 +154,7 @@ def benchmark(
 
     Args:
         measure: gives the figures of a case; a function of a module, called in a process of a pool.
-        cases: in their order, distinct in how their rows begin.
+        cases: in their order.
         options: of ``arguments``.
         bars: what is asked; without them nothing is.
         fresh: each case has a process of its own.
@@ -174,12 +163,10 @@ def benchmark(
     Returns:
         the rows; ``status`` gives the exit code.
     """
-    rows = read_rows(options.out) if options.resume else []
-    done = [row_key(row, cases[0][0]) for row in rows]
-    todo = [(about, given) for about, given in cases if row_key(about, about) not in done]
+    rows: list[Row] = []
     context = get_context("spawn")  # Taichi cannot fork
     with ProcessPoolExecutor(options.workers, mp_context=context, max_tasks_per_child=1 if fresh else None) as pool:
-        for about, job in [(about, pool.submit(_attempt, measure, given)) for about, given in todo]:
+        for about, job in [(about, pool.submit(_attempt, measure, given)) for about, given in cases]:
             rows.append({**about, **job.result()})
             print(*_shown(rows[-1]), sep="  ", flush=True)
             write_rows(options.out, rows)
@@ -203,11 +190,6 @@ def _shown(row: Row) -> Iterator[str]:
             yield f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}"
 
 
-def row_key(row: Row, about: Row) -> tuple[str, ...]:
-    """What tells a row from others, as text."""
-    return tuple("" if row.get(key) is None else str(row[key]) for key in about)
-
-
 def write_rows(path: Path | None, rows: Sequence[Row]) -> None:
     """A CSV file of all rows; values that are no text are JSON."""
     if path is None:
@@ -218,21 +200,6 @@ def write_rows(path: Path | None, rows: Sequence[Row]) -> None:
         writer.writeheader()
         for row in rows:
             writer.writerow({key: v if isinstance(v, str) else json.dumps(v) for key, v in row.items()})
-
-
-def read_rows(path: Path | None) -> list[Row]:
-    """The rows of a file of ``write_rows``; none where there is no file."""
-    if path is None or not path.exists():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return [{key: _value(v) for key, v in row.items() if v} for row in csv.DictReader(file)]
-
-
-def _value(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text
 
 
 def by_run(rows: Iterable[Row]) -> dict[str, list[Row]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import fields
 from math import inf
@@ -64,15 +63,6 @@ def beyond(name: str, found: dict[str, float]) -> dict[str, float]:
     """The differences that are larger than what the format states."""
     rounding = ROUNDING if name in BAGS else {}
     return {field: value for field, value in found.items() if value > rounding.get(field, 0.0)}
-
-
-def digest(recording: Recording) -> str:
-    """Of all that SLAM sees of a recording: recordings of the same digest have the same estimate."""
-    found = hashlib.sha256(recording.platform.model_dump_json().encode())
-    for field, value in _values(recording):
-        found.update(f"{field} {value.dtype} {value.shape}".encode())
-        found.update(np.ascontiguousarray(value).tobytes())
-    return found.hexdigest()
 
 
 def _values(recording: Recording) -> Iterator[tuple[str, NDArray[Any]]]:

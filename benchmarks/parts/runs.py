@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from moteslam.robot.trajectory import Trajectory
     from moteslam.sim.sensors.rgbd import CameraFrames
     from moteslam.sim.simulate import Simulation
+    from moteslam.slam.config import SlamConfig
     from moteslam.slam.estimate import Estimate
 
 DATA = Path(os.environ.get("MOTESLAM_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -81,6 +82,15 @@ class Drawn:
         return np.asarray(self.frames.draw_disparity(np.array([index]))[0])
 
 
+def start_kernels(settings: list[str], threads: int, **more: Any) -> SlamConfig:
+    """Start Taichi and resolve the configuration."""
+    from moteslam.kernels import runtime
+    from moteslam.slam.settings import resolve_config
+
+    runtime.init("cpu", threads)
+    return resolve_config("default", [*settings, *(f"{key}={value}" for key, value in more.items())])
+
+
 def log_file(name: str) -> Path:
     """The real log of that name.
 
@@ -115,7 +125,6 @@ def simulate_case(
     settings: Sequence[str] = (),
     key_scans: tuple[float, float] | None = None,
     step_noise: tuple[float, float] | None = None,
-    odometry_noise: float = 1.0,
     duration: float | None = None,
     camera: bool = False,
 ) -> Case:
@@ -128,7 +137,6 @@ def simulate_case(
         settings: ``key=value`` over the scenario's.
         key_scans: keep a scan only after this distance [m] or this turn [rad]; None to keep all.
         step_noise: shares of noise added to the length and the turn of each of their steps.
-        odometry_noise: how many times the scenario's own noise of wheels and gyro.
         duration: ends it after this time [s].
         camera: with a camera at its full rate, whose images are drawn when they are asked for.
     """
@@ -138,17 +146,20 @@ def simulate_case(
 
     scenario = load_scenario(name, platform=platform, noise=noise_class, settings=settings)
     scenario = with_camera(scenario) if camera else scenario.model_copy(update={"camera": None})
-    noise = scenario.noise.model_copy(update={"odometry_scale": scenario.noise.odometry_scale * odometry_noise})
-    changes = {"noise": noise, "duration": scenario.duration if duration is None else duration}
-    simulation = simulate(scenario.model_copy(update=changes), seed=seed)
+    if duration is not None:
+        scenario = scenario.model_copy(update={"duration": duration})
+    simulation = simulate(scenario, seed=seed)
     if key_scans is not None:
         simulation = logged(simulation, Logging(*key_scans, step_noise))
-    recording = simulation.recording
-    if camera:
-        assert recording.rgbd is not None
-        assert simulation.frames is not None
-        recording = recording.replace(rgbd=replace(recording.rgbd, images=Drawn(simulation.frames)))
-    return Case(recording, simulation.truth, simulation)
+    return Case(with_images(simulation) if camera else simulation.recording, simulation.truth, simulation)
+
+
+def with_images(simulation: Simulation) -> Recording:
+    """A simulation's recording, its images drawn when they are asked for."""
+    stream, frames = simulation.recording.rgbd, simulation.frames
+    assert stream is not None
+    assert frames is not None
+    return simulation.recording.replace(rgbd=replace(stream, images=Drawn(frames)))
 
 
 def wheels_case(

@@ -1,18 +1,23 @@
-"""What the camera sees: the kernel against rays followed one by one, floor and walls, colours and disparities."""
+"""What the camera sees, against rays followed one by one; and colours into cells, against the published formulas."""
 
 import numpy as np
 import pytest
 from kernel_cases import rays_of
-from twins.camera import look
+from twins.camera import add_frame as twin
+from twins.camera import disparity_of, look
 from ucsd_robot import CAMERA
 
 from moteslam.kernels.camera import depth_view_of, render_colour, render_disparity, view_of
 from moteslam.kernels.raycast import build_buckets, cast_rays
+from moteslam.kernels.texture import UNKNOWN, add_frame, match_colours
 from moteslam.robot import rgbd
+from moteslam.robot.rgbd import mount_rotation
 from moteslam.robot.se2 import transform_points
+from moteslam.slam.texture.floor_map import calibration
 
-MOUNT = CAMERA
-ROTATION = rgbd.mount_rotation(MOUNT)
+pytestmark = pytest.mark.usefixtures("taichi")
+
+ROTATION = rgbd.mount_rotation(CAMERA)
 # a room with a slanted wall, a box, and an opening in the east through which nothing is seen
 WALLS = np.array(
     [(-3, -2, 6, -2.5), (-3, 2, 6, 2), (-3, -2, -3, 2), (6, -2.5, 6, -0.6), (6, 0.7, 6, 2),
@@ -24,12 +29,17 @@ FLOOR_CELL = 0.02
 
 
 def place(colour: bool) -> np.ndarray:
-    return np.array((MOUNT.x, MOUNT.y, MOUNT.z)) + ROTATION @ np.array((rgbd.RGB_OFFSET * colour, 0.0, 0.0))
+    return np.array((CAMERA.x, CAMERA.y, CAMERA.z)) + ROTATION @ np.array((rgbd.RGB_OFFSET * colour, 0.0, 0.0))
 
 
 def view(colour: bool):
     optical = rgbd.optical_rays(colour=colour)
     return view_of(np.concatenate((optical @ ROTATION.T, optical[..., 2:]), axis=-1), height=float(place(colour)[2]))
+
+
+def depth_view(**limits: float):
+    numbers = {"scale": 1.03, "offset": 3.31, "slope": -0.00304, "nothing": 2047, "nearest": 0.4}
+    return depth_view_of(view(False), **numbers, **limits)
 
 
 def reaches(bearings: np.ndarray, colour: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -47,11 +57,8 @@ def chosen() -> np.ndarray:
     return np.stack((rng.integers(0, 480, 60), rng.integers(0, 640, 60)), axis=-1)
 
 
-@pytest.mark.usefixtures("taichi")
 def test_disparities_are_those_of_rays_followed_one_by_one(chosen: np.ndarray) -> None:
-    depth = depth_view_of(
-        view(False), scale=1.03, offset=3.31, slope=-0.00304, nothing=2047, nearest=0.4, farthest=4.0, grazing=0.05
-    )
+    depth = depth_view(farthest=4.0, grazing=0.05)
     _, far = reaches(depth.view.bearings, False)
     pixels = 480 * 640
     images = render_disparity(depth, far, noise=np.zeros(pixels, np.float32), starts=np.zeros(3, int))
@@ -72,7 +79,6 @@ def test_disparities_are_those_of_rays_followed_one_by_one(chosen: np.ndarray) -
     assert off <= 2  # at the edge of a box, half a pixel decides
 
 
-@pytest.mark.usefixtures("taichi")
 def test_colours_are_those_of_the_floor_where_the_rays_meet_it(chosen: np.ndarray) -> None:
     seen_from = view(True)
     cameras, far = reaches(seen_from.bearings, True)
@@ -96,11 +102,8 @@ def test_colours_are_those_of_the_floor_where_the_rays_meet_it(chosen: np.ndarra
     assert off <= 1
 
 
-@pytest.mark.usefixtures("taichi")
 def test_noise_is_added_and_lost_pixels_are_nothing() -> None:
-    depth = depth_view_of(
-        view(False), scale=1.03, offset=3.31, slope=-0.00304, nothing=2047, nearest=0.4, farthest=8.0, grazing=0.0
-    )
+    depth = depth_view(farthest=8.0, grazing=0.0)
     _, far = reaches(depth.view.bearings, False)
     noise = np.zeros(480 * 640 + 10, np.float32)
     plain = render_disparity(depth, far[:1], noise=noise, starts=[0])[0]
@@ -112,3 +115,98 @@ def test_noise_is_added_and_lost_pixels_are_nothing() -> None:
     bottom = slice(9 + 470 * 640, None)
     assert (other[bottom] == plain[bottom] + 3).mean() > 0.99
     assert (other[1000 : 400 * 640] == plain[1000 : 400 * 640]).all()
+
+
+TO_ROBOT = np.column_stack((mount_rotation(CAMERA), (0.18, 0.005, 0.36)))
+PLACE = {"corner": (-4.0, -4.0), "cell_size": 0.05}
+
+
+def frame(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """A disparity image of floor and things on it, with holes of every kind, and random colours."""
+    rng = np.random.default_rng(seed)
+    row = np.arange(480)[:, None] + np.zeros((1, 640))
+    slope = np.maximum(np.sin(0.36) + np.cos(0.36) * (row - 242.94) / 585.05, 0.02)
+    depth = 0.36 / slope * rng.uniform(0.6, 1.1, (480, 640))
+    disparity = np.clip(np.rint(disparity_of(depth)), 1, 1085).astype(np.uint16)
+    disparity[rng.random((480, 640)) < 0.05] = 2047
+    disparity[rng.random((480, 640)) < 0.02] = 0
+    disparity[rng.random((480, 640)) < 0.02] = 1500
+    return disparity, rng.integers(0, 256, (480, 640, 3), dtype=np.uint8)
+
+
+def add(sums: np.ndarray, disparity: np.ndarray, rgb: np.ndarray, pose: object, **changes: object) -> None:
+    settings = {
+        **PLACE, "calibration": calibration(), "mount": TO_ROBOT, "height_limit": 0.1, "max_depth": 5.0, "nothing": 2047
+    }  # fmt: skip
+    add_frame(sums, disparity, rgb, pose, **{**settings, **changes})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_agrees_with_the_published_formulas(flat: bool) -> None:
+    ours, theirs = np.zeros((160, 200, 4), np.int64), np.zeros((160, 200, 4), np.int64)
+    for seed, pose in enumerate([(0.0, 0.0, 0.0), (0.7, -0.4, 2.0), (3.0, 1.0, -1.2)]):
+        disparity, rgb = frame(seed)
+        add(ours, disparity, rgb, pose, flat=flat)
+        twin(
+            theirs,
+            disparity,
+            rgb,
+            pose,
+            **PLACE,
+            height_limit=0.1,
+            max_depth=5.0,
+            camera=TO_ROBOT[:, 3] if flat else None,
+        )
+    assert theirs[..., 3].sum() > 400_000
+    # points within float32's reach of a cell's side, or colour pixels of a half, may fall to the other side
+    assert np.abs(ours - theirs)[..., 3].sum() < 2e-4 * theirs[..., 3].sum()
+    assert np.abs(ours - theirs)[..., :3].sum() < 1e-3 * theirs[..., :3].sum()
+
+
+def test_only_what_is_low_near_and_inside_counts() -> None:
+    disparity, rgb = frame(0)
+
+    def count(**changes: object) -> int:
+        sums = np.zeros((160, 160, 4), np.int64)
+        add(sums, disparity, rgb, (0.0, 0.0, 0.0), **changes)
+        return int(sums[..., 3].sum())
+
+    assert count(height_limit=-1e3) == 0
+    assert count(height_limit=0.0) < count() < count(height_limit=1e3)
+    assert count(max_depth=1.0) < count()
+    assert count(corner=(50.0, 50.0)) == 0
+    assert count(nothing=1) == 0
+    elsewhere = np.zeros((160, 160, 4), np.int64)
+    add(elsewhere, disparity, rgb, (1e9, 0.0, 0.0))
+    assert not elsewhere.any()
+
+
+def compared_by_numpy(points, colours, poses, packed, *, corner, cell_size, limit):
+    out = []
+    for pose in poses:
+        cells = np.floor((transform_points(pose, points) - corner) / cell_size).astype(int)
+        inside = ((cells >= 0) & (cells < packed.shape[::-1])).all(axis=1)
+        there = packed[cells[inside, 1], cells[inside, 0]]
+        here = colours[inside][there != UNKNOWN]
+        there = there[there != UNKNOWN]
+        apart = sum(np.abs((here >> shift & 255) - (there >> shift & 255)) for shift in (0, 8, 16))
+        out.append((np.minimum(apart, limit).sum(), len(there)))
+    return np.array(out)
+
+
+def case(seed: int):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform((0, -2), (4, 2), (1500, 2)).astype(np.float32)
+    colours = rng.integers(0, 2**24, 1500).astype(np.int32)
+    packed = rng.integers(0, 2**24, (70, 90)).astype(np.int32)
+    packed[rng.random(packed.shape) < 0.3] = UNKNOWN
+    poses = rng.uniform((-3, -3, -3), (3, 3, 3), (40, 3))
+    return points, colours, poses, packed
+
+
+def test_agrees_with_numpy() -> None:
+    given, options = case(0), {"corner": (-2.0, -1.5), "cell_size": 0.05, "limit": 200}
+    ours, theirs = match_colours(*given, **options), compared_by_numpy(*given, **options)
+    assert theirs[:, 1].max() > 300
+    assert np.abs(ours - theirs)[:, 1].max() <= 1  # float32 at the side of a cell
+    assert np.abs(ours - theirs)[:, 0].max() <= 200

@@ -8,9 +8,7 @@ from random_words import philox_words
 from twins.philox import normals
 from twins.philox import philox as twin_words
 
-from moteslam.kernels.motion import STREAM, compose, sample_motion, wrap
-from moteslam.kernels.runtime import ti
-from moteslam.kernels.types import F64_1D, F64_2D, kernel
+from moteslam.kernels.motion import STREAM, sample_motion
 from moteslam.robot import se2
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -64,30 +62,11 @@ def test_published_random_words(philox: Callable[[list[Words], list[Words]], np.
     np.testing.assert_array_equal(philox(list(counters), list(keys)), words)
 
 
-@kernel
-def _apply(a: F64_2D, b: F64_2D, composed: F64_2D, wrapped: F64_1D):
-    for i in range(a.shape[0]):
-        pose = ti.Vector([a[i, 0], a[i, 1], a[i, 2]], dt=ti.f64)
-        other = ti.Vector([b[i, 0], b[i, 1], b[i, 2]], dt=ti.f64)
-        both = compose(pose, other)
-        for j in ti.static(range(3)):
-            composed[i, j] = both[j]
-        wrapped[i] = wrap(a[i, 2])
-
-
-def test_composition_in_kernels_equals_the_reference() -> None:
-    generator = np.random.default_rng(4)
-    a, b = generator.uniform(-20, 20, (2, 400, 3))
+def test_headings_are_wrapped_at_the_edges_too() -> None:
     edges = np.pi * np.array((-3.0, -2.0, -1.0, -0.0, 1.0, 2.0, 3.0))
-    a[:7, 2] = edges
-    a[7:14, 2] = np.nextafter(edges, 100)
-    a[14:21, 2] = np.nextafter(edges, -100)
-    composed, wrapped = np.empty_like(a), np.empty(len(a))
-    _apply(a, b, composed, wrapped)
-    reference = se2.compose(a, b)
-    np.testing.assert_allclose(composed[:, :2], reference[:, :2], rtol=0, atol=1e-13)
-    np.testing.assert_allclose(np.sin(composed[:, 2] - reference[:, 2]), 0, atol=1e-13)
-    np.testing.assert_allclose(np.exp(1j * wrapped), np.exp(1j * a[:, 2]), rtol=0, atol=1e-13)
-    for angles in (wrapped, composed[:, 2]):
-        assert (angles > -np.pi).all()
-        assert (angles <= np.pi).all()
+    headings = np.concatenate((edges, np.nextafter(edges, 100), np.nextafter(edges, -100)))
+    poses = np.column_stack((np.zeros((len(headings), 2)), headings))
+    sample_motion(poses, (0, 0, 0), (0, 0, 0), seed=0, step=0)
+    np.testing.assert_allclose(np.exp(1j * poses[:, 2]), np.exp(1j * headings), rtol=0, atol=1e-13)
+    assert (poses[:, 2] > -np.pi).all()
+    assert (poses[:, 2] <= np.pi).all()

@@ -55,6 +55,12 @@ def matched(case: dict[str, np.ndarray], reach: float = 0.3) -> np.ndarray:
     return match_endpoints(points, normals, case["owners"], case["partners"], reach=reach, agreement=0.8)
 
 
+def summed(case: dict[str, np.ndarray], poses: np.ndarray, matches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The sums and costs at these poses, with a scale so large that the weights hardly change."""
+    given = (case["points"], case["normals"], case["starts"], poses, case["partners"], matches)
+    return accumulate(*given, scale=1.0)
+
+
 def of_pairs(
     case: dict[str, np.ndarray], poses: np.ndarray, pairs: np.ndarray
 ) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
@@ -79,16 +85,12 @@ def test_the_nearest_endpoint_of_every_partner_is_found(case: dict[str, np.ndarr
 
 def test_the_sums_are_derivatives_of_the_cost(case: dict[str, np.ndarray]):
     matches = matched(case)
-    scale = 1.0  # so large that the weights hardly change
-    pairs, costs = accumulate(
-        case["points"], case["normals"], case["starts"], case["poses"], case["partners"], matches, scale=scale
-    )
+    pairs, costs = summed(case, case["poses"], matches)
     assert pairs.shape == (SCANS, 3, PAIR)
+    points, normals = (case[name].astype(float) for name in ("points", "normals"))
 
     def cost(poses: np.ndarray) -> float:
-        return scan_pairs.cost(
-            case["points"].astype(float), case["normals"].astype(float), case["owners"], poses, matches, scale
-        )
+        return scan_pairs.cost(points, normals, case["owners"], poses, matches, 1.0)
 
     assert costs[:, 0].sum() == pytest.approx(cost(case["poses"]), rel=1e-4)
     gradient = np.zeros((SCANS, 3))
@@ -109,9 +111,7 @@ def test_the_blocks_solve_for_the_poses(case: dict[str, np.ndarray]):
     poses, matches = case["poses"].copy(), matched(case)
     before = None
     for _ in range(3):
-        pairs, costs = accumulate(
-            case["points"], case["normals"], case["starts"], poses, case["partners"], matches, scale=1.0
-        )
+        pairs, costs = summed(case, poses, matches)
         before = before or costs[:, 0].sum()
         h, g = np.zeros((3 * SCANS, 3 * SCANS)), np.zeros(3 * SCANS)
         for a, b, about, sums in of_pairs(case, poses, pairs):
@@ -125,8 +125,7 @@ def test_the_blocks_solve_for_the_poses(case: dict[str, np.ndarray]):
             g[to] -= about.T @ sums[6:9]
         h[:3, :3] += 1e6 * np.eye(3)
         poses -= np.linalg.solve(h + 1e-9 * np.eye(len(h)), g).reshape(-1, 3)
-    after = accumulate(case["points"], case["normals"], case["starts"], poses, case["partners"], matches, scale=1.0)[1]
-    assert after[:, 0].sum() < 0.01 * before
+    assert summed(case, poses, matches)[1][:, 0].sum() < 0.01 * before
 
 
 def test_the_back_end_asks_for_no_more_partners_than_the_kernel_keeps():

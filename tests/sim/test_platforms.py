@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
@@ -201,22 +200,3 @@ def test_every_robot_arrives_and_touches_no_wall(robot: str, name: str) -> None:
     run = true_drive(scenario)
     assert run.end == "arrived"
     assert World.of(scenario.world).is_free(run.poses[::20, :2], scenario.platform.width / 2).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "length", "first_after"),
-    [("mile", (2100.0, 2200.0), (1400.0, 1500.0)), ("campus", (1500.0, 1700.0), (400.0, 480.0))],
-)
-def test_a_known_place_is_met_again_so_late(
-    name: str, length: tuple[float, float], first_after: tuple[float, float]
-) -> None:
-    """After the largest round; what closes within 50 m is a room that is left where it was entered."""
-    run = true_drive(load_scenario(name))
-    assert run.end == "arrived"
-    assert length[0] < run.truth.length < length[1]
-    poses = run.poses[::200]
-    driven = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
-    pairs = cKDTree(poses[:, :2]).query_pairs(1.0, output_type="ndarray")
-    first, again = np.sort(pairs[np.abs(np.diff(driven[pairs], axis=1)[:, 0]) > 50.0], axis=1).T
-    assert first_after[0] < (driven[again] - driven[first])[again == again.min()].min() < first_after[1]

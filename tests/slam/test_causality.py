@@ -100,20 +100,12 @@ def same_step(a: Step, b: Step) -> bool:
 
 def online(recording: Recording, preset: str) -> np.ndarray:
     """Every online pose, with its covariance, degenerate direction and state."""
-    config = resolve_config(preset, METHODS[preset])
-    updates = SlamSession(recording, config, seed=0)
+    updates = SlamSession(recording, resolve_config(preset, METHODS[preset]), seed=0)
     return np.array([(*u.pose, *u.covariance.ravel(), u.degenerate, u.state) for u in updates])
 
 
 def check(recording: Recording, preset: str, *, every: int, cuts: tuple[int, ...]) -> None:
-    """Compare what the filter takes in and the online trajectory with those of the recording when cut.
-
-    Args:
-        recording: complete.
-        preset: of the run.
-        every: what the filter takes in is compared after every ``every``-th scan, and before and after each jump.
-        cuts: after how many scans the online trajectory is compared.
-    """
+    """Compare what the filter takes in, after every so many scans and around each jump, and the online trajectory."""
     sync = resolve_config(preset).sync
 
     def taken_in(recording: Recording) -> Iterator[Step]:
@@ -121,9 +113,8 @@ def check(recording: Recording, preset: str, *, every: int, cuts: tuple[int, ...
 
     complete, jumped = list(taken_in(recording)), np.flatnonzero(synchronise(recording, sync).jumped)
     for scans in sorted({*range(1, len(complete), every), *jumped.tolist(), *(jumped + 1).tolist()}):
-        assert all(same_step(a, b) for a, b in zip(taken_in(cut(recording, scans)), complete[:scans], strict=True)), (
-            scans
-        )
+        pairs = zip(taken_in(cut(recording, scans)), complete[:scans], strict=True)
+        assert all(same_step(a, b) for a, b in pairs), scans
     trajectory = online(recording, preset)
     for scans in cuts:
         assert online(cut(recording, scans), preset).tobytes() == trajectory[:scans].tobytes(), scans

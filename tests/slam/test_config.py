@@ -76,26 +76,21 @@ def test_a_bad_setting_is_refused_by_its_key_in_one_line(preset: str):
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("setting", ["particles", "=3"])
-def test_a_setting_is_a_key_and_a_value(setting: str):
+@pytest.mark.parametrize(("preset", "settings"), [("paper", ["particles"]), ("paper", ["=3"]), ("papre", [])])
+def test_a_setting_is_a_key_and_a_value_and_a_preset_one_of_those_there_are(preset: str, settings: list[str]):
     with pytest.raises(ConfigError) as caught:
-        resolve_config("paper", [setting])
-    assert caught.value.field == "settings"
+        resolve_config(preset, settings)
+    assert caught.value.field == ("settings" if settings else preset)
 
 
-def test_an_unknown_preset_lists_those_there_are():
-    with pytest.raises(ConfigError, match=r"expected one of .*paper"):
-        load_preset("papre")
-
-
-@pytest.mark.parametrize("text", ["particles = ", "particles = 'x'", "[maps]\n", "\x00"])
-def test_a_bad_file_is_named(tmp_path: Path, text: str):
+@pytest.mark.parametrize("text", [None, "particles = ", "particles = 'x'", "[maps]\n", "\x00"])
+def test_a_bad_file_is_named(tmp_path: Path, text: str | None):
     file = tmp_path / "mine.toml"
-    file.write_text(text)
-    with pytest.raises(ConfigError, match=r"mine\.toml"):
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(ConfigError) as caught:
         resolve_config("paper", [], file)
-    with pytest.raises(ConfigError, match=r"none\.toml"):
-        resolve_config("paper", [], tmp_path / "none.toml")
+    assert caught.value.file == str(file)
 
 
 @pytest.mark.parametrize("model", [SlamConfig, ParticleFilterConfig])

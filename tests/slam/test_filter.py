@@ -1,19 +1,25 @@
-"""The filters in a room small enough to reason about, and the two trajectories of a run: online, and final."""
+"""The filters in a room small enough to reason about, the paper's a step at a time; and the trajectories of a run."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
 import cv2
 import numpy as np
 import pytest
-from slam_rooms import blind, circled_room
+from slam_rooms import blind, circled_room, run
 
 from moteslam.errors import ConfigError, InputError
+from moteslam.kernels.matching import match_poses
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.slam.estimate import LONGEST, Estimate, preview_png
+from moteslam.slam.inputs.step import Step, steps
+from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.mapping.config import TsdfConfig
-from moteslam.slam.run import SlamSession, run_slam
+from moteslam.slam.paper.config import PaperFilterConfig
+from moteslam.slam.paper.filter import PaperFilter
+from moteslam.slam.run import SlamSession
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.particles import Particles
 
@@ -35,9 +41,7 @@ def finished(taichi: None) -> Finished:
     return estimate, np.array([update.index for update in updates if update.updated])
 
 
-def test_the_final_trajectory_is_one_particles_path_and_the_online_one_is_not(
-    finished: Finished,
-):
+def test_the_final_trajectory_is_one_particles_path_and_the_online_one_is_not(finished: Finished):
     estimate, updates = finished
     assert estimate.particle_paths.shape == (20, len(updates), 3)
     np.testing.assert_array_equal(estimate.particle_stamps, estimate.trajectory.stamps[updates])
@@ -67,19 +71,16 @@ def test_between_updates_the_misfit_of_motion_and_path_is_spread_evenly(finished
 def test_an_estimate_has_the_order_of_the_recording_where_its_stamps_are_wrong(finished: Finished):
     """Each fifth scan has the stamp of three scans before: the same poses, each at its own stamp."""
     recording, _ = circled_room(scans=60)
-    settings = resolve_config("paper", SPARSE)
-    lidar = recording.lidar
-    assert lidar is not None
     poses = finished[0].dead_reckoning.poses
-    lidar = replace(lidar, odometry=poses)
-    right = run_slam(replace(recording, lidar=lidar, encoders=None, imu=None), settings)
+    lidar = replace(recording.lidar, odometry=poses)
+    right = run(recording.replace(lidar=lidar), *SPARSE, preset="paper")
     wrong = lidar.stamps.copy()
     wrong[5::5] -= 3.5 * np.diff(lidar.stamps)[0]
     order = np.argsort(wrong)
     shuffled = replace(
         lidar, stamps=wrong[order], ranges=lidar.ranges[order], odometry=poses[order], sequence=order.astype(np.int64)
     )
-    found = run_slam(replace(recording, lidar=shuffled, encoders=None, imu=None), settings)
+    found = run(recording.replace(lidar=shuffled), *SPARSE, preset="paper")
     np.testing.assert_array_equal(found.trajectory.stamps, wrong[order])
     for name in ("trajectory", "trajectory_final", "dead_reckoning"):
         np.testing.assert_array_equal(getattr(found, name).poses, getattr(right, name).poses[order])
@@ -108,13 +109,6 @@ def test_in_a_preview_the_largest_y_is_on_top_and_walls_stay(rows: int, columns:
     assert not blue[: height // 2].any()
 
 
-@pytest.mark.parametrize("place", [(0.0, 0.0), (1e4, -1e4)])
-def test_a_preview_of_a_robot_that_never_moved_and_knows_nothing(place: tuple[float, float]) -> None:
-    assert preview_png(Raster(np.zeros((10, 10), np.float32), 0.05), np.array([(*place, 0.0)] * 2)).startswith(
-        b"\x89PNG"
-    )
-
-
 def test_the_preset_defaults_online_pose_is_the_mean_of_the_best_particles_mode():
     recording, _ = circled_room(scans=40)
     session = SlamSession(recording, resolve_config("default", ["particles=20"]), seed=0)
@@ -134,16 +128,14 @@ def test_the_preset_defaults_online_pose_is_the_mean_of_the_best_particles_mode(
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
     recording, _ = circled_room(scans=40)
-    config = resolve_config("paper", ["particles=20"])
-    a, b, c = (run_slam(recording, config, seed=seed) for seed in (0, 0, 1))
+    a, b, c = (run(recording, "particles=20", preset="paper", seed=seed) for seed in (0, 0, 1))
     assert a.trajectory.poses.tobytes() == b.trajectory.poses.tobytes()
     assert a.map.values.tobytes() == b.map.values.tobytes()
     assert a.trajectory.poses.tobytes() != c.trajectory.poses.tobytes()
 
 
 def test_scans_that_see_nothing_leave_the_robot_to_its_odometry():
-    dark = blind(circled_room(scans=30)[0], 0.0, np.inf)
-    estimate = run_slam(dark, resolve_config("paper", ["particles=30"]))
+    estimate = run(blind(circled_room(scans=30)[0], 0.0, np.inf), "particles=30", preset="paper")
     assert np.abs(estimate.trajectory.poses - estimate.dead_reckoning.poses).max() < 0.5
     assert np.isfinite(estimate.trajectory.poses).all()
 
@@ -168,3 +160,61 @@ def test_an_estimate_before_any_scan_and_a_seed_out_of_bounds_are_refused():
         SlamSession(recording, seed=-1)
     with pytest.raises(InputError, match="no lidar scans"):
         SlamSession(recording.replace(lidar=None))
+
+
+def config_of(*settings: str) -> PaperFilterConfig:
+    config = resolve_config("paper", ["particles=20", *settings])
+    assert isinstance(config, PaperFilterConfig)
+    return config
+
+
+def room_steps(config: PaperFilterConfig) -> Iterator[Step]:
+    return steps(synchronise(circled_room(scans=40)[0], config.sync))
+
+
+def test_the_reported_score_is_the_best_particles_in_the_map_before_the_scan():
+    config = config_of()
+    paper = PaperFilter(config, 0)
+    updates, unlike_the_first = 0, 0
+    for step in room_steps(config):
+        occupied, origin = paper.grid.occupied.copy(), paper.grid.origin
+        result = paper.step(step)
+        if not result.updated or not step.index:
+            assert result.score == 0
+            continue
+        cell_size, poses, here = paper.grid.cell_size, paper.history.last, np.zeros(1)
+        found = match_poses(occupied, origin, cell_size, poses, step.points, offsets_xy=here, offsets_theta=here)
+        scores = found.scores
+        # resampled after every update, the weights are equal before each: the best particle is that of the best score
+        assert result.score == scores[paper.best_particle] == scores.max()
+        updates += 1
+        unlike_the_first += result.score != scores[0]
+    assert updates > 20
+    assert unlike_the_first > updates / 2
+
+
+def test_a_particles_path_leads_through_the_particle_it_was_drawn_from():
+    recording, _ = circled_room(scans=40)
+    session = SlamSession(recording, config_of(), seed=0)
+    after_resampling = [update.poses.copy() for update in session if update.resampled]
+    assert len(after_resampling) > 20
+    paths = session.estimate().particle_paths
+    np.testing.assert_array_equal(paths[:, -2], after_resampling[-2])
+    ancestors = [len(np.unique(poses, axis=0)) for poses in paths.swapaxes(0, 1)]
+    assert ancestors == sorted(ancestors)  # lines merge backwards in time, and never part again
+    assert ancestors[1] < len(paths) / 2
+
+
+def test_the_maps_rays_start_at_the_lidar():
+    paper = PaperFilter(config_of(), 0)
+    lidar = np.array((1.025, 1.025))  # the middle of a cell
+    wall = np.array([(3.025, y) for y in np.linspace(0.925, 1.125, 21)], np.float32)
+    paper.step(Step(0, 0.0, 0.0, np.zeros(3), True, wall, lidar))
+
+    def at(*places: tuple[float, float]) -> np.ndarray:
+        return paper.occupancy().values_at(np.array(places), outside=0.0)
+
+    assert at((3.025, 1.025)) > 0
+    assert (at(*((x, 1.025) for x in (1.225, 1.625, 2.025, 2.425, 2.825))) < 0).all()
+    # nothing is known of what lies between the robot's origin and the lidar, or beside the beams
+    assert not at((0.025, 0.025), (0.525, 0.175), (0.525, 0.525), (0.725, 1.025), (0.925, 0.325), (1.525, 0.525)).any()

@@ -23,6 +23,12 @@ def hall(**parts: Any) -> Scenario:
     return parse_scenario({"world": HALL, "route": route, "drive": REST, **parts})
 
 
+def watched(start: list[float], seconds: float, **parts: Any) -> Scenario:
+    """A robot that stands in the hall, out of the way, and what moves there."""
+    commands = {"start": start, "steps": [{"duration": seconds}]}
+    return parse_scenario({"world": HALL, "drive": REST, "commands": commands, **parts})
+
+
 def robot_at_the_rate_of_the_tracks(run: Drive) -> np.ndarray:
     return run.poses[::4][: len(run.tracks.people)]
 
@@ -65,13 +71,9 @@ def test_the_same_seed_the_same_people_and_no_people_the_same_drive() -> None:
 
 @pytest.mark.usefixtures("taichi")
 def test_beams_see_people_where_they_are_at_the_beams_moment() -> None:
-    noise = Noise().model_dump()
-    people = [
-        {"waypoints": [[x, 0.8], [x, 3.2]], "speed": 1.4, "legs": legs, "pause": 0.0}
-        for x, legs in ((5.0, True), (8.0, False))
-    ]
-    commands = {"start": [2.0, 2.0, 0.0], "steps": [{"duration": 4.0}]}
-    scenario = parse_scenario({"world": HALL, "drive": REST, "commands": commands, "people": people, "noise": noise})
+    walking = {"speed": 1.4, "pause": 0.0}
+    people = [{"waypoints": [[x, 0.8], [x, 3.2]], "legs": legs, **walking} for x, legs in ((5.0, True), (8.0, False))]
+    scenario = watched([2.0, 2.0, 0.0], 4.0, people=people, noise=Noise().model_dump())
     simulation = simulate(scenario)
     lidar, tracks = simulation.recording.lidar, simulation.tracks
     assert tracks.discs.shape[1] == 2 + 1
@@ -119,19 +121,10 @@ def test_before_a_door_that_is_shut_the_robot_waits() -> None:
 
 def test_a_swinging_leaf_stops_for_who_stands_in_its_way() -> None:
     # the leaf would sweep through the person, who stands 0.4 m from it
-    door = {
-        "hinge": [7.0, 0.2],
-        "end": [7.0, 1.2],
-        "opening": 1.5,
-        "automatic": False,
-        "shut_for": 0.5,
-        "open_for": 99.0,
-    }
+    times = {"automatic": False, "shut_for": 0.5, "open_for": 99.0}
+    door = {"hinge": [7.0, 0.2], "end": [7.0, 1.2], "opening": 1.5, **times}
     person = {"waypoints": [[6.5, 0.9]], "start": 60.0}
-    commands = {"start": [2.0, 3.0, 0.0], "steps": [{"duration": 4.0}]}
-    run = true_drive(
-        parse_scenario({"world": HALL, "drive": REST, "commands": commands, "doors": [door], "people": [person]})
-    )
+    run = true_drive(watched([2.0, 3.0, 0.0], 4.0, doors=[door], people=[person]))
     share = np.linspace(0, 1, 50)[:, None]
     leaf = run.tracks.lines[:, 0, None, :2] * (1 - share) + run.tracks.lines[:, 0, None, 2:] * share
     away = np.linalg.norm(leaf - run.tracks.people[:, :1], axis=-1).min(axis=1)
@@ -147,8 +140,7 @@ def test_a_crowd_without_room_is_refused() -> None:
 
 def test_who_meets_head_on_passes_on_the_right_and_strides() -> None:
     people = [{"waypoints": [[3.0, 2.0], [11.0, 2.0]]}, {"waypoints": [[11.0, 2.0], [3.0, 2.0]]}]
-    commands = {"start": [13.0, 3.4, 0.0], "steps": [{"duration": 6.0}]}
-    run = true_drive(parse_scenario({"world": HALL, "drive": REST, "commands": commands, "people": people}))
+    run = true_drive(watched([13.0, 3.4, 0.0], 6.0, people=people))
     first, second = run.tracks.people[:, 0], run.tracks.people[:, 1]
     meeting = int(np.abs(first[:, 0] - second[:, 0]).argmin())
     assert first[meeting, 1] < 2.0 < second[meeting, 1]  # who walks along x has y to the left

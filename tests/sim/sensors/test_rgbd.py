@@ -1,11 +1,13 @@
 """The simulated Kinect: when it fires, what it sees, and how it is written."""
 
 import re
+import shutil
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from sim_drives import moving, room_table
 from ucsd_robot import CAMERA, KINECT
 
 from moteslam.errors import OutputError
@@ -25,21 +27,17 @@ from moteslam.sim.world.layout import Layout, Room
 from moteslam.sim.world.pieces import Box
 from moteslam.sim.world.world import World
 
+pytestmark = pytest.mark.usefixtures("taichi")
+
 ROOM = World.of(Layout(rooms=(Room(corner=(0, 0), size=(12, 9)),), boxes=(Box(centre=(5, 3.4), size=(0.6, 0.6)),)))
+START = (3.0, 3.0, 0.3)
 FLOOR = FloorSettings(seed=3)
 STILL = CameraSettings(rate=30.0, nearest=0.4, farthest=8.0, grazing=0.05)
 """Nothing is random but the phase."""
 
 
-def moving(velocity: tuple[float, float, float], duration: float, tracks: Tracks | None = None) -> Drive:
-    stamps = np.arange(round(duration * 400) + 1) / 400
-    poses = np.asarray((3.0, 3.0, 0.3)) + stamps[:, None] * np.asarray(velocity)
-    nothing = np.zeros((len(stamps), 4))
-    return Drive(stamps, poses, np.tile(np.float64(velocity), (len(stamps), 1)), nothing, "arrived", tracks)
-
-
 def frames_of(settings: CameraSettings = STILL, seed: int = 0, run: Drive | None = None) -> CameraFrames:
-    run = run or moving((0.5, 0.2, 0.4), 4.0)
+    run = run or moving(START, (0.5, 0.2, 0.4), 4.0)
     return schedule_frames(run, Scene(ROOM, run.tracks), FLOOR, CAMERA, settings, seed)
 
 
@@ -51,11 +49,11 @@ def test_frames_come_at_the_rate_and_out_of_phase() -> None:
         assert 3.0 < stamps[-1] - EPOCH < 4.0
     assert abs(frames.rgb.stamps[0] - frames.disparity.stamps[0]) <= 1 / 60
     for times, poses in ((frames.rgb.times, frames.rgb.poses), (frames.disparity.times, frames.disparity.poses)):
-        assert poses == pytest.approx(np.array((3.0, 3.0, 0.3)) + times[:, None] * (0.5, 0.2, 0.4))
+        assert poses == pytest.approx(np.array(START) + times[:, None] * (0.5, 0.2, 0.4))
 
 
 def test_frames_are_lost_as_on_the_real_robot() -> None:
-    frames = frames_of(KINECT, run=moving((0.0, 0.0, 0.0), 120.0))
+    frames = frames_of(KINECT, run=moving(START, (0.0, 0.0, 0.0), 120.0))
     for stamps in (frames.rgb.stamps, frames.disparity.stamps):
         steps = np.diff(stamps)
         assert (steps > 0).all()
@@ -65,12 +63,9 @@ def test_frames_are_lost_as_on_the_real_robot() -> None:
         assert len(stamps) / 120 == pytest.approx(18.5, abs=2.5)  # 18.6 to 19.6
 
 
-@pytest.mark.usefixtures("taichi")
 def test_noise_is_as_large_as_its_setting() -> None:
-    plain, noisy = (
-        frames_of(),
-        frames_of(STILL.model_copy(update={"disparity_noise": 2.0, "dropout": 0.1, "colour_noise": 3})),
-    )
+    noise = {"disparity_noise": 2.0, "dropout": 0.1, "colour_noise": 3}
+    plain, noisy = frames_of(), frames_of(STILL.model_copy(update=noise))
     index = np.array((3, 4))
     a, b = plain.draw_disparity(index).astype(int), noisy.draw_disparity(index).astype(int)
     seen = a < 2047
@@ -83,18 +78,16 @@ def test_noise_is_as_large_as_its_setting() -> None:
     assert (b[0] != b[1]).any()
 
 
-@pytest.mark.usefixtures("taichi")
 def test_people_stand_before_the_floor() -> None:
     spot = np.array((4.2, 3.37))  # ahead
     discs = np.tile(np.array((*spot, 0.15), np.float32), (500, 1, 1))
     nothing = np.zeros((500, 0, 4), np.float32)
     person = Tracks(100.0, discs, nothing, np.zeros(0, np.int16), np.tile(spot, (500, 1, 1)))
-    without = frames_of(run=moving((0, 0, 0), 3.0)).draw_disparity(np.array([0]))[0]
-    withal = frames_of(run=moving((0, 0, 0), 3.0, person)).draw_disparity(np.array([0]))[0]
+    without = frames_of(run=moving(START, (0, 0, 0), 3.0)).draw_disparity(np.array([0]))[0]
+    withal = frames_of(run=moving(START, (0, 0, 0), 3.0, person)).draw_disparity(np.array([0]))[0]
     assert (withal < without).mean() > 0.02
 
 
-@pytest.mark.usefixtures("taichi")
 def test_same_seed_same_images() -> None:
     index = np.array((0, 5))
     first, again, other = (frames_of(KINECT, seed) for seed in (1, 1, 2))
@@ -108,15 +101,10 @@ def test_same_seed_same_images() -> None:
 @pytest.fixture(scope="module")
 def short() -> Scenario:
     """Five seconds in a room."""
-    return parse_scenario(
-        {
-            "duration": 5.0,
-            "world": {"rooms": [{"corner": [0.0, 0.0], "size": [10.0, 8.0]}]},
-            "commands": {"start": [2.0, 2.0, 0.4], "steps": [{"duration": 3.5, "speed": 0.6, "turn_rate": 0.3}]},
-            "drive": {"rest_start": 0.5, "rest_end": 0.5},
-            "camera": {"rate": 10.0},
-        }
-    )
+    commands = {"start": [2.0, 2.0, 0.4], "steps": [{"duration": 3.5, "speed": 0.6, "turn_rate": 0.3}]}
+    drive = {"rest_start": 0.5, "rest_end": 0.5}
+    table = {"world": room_table()["world"], "commands": commands, "drive": drive, "camera": {"rate": 10.0}}
+    return parse_scenario({**table, "duration": 5.0})
 
 
 @pytest.fixture(scope="module")
@@ -133,11 +121,9 @@ def test_the_camera_leaves_the_other_sensors_alone(short: Scenario, run: Simulat
 
 
 def test_what_is_written_reads_back_as_it_was_drawn(run: Simulation, tmp_path: Path) -> None:
-    announced: list[str] = []
-    shares: list[float] = []
-    write_simulation(
-        tmp_path, run, map_resolution=0.1, announce=announced.append, progress=lambda _, share: shares.append(share)
-    )
+    announced, shares = list[str](), list[float]()
+    told = {"announce": announced.append, "progress": lambda _, share: shares.append(share)}
+    write_simulation(tmp_path, run, map_resolution=0.1, **told)
     floor = cv2.imread(str(tmp_path / "truth_floor.png"))
     assert floor.shape == (80, 100, 3)
     assert (floor[::-1, :, ::-1] == run.true_floor(0.1).values).all()
@@ -151,17 +137,17 @@ def test_what_is_written_reads_back_as_it_was_drawn(run: Simulation, tmp_path: P
     assert recording.warnings == ()
     frames = list(camera_frames(recording.rgbd))
     assert len(frames) > 10
-    at = int(np.searchsorted(run.frames.disparity.stamps, frames[3].stamp))
-    assert (run.frames.draw_disparity(np.array([at]))[0] == frames[3].disparity).all()
-    at = int(np.searchsorted(run.frames.rgb.stamps, frames[3].rgb_stamp))
-    assert (run.frames.draw_rgb(np.array([at]))[0] == frames[3].rgb).all()
+    at, rgb_at = (
+        np.searchsorted(shots.stamps, [stamp])
+        for shots, stamp in ((run.frames.disparity, frames[3].stamp), (run.frames.rgb, frames[3].rgb_stamp))
+    )
+    assert (run.frames.draw_disparity(at)[0] == frames[3].disparity).all()
+    assert (run.frames.draw_rgb(rgb_at)[0] == frames[3].rgb).all()
 
 
 def test_a_full_disk_is_refused_before_the_first_image(
     run: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import shutil
-
     monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10, 9, 1000))
     with pytest.raises(OutputError, match="free, expected"):
         write_simulation(tmp_path, run)

@@ -1,14 +1,22 @@
-"""What a layout becomes: segments, solids, free space, and its true map at any resolution."""
+"""What layouts and random buildings become: segments, solids, free space, true maps, and walls that are not flat."""
+
+from typing import Any
 
 import numpy as np
 import pytest
+import shapely
+from scipy.ndimage import label
 
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
+from moteslam.robot.noise import Surroundings
 from moteslam.robot.raster import Raster
+from moteslam.sim.scenario import Scenario, load_scenario, parse_scenario
+from moteslam.sim.simulate import simulate, true_drive
 from moteslam.sim.world.layout import Doorway, Layout, Recess, Room, RoomDoorway, Wall
 from moteslam.sim.world.pieces import Box, Pillar, Shelf
-from moteslam.sim.world.world import World, true_map
+from moteslam.sim.world.random_corridors import random_corridors
+from moteslam.sim.world.world import World, lived_in, true_map
 
 
 def total(segments: np.ndarray) -> float:
@@ -122,3 +130,119 @@ def test_absurd_resolutions_are_refused(resolution: float) -> None:
     with pytest.raises(ConfigError) as caught:
         true_map(ROOM, resolution, seen_from=[(0.5, 0.5)])
     assert caught.value.field == "resolution"
+
+
+HALL = World.of(
+    Layout(rooms=(Room(corner=(0, 0), size=(40, 30)),), boxes=(Box(centre=(8, 6), size=(1, 1), material="glass"),))
+)
+PATH = np.stack((np.linspace(0.4, 39.6, 400), np.full(400, 0.4)), axis=1)
+
+
+def changed(seed: int = 0, **settings: float) -> World:
+    return lived_in(HALL, Surroundings(**settings), np.random.default_rng(seed), path=PATH, radius=0.3)
+
+
+def test_relief_strays_as_far_as_it_is_asked_and_leaves_no_gap() -> None:
+    np.testing.assert_array_equal(changed().segments, HALL.segments)
+    world = changed(relief=0.03, relief_length=0.2)
+    points = world.segments[:, :2]
+    off = HALL.distance(points)
+    inner = off[off > 0]
+    assert np.sqrt(np.mean(inner**2)) == pytest.approx(0.03, rel=0.1)
+    _, met = np.unique(np.round(world.segments.reshape(-1, 2), 9), axis=0, return_counts=True)
+    assert (met == 2).all()  # closed outlines stay closed
+    assert np.hypot(*np.diff(world.segments.reshape(-1, 2, 2), axis=1)[:, 0].T).max() < 0.5
+
+
+def test_clutter_is_as_dense_as_asked_and_clear_of_the_robot() -> None:
+    world = changed(clutter=0.5, clutter_depth=0.3)
+    things = (len(world.segments) - len(HALL.segments)) / 3
+    walls = 2 * (40 + 30) + 4
+    assert 0.6 * 2 * 0.5 * walls < things < 2 * 0.5 * walls  # on two sides; some stood in the way
+    share = np.linspace(0, 1, 33)[:, None, None]
+    drawn = world.segments[len(HALL.segments) :].reshape(-1, 2, 2)
+    outline = (drawn[None, :, 0] * (1 - share) + drawn[None, :, 1] * share).reshape(-1, 2)
+    assert min(np.hypot(*(outline - place).T).min() for place in PATH[::4]) > 0.3
+    assert HALL.distance(outline).max() <= 0.5 + 1e-9
+
+
+def test_surfaces_swallow_light_each_from_its_own_range_on_and_glass_stays_glass() -> None:
+    world = changed(reach=20.0, reach_spread=0.8)
+    reaches = [material.reach for material in world.palette.values() if material.reach and material.reach != 7.0]
+    assert np.log(reaches).std() == pytest.approx(0.8, rel=0.15)
+    assert np.median(reaches) == pytest.approx(20.0, rel=0.15)
+    names = list(world.palette)
+    glass = np.flatnonzero(HALL.surfaces == names.index("glass"))
+    assert {names[i] for i in world.surfaces[glass]} == {"glass"}
+    room = np.flatnonzero(HALL.surfaces != names.index("glass"))
+    assert all(names[i].startswith("shade") for i in world.surfaces[room])
+
+
+@pytest.mark.usefixtures("taichi")
+def test_the_lidar_sees_it_and_the_robot_drives_as_before(table: dict[str, Any]) -> None:
+    table["platform"] = "lms200"
+    plain = simulate(parse_scenario(table), 3)
+    table["noise"] = {"surroundings": {"relief": 0.03, "clutter": 1.0, "reach": 5.0}}
+    seen = simulate(parse_scenario(table), 3)
+    assert seen.truth.poses.tobytes() == plain.truth.poses.tobytes()
+    assert np.isinf(seen.recording.lidar.ranges).mean() > 0.1 > np.isinf(plain.recording.lidar.ranges).mean()
+    assert len(seen.world.segments) > 10 * len(plain.world.segments)
+    seen_map, plain_map = (simulation.true_map(0.1).values for simulation in (seen, plain))
+    assert (seen_map == plain_map.max()).sum() != (plain_map == plain_map.max()).sum()
+
+
+def building(seed: int) -> Scenario:
+    return parse_scenario(random_corridors(seed))
+
+
+@pytest.mark.parametrize("seed", [1013, 1018])
+def test_drivable(seed: int) -> None:
+    """In these furniture stood where the robot swings out to turn back."""
+    scenario = building(seed)
+    world = World.of(scenario.world)
+    run = true_drive(scenario)
+    assert run.end == "arrived"
+    assert world.is_free(run.poses[::10, :2], scenario.platform.width / 2).all()
+    assert 80 < run.truth.length < 130
+
+
+def test_connected() -> None:
+    scenario = building(0)
+    true = true_map(World.of(scenario.world), 0.1, seen_from=scenario.start[:2])
+    inside = true.values != OCCUPIED
+    regions, count = label(inside)
+    free = np.unique(regions[true.values == FREE])
+    assert len(free) == 1
+    # what is neither free nor wall is outside, or solid between the corridors
+    assert (true.values == FREE).sum() * 0.01 > 80.0
+    assert count >= 2
+
+
+def test_the_same_seed_the_same_building_another_seed_another() -> None:
+    assert building(5) == building(5) == load_scenario("random-corridors-5")
+    found = {tuple(map(tuple, World.of(building(seed).world).segments.tolist())) for seed in range(4)}
+    assert len(found) == 4
+    assert load_scenario("random-corridors") == building(0)
+
+
+def outlines(layout: Layout) -> list[shapely.Polygon]:
+    """What each piece of furniture takes on the floor."""
+    pieces = (*layout.boxes, *layout.pillars, *layout.tables, *layout.chairs)
+    return [shapely.Polygon(piece.polygon()) for piece in pieces]
+
+
+@pytest.mark.slow
+def test_furniture_stands_in_free_space_clear_of_walls_route_and_other_furniture() -> None:
+    count, area = 0, 0.0
+    for seed in range(15):
+        scenario = building(seed)
+        walls = shapely.multilinestrings([wall.points for wall in scenario.world.walls])
+        route = shapely.LineString(scenario.route.waypoints)
+        faces = shapely.polygonize(shapely.get_parts(shapely.node(walls)))
+        (free,) = [face for face in shapely.get_parts(faces) if face.intersects(route)]
+        pieces = outlines(scenario.world)
+        assert shapely.covers(free.buffer(1e-6), pieces).all(), seed
+        assert min(shapely.distance(pieces, route)) > 0.64, seed
+        assert shapely.union_all(pieces).area == pytest.approx(sum(shapely.area(pieces))), seed
+        count, area = count + len(pieces), area + free.area
+    assert 12.0 < area / count < 15.5  # square metres for each

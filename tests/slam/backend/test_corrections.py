@@ -1,9 +1,8 @@
 """Corrections while the robot drives: what holds the frame, which endpoints count, what a registration leaves."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from graph_cases import key_scan, loop
 
 from moteslam.robot import raster, se2
 from moteslam.slam.backend.graph import backend
@@ -12,38 +11,26 @@ from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, sharpness
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import LoopGraph
-from moteslam.slam.backend.graph.loop_search import Loop
 from moteslam.slam.backend.graph.nodes import Nodes
-from moteslam.slam.backend.ledger import LoopCandidate
-from moteslam.slam.backend.protocol import KeyScan
 
-CORRIDOR = np.array([[x, y] for x in np.arange(-3, 3, 0.1) for y in (-1.0, 1.0)], np.float32)
-
-
-def key(index: int, odometry: tuple[float, float, float]) -> KeyScan:
-    motion = np.array(odometry)
-    return KeyScan(index, 0.1 * index, CORRIDOR, np.zeros(2), np.zeros(3), motion, measured=True, motion=motion)
+pytestmark = pytest.mark.usefixtures("taichi")
 
 
 def graph_of(steps: int) -> LoopGraph:
     """A graph of one more node than steps of a metre."""
     config = GraphConfig()
     nodes = Nodes(config)
-    nodes.add(key(0, (0.0, 0.0, 0.0)))
+    nodes.add(key_scan(0, np.zeros(3)))
     graph = LoopGraph(nodes, config)
     for k in range(1, steps + 2):
-        if nodes.add(key(k, (1.0, 0.0, 0.0))):
+        if nodes.add(key_scan(k, (1.0, 0.0, 0.0))):
             graph.extend()
     return graph
 
 
-def loop(graph: LoopGraph, first: int, second: int, found: tuple[float, float, float]) -> Loop:
-    """An accepted one, good to a centimetre."""
-    predicted = np.asarray(se2.between(graph.poses[first], graph.poses[second]))
-    candidate = LoopCandidate(
-        first, second, (0.0, 1.0), predicted, np.array(found), (1.0, 0.1), 0.9, 0.0, 1.0, 0.9, 0.0, "accepted"
-    )
-    return Loop(candidate, np.diag((1e4, 1e4, 1e5)))
+def enter(graph: LoopGraph, first: int, second: int, found: tuple[float, float, float]) -> None:
+    """An accepted loop."""
+    graph.enter((first, second), loop(first, second, found, se2.between(graph.poses[first], graph.poses[second])))
 
 
 def test_a_correction_leaves_the_known_map_where_it_was():
@@ -61,30 +48,26 @@ def test_endpoints_of_some_scans_are_numbered_anew_and_thinned_ones_are_every_th
     starts, owners = np.array([0, 4, 4, 6], np.int32), np.array([0, 0, 0, 0, 2, 2], np.int32)
     points = np.arange(12, dtype=np.float32).reshape(6, 2)
     scans = Endpoints(points, -points, starts, owners)
-    assert scans.only(np.arange(3)) is scans
     for found, which, firsts, whose in (
         (scans.only(np.array([1, 2])), [4, 5], [0, 0, 2], [1, 1]),
         (scans.thinned(3), [0, 3, 4], [0, 2, 2, 3], [0, 0, 2]),
     ):
-        np.testing.assert_array_equal(found.points, points[which])
-        np.testing.assert_array_equal(found.normals, -points[which])
-        np.testing.assert_array_equal(found.starts, firsts)
-        np.testing.assert_array_equal(found.owners, whose)
+        for ours, expected in zip(found, (points[which], -points[which], firsts, whose), strict=True):
+            np.testing.assert_array_equal(ours, expected)
 
 
 def closing_of(nodes: int, found: tuple[float, float, float]) -> tuple[backend.GraphBackend, LoopClosing]:
     """A back end of as many nodes, a metre apart along x, and a new loop from node 0 to 18."""
     one = backend.GraphBackend(GraphConfig())
     for k in range(nodes + 1):
-        one.add(replace(key(k, (1.0 if k else 0.0, 0.0, 0.0)), pose=np.array((float(k), 0.0, 0.0))))
+        one.add(key_scan(k, (1.0 if k else 0.0, 0.0, 0.0), pose=(k, 0.0, 0.0)))
     closing = one._closing
     assert closing is not None
-    closing.graph.enter((0, 18), loop(closing.graph, 0, 18, found))
+    enter(closing.graph, 0, 18, found)
     closing.news.add((0, 18))
     return one, closing
 
 
-@pytest.mark.usefixtures("taichi")
 @pytest.mark.parametrize(("distance", "corrects"), [(0.1, True), (20.0, False)])
 def test_a_correction_moves_no_node_much_farther_than_its_loops_are_off(
     monkeypatch: pytest.MonkeyPatch, distance: float, corrects: bool
@@ -97,7 +80,6 @@ def test_a_correction_moves_no_node_much_farther_than_its_loops_are_off(
     assert (one._correction(closing) is not None) == corrects
 
 
-@pytest.mark.usefixtures("taichi")
 def test_the_first_correction_leaves_the_map_in_its_frame(monkeypatch: pytest.MonkeyPatch):
     """A joint registration may turn the whole of it about the first scan."""
     monkeypatch.setattr(backend, "sharpness", lambda endpoints, poses: -float(np.abs(np.diff(poses[:, 1])).max()))
@@ -113,11 +95,10 @@ def test_the_first_correction_leaves_the_map_in_its_frame(monkeypatch: pytest.Mo
     assert np.abs(corrected - before).max() < 0.1
 
 
-@pytest.mark.usefixtures("taichi")
 def test_what_was_registered_jointly_is_bent_by_later_loops_alone():
     graph = graph_of(20)
     assert len(graph.nodes) == 21
-    graph.enter((0, 10), loop(graph, 0, 10, (10.0, 0.3, 0.0)))
+    enter(graph, 0, 10, (10.0, 0.3, 0.0))
     graph.solve()
     bent = graph.poses.copy()
     assert bent[10, 1] == pytest.approx(0.3, abs=0.05)
@@ -125,7 +106,7 @@ def test_what_was_registered_jointly_is_bent_by_later_loops_alone():
     graph.register(registered)
     graph.solve()
     np.testing.assert_allclose(graph.poses, registered, atol=1e-4)
-    graph.enter((0, 20), loop(graph, 0, 20, (20.0, 1.5, 0.0)))
+    enter(graph, 0, 20, (20.0, 1.5, 0.0))
     graph.solve()
     assert graph.poses[20, 1] == pytest.approx(1.5, abs=0.2)
     graph.solve_as_measured()
@@ -133,7 +114,6 @@ def test_what_was_registered_jointly_is_bent_by_later_loops_alone():
     assert all(found.accepted for found in graph.ledger)
 
 
-@pytest.mark.usefixtures("taichi")
 @pytest.mark.parametrize(
     ("elsewhere", "fewer", "starts", "taken"),
     [
@@ -163,14 +143,12 @@ def test_a_joint_registration_starts_from_each_path_and_one_that_contradicts_mus
     found, measured = sharpest(graph, np.asarray(se2.compose((3.0, 2.0, 1.0), bent)), GraphConfig())
     assert len(started) == starts
     np.testing.assert_array_equal(started[0], graph.poses)
-    np.testing.assert_allclose(
-        se2.between(started[-1][0], started[-1]), bent if starts == 2 else graph.poses, atol=1e-9
-    )
+    laid = se2.between(started[-1][0], started[-1])
+    np.testing.assert_allclose(laid, bent if starts == 2 else graph.poses, atol=1e-9)
     assert measured != taken
     np.testing.assert_array_equal(found, started[-1 if taken else 0])
 
 
-@pytest.mark.usefixtures("taichi")
 def test_what_the_final_path_contradicts_is_told():
     graph = graph_of(12)
     assert contradictions(graph, graph.poses, (), measured=True) == ()

@@ -5,6 +5,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from graph_cases import key_scan
 from numpy.typing import NDArray
 
 from moteslam.kernels.scans import ThinnedScan
@@ -19,14 +20,12 @@ from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.partners import choose_partners
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
 from moteslam.slam.backend.graph.submaps import Submaps
-from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.inputs.step import thin
 from moteslam.slam.registration.config import RegistrationConfig
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 Array = NDArray[np.float64]
-Step = tuple[float, float, float]
 BEAMS = np.radians(np.arange(-90, 91, 1.0))
 FREE = GraphConfig(registration=RegistrationConfig(degenerate=0.0))
 """Without offsets along the least informed directions."""
@@ -53,12 +52,7 @@ def scan_between_walls(rng: np.random.Generator) -> ThinnedScan:
 
 
 def moved_along(config: GraphConfig, deviation: float = 0.05) -> float:
-    """How much longer or shorter a joint registration makes a path of 15 m, half a metre a step, in metres.
-
-    Args:
-        config: of the back end.
-        deviation: the standard deviation of the length of a step [m].
-    """
+    """How much longer or shorter a joint registration makes a path of 15 m [m]; ``deviation`` is a step's [m]."""
     rng = np.random.default_rng(7)
     poses = np.column_stack((0.5 * np.arange(31), np.zeros((31, 2))))
     scans = [scan_between_walls(rng) for _ in poses]
@@ -78,21 +72,15 @@ class Driven:
 
     def __init__(self, points: NDArray[np.float32]) -> None:
         self.nodes, self.keys = Nodes(GraphConfig()), 0
-        self.nodes.add(self._key((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), points))
+        self.nodes.add(key_scan(0, np.zeros(3), points))
         self.chain = Chain(self.nodes, GraphConfig())
 
     def on(self, odometry: float, points: NDArray[np.float32], *, filtered: float | None = None) -> None:
         """As far ahead by the odometry and by the filter."""
         self.keys += 1
         ahead = odometry if filtered is None else filtered
-        if self.nodes.add(self._key((odometry, 0.0, 0.0), (ahead, 0.0, 0.0), points)):
+        if self.nodes.add(key_scan(self.keys, (odometry, 0.0, 0.0), points, motion=(ahead, 0.0, 0.0))):
             self.chain.add()
-
-    def _key(self, odometry: Step, motion: Step, points: NDArray[np.float32]) -> KeyScan:
-        moved = np.array(odometry), np.array(motion)
-        return KeyScan(
-            self.keys, 0.1 * self.keys, points, np.zeros(2), np.zeros(3), moved[0], measured=True, motion=moved[1]
-        )
 
 
 def test_between_bare_walls_the_chain_says_how_far_the_robot_came():

@@ -1,10 +1,12 @@
 """The pose graph: exact where edges agree, derivatives, and loops that the others contradict."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
+from loop_candidates import candidate
 
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
@@ -13,7 +15,6 @@ from moteslam.slam.backend.graph.loop_graph import LoopGraph
 from moteslam.slam.backend.graph.loop_search import Loop
 from moteslam.slam.backend.graph.pose_graph import Edges, relative_jacobians, solve
 from moteslam.slam.backend.graph.uncertainty import Uncertainty
-from moteslam.slam.backend.ledger import LoopCandidate
 
 STEP_NOISE = np.array([0.02, 0.01, 0.01])
 
@@ -37,9 +38,8 @@ def case(seed: int, false: int = 0) -> tuple[np.ndarray, np.ndarray, Edges]:
     rng = np.random.default_rng(seed)
     true = laps(rng)
     n = len(true)
-    chain = edges_between(
-        np.arange(n - 1), np.arange(1, n), true, rng.normal(0, 1, (n - 1, 3)) * STEP_NOISE, robust=False
-    )
+    noise = rng.normal(0, 1, (n - 1, 3)) * STEP_NOISE
+    chain = edges_between(np.arange(n - 1), np.arange(1, n), true, noise, robust=False)
     first = rng.integers(0, 80, 60)
     loops = edges_between(first, first + 40, true, rng.normal(0, 1, (60, 3)) * (0.03, 0.03, 0.01), robust=True)
     edges = chain.plus(loops)
@@ -212,12 +212,9 @@ def test_a_place_in_another_submap_is_a_rival(share: float, known: float, x: flo
     closing = closing_of(np.diag((deviation**2, deviation**2, 1e-4)), poses)
 
     def match(submap: int, query: int, predicted: np.ndarray, covariance: np.ndarray) -> Loop:
-        found, at = (np.array((x, 0.0, 0.0)), (share, known)) if submap == other else (np.zeros(3), (0.8, 1.0))
-        stamps, window = (0.0, 1.0), (3.0, 0.1)
-        candidate = LoopCandidate(
-            submap, query, stamps, predicted, found, window, at[0], 0.0, at[1], 1.0, 0.0, "accepted"
-        )
-        return Loop(candidate, np.eye(3))
+        there, (part, seen) = (x, (share, known)) if submap == other else (0.0, (0.8, 1.0))
+        fits = candidate(submap, query, found=(there, 0.0, 0.0), predicted=predicted)
+        return Loop(replace(fits, share=part, known=seen, runner_up=0.0), np.eye(3))
 
     closing._search.match = match  # type: ignore[method-assign]
     closing._look_for(NODES - 1)
@@ -228,5 +225,4 @@ def test_a_wider_window_is_searched_in_coarser_steps():
     search = closing_of(np.eye(3), np.zeros((NODES, 3)))._search
     places = [search.window(np.diag((d * d, d * d, 0.01))).places for d in (1.0, 3.0, 10.0)]
     assert places[0] < places[1] < 500_000
-    # a hundred times the area of the first one
-    assert places[2] < 50 * places[0]
+    assert places[2] < 50 * places[0]  # for a hundred times the area

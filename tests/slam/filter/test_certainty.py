@@ -1,4 +1,4 @@
-"""States by standard deviations, and the certainty of particles."""
+"""How sure a filter is: by standard deviations, by its particles, and by how the scans fit the map as before."""
 
 import math
 
@@ -9,6 +9,7 @@ from moteslam.robot import se2
 from moteslam.slam.filter import covariance as six
 from moteslam.slam.filter.certainty import (
     FLOOR,
+    NEIGHBOURHOOD,
     LocalisationState,
     certainty_of,
     certainty_of_particles,
@@ -16,6 +17,7 @@ from moteslam.slam.filter.certainty import (
     state_of,
     wrong_by_spread,
 )
+from moteslam.slam.filter.misfit import DOUBTFUL_DROP, LEAST_SPREAD, LOST_DROP, Misfit
 from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION
 
 SURE, DOUBTFUL, LOST = LocalisationState
@@ -67,35 +69,120 @@ def test_spread_is_along_and_across_the_mean_heading(heading: float) -> None:
     np.testing.assert_allclose(spread(of_weight, np.array((0.5, 0.5, 0.0))), (0.5, 0.0, 0.0), atol=1e-12)
 
 
-@pytest.fixture
-def matrices() -> np.ndarray:
-    """Positive definite ones [20, 3, 3], of very different variances."""
-    random = np.random.default_rng(0)
-    factors = random.normal(size=(20, 3, 3)) * np.array([0.3, 0.02, 0.1])[:, None]
-    return factors @ factors.transpose(0, 2, 1) + 1e-6 * np.eye(3)
-
-
-def test_inverses_sums_and_products_are_those_of_the_arrays(matrices: np.ndarray):
-    for one, other in zip(matrices, matrices[::-1], strict=True):
-        a, b = six.symmetric(one), six.symmetric(other)
-        np.testing.assert_array_equal(six.as_array(a), one)
-        np.testing.assert_allclose(six.as_array(six.inverse(a)), np.linalg.inv(one), rtol=1e-6)
-        np.testing.assert_allclose(six.as_array(six.plus(a, b, 0.5)), one + other / 2)
-        np.testing.assert_allclose(six.as_array(six.plus_diagonal(a, 1, 2, 3)), one + np.diag([1, 2, 3]))
-        np.testing.assert_allclose(six.as_array(six.sandwiched(a, b)), one @ other @ one, atol=1e-12)
-        largest = np.sqrt(np.linalg.eigvalsh(one[:2, :2])[1])
-        assert six.largest_deviation(a) == pytest.approx(largest)
-
-
-def test_errors_follow_a_motion_as_poses_do(matrices: np.ndarray):
+def test_errors_follow_a_motion_as_poses_do():
     """Poses drawn about an estimate, all moved alike, are spread about the moved estimate by the moved covariance."""
     random = np.random.default_rng(1)
-    small = matrices[0] * 1e-4
+    factor = 1e-2 * random.normal(size=(3, 3)) * np.array([0.3, 0.02, 0.1])[:, None]
+    small = factor @ factor.T
+    assert six.largest_deviation(six.symmetric(small)) == pytest.approx(np.linalg.eigvalsh(small[:2, :2])[1] ** 0.5)
     drawn = random.multivariate_normal(np.zeros(3), small, size=50_000)
     motion = np.array([0.4, -0.2, 0.9])
     off = se2.between(motion, se2.compose(drawn, motion))
     expected = six.as_array(six.moved(six.symmetric(small), motion))
     deviations = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(
-        np.cov(off.T) / np.outer(deviations, deviations), expected / np.outer(deviations, deviations), atol=0.03
-    )
+    scale = np.outer(deviations, deviations)
+    np.testing.assert_allclose(np.cov(off.T) / scale, expected / scale, atol=0.03)
+
+
+STEP = 0.25
+DOUBTFUL_BELOW, LOST_BELOW = DOUBTFUL_DROP * LEAST_SPREAD, LOST_DROP * LEAST_SPREAD
+"""Where the scores before were all the same."""
+
+
+class Drive:
+    """A robot that drives straight on, 0.25 m a scan; every scan is an update."""
+
+    def __init__(self) -> None:
+        self.misfit, self.x = Misfit(), 0.0
+
+    def on(self, distance: float, score: float, *, back: bool = False) -> list[LocalisationState]:
+        states = []
+        for _ in range(round(distance / STEP)):
+            self.x += -STEP if back else STEP
+            self.misfit.observe(STEP, score)
+            self.misfit.update((self.x, 0.0, 0.0))
+            states.append(self.misfit.state)
+        return states
+
+
+FIT, DOUBTFUL_DROPPED, LOST_DROPPED = (10, 1.0), (STEP, 1.0 - 1.1 * DOUBTFUL_BELOW), (STEP, 1.0 - 1.1 * LOST_BELOW)
+"""Distances [m], and the scores on them."""
+NEAR, BEYOND = (NEIGHBOURHOOD - STEP, 0.85), (1 + STEP, 0.85)
+"""While something around is from before the drop; and as far again as nothing is."""
+VARIED = [(STEP, score) for _ in range(100) for score in (1.1, 0.9)]
+"""With a standard deviation of 0.1."""
+
+
+@pytest.mark.parametrize(
+    ("legs", "states"),
+    [
+        ([(8, 1.0), (8, 1.0 - 0.9 * DOUBTFUL_BELOW), (8, 1.1)], [SURE] * 3),
+        ([(3, score) for score in np.arange(1.0, 0.3, -0.05)], [SURE] * 14),
+        ([*VARIED, (STEP, 1.0 - 1.5 * LOST_BELOW), (STEP, 1.0 - 1.2 * LOST_DROP * 0.1)], [SURE, DOUBTFUL, LOST]),
+        ([FIT, DOUBTFUL_DROPPED, (NEIGHBOURHOOD, 1.0), (1, 1.0)], [SURE, DOUBTFUL, DOUBTFUL, SURE]),
+        ([FIT, LOST_DROPPED, NEAR, BEYOND], [SURE, LOST, LOST, SURE]),
+        ([FIT, LOST_DROPPED, (-9, 0.85)], [SURE, LOST, LOST]),
+        ([FIT, LOST_DROPPED, (-9, 1.0)], [SURE, LOST, SURE]),
+    ],
+    ids=[
+        "hardly changed", "changed little by little", "varied before", "a small drop, until the map around is new",
+        "a large one, until nothing around is from before", "and back among old scans", "which fit again",
+    ],
+)  # fmt: skip
+def test_states_at_the_ends_of_the_last_legs(legs: list[tuple[float, float]], states: list[LocalisationState]):
+    drive = Drive()
+    found = [drive.on(abs(distance), score, back=distance < 0)[-1] for distance, score in legs]
+    assert found[-len(states) :] == states
+
+
+def test_scans_that_are_left_out_do_not_lower_the_bar():
+    """A robot that stands in a crowd: the same low score is a misfit every time."""
+    misfit = Misfit()
+    for _ in range(10):
+        misfit.observe(0.1, 1.0)
+    for _ in range(round(2 * NEIGHBOURHOOD / 0.1)):
+        misfit.observe(0.1, 1.0 - 1.1 * DOUBTFUL_BELOW, left_out=True)
+    assert misfit.state is DOUBTFUL
+
+
+def test_corrected_poses_replace_those_before():
+    """The back end moves the old part of the path far away: nothing around the robot is from before any more."""
+    drive = Drive()
+    drive.on(10, 1.0)
+    drive.on(STEP, 1.0 - 1.1 * LOST_BELOW)
+    drive.on(NEIGHBOURHOOD + 1, 0.85, back=True)
+    assert drive.misfit.state is LOST
+    updates = round((10 + STEP + NEIGHBOURHOOD + 1) / STEP)
+    poses = np.zeros((updates, 3))
+    poses[: round(10 / STEP), 0] = 100.0
+    drive.misfit.revise(poses)
+    assert drive.on(STEP, 0.85)[-1] is SURE
+
+
+def test_whether_anything_around_is_from_before_is_seen_at_every_place_as_by_looking_at_all_of_them():
+    """Along a path that comes back twice, and after a correction of the places before."""
+    turns = np.repeat(np.random.default_rng(4).normal(0, 0.3, 60), 5)
+    path = np.cumsum(STEP * np.stack((np.cos(np.cumsum(turns)), np.sin(np.cumsum(turns))), axis=1), axis=0)
+    for revised in (False, True):
+        misfit = Misfit()
+        for x, y in path[:40].tolist():
+            misfit.observe(STEP, 1.0)
+            misfit.update((x, y, 0.0))
+        before, driven, states = path[:40], 0.0, []
+        misfit.observe(STEP, 1.0 - 1.1 * LOST_BELOW)
+        for k, (x, y) in enumerate(path[40:].tolist(), start=41):
+            if revised and k == 100:
+                before = before + np.array((6.0, 0.0))
+                moved = np.zeros((k - 1, 3))
+                moved[:40, :2], moved[40:, :2] = before, path[40 : k - 1]
+                misfit.revise(moved)
+            misfit.observe(STEP, 0.85)
+            driven += STEP
+            misfit.update((x, y, 0.0))
+            near = (np.hypot(*(before - (x, y)).T) <= NEIGHBOURHOOD).any()
+            states.append((misfit.state is LOST, bool(near or driven <= NEIGHBOURHOOD)))
+            if misfit.state is not LOST:
+                break
+        assert all(lost == near for lost, near in states)
+        assert not states[-1][0]
+        assert len(states) > 25

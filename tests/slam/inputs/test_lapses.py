@@ -1,4 +1,4 @@
-"""Gaps of the log, stale odometry and jumps: what is not measured, and what is known of it."""
+"""Gaps of the log, stale odometry, jumps, and what travels with the robot: what is not measured, and what is known."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from slam_rooms import recorded, seen_from
+from slam_rooms import ANGLES, ate, recorded, run, seen_from
 
-from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.robot import se2
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, LidarStream, Recording
@@ -17,9 +16,9 @@ from moteslam.sim.scenario import load_scenario
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import simulate
 from moteslam.slam.filter.certainty import LocalisationState
+from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.step import steps
 from moteslam.slam.inputs.synchronise import Inputs, synchronise
-from moteslam.slam.run import run_slam
 
 SCANS = 100
 CORNERS = [(-3, -2), (12, -2), (12, 2), (4, 2), (4, 1), (3, 1), (3, 2), (-3, 2), (-3, -2)]
@@ -32,11 +31,6 @@ def driven(going: np.ndarray = GOING) -> Recording:
     true = np.column_stack((np.cumsum(going), np.zeros((SCANS, 2))))
     ranges = seen_from(true, list(pairwise(CORNERS)))
     return recorded(ranges + np.random.default_rng(0).normal(0, 0.003, ranges.shape), true)
-
-
-def with_odometry(recording: Recording, odometry: np.ndarray) -> Inputs:
-    assert recording.lidar is not None
-    return synchronise(replace(recording, lidar=replace(recording.lidar, odometry=odometry)))
 
 
 def codes(inputs: Inputs) -> list[str]:
@@ -63,17 +57,22 @@ def test_odometry_without_lapses_is_all_measured():
     assert all(step.open is None for step in steps(inputs))
 
 
-def test_odometry_that_stops_dead_while_the_robot_drives_is_stale():
+def test_odometry_that_stops_dead_while_the_robot_drives_is_stale_whatever_comes_later():
     recording = driven()
-    assert recording.lidar is not None
-    assert recording.lidar.odometry is not None
-    stale = recording.lidar.odometry.copy()
+    lidar = recording.lidar
+    assert lidar is not None
+    assert lidar.odometry is not None
+    stale = lidar.odometry.copy()
     stale[40:70] = stale[40]
-    inputs = with_odometry(recording, stale)
-    assert not inputs.measured[44:70].any()
-    assert inputs.measured[1:40].all()
-    assert inputs.measured[75:].all()
-    assert "stale-odometry" in codes(inputs)
+    whole = synchronise(recording.replace(lidar=replace(lidar, odometry=stale)))
+    assert not whole.measured[44:70].any()
+    assert whole.measured[1:40].all()
+    assert whole.measured[75:].all()
+    assert "stale-odometry" in codes(whole)
+    first = replace(lidar, stamps=lidar.stamps[:60], ranges=lidar.ranges[:60], odometry=stale[:60])
+    part = synchronise(recording.replace(lidar=first))
+    np.testing.assert_array_equal(part.measured[:59], whole.measured[:59])
+    np.testing.assert_allclose(se2.between(part.odometry, whole.odometry[:60]), 0, atol=1e-12)
 
 
 def test_a_robot_that_stops_is_not_stale():
@@ -105,21 +104,6 @@ def test_over_a_gap_the_motion_is_not_measured_but_known_within_bounds(kept: boo
     assert sum(rest) >= len(rest) - 2
 
 
-def test_it_is_causal():
-    recording = driven()
-    assert recording.lidar is not None
-    assert recording.lidar.odometry is not None
-    stale = recording.lidar.odometry.copy()
-    stale[40:70] = stale[40]
-    whole = with_odometry(recording, stale)
-    lidar = replace(
-        recording.lidar, stamps=recording.lidar.stamps[:60], ranges=recording.lidar.ranges[:60], odometry=stale[:60]
-    )
-    part = synchronise(replace(recording, lidar=lidar))
-    np.testing.assert_array_equal(part.measured[:59], whole.measured[:59])
-    np.testing.assert_allclose(se2.between(part.odometry, whole.odometry[:60]), 0, atol=1e-12)
-
-
 @pytest.mark.usefixtures("taichi")
 def test_a_turn_that_counters_alone_leap_by_is_a_jump_though_a_gyro_knows_better():
     fault = 'faults=[{kind="odometry_jump", start=40, theta=0.3}]'
@@ -135,10 +119,113 @@ def test_a_turn_that_counters_alone_leap_by_is_a_jump_though_a_gyro_knows_better
 def test_after_a_gap_into_a_new_place_the_robot_is_lost_until_it_is_found(counters: str):
     fault = f'faults=[{{kind="gap", start=54.4, duration=10, counters="{counters}"}}]'
     simulation = simulate(load_scenario("loop", platform="ucsd", settings=[fault]), 200)
-    estimate = run_slam(simulation.recording, seed=0)
-    assert absolute_trajectory_error(estimate.trajectory_final, simulation.truth).rmse < 0.005
+    estimate = run(simulation.recording)
+    assert ate(estimate.trajectory_final, simulation.truth) < 0.005
     since = estimate.trajectory.stamps - EPOCH
     state = estimate.diagnostics["state"]
     assert (state[(since > 64.5) & (since < 75)] == LocalisationState.LOST).all()
     assert state[-1] == LocalisationState.SURE
     assert {"gap", "lost"} <= {issue.code for issue in estimate.warnings}
+
+
+TAKEN = 80
+DOORWAYS = [2.0, 4.5, 5.5, 8.0]
+
+
+def corridor(truth: np.ndarray) -> np.ndarray:
+    """Ranges [n, beams] in a corridor 2 m wide with doorways 0.8 m wide and 0.4 m deep on its left, and two ends."""
+    corners = [(-2.0, 1.0)]
+    for x in DOORWAYS:
+        corners += [(x, 1.0), (x, 1.4), (x + 0.8, 1.4), (x + 0.8, 1.0)]
+    corners += [(12.0, 1.0), (12.0, -1.0), (-2.0, -1.0), (-2.0, 1.0)]
+    noise = np.random.default_rng(0).normal(0, 0.005, (len(truth), len(ANGLES)))
+    return seen_from(truth, list(pairwise(corners))) + noise
+
+
+def along_it(metres: np.ndarray | None = None) -> np.ndarray:
+    """Poses [TAKEN, 3] along the corridor, with a little turning; 0.06 m a scan, or as given."""
+    x = 0.06 * np.arange(TAKEN) if metres is None else metres
+    return np.column_stack((x, 0.05 * np.sin(x), 0.1 * np.cos(3 * x)))
+
+
+def test_a_corridor_has_nothing_that_travels():
+    recording = recorded(corridor(along_it()), along_it())
+    inputs = synchronise(recording)
+    assert not inputs.issues
+    assert len(inputs.scans.points(TAKEN - 1)) == len(ANGLES)
+
+
+@pytest.mark.parametrize("what", ["load", "floor"])
+def test_what_travels_is_left_out_once_it_is_known(what: str):
+    ahead = np.abs(ANGLES) < (0.35 if what == "load" else 1.2)
+    with np.errstate(divide="ignore"):
+        held = np.where(ahead, (0.9 if what == "load" else 2.5) / np.cos(ANGLES), np.inf)
+    walls = corridor(along_it())
+    noise = np.random.default_rng(1).normal(0, 0.005, walls.shape)
+    inputs = synchronise(recorded(np.minimum(walls, held + noise), along_it()))
+    assert codes(inputs) == ["travels-along"]
+    block = inputs.scans.block(0, TAKEN)
+    for scan in range(30, TAKEN):
+        points = inputs.scans.points(scan)
+        np.testing.assert_array_equal(block.of(scan), points)
+        cut = walls[scan] > held + 0.3  # the walls behind it
+        assert len(points) == pytest.approx((~cut).sum(), abs=12)
+        near = np.abs(points[:, 0] - held[len(ANGLES) // 2])
+        assert (near > 0.08).all() or what == "load"
+
+
+def test_what_travels_is_known_by_what_came_before_alone():
+    held = np.where(np.abs(ANGLES) < 0.35, 0.9 / np.cos(ANGLES), np.inf)
+    ranges = np.minimum(corridor(along_it()), held)
+    whole = synchronise(recorded(ranges, along_it()))
+    part = synchronise(recorded(ranges[:40], along_it()[:40]))
+    for scan in range(40):
+        np.testing.assert_array_equal(whole.scans.points(scan), part.scans.points(scan))
+    np.testing.assert_array_equal(whole.odometry[:40], part.odometry)
+
+
+def test_wheels_that_spin_move_nothing():
+    """The robot stands from 2.4 m on for 20 scans while its odometry goes on."""
+    true = along_it(0.06 * np.concatenate((np.arange(40), np.full(20, 39), np.arange(40, 60))))
+    odometry = np.array(true[:1])
+    steps = se2.between(true[:-1], true[1:])
+    steps[39:59] = (0.06, 0.0, 0.0)
+    odometry = se2.accumulate(np.vstack((np.zeros(3), steps)))
+    inputs = synchronise(recorded(corridor(true), odometry))
+    assert codes(inputs) == ["wheels-spin"]
+    travelled = se2.between(inputs.odometry[0], inputs.odometry[-1])
+    expected = se2.between(true[0], true[-1])
+    assert np.hypot(*(travelled - expected)[:2]) < 0.3  # without: 1.2
+    assert not synchronise(recorded(corridor(true), true)).issues
+
+
+def test_a_scan_that_the_driver_gives_again_is_left_out_while_the_robot_moves():
+    ranges = corridor(along_it())
+    ranges[40:50] = ranges[39]
+    inputs = synchronise(recorded(ranges, along_it()))
+    assert codes(inputs) == ["scans-repeat"]
+    assert inputs.issues[0].count == 10
+    assert [len(inputs.scans.points(scan)) for scan in (39, 40, 49, 50)] == [len(ANGLES), 0, 0, len(ANGLES)]
+    still = np.repeat(along_it()[39:40], TAKEN, axis=0)
+    assert not synchronise(recorded(np.repeat(ranges[39:40], TAKEN, axis=0), still)).issues
+
+
+def test_scans_far_apart_and_the_papers_filter_are_left_alone():
+    held = np.where(np.abs(ANGLES) < 0.35, 0.9 / np.cos(ANGLES), np.inf)
+    recording = recorded(np.minimum(corridor(along_it()), held), along_it())
+    assert not synchronise(recording, SyncConfig(travelling=False)).issues
+    lidar = recording.lidar
+    assert lidar is not None
+    assert lidar.odometry is not None
+    some = slice(None, None, 13)
+    sparse = replace(lidar, stamps=lidar.stamps[some], ranges=lidar.ranges[some], odometry=lidar.odometry[some])
+    assert not synchronise(replace(recording, lidar=sparse)).issues
+
+
+def test_by_a_mount_that_is_wrong_nothing_spins_or_travels():
+    recording = simulate(load_scenario("office", platform="urg04lx"), 8).recording
+    lidar = recording.platform.lidar
+    backwards = lidar.model_copy(update={"yaw": lidar.yaw + np.pi})
+    assert codes(synchronise(recording)) == []
+    wrong = recording.platform.model_copy(update={"lidar": backwards})
+    assert codes(synchronise(recording.replace(platform=wrong))) == []

@@ -9,6 +9,8 @@ import pytest
 from issues import messages
 
 from moteslam.errors import InputError
+from moteslam.robot import se2
+from moteslam.robot.formats import open_recording
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.slam.inputs.config import SyncConfig
@@ -41,38 +43,22 @@ def made_do(recording: Recording) -> list[str]:
     return list(messages(warnings(recording, synchronise(recording))))
 
 
-def test_interpolation_follows_the_circle():
-    recording = circle()
-    path = dead_reckon(recording, SyncConfig())
+@pytest.mark.parametrize(
+    ("config", "within"),
+    [(SyncConfig(), 2e-4), (load_preset("paper").sync, 0.5 * 0.025 + 0.04)],  # half an encoder interval
+    ids=["interpolate", "paper"],
+)
+def test_the_odometry_follows_the_circle(config: SyncConfig, within: float):
+    path = dead_reckon(circle(), config)
     heading = 0.5 * (path.stamps - path.stamps[0])
-    expected = np.stack((np.sin(heading), 1 - np.cos(heading)), axis=-1)
-    np.testing.assert_allclose(path.poses[:, :2], expected, atol=2e-4)
-
-
-def test_nearest_is_within_half_an_encoder_interval():
-    recording = circle()
-    path = dead_reckon(recording, load_preset("paper").sync)
-    heading = 0.5 * (path.stamps - path.stamps[0])
-    expected = np.stack((np.sin(heading), 1 - np.cos(heading)), axis=-1)
-    assert np.abs(path.poses[:, :2] - expected).max() < 0.5 * 0.025 + 0.04
+    np.testing.assert_allclose(path.poses[:, 0], np.sin(heading), atol=within)
+    np.testing.assert_allclose(path.poses[:, 1], 1 - np.cos(heading), atol=within)
 
 
 def test_steps_add_up_to_dead_reckoning():
     recording = circle()
-    from moteslam.robot import se2
-
     motions = [step.motion for step in steps(synchronise(recording))]
     np.testing.assert_allclose(se2.accumulate(np.array(motions)), dead_reckon(recording, SyncConfig()).poses, atol=1e-9)
-
-
-def test_points_are_in_the_robots_frame_and_only_returns_are_points():
-    recording = circle()
-    lidar = recording.lidar
-    ranges = np.array([[np.inf, 2.0, np.nan]] * len(lidar.stamps), np.float32)
-    recording = recording.replace(lidar=LidarStream(lidar.stamps, ranges, -1.0, 1.0, 0.1, 30.0))
-    step = next(steps(synchronise(recording, SyncConfig(deskew=False))))
-    np.testing.assert_allclose(step.points, [[2.0 + UCSD.lidar.x, 0.0]], atol=1e-6)
-    np.testing.assert_allclose(step.origin, [UCSD.lidar.x, 0.0])
 
 
 def test_without_a_gyro_the_wheels_turn_the_robot():
@@ -152,24 +138,6 @@ def test_streams_that_do_not_overlap_are_refused_and_blind_ones_told():
     assert "without a gyro" in made_do(recording.replace(imu=None))[0]
 
 
-def test_no_odometry_and_no_lidar_are_refused_by_name():
-    lidar = LidarStream(np.zeros(1), np.ones((1, 2), np.float32), 0.0, 1.0, 0.0, 30.0)
-    with pytest.raises(InputError, match="neither encoders nor odometry"):
-        dead_reckon(Recording("nothing", CARMEN, lidar=lidar))
-    with pytest.raises(InputError, match="no lidar scans"):
-        synchronise(Recording("blind", CARMEN, odometry=OdometryStream(np.zeros(1), np.zeros((1, 3)))))
-
-
-def test_the_low_pass_passes_low_and_stops_high():
-    t = np.arange(1000) / 100
-    slow, fast = np.sin(2 * np.pi * 0.5 * t), np.sin(2 * np.pi * 40 * t)
-    assert np.abs(low_pass(slow, t, 10) - slow)[100:].max() < 0.06
-    assert np.abs(low_pass(fast, t, 10))[100:].max() < 0.2
-    assert low_pass(np.full(5, 3.0), t[:5], 10) == pytest.approx(3.0)
-    assert low_pass(slow, t, 0) is slow
-    np.testing.assert_array_equal(low_pass(slow, t, 51), slow)  # above half the rate
-
-
 def test_the_low_pass_is_scipys_butterworth_whatever_comes_later():
     from scipy.signal import butter, sosfilt, sosfilt_zi
 
@@ -179,6 +147,8 @@ def test_the_low_pass_is_scipys_butterworth_whatever_comes_later():
     np.testing.assert_allclose(low_pass(values, stamps, 10), expected, atol=1e-12)
     late = stamps + np.where(np.arange(500) > 300, 2.0, 0.0)
     assert low_pass(values, late, 10)[:301].tobytes() == low_pass(values, stamps, 10)[:301].tobytes()
+    assert low_pass(values, stamps, 0) is values
+    np.testing.assert_array_equal(low_pass(values, stamps, 51), values)  # above half the rate
 
 
 @pytest.mark.parametrize(
@@ -194,8 +164,6 @@ def test_the_real_sequences_end_where_they_are_known_to(
     heading: float,
     sync: SyncConfig,
 ):
-    from moteslam.robot.formats import open_recording
-
     path = dead_reckon(open_recording(data_folder / "ucsd", sequence=str(sequence)), sync)
     assert path.length == pytest.approx(travelled, abs=0.2)
     assert np.degrees(path.poses[-1, 2]) == pytest.approx(heading, abs=5)

@@ -14,7 +14,6 @@ from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.evidence import SLIP, against, nats_for, proved
 from moteslam.slam.registration.information import (
     keep_odometry,
-    least_informed,
     less_where_unbound,
     measured_information,
     residual_variance,
@@ -27,21 +26,35 @@ Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
 SPREAD = (0.02, 0.02, 0.02)
 HERE = (0.0, 0.0)
-RING = np.array([[0.0, 0.0, 1.0]])
-"""The means of endpoints 1 m around the robot."""
+ANGLES = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+CIRCLE = np.column_stack((np.cos(ANGLES), np.sin(ANGLES)))
+"""Points 1 m from the robot."""
+CONFIG = RegistrationConfig()
 ODOMETRY = np.zeros((1, 3))
-UNKNOWN = RegistrationConfig().unknown_cost
+UNKNOWN = CONFIG.unknown_cost
 
 
-def found(offset: tuple[float, float, float], along: float, across: float, heading: float) -> Registration:
-    """One registration with this information along a corridor of that heading, and across it."""
+def registration(
+    offset: ArrayLike = (0.0, 0.0, 0.0),
+    information: Array | None = None,
+    *,
+    costs: float = 0.0,
+    known: float = 100.0,
+    likelihood: float = 1.0,
+    points: Array | None = None,
+) -> Registration:
+    """One, of endpoints 1 m around the robot unless given."""
+    offsets, none, ends = np.array([offset], float), np.zeros(1), CIRCLE if points is None else points
+    means = np.array([[*ends.mean(axis=0), np.square(ends).sum(axis=1).mean()]])
+    bound = np.zeros((1, 3, 3)) if information is None else information[None]
+    return Registration(offsets, bound, none + costs, none + known, none + likelihood, none, offsets, none, means)
+
+
+def between_walls(heading: float, ratio: float) -> Array:
+    """Information between walls at this heading, with ``ratio`` of that across along them."""
     c, s = np.cos(heading), np.sin(heading)
-    turn = np.array([[c, -s], [s, c]])
-    information = np.zeros((1, 3, 3))
-    information[0, :2, :2] = turn @ np.diag([along, across]) @ turn.T
-    information[0, 2, 2] = 1e6
-    ones = np.ones(1)
-    return Registration(np.array([offset]), information, ones, ones, ones, ones, np.array([offset]), ones, RING)
+    turn = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+    return np.asarray(turn @ np.diag((ratio * 1e6, 1e6, 1e6)) @ turn.T)
 
 
 def localiser(**keys: float) -> Localiser:
@@ -52,18 +65,10 @@ def kept(found: Registration, **keys: float) -> Registration:
     return keep_odometry(found, np.array(SPREAD), RegistrationConfig(**keys))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("heading", [0.0, 0.4, 1.6, -2.9])
-def test_the_least_informed_direction_and_its_ratio(heading: float) -> None:
-    ratio, along = least_informed(found((0, 0, 0), 2e3, 1e6, heading).information)
-    assert ratio[0] == pytest.approx(0.002)
-    assert abs(along[0] @ (np.cos(heading), np.sin(heading))) == pytest.approx(1.0)
-
-
 def test_along_bare_walls_the_odometry_is_kept_and_across_them_the_scan() -> None:
     heading = 0.4
     along, across = np.array((np.cos(heading), np.sin(heading))), np.array((-np.sin(heading), np.cos(heading)))
-    offset = (*(0.03 * along + 0.02 * across), 0.01)
-    seen = found(offset, 2e3, 1e6, heading)
+    seen = registration((*(0.03 * along + 0.02 * across), 0.01), between_walls(heading, 0.002))
     result = kept(seen)
     assert abs(result.offsets[0, :2] @ along) < 0.001
     assert result.offsets[0, :2] @ across == pytest.approx(0.02)
@@ -71,16 +76,13 @@ def test_along_bare_walls_the_odometry_is_kept_and_across_them_the_scan() -> Non
     assert along @ result.information[0, :2, :2] @ along < 0.02 * 2e3
     assert across @ result.information[0, :2, :2] @ across == pytest.approx(1e6)
     np.testing.assert_array_equal(kept(seen, degenerate=0.0).offsets, seen.offsets)
-    informed = found((0.03, -0.02, 0.01), 5e5, 1e6, heading)  # in all directions
+    informed = registration((0.03, -0.02, 0.01), between_walls(heading, 0.5))  # in all directions
     np.testing.assert_allclose(kept(informed).offsets, informed.offsets, atol=1e-3)
 
 
 def placed(offset: float, cost: float, known: float) -> Registration:
     """One registration that is this far ahead of the odometry; of 200 points this many are known, at this mean cost."""
-    one = np.array([[offset, 0.0, 0.0]])
-    costs = np.array([cost * known + UNKNOWN * (200 - known)])
-    none = np.zeros(1)
-    return Registration(one, np.zeros((1, 3, 3)), costs, np.array([known]), np.ones(1), none, one, none, RING)
+    return registration((offset, 0.0, 0.0), costs=cost * known + UNKNOWN * (200 - known), known=known)
 
 
 def test_the_evidence_is_what_known_endpoints_cost_and_not_how_many_are_known() -> None:
@@ -145,16 +147,9 @@ def located(
     left: Open = CLOSED, **keys: float,
 ) -> tuple[Located, Array]:  # fmt: skip
     """What is found of a scan taken there, from where the odometry puts it, with an error there; and its pose."""
-    points = thinned(room_scan(at)).points
+    start, points = se2.as_pose(np.asarray(predicted)), thinned(room_scan(at)).points
     found = localiser(**keys).locate(
-        room,
-        se2.as_pose(np.asarray(predicted)),
-        spread,
-        points,
-        HERE,
-        lambda: predictions,
-        measured=left is None,
-        left=left,
+        room, start, spread, points, HERE, lambda: predictions, measured=left is None, left=left
     )
     return found, np.asarray(se2.compose(np.asarray(predicted, float), found.fitted.offset))
 
@@ -270,31 +265,7 @@ def test_a_place_at_the_far_end_of_a_window_is_found():
     assert np.hypot(*window.half[:2]) < 1.5 < np.hypot(*truth[:2])
 
 
-CONFIG = RegistrationConfig()
-ANGLES = np.linspace(0, 2 * np.pi, 100, endpoint=False)
-CIRCLE = np.column_stack((np.cos(ANGLES), np.sin(ANGLES)))
-"""Points 1 m from the robot."""
-
-
-def registration(
-    information: NDArray[np.float64],
-    likelihood: float,
-    points: NDArray[np.float64] = CIRCLE,
-    offset: tuple[float, ...] = (0, 0, 0),
-) -> Registration:
-    none, offsets = np.zeros(1), np.array([offset], float)
-    means = np.array([[*points.mean(axis=0), np.square(points).sum(axis=1).mean()]])
-    return Registration(offsets, information[None], none, none + 100, none + likelihood, none, offsets, none, means)
-
-
-def between_walls(heading: float, ratio: float) -> NDArray[np.float64]:
-    """Between walls at this heading, with ``ratio`` of the information along them to that across."""
-    c, s = np.cos(heading), np.sin(heading)
-    turn = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
-    return np.asarray(turn @ np.diag((ratio * 1e6, 1e6, 1e6)) @ turn.T)
-
-
-def in_a_tank(centre: tuple[float, float], noise: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def in_a_tank(centre: tuple[float, float], noise: float) -> tuple[Array, Array]:
     """The information of 100 endpoints on a circle of 4 m about a centre, in the robot's frame, with ``noise`` of their
     normals; and the endpoints."""
     points = 4 * CIRCLE + centre
@@ -309,7 +280,7 @@ def in_a_tank(centre: tuple[float, float], noise: float) -> tuple[NDArray[np.flo
 def test_along_bare_walls_a_step_is_as_uncertain_as_the_errors_of_the_map_make_it(
     heading: float, ratio: float, likelihood: float
 ) -> None:
-    found = registration(between_walls(heading, ratio), likelihood)
+    found = registration(information=between_walls(heading, ratio), likelihood=likelihood)
     measured = measured_information(found, 0, CONFIG, 10.0)
     less = less_where_unbound(measured, found, 0, CONFIG)
     variance = residual_variance(likelihood, CONFIG)
@@ -322,7 +293,7 @@ def test_along_bare_walls_a_step_is_as_uncertain_as_the_errors_of_the_map_make_i
 @pytest.mark.parametrize("centre", [(0.0, 0.0), (-2.0, 1.0)])
 def test_in_a_round_room_a_turn_about_its_centre_is_not_measured(centre: tuple[float, float]) -> None:
     information, points = in_a_tank(centre, 0.05)
-    found = registration(information, 0.8, points)
+    found = registration(information=information, likelihood=0.8, points=points)
     less = less_where_unbound(measured_information(found, 0, CONFIG, 10.0), found, 0, CONFIG)
     about = np.array((centre[1], -centre[0], 1.0))
     values, vectors = np.linalg.eigh(less)
@@ -331,6 +302,7 @@ def test_in_a_round_room_a_turn_about_its_centre_is_not_measured(centre: tuple[f
     assert values[1] > 1e3  # the distances to the wall are
 
     turned = 0.02 * about + (0.01, -0.01, 0.0)  # the odometry says that it did not turn
-    kept = keep_odometry(registration(information, 0.8, points, tuple(turned)), np.full(3, 0.02), CONFIG)
+    found = registration(turned, information, likelihood=0.8, points=points)
+    kept = keep_odometry(found, np.full(3, 0.02), CONFIG)
     np.testing.assert_allclose(kept.offsets[0], (0.01, -0.01, 0.0), atol=2e-3)
     assert np.linalg.eigvalsh(kept.information[0])[0] > -1e-3

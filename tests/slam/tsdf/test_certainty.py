@@ -1,11 +1,14 @@
-"""How sure the filters are: in a calm room, along a bare corridor, after being carried off, without odometry."""
+"""How sure the filters are, in simple rooms and by their mathematics; and when scans contradict the map."""
 
 import math
+from copy import copy
+from typing import Any
 
 import numpy as np
 import pytest
-from slam_rooms import bare_corridor, carried_into_another_room, circled_room
+from slam_rooms import bare_corridor, carried_into_another_room, circled_room, run
 
+from moteslam.robot.recording import Recording
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import (
     FLOOR,
@@ -15,26 +18,26 @@ from moteslam.slam.filter.certainty import (
     wrong_by_spread,
 )
 from moteslam.slam.filter.covariance import as_array, largest_deviation, symmetric
+from moteslam.slam.filter.misfit import LEAST_SPREAD, LOST_DROP
 from moteslam.slam.mapping.config import LOST_DISTANCE
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import prior_spread
-from moteslam.slam.run import run_slam
-from moteslam.slam.settings import resolve_config
-from moteslam.slam.tsdf.doubt import ScanFit
+from moteslam.slam.tsdf.doubt import APART, PRIOR, Doubt, ScanFit
 from moteslam.slam.tsdf.motion import STILL, step_motion
 from moteslam.slam.tsdf.pose_covariance import CORRELATION, Fit, PoseCovariance
+
+pytestmark = pytest.mark.usefixtures("taichi")
 
 SURE, DOUBTFUL, LOST = LocalisationState
 FITS = ScanFit(1.0, 200.0, 180.0, 0.0, 0.0)
 METHODS = {"default": ["particles=5"], "paper": ["particles=30"]}
 
 
-def estimated(recording, preset: str = "default") -> Estimate:
-    return run_slam(recording, resolve_config(preset, ["backend.method=none", *METHODS[preset]]), seed=0)
+def estimated(recording: Recording, preset: str = "default") -> Estimate:
+    return run(recording, "backend.method=none", *METHODS[preset], preset=preset)
 
 
 @pytest.mark.parametrize("preset", METHODS)
-@pytest.mark.usefixtures("taichi")
 def test_a_robot_in_a_calm_room_is_sure_and_its_covariances_are_positive(preset: str):
     recording, true = circled_room()
     estimate = estimated(recording, preset)
@@ -49,7 +52,6 @@ def test_a_robot_in_a_calm_room_is_sure_and_its_covariances_are_positive(preset:
     assert np.isnan(estimate.diagnostics["degenerate"]).all()
 
 
-@pytest.mark.usefixtures("taichi")
 def test_along_a_bare_corridor_the_variance_grows_and_the_direction_is_degenerate():
     estimate = estimated(bare_corridor())
     along, across = (np.sqrt(estimate.covariances[:, i, i]) for i in (0, 1))
@@ -66,7 +68,6 @@ def test_along_a_bare_corridor_the_variance_grows_and_the_direction_is_degenerat
 
 
 @pytest.mark.parametrize(("preset", "within"), [("default", 15), ("paper", 5)])
-@pytest.mark.usefixtures("taichi")
 def test_a_robot_that_is_carried_into_another_room_is_soon_lost(preset: str, within: int):
     states = estimated(carried_into_another_room(at=60), preset).diagnostics["state"]
     assert (states[:60] == SURE).all()
@@ -77,9 +78,8 @@ def test_a_robot_that_is_carried_into_another_room_is_soon_lost(preset: str, wit
 
 def test_without_scans_and_odometry_the_robot_is_soon_lost():
     covariance = PoseCovariance(RegistrationConfig())
-    states = []
+    states, step = [], (0.05, 0.0, 0.0)
     for _ in range(400):
-        step = (0.05, 0.0, 0.0)
         covariance.step(step_motion(step, step, 0.1, measured=False), step, None)
         value = covariance.value
         states.append(state_of(wrong_by_spread(largest_deviation(value), math.sqrt(value[5]))))
@@ -127,3 +127,82 @@ def test_the_degenerate_direction_is_that_of_least_information():
         assert covariance.degenerate == pytest.approx(angle, abs=1e-6)
         registered(covariance, information + 1e6 * np.pad(np.outer(along, along), (0, 1)), 0.9, 0.01)
         assert math.isnan(covariance.degenerate)
+
+
+LOW = 1.0 - 1.2 * LOST_DROP * LEAST_SPREAD
+ELSEWHERE = ScanFit(LOW, 200.0, 150.0, 25.0, 10.0)
+"""A sixth of the known endpoints far from the surface."""
+BENT = ScanFit(LOW, 200.0, 180.0, 0.0, 0.0)
+"""As low a score, but no endpoint far from the surface."""
+
+
+def watched(*scans: ScanFit | None, driven: float = 0.1, calm: ScanFit = FITS, count: int = 100) -> list[Doubt]:
+    """The doubt after each scan, of a robot that drove through a known place before."""
+    doubt, found = Doubt(), []
+    for seen in [*([calm] * count), *scans]:
+        doubt.observe(driven, seen)
+        found.append(copy(doubt))
+    assert max(one.probability for one in found[:count]) == pytest.approx(1 / (1 + np.exp(-PRIOR)))
+    return found[count:]
+
+
+def probabilities(*scans: ScanFit | None, **more: Any) -> list[float]:
+    return [doubt.probability for doubt in watched(*scans, **more)]
+
+
+def states(*scans: ScanFit | None, **more: Any) -> list[LocalisationState]:
+    return [doubt.state for doubt in watched(*scans, **more)]
+
+
+def test_a_robot_that_sees_another_place_is_doubtful_at_once_and_lost_within_a_metre():
+    found = states(*[ELSEWHERE] * 10)
+    assert found[0] is DOUBTFUL
+    assert found == sorted(found)
+    assert APART / 0.1 < found.index(LOST) < 2 * APART / 0.1
+
+
+def test_two_scans_make_no_robot_lost_nor_do_many_from_one_place():
+    assert states(*[ELSEWHERE] * 3, driven=5.0) == [DOUBTFUL, DOUBTFUL, LOST]
+    assert set(states(*[ELSEWHERE] * 500, driven=0.0)) == {DOUBTFUL}
+
+
+def test_scans_that_fit_again_end_the_doubt():
+    found = probabilities(*[ELSEWHERE] * 2, *[FITS] * 60)
+    assert found[1] > 0.05
+    assert found[-1] < 0.05
+    assert (np.diff(found[1:]) <= 0).all()
+
+
+def test_neither_a_map_that_bends_nor_what_changes_little_by_little_makes_a_robot_lost():
+    assert set(states(*[BENT] * 50)) == {SURE}
+    scores = np.arange(1.0, 0.2, -0.05).repeat(2)
+    assert set(states(*[FITS._replace(score=score, crossed=60.0) for score in scores])) == {SURE}
+
+
+def test_rays_through_surfaces_and_endpoints_far_from_them_count_beyond_what_is_usual():
+    """Rays with a drop of the score alone."""
+    hidden, crowded = BENT._replace(crossed=40.0), ELSEWHERE._replace(far=12.0)
+    assert probabilities(hidden) > probabilities(BENT)
+    assert probabilities(FITS._replace(crossed=190.0)) == probabilities(FITS)
+    assert probabilities(hidden, calm=FITS._replace(crossed=40.0), count=1000) < probabilities(hidden)
+    assert probabilities(crowded, calm=FITS._replace(far=12.0), count=300) < probabilities(crowded)
+
+
+def test_a_scan_that_fits_where_next_to_nothing_is_known_and_one_that_is_not_matched_end_no_doubt():
+    fits_here = FITS._replace(known=60.0)
+    assert probabilities(ELSEWHERE, *[fits_here] * 5)[-1] > 0.1
+    assert probabilities(ELSEWHERE, *[FITS] * 5)[-1] < 0.05
+    assert len(set(probabilities(ELSEWHERE, None, None))) == 1
+
+
+def test_a_robot_that_was_carried_is_found_where_scans_fit_as_usual_and_else_is_lost():
+    for seen, state in ((FITS, SURE), (FITS._replace(score=0.9), LOST), (FITS._replace(known=100.0), LOST)):
+        doubt = Doubt()
+        for _ in range(100):
+            doubt.observe(0.1, FITS)
+        doubt.observe(0.0, seen, carried=True)
+        assert doubt.state is DOUBTFUL
+        for _ in range(12):
+            doubt.observe(0.1, seen)
+        assert doubt.state is state
+        assert doubt.carried is (state is LOST)

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from issues import messages
-from parts.runs import Drawn
-from slam_rooms import tiled_room
+from parts.runs import Drawn, with_images
+from slam_rooms import ate, run, tiled_room
 
-from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording, RgbdStream
 from moteslam.sim.scenario import load_scenario, with_camera
@@ -34,14 +33,6 @@ CONFIG = resolve_config("default", ["colours.enabled=true", *QUICK])
 assert isinstance(CONFIG, TsdfFilterConfig)
 Room = tuple[Simulation, Recording]
 OLDEST = CONFIG.colours.largest_age
-
-
-def with_images(simulation: Simulation) -> Recording:
-    """A simulation's recording with images that are drawn when they are asked for."""
-    stream, frames = simulation.recording.rgbd, simulation.frames
-    assert stream is not None
-    assert frames is not None
-    return simulation.recording.replace(rgbd=replace(stream, images=Drawn(frames)))
 
 
 def views_of(recording: Recording) -> FloorViews:
@@ -136,9 +127,7 @@ def test_the_odometrys_error_is_spread_over_the_motion(room: Room) -> None:
     np.testing.assert_allclose(view.corrected(odometry, odometry, 1.0).place, view.place, atol=1e-12)
 
 
-def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(
-    room: Room,
-) -> None:
+def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(room: Room) -> None:
     simulation, recording = room
     assert recording.lidar is not None
     stamps = recording.lidar.stamps
@@ -179,7 +168,7 @@ def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(
 def test_colours_take_part_and_nothing_is_lost_by_them(room: Room, estimate: Estimate, without: Estimate) -> None:
     assert not TsdfFilterConfig().colours.enabled
     assert not same(estimate, without)
-    errors = [absolute_trajectory_error(e.trajectory_final, room[0].truth).rmse for e in (estimate, without)]
+    errors = [ate(e.trajectory_final, room[0].truth) for e in (estimate, without)]
     assert errors[0] < max(1.2 * errors[1], 0.02)
     assert not [line for line in messages(estimate.warnings) if "colours" in line]
 
@@ -187,23 +176,15 @@ def test_colours_take_part_and_nothing_is_lost_by_them(room: Room, estimate: Est
 def test_all_of_the_odometrys_error_is_drawn_where_colours_weigh_the_particles(
     room: Room, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fit, sample = FloorTracker.fit, tsdf_filter.sample
-    weighed, shares = [False], {True: set[float](), False: set[float]()}
+    sample, shares = tsdf_filter.sample, set[float]()
 
-    def watched_fit(tracker: FloorTracker, *arguments: Any) -> Any:
-        found = fit(tracker, *arguments)
-        weighed[0] = found is not None
-        return found
-
-    def watched_sample(proposal: Proposal, *arguments: Any, **options: Any) -> np.ndarray:
-        shares[weighed[0]].add(proposal.position_share)
-        weighed[0] = False
+    def watched(proposal: Proposal, *arguments: Any, **options: Any) -> np.ndarray:
+        shares.add(proposal.position_share)
         return sample(proposal, *arguments, **options)
 
-    monkeypatch.setattr(FloorTracker, "fit", watched_fit)
-    monkeypatch.setattr(tsdf_filter, "sample", watched_sample)
+    monkeypatch.setattr(tsdf_filter, "sample", watched)
     run_slam(room[1], CONFIG)
-    assert shares == {True: {1.0}, False: {CONFIG.proposal.sampled_share}}
+    assert shares == {1.0, CONFIG.proposal.sampled_share}
 
 
 def test_the_same_seed_gives_the_same_bytes_and_frames_are_read_at_updates_alone(
@@ -216,54 +197,40 @@ def test_the_same_seed_gives_the_same_bytes_and_frames_are_read_at_updates_alone
     assert 10 < len(asked) == len(set(asked)) <= estimate.diagnostics["updated"].sum()
 
 
-def without_camera(recording: Recording, folder: Path) -> Recording:
-    return recording.replace(platform=recording.platform.model_copy(update={"camera": None}))
-
-
-def without_images(recording: Recording, folder: Path) -> Recording:
-    """Stamps of a camera alone."""
-    assert recording.rgbd is not None
-    return recording.replace(rgbd=replace(recording.rgbd, images=None))
-
-
 def of_broken_files(recording: Recording, folder: Path) -> Recording:
-    stream = recording.rgbd
+    stream, broken = recording.rgbd, folder / "broken.png"
     assert stream is not None
-    broken = folder / "broken.png"
     broken.write_bytes(b"no image")
     colours = (broken, *[None] * (len(stream.rgb_stamps) - 1))
     disparities = tuple(broken if k % 3 else None for k in range(len(stream.disparity_stamps)))
     return recording.replace(rgbd=replace(stream, images=None, rgb_files=colours, disparity_files=disparities))
 
 
-def of_late_frames(recording: Recording, folder: Path) -> Recording:
+def of_late_frames(recording: Recording, _: Path) -> Recording:
     stream = recording.rgbd
     assert stream is not None
-    late = replace(stream, rgb_stamps=stream.rgb_stamps + 60.0, disparity_stamps=stream.disparity_stamps + 60.0)
-    return recording.replace(rgbd=late)
+    late = {name: getattr(stream, name) + 60.0 for name in ("rgb_stamps", "disparity_stamps")}
+    return recording.replace(rgbd=replace(stream, **late))
 
 
-@pytest.mark.parametrize(
-    ("lose", "told"),
-    [
-        (without_camera, ["camera"]),
-        (without_images, ["images"]),
-        (of_broken_files, ["image of theirs is missing", "broken.png", "no new frame at"]),
-        (of_late_frames, ["no new frame at"]),
-    ],
-)
+LOSSES: dict[str, tuple[Callable[[Recording, Path], Recording], list[str]]] = {
+    "camera": (lambda r, _: r.replace(platform=r.platform.model_copy(update={"camera": None})), ["camera"]),
+    "images": (lambda r, _: r.replace(rgbd=replace(r.rgbd, images=None)), ["images"]),  # stamps alone
+    "files": (of_broken_files, ["image of theirs is missing", "broken.png", "no new frame at"]),
+    "late": (of_late_frames, ["no new frame at"]),
+}
+"""What is done, and what lines say of it."""
+
+
+@pytest.mark.parametrize("loss", LOSSES)
 def test_without_frames_lines_say_so_and_the_bytes_are_as_without(
-    room: Room,
-    without: Estimate,
-    tmp_path: Path,
-    lose: Callable[[Recording, Path], Recording],
-    told: list[str],
+    room: Room, without: Estimate, tmp_path: Path, loss: str
 ) -> None:
+    lose, told = LOSSES[loss]
     done = run_slam(lose(room[1], tmp_path), CONFIG, seed=3)
     lines = [line for line in messages(done.warnings) if "colours" in line]
     assert len(lines) == len(told)
-    for line, part in zip(lines, told, strict=True):
-        assert part in line
+    assert all(part in line for line, part in zip(lines, told, strict=True))
     assert same(done, without)
 
 
@@ -271,10 +238,6 @@ def test_without_frames_lines_say_so_and_the_bytes_are_as_without(
 def test_along_a_bare_hall_colours_take_away_half_of_the_error(taichi: None) -> None:
     simulation = simulate(with_camera(load_scenario("two_halls")).model_copy(update={"duration": 50.0}), 1)
     recording = with_images(simulation)
-    alone = ["backend.method=none", "texture.enabled=false"]  # the back end knows nothing of colours
-    whole = resolve_config("default", ["colours.enabled=true", *alone])
-    errors = [
-        absolute_trajectory_error(e.trajectory_final, simulation.truth).rmse
-        for e in (run_slam(recording, whole, seed=1), run_slam(recording, resolve_config("default", alone), seed=1))
-    ]
-    assert errors[0] < errors[1] / 2
+    alone = ("backend.method=none", "texture.enabled=false")  # the back end knows nothing of colours
+    with_them, without_them = (run(recording, *more, *alone, seed=1) for more in (["colours.enabled=true"], []))
+    assert ate(with_them.trajectory_final, simulation.truth) < ate(without_them.trajectory_final, simulation.truth) / 2

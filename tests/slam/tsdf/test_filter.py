@@ -1,11 +1,10 @@
 """The TSDF filter a step at a time: weights and score are those of its proposals, the odometry is calibrated."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from slam_rooms import circled_room
+from slam_rooms import blind, circled_room, run
 from tile_pools import ROOM, room_scan, thinned
 
 from moteslam.robot import se2
@@ -15,7 +14,6 @@ from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.registrar import prior_spread
-from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf import filter as tsdf_filter
 from moteslam.slam.tsdf.config import ProposalConfig, TsdfFilterConfig
@@ -74,13 +72,11 @@ def test_weights_are_the_product_of_the_proposals_likelihoods_and_the_score_is_t
 def test_where_the_scans_stop_the_odometry_is_followed_as_it_was_calibrated():
     """The gyro turns 3 % too far. Two thirds of the drive calibrate it; then the robot is blind for a third of it."""
     recording, true = circled_room(drift=0.03)
-    lidar, seen = recording.lidar, 80
-    assert lidar is not None
-    dark = np.where(np.arange(len(lidar))[:, None] < seen, lidar.ranges, np.float32(np.inf))
-    recording = recording.replace(lidar=replace(lidar, ranges=dark))
+    seen = 80
+    dark = blind(recording, 0.1 * seen - 0.01, np.inf)
 
     def turned_too_far(*settings: str) -> float:
-        poses = run_slam(recording, config_of("particles=5", *settings), seed=0).trajectory.poses
+        poses = run(dark, "particles=5", *settings).trajectory.poses
         off = np.diff(poses[seen - 1 :, 2]) - np.diff(true[seen - 1 :, 2])
         return float(se2.wrap(off).sum())
 

@@ -47,6 +47,13 @@ def particles_at(poses: Array, best: int = 0) -> Particles:
     return particles
 
 
+def mapped(number: int) -> Particles:
+    """With the map of a scan from the middle of a room."""
+    particles = Particles(number, TsdfConfig())
+    particles.start(thinned(room_scan()))
+    return particles
+
+
 def test_particles_are_divided_among_rival_places_by_their_odds_and_the_best_one_stays():
     found = divide(particles_at(np.zeros((28, 3)), best=9), RIVALS, SHARE)
     chosen = [int((found == place).all(axis=1).sum()) for place in (np.zeros(3), *RIVALS.offsets)]
@@ -78,8 +85,7 @@ def test_particles_are_settled_once_next_to_no_weight_is_on_another_hypothesis(w
 
 
 def test_particles_that_drift_apart_are_of_one_hypothesis_and_those_that_come_together_too():
-    particles = Particles(28, TsdfConfig())
-    particles.start(thinned(room_scan()))
+    particles = mapped(28)
     divide(particles, RIVALS, SHARE)
     numbers = particles.hypotheses.copy()
     assert len(set(numbers.tolist())) == 3
@@ -96,8 +102,7 @@ def test_particles_that_drift_apart_are_of_one_hypothesis_and_those_that_come_to
 
 def test_a_particle_that_looks_elsewhere_begins_at_its_place_whatever_the_odometry_was_off_by():
     """The scan fits at the tracked pose only; the second particle looks 0.2 m beside it, and comes back."""
-    particles = Particles(2, TsdfConfig())
-    particles.start(thinned(room_scan()))
+    particles = mapped(2)
     at, odometry = np.array((0.5, 0.3, 0.6)), np.array((0.3, 0.1, 0.1))
     since = MotionSinceUpdate(tracked=at, odometry=odometry, travelled=Travelled(0.6, 0.6, 1.0))
     offset = np.array((0.1, -0.2, 0.05))
@@ -148,8 +153,7 @@ def test_rivals_divide_the_particles_even_where_no_update_is_due(monkeypatch: py
 
 def test_after_a_time_without_scans_the_robot_is_looked_for_as_far_as_its_odometry_may_be_off():
     """Eight metres to and fro without a scan, then one from half a metre beside the prediction."""
-    particles = Particles(1, TsdfConfig())
-    particles.start(thinned(room_scan()))
+    particles = mapped(1)
     at = np.array((0.1, 0.7, 0.02))
     blind = thinned(np.zeros((0, 2), np.float32))
 
@@ -227,9 +231,8 @@ def test_a_correction_by_a_scan_that_has_waited_moves_those_after_it(monkeypatch
     before, after = (np.array([key.pose for key in backend.keys]) for backend in (plain, corrected))
     np.testing.assert_array_equal(before[:7], after[:7])
     np.testing.assert_allclose(after[7:9], se2.compose((0.0, 1.0, 0.0), before[7:9]), atol=1e-9)
-    np.testing.assert_allclose(
-        [key.motion for key in plain.keys[7:9]], [key.motion for key in corrected.keys[7:9]], atol=1e-9
-    )
+    one, other = ([key.motion for key in backend.keys[7:9]] for backend in (plain, corrected))
+    np.testing.assert_allclose(one, other, atol=1e-9)
     moved = se2.between(as_it_was.estimate().trajectory_final.poses, revised.estimate().trajectory_final.poses)
     np.testing.assert_allclose(np.hypot(moved[:, 0], moved[:, 1]), 1.0, atol=0.03)
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from slam_rooms import recorded, seen_from
+from slam_rooms import recorded, run, seen_from
 from tile_pools import room_scan, thinned
 
 from moteslam.robot import se2
@@ -14,8 +14,6 @@ from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import RegistrationConfig
-from moteslam.slam.run import run_slam
-from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf import filter as tsdf_filter
 from moteslam.slam.tsdf.relocation import Relocation
 
@@ -24,6 +22,7 @@ CORNERS = [(-3, -2.5), (6, -2.5), (6, 1.0), (4.5, 3.5), (0.5, 3.5), (0.5, 2.6), 
 ROOM = [*pairwise(CORNERS), ((3.5, -1.8), (4.6, -1.8)), ((3.5, -1.8), (3.5, -1.0)), ((-2, -2.5), (-2, -1.5))]
 OTHER = [((-3, -5), (5.5, -4.2)), ((5.5, -4.2), (2.6, 3.8)), ((2.6, 3.8), (-1.2, 1.9)), ((-1.2, 1.9), (-3, -5))]
 CARRIED = 130
+ALONE = "backend.method=none"
 
 
 def driven(scans: int, start: tuple[float, float, float]) -> np.ndarray:
@@ -50,7 +49,7 @@ def occupied(drawn: Raster) -> set[tuple[int, int]]:
 @pytest.mark.parametrize("method", ["none", "graph"])
 def test_it_is_found_in_its_map_and_all_since_it_was_lost_with_it(method: str):
     recording, true = carried((3.6, 1.6, 2.5), ROOM)
-    estimate = run_slam(recording, resolve_config("default", [f"backend.method={method}"]), seed=0)
+    estimate = run(recording, f"backend.method={method}")
     states = estimate.diagnostics["state"]
     assert (states[:CARRIED] == LocalisationState.SURE).all()
     assert (states[CARRIED + 20 : CARRIED + 40] == LocalisationState.LOST).all()
@@ -69,12 +68,12 @@ def test_it_is_found_in_its_map_and_all_since_it_was_lost_with_it(method: str):
 
 def test_in_a_room_that_it_has_never_seen_it_is_not_found():
     recording, _ = carried((0.4, -0.8, 1.0), OTHER)
-    estimate = run_slam(recording, resolve_config("default", ["backend.method=none"]), seed=0)
+    estimate = run(recording, ALONE)
     assert (estimate.diagnostics["state"][CARRIED + 20 :] == LocalisationState.LOST).all()
     lost = [issue.message for issue in estimate.warnings if issue.code == "lost"]
     assert [text.endswith("the map is that of the longer part") for text in lost] == [True]
     alone, _ = carried((0.4, -0.8, 1.0), ROOM, scans=1)
-    before = run_slam(alone, resolve_config("default", ["backend.method=none"]), seed=0)
+    before = run(alone, ALONE)
     walls, others = occupied(before.map), occupied(estimate.map)
     assert len(walls & others) > 0.9 * len(walls)
     assert len(others - walls) < 0.1 * len(walls)
@@ -99,7 +98,7 @@ def test_no_place_is_preferred_for_a_robot_that_was_carried_while_it_was_not_see
         return Relocation(*args, carried=carried, **kwargs)
 
     monkeypatch.setattr(tsdf_filter, "Relocation", spied)
-    run_slam(recording, resolve_config("default", ["backend.method=none"]), seed=0)
+    run(recording, ALONE)
     assert asked == [True]
 
 

@@ -1,23 +1,24 @@
-"""Which key scans become nodes, and what the odometry's errors are."""
+"""Which key scans become nodes, what the odometry's errors are, and how a step is registered."""
 
 import numpy as np
 import pytest
+from graph_cases import WALL, key_scan
 
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import MAX_RANGE, Nodes
 from moteslam.slam.backend.graph.odometry_model import SAFETY, fit_odometry, turned_aside
-from moteslam.slam.backend.protocol import KeyScan
+from moteslam.slam.backend.graph.step_registration import Prediction, StepRegistration
+from moteslam.slam.inputs.step import thin
 
 
 def nodes_of(steps: np.ndarray) -> Nodes:
     """The nodes of a run by these steps, the last key scan among them."""
-    path = np.vstack((np.zeros(3), se2.accumulate(steps)))
-    points = np.array([[1.0, y] for y in np.arange(-1, 1, 0.1)] + [[50.0, 0.0]], np.float32)
-    odometry = np.vstack((np.zeros(3), steps))
+    points = np.vstack((WALL, np.float32((50.0, 0.0))))
     nodes = Nodes(GraphConfig())
-    for k, (pose, motion) in enumerate(zip(path, odometry, strict=True)):
-        nodes.add(KeyScan(10 * k, 0.1 * k, points, np.zeros(2), pose, motion, measured=True, motion=motion))
+    for k, motion in enumerate(np.vstack((np.zeros(3), steps))):
+        nodes.add(key_scan(10 * k, motion, points))
     nodes.close()
     return nodes
 
@@ -44,12 +45,9 @@ def test_turns_make_nodes_too_and_so_do_all_key_scans_that_are_far_apart():
 def test_no_node_where_there_are_enough_and_the_next_one_elsewhere():
     crowded = False
     nodes = Nodes(GraphConfig())
-    points = np.array([[1.0, y] for y in np.arange(-1, 1, 0.1)], np.float32)
-    step = np.array((0.4, 0.0, 0.0))
     for k in range(120):
         crowded = 20 <= k < 110
-        key = KeyScan(k, 0.1 * k, points, np.zeros(2), step, step, measured=True, motion=step)
-        nodes.add(key, lambda: crowded)  # noqa: B023
+        nodes.add(key_scan(k, (0.4, 0.0, 0.0), WALL), lambda: crowded)  # noqa: B023
     assert not {*range(20, 109)} & {*nodes.updates}
     after = next(number for number, update in enumerate(nodes.updates) if update >= 109)
     assert not nodes.measured[after]  # by 35 m of odometry and more
@@ -128,3 +126,50 @@ def test_errors_of_the_heading_on_a_long_step_move_its_end_aside():
     np.testing.assert_allclose(found[0], (0.1, np.hypot(0.1, aside), 0.2), rtol=0.05)
     np.testing.assert_allclose(found[1], (np.hypot(0.1, aside), 0.1, 0.2), rtol=0.05)
     np.testing.assert_allclose(found[2], spread, rtol=0.01)
+
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+CORNERS = np.array(
+    [(-9, -2), (-9, 1), (-4, 1), (-4, 6), (7, 6), (7, 3.5), (4, 3.5), (4, -3), (-1, -3), (-1, -2)], float
+)
+WALLS = np.stack((CORNERS, np.roll(CORNERS, -1, axis=0)), axis=1)
+TRUE_STEP = np.array([0.6, 0.1, -0.4])
+
+
+def scan(pose: np.ndarray) -> ThinnedScan:
+    """180 beams all around from a place in a room of many corners."""
+    bearings = np.radians(np.arange(0, 360, 2))
+    beams = np.column_stack((np.cos(bearings + pose[2]), np.sin(bearings + pose[2])))
+    first, along = WALLS[:, 0] - pose[:2], WALLS[:, 1] - WALLS[:, 0]
+    across = beams[:, None, 0] * along[:, 1] - beams[:, None, 1] * along[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ranges = (first[:, 0] * along[:, 1] - first[:, 1] * along[:, 0]) / across
+        share = (first[:, 0] * beams[:, None, 1] - first[:, 1] * beams[:, None, 0]) / across
+    ranges = np.where((ranges > 0) & (share >= 0) & (share <= 1), ranges, np.inf).min(axis=1)
+    points = ranges[:, None] * np.column_stack((np.cos(bearings), np.sin(bearings)))
+    return thin(points.astype(np.float32), np.zeros(2), GraphConfig().thinning)
+
+
+def registered(off: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """The error [3] of a step whose odometry is off, registered after one scan."""
+    steps = StepRegistration(scan(np.zeros(3)), np.zeros(2), GraphConfig(), proved=True)
+    odometry = np.asarray(se2.compose(TRUE_STEP, off))
+    found = steps.add(scan(TRUE_STEP), Prediction(odometry, spread, True, odometry))
+    return np.asarray(se2.between(TRUE_STEP, found.step))
+
+
+@pytest.mark.parametrize("turn", [-0.5, -0.3, 0.0, 0.3, 0.5])
+def test_a_heading_is_found_as_far_off_as_the_odometry_may_be(turn: float):
+    """Filter and odometry begin where Gauss-Newton does not reach the truth."""
+    error = registered(np.array((0.05, -0.05, turn)), np.array((0.1, 0.1, 0.2)))
+    np.testing.assert_array_less(np.abs(error), (0.02, 0.02, 0.005))
+
+
+def test_where_several_places_are_open_the_filters_choice_stands():
+    """The local map shows a part of them at most, and a registration to it is as sure of itself at a wrong one."""
+    steps = StepRegistration(scan(np.zeros(3)), np.zeros(2), GraphConfig(), proved=True)
+    chosen = np.asarray(se2.compose(TRUE_STEP, (0.1, -0.1, 0.05)))
+    found = steps.add(scan(TRUE_STEP), Prediction(chosen, np.array((1.0, 1.0, 0.2)), False, chosen, open=True))
+    np.testing.assert_array_equal(found.step, chosen)
+    np.testing.assert_array_equal(found.information, 0.0)

@@ -1,25 +1,94 @@
-"""The maps of all particles: growing, sharing, and refusing to take all memory."""
+"""The maps that grow with the robot: occupancy, and the signed distances of all particles."""
 
 from functools import partial
 
 import numpy as np
 import pytest
-from slam_rooms import circled_room
+from slam_rooms import circled_room, run
 from tile_pools import room_scan, thinned
 
 from moteslam.errors import InputError
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.kernels.tiles import CELLS, FINE_CELLS, SIDE, TileStore
+from moteslam.robot import se2
+from moteslam.robot.platform import LidarSpec, Platform
+from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.mapping import tsdf
-from moteslam.slam.mapping.config import TsdfConfig
+from moteslam.slam.mapping.config import MapConfig, TsdfConfig
+from moteslam.slam.mapping.occupancy import CHUNK, UNIT, OccupancyGrid, draw_map
 from moteslam.slam.mapping.tsdf import TsdfMaps
-from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.registrar import register
-from moteslam.slam.registration.search import Window, candidates
-from moteslam.slam.run import run_slam
-from moteslam.slam.settings import resolve_config
 
 pytestmark = pytest.mark.usefixtures("taichi")
+
+
+def value(grid: OccupancyGrid, x: float, y: float) -> float:
+    """The log-odds of the cell at (x, y) [m]."""
+    column, row = np.floor((np.array([x, y]) - grid.origin) / grid.cell_size).astype(int)
+    return float(grid.log_odds[row, column]) * UNIT
+
+
+def test_one_scan_marks_endpoints_and_the_way_to_them():
+    grid = OccupancyGrid(MapConfig(cell_size=0.1))
+    grid.add_scan((0.05, 0.05), np.array([[1.05, 0.05], [0.05, -0.95]]))
+    assert value(grid, 1.05, 0.05) == pytest.approx(np.log(4), abs=1e-3)
+    assert value(grid, 0.05, -0.95) == pytest.approx(np.log(4), abs=1e-3)
+    assert value(grid, 0.55, 0.05) == pytest.approx(-np.log(4), abs=1e-3)
+    assert value(grid, 0.05, -0.45) == pytest.approx(-np.log(4), abs=1e-3)
+    assert value(grid, 1.15, 0.05) == 0
+    assert grid.occupied.sum() == 2
+
+
+@pytest.mark.parametrize("target", [(100.05, 3.05), (-100.05, 3.05), (3.05, 100.05), (-7.05, -100.05)])
+def test_growing_keeps_what_is_there(target: tuple[float, float]):
+    grid = OccupancyGrid(MapConfig(cell_size=0.1))
+    grid.add_scan((0.05, 0.05), np.array([[1.05, 0.05]]))
+    before = grid.log_odds.astype(int).sum()
+    free = value(grid, 0.55, 0.05)
+    assert (grid.log_odds.size, free < 0) == (4 * CHUNK * CHUNK, True)
+    grid.add_scan(target, np.array([target]))
+    assert value(grid, 0.55, 0.05) == free
+    assert value(grid, *target) == pytest.approx(np.log(4), abs=1e-3)
+    assert grid.log_odds.astype(int).sum() == before + round(np.log(4) / UNIT)
+    assert not grid.occupied[[0, -1]].any()
+    assert not grid.occupied[:, [0, -1]].any()
+
+
+def test_a_snapshot_is_cut_to_what_was_seen_and_stays_in_place():
+    grid = OccupancyGrid(MapConfig(cell_size=0.1))
+    grid.add_scan((-2.0, 0.0), np.array([[3.0, 1.0]]))
+    snapshot = grid.snapshot()
+    row, column = np.unravel_index(np.argmax(snapshot.values), snapshot.values.shape)
+    assert (column + 0.5) * 0.1 + snapshot.origin[0] == pytest.approx(3.0, abs=0.06)
+    assert (row + 0.5) * 0.1 + snapshot.origin[1] == pytest.approx(1.0, abs=0.06)
+    assert snapshot.values.shape[1] < 60
+
+
+def test_a_map_beyond_all_bounds_is_refused():
+    grid = OccupancyGrid(MapConfig(cell_size=0.005))
+    with pytest.raises(InputError, match="the map would grow to"):
+        grid.add_scan((0.0, 0.0), np.array([[1e6, 1e6]]))
+
+
+def test_a_map_is_drawn_of_some_scans_from_where_they_were_seen():
+    ranges = np.random.default_rng(1).uniform(1, 6, (3, 40)).astype(np.float32)
+    stamps, poses = np.arange(3.0), np.array([(0, 0, 0), (0.5, 0.1, 0.3), (1.0, -0.2, -0.4)])
+    recording = Recording(
+        "drawn",
+        Platform(lidar=LidarSpec(x=0.2, y=-0.1)),
+        lidar=LidarStream(stamps, ranges, -2.0, 0.1, 0.1, 30.0),
+        odometry=OdometryStream(stamps, poses),
+    )
+    scans = synchronise(recording).scans
+    grid = OccupancyGrid(MapConfig())
+    for index in (0, 2):
+        points = se2.transform_points(poses[index], scans.points(index))
+        grid.add_scan(se2.transform_points(poses[index], np.array((0.2, -0.1))), points)
+    drawn, expected = draw_map(MapConfig(), scans, [0, 2], poses[[0, 2]]), grid.snapshot()
+    np.testing.assert_array_equal(drawn.values, expected.values)
+    assert drawn.origin == expected.origin
+    assert (drawn.values > 0).sum() > 60
+
 
 START = np.zeros((1, 3))
 CONFIG = TsdfConfig(cell_size=0.05, truncation=0.15, coarse_truncation=0.4)
@@ -85,23 +154,6 @@ def test_memory_is_that_of_tiles_and_tables_and_does_not_grow_where_nothing_new_
     assert maps.memory == most
 
 
-def test_scans_are_found_in_the_maps_they_were_written_to():
-    truth = np.array([(0.0, 0.0, 0.0), (0.08, -0.05, 0.03)])
-    maps = TsdfMaps(CONFIG)
-    maps.resample(np.zeros(2, np.int64))
-    scan = thinned(room_scan())
-    maps.integrate(truth, scan)
-    spread = np.full(3, 2.0)
-    found = register(
-        maps.all(), np.zeros((2, 3)), spread, scan.points, np.zeros(2), np.zeros((2, 3)), RegistrationConfig()
-    )
-    np.testing.assert_allclose(found.offsets, truth, rtol=0, atol=1e-3)
-    window = Window(np.array((0.5, 0.5, 0.02)), 0.1, 0.02)
-    start = truth[1] + np.array((0.3, -0.4, 0.0))
-    (best,) = candidates(maps.of(1), start, spread, scan.points, window, 1, TrackingConfig())
-    np.testing.assert_allclose(best[:2], (-0.3, 0.4), atol=0.11)
-
-
 def test_a_truncation_beyond_the_coarse_one_stays_within_the_tables():
     maps = TsdfMaps(TsdfConfig(cell_size=0.05, truncation=4.0, coarse_truncation=0.1))
     maps.integrate(np.array([[6.0, -7.0, 0.0]]), thinned(room_scan()))
@@ -151,9 +203,9 @@ def test_a_run_with_maps_in_taichis_memory_is_the_same_to_the_byte(monkeypatch: 
     runs = []
     for store in (TileStore, partial(TileStore, on_device=True)):
         monkeypatch.setattr(tsdf, "tile_store", store)
-        estimate = run_slam(recording, resolve_config("default", ["particles=20", "resample_below=1"]), seed=1)
+        estimate = run(recording, "particles=20", "resample_below=1", seed=1)
         assert estimate.diagnostics["resampled"].any()
         runs.append(estimate)
-    np.testing.assert_array_equal(runs[1].trajectory.poses, runs[0].trajectory.poses)
-    np.testing.assert_array_equal(runs[1].trajectory_final.poses, runs[0].trajectory_final.poses)
+    for path in ("trajectory", "trajectory_final"):
+        np.testing.assert_array_equal(getattr(runs[1], path).poses, getattr(runs[0], path).poses)
     np.testing.assert_array_equal(runs[1].map.values, runs[0].map.values)
