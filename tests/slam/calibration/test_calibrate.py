@@ -1,20 +1,23 @@
-"""Lidars and odometry that are not as stated, measured from simulated recordings to which a fault was added."""
+"""Lidars and odometry that are not as stated: from simulated recordings with a fault, and of motions that are known."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 
+from moteslam.robot import se2
 from moteslam.robot.recording import ChunkedRanges, OdometryStream, Recording
+from moteslam.robot.values import Issue
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.calibration.calibrate import Calibration, calibrate
-from moteslam.slam.calibration.findings import findings
+from moteslam.slam.calibration.findings import Findings, findings
+from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
 from moteslam.slam.calibration.mended import calibrated, corrected
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
@@ -64,9 +67,22 @@ def late(seconds: float) -> Fault:
     return shifted
 
 
-def figure(found: Calibration, recording: Recording, name: str) -> float:
-    figures = findings(found, recording).figures
-    return next(one.value - one.stated for one in figures if one.name.startswith(name))
+def found_in(recording: Recording) -> tuple[Calibration, Findings]:
+    found = calibrate(recording)
+    assert found is not None
+    return found, findings(found, recording)
+
+
+def codes(issues: Iterable[Issue]) -> list[str]:
+    return [issue.code for issue in issues]
+
+
+def mended_by(fault: Fault, platform: str, which: Literal["lidar", "odometry"]) -> tuple[Recording, Recording]:
+    """A recording with a fault, and as it is calibrated; nothing is found in that any more."""
+    recording = fault(driven(platform))
+    mended = calibrated(recording, calibrate(recording), which)
+    assert found_in(mended)[1].issues == ()
+    return recording, mended
 
 
 NARROW = lidar(angle_increment=lambda s: s.angle_increment * 0.95)
@@ -92,31 +108,25 @@ def test_a_lidar_that_is_not_as_stated_is_measured_to_a_fifth(name: str, platfor
     fault, code, shows, size, within = FAULTS[name]
     if name == "wide" and platform == "rplidar_a1":
         pytest.skip("more than a turn")
-    recording = fault(driven(platform))
-    found = calibrate(recording)
-    assert found is not None
-    assert [issue.code for issue in findings(found, recording).issues] == [code]
-    assert figure(found, recording, shows) == pytest.approx(size, abs=within)
+    _, found = found_in(fault(driven(platform)))
+    assert codes(found.issues) == [code]
+    figure = next(one for one in found.figures if one.name.startswith(shows))
+    assert figure.value - figure.stated == pytest.approx(size, abs=within)
 
 
 @pytest.mark.parametrize("form", [lambda r: r, poses_of], ids=["sensors", "poses"])
 @pytest.mark.parametrize("platform", WORLDS)
 def test_nothing_is_found_where_nothing_is_wrong(platform: str, form: Fault) -> None:
-    recording = form(driven(platform))
-    found = calibrate(recording)
-    assert found is not None
-    about = findings(found, recording)
-    assert about.issues == about.moves == ()
-    assert not about.decided
+    _, found = found_in(form(driven(platform)))
+    assert found.issues == found.moves == ()
+    assert not found.decided
 
 
 @pytest.mark.parametrize("platform", WORLDS)
 def test_beams_the_other_way_round_are_a_mirror_image(platform: str) -> None:
-    recording = REVERSED(driven(platform))
-    found = calibrate(recording)
-    assert found is not None
-    assert found.mirrored
-    assert [issue.code for issue in findings(found, recording).moves] == ["mirrored"]
+    calibration, found = found_in(REVERSED(driven(platform)))
+    assert calibration.mirrored
+    assert codes(found.moves) == ["mirrored"]
 
 
 @pytest.mark.parametrize(
@@ -126,23 +136,18 @@ def test_beams_the_other_way_round_are_a_mirror_image(platform: str) -> None:
 )
 def test_a_sweep_shows_whether_the_order_or_the_angles_are_wrong(fault: Fault, is_reversed: bool) -> None:
     true = driven("rplidar_a1")
-    recording = fault(true)
-    found = calibrate(recording)
-    assert found is not None
-    assert found.reversed == is_reversed
-    mended = calibrated(recording, found, "lidar")
+    recording, mended = mended_by(fault, "rplidar_a1", "lidar")
+    assert found_in(recording)[0].reversed == is_reversed
     assert mended.lidar.angle_increment == true.lidar.angle_increment
     assert (mended.lidar.ranges == true.lidar.ranges)[np.isfinite(true.lidar.ranges)].all()
 
 
 def test_a_lidar_mounted_backwards_is_said_to_be() -> None:
-    recording = mount(yaw=np.pi)(driven("ucsd"))
-    found = calibrate(recording)
-    assert found is not None
-    (issue,) = findings(found, recording).moves
+    recording, mended = mended_by(mount(yaw=np.pi), "ucsd", "lidar")
+    (issue,) = found_in(recording)[1].moves
     assert issue.code == "lidar-mount"
     assert "backwards" in issue.message
-    assert calibrated(recording, found, "lidar").platform.lidar.yaw == pytest.approx(0, abs=0.02)
+    assert mended.platform.lidar.yaw == pytest.approx(0, abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -160,11 +165,9 @@ def test_a_lidar_mounted_backwards_is_said_to_be() -> None:
     ids=["turns", "y", "headings", "mirrored", "scaled", "millimetres", "late", "early"],
 )
 def test_odometry_that_cannot_be_right(fault: Fault, form: str, code: str) -> None:
-    recording = fault(driven("ucsd"))
-    found = calibrate(recording)
-    assert found is not None
-    assert found.form == form
-    assert [issue.code for issue in findings(found, recording).moves] == [code]
+    calibration, found = found_in(fault(driven("ucsd")))
+    assert calibration.form == form
+    assert codes(found.moves) == [code]
 
 
 def test_odometry_of_another_drive_fits_in_no_way() -> None:
@@ -191,12 +194,9 @@ def test_stamps_of_whole_seconds_are_not_taken_for_another_clock() -> None:
 
 @pytest.mark.parametrize("fault", [NARROW, LONG, REVERSED, DRIFTS, mount(x=0.2, y=0.2, yaw=0.2)])
 def test_a_recording_that_is_mended_is_right(fault: Fault) -> None:
-    true = driven("ucsd")
-    mended = calibrated(fault(true), calibrate(fault(true)), "lidar")
+    true, (_, mended) = driven("ucsd"), mended_by(fault, "ucsd", "lidar")
     assert mended.lidar.angle_increment == pytest.approx(true.lidar.angle_increment, rel=0.005) or fault is REVERSED
     assert mended.platform.lidar.pose == pytest.approx(true.platform.lidar.pose, abs=0.04)
-    found = calibrate(mended)
-    assert findings(found, mended).issues == ()
 
 
 @pytest.mark.parametrize(
@@ -204,23 +204,17 @@ def test_a_recording_that_is_mended_is_right(fault: Fault) -> None:
     [poses(lambda p: p * (1, -1, -1)), poses(lambda p: p * (1.1, 1.1, 1)), poses(lambda p: p * (1, 1, -1)), late(0.3)],
 )
 def test_odometry_that_is_mended_leaves_the_lidar_as_it_is(fault: Fault) -> None:
-    recording = fault(driven("ucsd"))
-    mended = calibrated(recording, calibrate(recording), "odometry")
-    assert mended.lidar is not None
+    recording, mended = mended_by(fault, "ucsd", "odometry")
     assert mended.lidar.angle_increment == recording.lidar.angle_increment
     assert mended.lidar.ranges is recording.lidar.ranges
-    assert findings(calibrate(mended), mended).issues == ()
 
 
 def test_wheels_and_gyro_are_mended_too() -> None:
     """Of wheels without a gyro scans cannot say whether they or the beams are the mirror image."""
-    recording = LONG(REVERSED(driven("lms200")))
-    mended = calibrated(recording, calibrate(recording), "odometry")
-    assert mended.platform.wheels.metres_per_count == pytest.approx(
-        1.1 * recording.platform.wheels.metres_per_count, rel=0.02
-    )
+    recording, mended = mended_by(lambda r: LONG(REVERSED(r)), "lms200", "odometry")
+    longer = 1.1 * recording.platform.wheels.metres_per_count
+    assert mended.platform.wheels.metres_per_count == pytest.approx(longer, rel=0.02)
     assert (mended.encoders.counts == recording.encoders.counts[:, [1, 0, 3, 2]]).all()
-    assert findings(calibrate(mended), mended).issues == ()
 
 
 def with_gyro(fault: Fault) -> Fault:
@@ -285,19 +279,51 @@ def test_ranges_in_their_file_are_scaled_when_they_are_read() -> None:
 def test_too_little_is_not_calibrated() -> None:
     recording = driven("ucsd")
     few = lidar(ranges=lambda s: s.ranges[:20], stamps=lambda s: s.stamps[:20])(recording)
-    assert calibrate(few) is None
-    assert calibrate(recording.replace(encoders=None, imu=None)) is None
-    assert calibrate(recording.replace(lidar=None)) is None
     blind = lidar(ranges=lambda s: np.full_like(s.ranges, np.inf))(recording)
-    assert calibrate(blind) is None
+    for lacking in (few, blind, recording.replace(encoders=None, imu=None), recording.replace(lidar=None)):
+        assert calibrate(lacking) is None
 
 
 def test_half_of_a_fan_is_not_said_to_be_too_narrow() -> None:
     """Scans of one side alone would say so, of an angle 4.6 % wider; the odometry does not bear it out."""
     recording = simulate(load_scenario("lab", platform="rplidar_a1").model_copy(update={"duration": 60.0}), 8).recording
-    lidar = recording.lidar
-    half = recording.replace(lidar=replace(lidar, ranges=np.ascontiguousarray(lidar.ranges[:, :180])))
-    found = calibrate(half)
-    assert found is not None
-    assert abs(found.angle_scale - 1) > 0.02
-    assert findings(found, half).issues == ()
+    calibration, found = found_in(lidar(ranges=lambda s: np.ascontiguousarray(s.ranges[:, :180]))(recording))
+    assert abs(calibration.angle_scale - 1) > 0.02
+    assert found.issues == ()
+
+
+MOUNT = np.array((0.15, -0.05, 0.3))
+
+
+def fitted(*, turns: float = 1.0, noise: float = 0.0, slip: float = 0.0) -> Fit:
+    """Of 1000 steps of a second: the odometry's turns scaled and noisy [rad], wheels that slip aside [s]."""
+    rng = np.random.default_rng(0)
+    turn = rng.normal(0, 0.2, 1000)
+    length = rng.uniform(0.2, 1.0, 1000)
+
+    def arcs(turn: np.ndarray, aside: float = 0.0) -> np.ndarray:
+        left = -aside * length * turn
+        cos, sin = np.cos(turn / 2), np.sin(turn / 2)
+        return np.stack((cos * length - sin * left, sin * length + cos * left, turn), axis=1)
+
+    lidar = se2.compose(se2.compose(se2.inverse(MOUNT), arcs(turn, slip)), MOUNT)
+    poses = se2.accumulate(arcs(turns * turn + rng.normal(0, noise, 1000)), np.zeros(3))
+    poses = np.vstack((np.zeros(3), poses))
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    first = np.arange(1000.0)
+    pairs = Pairs(first, first + 1, lidar, np.tile(1e-6 * np.eye(3), (1000, 1, 1)))
+    return fit(pairs, lambda times: poses[np.rint(times).astype(int)], (0.0, 0.0), shared=True)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.15])
+@pytest.mark.parametrize("turns", [1.0, 1.05, 1.1, 0.9])
+def test_noise_of_the_odometry_is_no_scale_of_its_turns(turns: float, noise: float) -> None:
+    found = fitted(turns=turns, noise=noise)
+    assert found.values[Parameter.TURNS] == pytest.approx(turns, abs=1e-4 + 3 * noise / 0.2 / 1000**0.5)
+    assert found.values[: Parameter.TURNS] == pytest.approx((*MOUNT, 1), abs=0.002)
+
+
+def test_wheels_that_slip_aside_in_turns_do_not_move_the_mount() -> None:
+    found = fitted(slip=0.1)
+    assert found.values[Parameter.SLIP] == pytest.approx(0.1, rel=0.05)
+    assert found.values[: Parameter.LENGTHS] == pytest.approx(MOUNT, abs=0.002)

@@ -229,3 +229,12 @@ def test_scans_far_apart_and_the_papers_filter_are_left_alone():
     some = slice(None, None, 13)
     sparse = replace(lidar, stamps=lidar.stamps[some], ranges=lidar.ranges[some], odometry=lidar.odometry[some])
     assert not synchronise(replace(recording, lidar=sparse)).issues
+
+
+def test_by_a_mount_that_is_wrong_nothing_spins_or_travels():
+    recording = simulate(load_scenario("office", platform="urg04lx"), 8).recording
+    lidar = recording.platform.lidar
+    backwards = lidar.model_copy(update={"yaw": lidar.yaw + np.pi})
+    assert codes(synchronise(recording)) == []
+    wrong = recording.platform.model_copy(update={"lidar": backwards})
+    assert codes(synchronise(recording.replace(platform=wrong))) == []
