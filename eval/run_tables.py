@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.files import Shape, read_arrays, read_text, write_atomically
+from moteslam.files import Shape, read_arrays, read_text, write_atomically
 from moteslam.robot.values import Summarised
 from moteslam.slam.backend.ledger import LoopCandidate, Verdict
 from moteslam.slam.estimate import Estimate

@@ -17,7 +17,7 @@ from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.spec import PREFIXES
 from moteslam.eval.sweep.store import Key, Row, opened, within
 from moteslam.eval.tables import comma_separated, literal
-from moteslam.robot.files import read_text, write_atomically
+from moteslam.files import read_text, write_atomically
 from moteslam.robot.values import first_complaint
 
 MAX_BYTES = 50_000_000

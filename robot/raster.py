@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.files import Shape, read_arrays, write_atomically
+from moteslam.files import Shape, read_arrays, write_atomically
 from moteslam.robot.values import Summarised, expect_type, given_up
 
 Array = NDArray[np.float64]

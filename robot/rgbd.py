@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.files import read_bytes
+from moteslam.files import read_bytes
 from moteslam.robot.platform import CameraSpec
 from moteslam.robot.raster import PNG, decode_picture, picture_size
 from moteslam.robot.recording import RgbdStream, nearest_stamp

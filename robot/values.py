@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, Strict, ValidationError
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.files import read_text
+from moteslam.files import read_text
 
 Table = dict[str, Any]
 

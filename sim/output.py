@@ -14,7 +14,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from moteslam.errors import OutputError
-from moteslam.robot.files import make_folder, read_bytes, write_atomically
+from moteslam.files import make_folder, read_bytes, write_atomically
 from moteslam.robot.formats.map_server import write_map, write_picture
 from moteslam.robot.formats.ucsd import DISPARITY, RGB, image_path, write_ucsd
 from moteslam.robot.formats.written import write_carmen

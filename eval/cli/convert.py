@@ -45,7 +45,7 @@ def convert(
       moteslam convert result/trajectory.tum trajectory.g2o
     """  # noqa: D301
     from moteslam.eval.scores import truth_file
-    from moteslam.robot.files import result_folder, staged_file
+    from moteslam.files import result_folder, staged_file
     from moteslam.robot.formats import format_to_write
     from moteslam.robot.inspection import stream_reports
     from moteslam.robot.trajectories import format_to_write as trajectory_format

@@ -99,7 +99,7 @@ def new_file(file: Path | None, *endings: str, force: bool) -> Iterator[None]:
     if file is None:
         yield
         return
-    from moteslam.robot.files import expect_file, folder_for
+    from moteslam.files import expect_file, folder_for
 
     if endings and file.suffix.lower() not in endings:
         raise OutputError(f"expected a name that ends in {' or '.join(endings)}", file=file)

@@ -52,8 +52,8 @@ def demo(
 
     from moteslam.eval.cli.running import run_into, run_lines
     from moteslam.eval.cli.simulate import scenario_of
+    from moteslam.files import result_folder
     from moteslam.kernels import runtime
-    from moteslam.robot.files import result_folder
     from moteslam.sim.simulate import simulate
 
     driven = scenario_of(scenario, run.seed, platform=platform, noise=noise, duration=duration)
@@ -125,7 +125,7 @@ def replay(
 
     from moteslam.eval.cli.running import run_into, run_lines
     from moteslam.eval.scores import true_map_beside
-    from moteslam.robot.files import result_folder
+    from moteslam.files import result_folder
 
     recording, not_as_stated = _checked(part.open(path), calibrate)
     truth, issues = (None, ()) if recording.lidar is None else _truth_beside(path, recording.lidar.stamps)
@@ -192,7 +192,7 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
 def _dead_reckon(
     path: Path, recording: Recording, config: SlamConfig, out: Path | None, run: options.SlamOptions
 ) -> None:
-    from moteslam.robot.files import result_folder, write_atomically
+    from moteslam.files import result_folder, write_atomically
     from moteslam.robot.trajectories.text import write_tum
     from moteslam.slam.odometry.dead_reckoning import dead_reckon
 

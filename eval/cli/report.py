@@ -40,7 +40,7 @@ def report(
     """  # noqa: D301
     with options.new_file(out, ".html", ".htm", force=force):
         from moteslam.eval.page.document import gather, page
-        from moteslam.robot.files import write_atomically
+        from moteslam.files import write_atomically
         from moteslam.robot.values import counted
 
         material = gather(paths)

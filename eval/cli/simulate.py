@@ -118,7 +118,7 @@ def simulate(
       moteslam simulate random-corridors --out many --batch 20 --true-map 0.05
       moteslam replay corridor --out result
     """  # noqa: D301
-    from moteslam.robot.files import result_folder
+    from moteslam.files import result_folder
     from moteslam.sim.output import log_name
 
     if recorded.true_map is not None and not 0.001 <= recorded.true_map <= 10:
@@ -223,7 +223,7 @@ def _make_batch(
 
 def make(job: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
     """Simulate and write one of a batch, in a process of its own; what ``about`` says of it."""
-    from moteslam.robot.files import make_folder
+    from moteslam.files import make_folder
 
     del timed
     recorded, seed, folder = Recorded(**job["recorded"]), job["case"], Path(job["folder"])

@@ -287,7 +287,7 @@ def export(
       moteslam sweep export particles.sweep --out particles.parquet
     """  # noqa: D301
     from moteslam.eval.runs import as_csv, read_runs, write_parquet
-    from moteslam.robot.files import write_atomically
+    from moteslam.files import write_atomically
 
     with options.new_file(out, ".csv", ".parquet", force=force):
         rows = read_runs([file])

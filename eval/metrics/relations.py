@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import covered, from_to
 from moteslam.eval.metrics.ate import PoseErrors
-from moteslam.robot.files import open_regular
+from moteslam.files import open_regular
 from moteslam.robot.formats.streams import MAX_JUMP
 from moteslam.robot.recording import nearest_stamp
 from moteslam.robot.se2 import Poses, between, wrap

@@ -30,7 +30,7 @@ from moteslam.eval.page.player import Budget, playable
 from moteslam.eval.statistics import Proportion, compare
 from moteslam.eval.sweep.store import Row, opened
 from moteslam.eval.tables import literal
-from moteslam.robot.files import read_text
+from moteslam.files import read_text
 from moteslam.robot.values import interval, read_toml
 
 DEPTH = 3

@@ -15,7 +15,7 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import evenly
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.run_tables import read_diagnostics, read_loops, read_particles
-from moteslam.robot.files import read_bytes, read_yaml
+from moteslam.files import read_bytes, read_yaml
 from moteslam.robot.formats.map_server import MAX_IMAGE_BYTES, MAX_PIXELS, MAX_YAML_BYTES
 from moteslam.robot.raster import decode_picture, picture_size
 from moteslam.robot.se2 import between, compose, inverse

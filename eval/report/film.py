@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.report import style
 from moteslam.eval.report.maps import draw_map
+from moteslam.files import write_atomically
 from moteslam.robot import se2
-from moteslam.robot.files import write_atomically
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import Simulation
 from moteslam.slam.run import SlamSession

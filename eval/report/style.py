@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.tables import literal
-from moteslam.robot.files import write_atomically
+from moteslam.files import write_atomically
 
 if TYPE_CHECKING:
     import matplotlib.axes

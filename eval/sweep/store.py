@@ -19,7 +19,7 @@ from moteslam.eval.metrics.registry import COSTS
 from moteslam.eval.sweep.plan import PlannedRun, digest, plan, shard
 from moteslam.eval.sweep.spec import SUCCESS, SweepSpec
 from moteslam.eval.sweep.workers import Outcome
-from moteslam.robot.files import staged_file
+from moteslam.files import staged_file
 
 VERSION = "2"
 WHOLE = "1/1"

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
+from moteslam.files import result_folder, staged_file
 from moteslam.plugins import Plugins, PluginWarning
-from moteslam.robot.files import result_folder, staged_file
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import bundled_platform
 from moteslam.robot.recording import STREAMS, ImageSource, LidarStream, Recording, RgbdStream, Stream, chosen

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.files import file_within
+from moteslam.files import file_within
 from moteslam.robot.formats import Format, Robot, expect_no_sequence
 from moteslam.robot.formats.lines import TextLines
 from moteslam.robot.formats.streams import Fan, Sensors

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from moteslam.errors import InputError
-from moteslam.robot.files import open_regular
+from moteslam.files import open_regular
 from moteslam.robot.formats.streams import MAX_DROPPED
 from moteslam.robot.values import Issue, counted
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, Field, Strict, ValidationError
 
 from moteslam.errors import InputError, MoteslamWarning, OutputError
-from moteslam.robot.files import read_bytes, read_yaml, write_atomically
+from moteslam.files import read_bytes, read_yaml, write_atomically
 from moteslam.robot.raster import FULL, Raster, decode_channels, encode_png, picture_size
 from moteslam.robot.values import expect_type, first_complaint
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.files import make_folder, read_arrays, write_atomically
+from moteslam.files import make_folder, read_arrays, write_atomically
 from moteslam.robot.formats import Format, Robot
 from moteslam.robot.formats.streams import Fan, Sensors, sort_by_stamp
 from moteslam.robot.formats.written import SCAN_POSES, coded_ranges, not_written

@@ -19,8 +19,8 @@ import tomli_w
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError, OutputError
+from moteslam.files import write_atomically
 from moteslam.robot import se2
-from moteslam.robot.files import write_atomically
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import platform_table
 from moteslam.robot.recording import LidarStream, OdometryStream, Ranges, Recording, Stream, chunks, phases

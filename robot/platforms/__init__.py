@@ -11,7 +11,7 @@ from pathlib import Path
 import tomli_w
 
 from moteslam.errors import ConfigError
-from moteslam.robot.files import write_atomically
+from moteslam.files import write_atomically
 from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.values import Table, merged, read_toml, validated
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from moteslam.errors import ConfigError, InputError, OutputError
-from moteslam.robot.files import open_regular
+from moteslam.files import open_regular
 from moteslam.robot.formats.bags.bag import Bag, is_bag
 from moteslam.robot.formats.bags.motion import TRANSFORMS
 from moteslam.robot.formats.bags.storage import Topic, decode

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.files import read_bytes
+from moteslam.files import read_bytes
 from moteslam.robot.formats.streams import MAX_STAMP
 from moteslam.robot.values import Issue, counted
 

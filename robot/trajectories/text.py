@@ -26,8 +26,8 @@ from pathlib import Path
 import numpy as np
 
 from moteslam.errors import InputError, MoteslamWarning
+from moteslam.files import write_atomically
 from moteslam.robot import se2
-from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.streams import MAX_STAMP
 from moteslam.robot.trajectories.columns import (
     Columns,

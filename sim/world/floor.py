@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.files import read_bytes
+from moteslam.files import read_bytes
 from moteslam.robot.raster import Raster, decode_picture, picture_size
 from moteslam.robot.values import Number, Positive, Section, Share, Whole
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from moteslam.errors import ExistsError, InputError, OutputError
-from moteslam.robot.files import (
+from moteslam.files import (
     MARKER,
     folder_for,
     read_arrays,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.files import open_regular, read_yaml
+from moteslam.files import open_regular, read_yaml
 from moteslam.robot.formats.bags.storage import (
     ZSTD,
     Database,

@@ -25,8 +25,8 @@ import tomli_w
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError, OutputError
+from moteslam.files import make_folder
 from moteslam.robot import rgbd, se2
-from moteslam.robot.files import make_folder
 from moteslam.robot.formats.bags import motion
 from moteslam.robot.formats.bags.bag import SECOND
 from moteslam.robot.formats.bags.scans import LASER_SCAN

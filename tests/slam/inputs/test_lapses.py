@@ -199,15 +199,6 @@ def test_wheels_that_spin_move_nothing():
     assert not synchronise(recorded(corridor(true), true)).issues
 
 
-def test_by_a_mount_that_is_wrong_nothing_spins_or_travels():
-    recording = simulate(load_scenario("office", platform="urg04lx"), 8).recording
-    lidar = recording.platform.lidar
-    backwards = lidar.model_copy(update={"yaw": lidar.yaw + np.pi})
-    turned = recording.replace(platform=recording.platform.model_copy(update={"lidar": backwards}))
-    for one in (recording, turned):
-        assert codes(synchronise(one, SyncConfig())) == []
-
-
 def test_a_scan_that_the_driver_gives_again_is_left_out_while_the_robot_moves():
     ranges = corridor(along_it())
     ranges[40:50] = ranges[39]
