@@ -26,8 +26,7 @@ from moteslam.robot.formats.map_server import map_image, trinary, write_map, wri
 from moteslam.robot.raster import Raster, encode_png, write_map_arrays
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Poses, between, compose
-from moteslam.robot.trajectories.g2o import write_g2o
-from moteslam.robot.trajectories.text import write_tum
+from moteslam.robot.trajectories.text import write_g2o, write_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import expect_type, first_complaint, processor_count
 from moteslam.slam.estimate import Estimate

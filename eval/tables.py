@@ -111,8 +111,3 @@ def _markdown(text: str) -> str:
 
 def _latex(text: str) -> str:
     return LIGATURES.sub(r"\1{}", "".join(LATEX.get(character, character) for character in _one_line(text)))
-
-
-def interval(first: str, last: str) -> str:
-    """``2 to 3``; one of them where they are the same."""
-    return first if first == last else f"{first} to {last}"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, ExistsError, InputError, MoteslamError, OutputError
 
 MARKER = ".moteslam"
-"""In every result folder: a line of its own, then the names of the files and folders beside it."""
+"""In every result folder: a title, then the names of the files and folders beside it."""
 
 _TITLE = "made by moteslam"
 

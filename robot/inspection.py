@@ -42,7 +42,7 @@ WINDOWS, SAMPLE = 1000, 12
 
 @dataclass(frozen=True)
 class StreamReport:
-    """The stamps of one stream; what takes two different stamps is None where there are none."""
+    """The stamps of one stream; figures that take two different stamps are None without them."""
 
     name: str
     readings: int
@@ -77,29 +77,17 @@ class GyroReport:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What a recording holds, and what is wrong with it.
-
-    Attributes:
-        name, platform: names of the recording and of its robot.
-        streams: in the order lidar, encoders, odometry, imu, rgb, disparity; those that are there.
-        lidar: None where there is none, or no scan of it.
-        wheels: None without encoders.
-        gyro_at_rest: None without IMU or encoders, or where the wheels never rest.
-        odometry_distance: length of the odometry's path [m], of the poses logged with the scans if it has no stream
-            of its own; None without either.
-        clocks: how the stamps of wheels, gyro and odometry lie against each other, by the turns that they measure.
-        problems: what is wrong; the warnings of the reader first.
-    """
+    """What a recording holds, and what is wrong with it; None for what is not there."""
 
     name: str
     platform: str
-    streams: tuple[StreamReport, ...]
+    streams: tuple[StreamReport, ...]  # in the order lidar, encoders, odometry, imu, rgb, disparity
     lidar: LidarReport | None
     wheels: WheelReport | None
-    gyro_at_rest: GyroReport | None
-    odometry_distance: float | None
-    clocks: tuple[ClockReport, ...]
-    problems: tuple[Issue, ...]
+    gyro_at_rest: GyroReport | None  # None, too, where the wheels never rest
+    odometry_distance: float | None  # length of the odometry's path [m], logged with the scans if it has no stream
+    clocks: tuple[ClockReport, ...]  # of wheels, gyro and odometry against each other, by the turns that they measure
+    problems: tuple[Issue, ...]  # the warnings of the reader first
 
     def to_dict(self) -> dict[str, Any]:
         """The same as plain values, fit for JSON."""
@@ -181,11 +169,9 @@ def _wheels(recording: Recording, encoders: EncoderStream, rests: Spans) -> Whee
     wheels = recording.platform.wheels
     travelled = np.abs(encoders.counts.mean(axis=1)).sum()
     front_right, front_left, rear_right, rear_left = np.abs(encoders.counts).sum(axis=0).tolist()
-    return WheelReport(
-        counts=(front_right, front_left, rear_right, rear_left),
-        distance=None if wheels is None else float(travelled * wheels.metres_per_count),
-        at_rest=sum(end - start for start, end in rests),
-    )
+    distance = None if wheels is None else float(travelled * wheels.metres_per_count)
+    at_rest = sum(end - start for start, end in rests)
+    return WheelReport((front_right, front_left, rear_right, rear_left), distance, at_rest)
 
 
 def _gyro(imu: ImuStream, rests: Spans) -> GyroReport | None:

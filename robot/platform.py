@@ -67,8 +67,8 @@ class LidarSpec(Section):
     rate: Maybe[Rate] = None  # scans a second [Hz]
     range_min: Maybe[Annotated[Number, Field(ge=0, le=5)]] = None  # that it can measure [m]
     range_max: Maybe[Annotated[Number, Field(gt=0, le=10_000)]] = None
-    # what it reports where nothing comes back [m], from range_max on; several codes are written in turns. Where there
-    # is none, the format's own is written
+    # what it reports where nothing comes back [m], from range_max on; several codes are written in turns, without
+    # one the format's default
     no_return: Annotated[tuple[Positive, ...], Field(max_length=100)] = ()
 
     @model_validator(mode="after")
@@ -176,7 +176,7 @@ class Platform(Section):
         name, description: what it is called, and what it is in a sentence.
         length, width: of the body [m].
         top_speed, top_turn_rate: that it can drive [m/s] and turn with [rad/s].
-        wheels, encoders: None where only odometry poses are known.
+        wheels, encoders: None if only odometry poses are known.
         body: its masses and forces.
         lidar, imu, camera: the sensors.
         noise: of the sensors, as data sheets and careful measurements have it.

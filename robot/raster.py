@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -168,7 +167,7 @@ def read_map_arrays(path: str | PathLike[str], name: str = "log_odds") -> Raster
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height that the header of a picture declares; None where the data are no picture known here."""
+    """Width and height that the header of a picture declares; None if the format is not known here."""
     if data.startswith(PNG) and len(data) >= 24:
         return int.from_bytes(data[16:20]), int.from_bytes(data[20:24])
     if header := _NETPBM.match(data[:_LONGEST_HEADER]):
@@ -186,7 +185,7 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
 
 
 def decode_picture(data: bytes, how: int) -> NDArray[Any] | None:
-    """A picture as OpenCV decodes it with an ``IMREAD_`` flag; None where it is none, cut short or damaged."""
+    """A picture as OpenCV decodes it with an ``IMREAD_`` flag; None if that fails, or it is cut short or damaged."""
     import cv2
 
     if data.startswith(PNG):  # on many threads at once: nothing of all the process is touched
@@ -209,24 +208,22 @@ def _decoded(data: bytes, how: int) -> NDArray[Any] | None:
 
 
 def _is_complete_png(data: bytes) -> bool:
-    """Whether a PNG runs to its end chunk with every checksum right; the decoder would fill in what is missing."""
-    at = len(PNG)
-    while at + 12 <= len(data):
-        end = at + 8 + int.from_bytes(data[at : at + 4])
-        if end + 4 > len(data) or crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4]):
-            return False
-        if data[at + 4 : at + 8] == b"IEND":
-            return True
-        at = end + 4
-    return False
+    """Whether every checksum of a PNG up to its end is right; OpenCV would fill in what is missing."""
+    from PIL import Image
+
+    try:
+        Image.open(io.BytesIO(data)).verify()
+    except Exception:  # Pillow and its unpackers raise half a dozen kinds
+        return False
+    return True
 
 
 def decode_channels(data: bytes) -> NDArray[np.uint16] | None:
     """All channels of a picture as the file has them, with 65535 for the largest value of a channel.
 
-    [H, W, C]: grey, or red, green and blue, or these and opacity; None where the data are no picture, cut short or
-    damaged, or hold no whole numbers of up to 16 bits; nor are Netpbm files read whose largest value is neither 255 nor
-    65535, since OpenCV does not scale by it.
+    [H, W, C]: grey, or red, green and blue, or these and opacity; None if the data cannot be decoded, are cut short or
+    damaged, or hold other than whole numbers of up to 16 bits; and for Netpbm files whose largest value is neither 255
+    nor 65535, since OpenCV does not scale by it.
     """
     import cv2
 

@@ -27,20 +27,15 @@ CHUNK = 256
 _KEPT = 4
 """Chunks that are kept: neighbouring scans, and two places of a recording that are compared."""
 
-_GAP, _LEAST_GAP = 10.0, 0.5
-"""Readings have a gap between them where they are this many times as far apart as the median of the latest 1000, and by
-more than the second [s]."""
-LATEST = 1000
-"""How many intervals that is the median of."""
+_GAP, LATEST, _LEAST_GAP = 10.0, 1000, 0.5
+"""Readings have a gap between them where they are this many times as far apart as the median of so many latest
+intervals, and by more than this [s]."""
 
 
 class ChunkedRanges:
-    """Ranges that are read when they are asked for, and forgotten again.
+    """Ranges that ``load(first, last)`` reads, as float32 [last - first, beams] [m], when they are asked for.
 
-    Args:
-        load: ``load(first, last)`` reads the ranges [last - first, beams] of scans as float32 [m].
-        scans: n.
-        beams: of a scan.
+    A few chunks of them are kept.
     """
 
     dtype = np.dtype(np.float32)
@@ -172,7 +167,7 @@ class LidarStream(Stream):
         time_increment: between beams [s]; 0 where it is not known.
         odometry: [n, 3] the robot's odometry pose logged with each scan, where the format logs one.
         sequence: [n] rising in the order in which the scans were taken, where the stamps are known to be wrong about
-            it; None where they are right.
+            it; None if they are right.
         interlace: 1, or of an interlaced lidar k: a scan measures every k-th beam, from another one on each time, and
             the rest of its ranges is ``nan``.
     """
@@ -253,7 +248,7 @@ class RgbdStream(Summarised):
         rgb_stamps, disparity_stamps: of the colour images [m] [s], and of the disparity images [n] [s].
         rgb_files, disparity_files: the images in the order of the stamps, None for one that is missing; empty where
             none are there. ``moteslam.robot.rgbd.camera_frames`` decodes them as they are needed.
-        images: gives the images of all stamps in place of files; None where they are files, or where none are there.
+        images: gives the images of all stamps in place of files; None if they are files, or missing.
     """
 
     rgb_stamps: NDArray[np.float64]
@@ -278,7 +273,7 @@ class Recording(Summarised):
     Attributes:
         name: what the recording is called (a file's or scenario's name).
         platform: the robot that carried the sensors.
-        lidar, encoders, odometry, imu, rgbd: the streams; None where there is none.
+        lidar, encoders, odometry, imu, rgbd: the streams; None if missing.
         warnings: what was dropped or repaired on reading.
     """
 

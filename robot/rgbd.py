@@ -106,7 +106,7 @@ def optical_rays(*, colour: bool) -> NDArray[np.float64]:
 
 
 MAX_BYTES = 16 << 20
-"""A PNG file larger than this is no image of 640 x 480 pixels."""
+"""Images are files of at most this size: more than 640 x 480 pixels take."""
 LARGEST_GAP = 0.05
 """A colour image further from the disparity image than this [s] shows another view (the real one's cameras lose
 frames of their own, for 0.2 s at a time)."""
@@ -169,10 +169,8 @@ def pairs(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """The disparity images that are used and the colour image of each, the nearest in time, by their indices.
 
-    Args:
-        stream: the stamps.
-        interval: shortest time between two disparity images that are chosen [s], give or take a quarter of a frame.
-        largest_gap: between the two images of a frame [s].
+    Disparity images are at least an interval [s] apart, give or take a quarter of a frame, and from their colour image
+    by at most the largest gap [s].
     """
     rgb, disparity = stream.rgb_stamps, stream.disparity_stamps
     if not len(rgb) or not len(disparity):
@@ -190,12 +188,12 @@ def pairs(
 
 
 def decode_rgb(content: bytes) -> NDArray[np.uint8]:
-    """A colour image [480, 640, 3], red, green, blue, of a PNG or JPEG file; a ValueError where it is none."""
+    """A colour image [480, 640, 3], red, green, blue, of a PNG or JPEG file; otherwise a ValueError."""
     return np.ascontiguousarray(_decoded(content, np.uint8, (3, 4))[..., 2::-1])
 
 
 def decode_disparity(content: bytes) -> NDArray[np.uint16]:
-    """An image [480, 640] of 16 bits; a ValueError where it is none."""
+    """An image [480, 640] of 16 bits; otherwise a ValueError."""
     return np.ascontiguousarray(_decoded(content, np.uint16, (1,))[..., 0])
 
 
@@ -219,14 +217,14 @@ def _decoded(content: bytes, dtype: type, channels: tuple[int, ...]) -> NDArray[
 
 
 def rgb_image(stream: RgbdStream, index: int) -> NDArray[np.uint8] | None:
-    """The colour image of a stamp; None where it is missing."""
+    """The colour image of a stamp; None if missing."""
     if stream.images is not None:
         return stream.images.rgb(index)
     return _read(stream.rgb_files, index, decode_rgb)
 
 
 def disparity_image(stream: RgbdStream, index: int) -> NDArray[np.uint16] | None:
-    """The raw disparities of a stamp; None where they are missing."""
+    """The raw disparities of a stamp; None if missing."""
     if stream.images is not None:
         return stream.images.disparity(index)
     return _read(stream.disparity_files, index, decode_disparity)
@@ -242,7 +240,7 @@ def _read(files: tuple[Path | None, ...], index: int, decode: Callable[[bytes], 
 
 
 def read_frame(stream: RgbdStream, disparity: int, rgb: int) -> CameraFrame | str | None:
-    """The frame of two images, by their indices; None where one is missing, a text on one that cannot be decoded."""
+    """The frame of two images, by their indices; None if one is missing, a text on one that cannot be decoded."""
     try:
         depth, colour = disparity_image(stream, disparity), rgb_image(stream, rgb)
     except InputError as error:
@@ -255,7 +253,7 @@ def read_frame(stream: RgbdStream, disparity: int, rgb: int) -> CameraFrame | st
 def camera_frames(
     stream: RgbdStream, *, interval: float = 0.0, largest_gap: float = LARGEST_GAP, count: FrameCount | None = None
 ) -> Iterator[CameraFrame]:
-    """The frames in the order of their stamps, decoded on all cores, two a core at a time.
+    """The frames in the order of their stamps, decoded on all cores, some ahead.
 
     An image that is missing or cannot be read leaves its frame out; ``count`` counts it.
     """
@@ -264,8 +262,11 @@ def camera_frames(
     frames = list(zip(depth.tolist(), colour.tolist(), strict=True))
     cores = processor_count()
     with ThreadPoolExecutor(cores) as pool:
-        for first in range(0, len(frames), 2 * cores):
-            for frame in pool.map(lambda pair: read_frame(stream, *pair), frames[first : first + 2 * cores]):
+        ready: Iterator[CameraFrame | str | None] = iter(())
+        for first in range(0, len(frames) + cores, cores):
+            following = pool.map(lambda pair: read_frame(stream, *pair), frames[first : first + cores])
+            for frame in ready:
                 count.note(frame)
                 if isinstance(frame, CameraFrame):
                     yield frame
+            ready = following

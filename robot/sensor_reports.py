@@ -56,10 +56,10 @@ class RangeNoise:
 
 @dataclass(frozen=True)
 class LidarReport:
-    """The scans. What is measured of the ranges, from ``nearest`` on, is None where they were not read."""
+    """The scans. What is measured of the ranges, from ``nearest`` on, is None if they were not read."""
 
     beams: int  # in a scan; of an interlaced lidar, bearings of its grid
-    interlace: int  # a scan measures every so manieth beam
+    interlace: int  # k if a scan measures every k-th beam
     angle_min: float  # of the first beam, in the lidar's frame [rad]
     angle_increment: float  # between beams [rad]
     turns: Literal["clockwise", "counterclockwise"]
@@ -68,7 +68,7 @@ class LidarReport:
     range_max: float
     nearest: float | None = None  # shortest and longest range of an endpoint [m]
     farthest: float | None = None
-    resolution: float | None = None  # usual step between distinct ranges [m]; None where they have no common one
+    resolution: float | None = None  # usual step between distinct ranges [m]; None without a common one
     noise_at_rest: RangeNoise | None = None  # None without encoders, or where the wheels never rest
     no_return: float | None = None  # share (0 to 1) of the beams without return
     invalid: float | None = None  # share of the beams without a usable reading
@@ -211,7 +211,15 @@ def _compared(name: str, reference: str, found: dict[str, tuple[Array, Array]]) 
 
 
 def agreement(
-    first: Array, last: Array, turns: Array, stamps: Array, headings: Array, lags: Array, drifts: Array = _NO_DRIFT
+    first: Array,
+    last: Array,
+    turns: Array,
+    stamps: Array,
+    headings: Array,
+    lags: Array,
+    drifts: Array = _NO_DRIFT,
+    *,
+    lag_costs: float = 0.0,
 ) -> tuple[float, float, float]:
     """Lag [s] and drift [s/s] of a clock at which its turns agree best with those of another, and their correlation.
 
@@ -219,6 +227,7 @@ def agreement(
         first, last, turns: [k] when each turn of the other began and ended [s], and how large it was [rad].
         stamps, headings: [n] of the clock [s], and what turns there, unwrapped [rad].
         lags, drifts: to be tried; a drift counts from the middle of the turns.
+        lag_costs: the correlation that a lag of a second has to gain, so that of equals the smaller counts.
     """
     limit = 3 * np.median(np.abs(turns)) + 0.05
     expected = np.clip(turns, -limit, limit)
@@ -232,7 +241,7 @@ def agreement(
         turned = turned - turned.mean(axis=1, keepdims=True)
         scale = np.sqrt((expected**2).sum() * (turned**2).sum(axis=1))
         correlation = (expected * turned).sum(axis=1) / np.maximum(scale, 1e-9)
-        score = np.abs(correlation) - 0.004 * np.abs(lags) - abs(drift)  # of equals, the one that says least
+        score = np.abs(correlation) - lag_costs * np.abs(lags) - abs(drift)
         k = int(score.argmax())
         if score[k] > best:
             best, found = float(score[k]), (float(lags[k]), drift, float(correlation[k]))

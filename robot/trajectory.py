@@ -1,28 +1,27 @@
-"""Trajectories and pose graphs; poses in space and what is left of them in the plane.
-
-Their files: ``moteslam.robot.trajectories``.
-"""
+"""Trajectories and pose graphs; poses in space and what is left of them in the plane."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.values import Issue, Summarised, counted, frozen, span
+from moteslam.robot.recording import Stream
+from moteslam.robot.values import Issue, Summarised, counted, frozen
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 UNIT = 0.05
-"""Quaternions whose length is off 1 by more than this are none, however they were rounded; so rotation matrices."""
+"""Lengths of quaternions, and of rows of rotation matrices, are off 1 by less, however they were rounded."""
 FARTHEST = 1e9
-"""Positions beyond this [m] are none."""
+"""No position is farther away [m]."""
 SAME = 1e-6
 """Orientations and heights that differ by less are the same."""
 STANDS = 0.05
@@ -35,22 +34,17 @@ TILT = np.deg2rad(10.0)
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """The poses of a trajectory in space.
+    """The poses of a trajectory in space."""
 
-    Attributes:
-        positions: [n, 3] x, y, z [m].
-        rotations: [n, 3, 3] of the body in the frame of the positions.
-    """
-
-    positions: Array
-    rotations: Array
+    positions: Array  # [n, 3] x, y, z [m]
+    rotations: Array  # [n, 3, 3] of the body in the frame of the positions
 
     def __getitem__(self, index: NDArray[np.integer | np.bool_]) -> Space:
         return Space(self.positions[index], self.rotations[index])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(Summarised):
+class Trajectory(Stream):
     """Poses of a frame over time.
 
     Attributes:
@@ -61,24 +55,16 @@ class Trajectory(Summarised):
         warnings: what was assumed or left out when it was read.
     """
 
-    stamps: Array
     poses: Array
     oriented: bool = True
     space: Space | None = None
     warnings: tuple[Issue, ...] = ()
+    _reading: ClassVar[str] = "pose"
 
     def __post_init__(self) -> None:
-        stamps, poses = frozen(self.stamps, np.float64), frozen(self.poses, np.float64)
-        if stamps.ndim != 1 or poses.shape != (len(stamps), 3):
-            found = f"stamps {list(stamps.shape)} and poses {list(poses.shape)}"
-            raise InputError(f"{found}, expected [n] and [n, 3]", field="poses")
-        if (np.diff(stamps) < 0).any():
-            raise InputError("stamps go back, expected rising seconds", field="stamps")
-        object.__setattr__(self, "stamps", stamps)
-        object.__setattr__(self, "poses", poses)
-
-    def __len__(self) -> int:
-        return len(self.stamps)
+        for name in ("stamps", "poses"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
+        super().__post_init__()
 
     @property
     def length(self) -> float:
@@ -90,7 +76,7 @@ class Trajectory(Summarised):
         return Trajectory(stamps, se2.interpolate(self.stamps, self.poses, stamps), self.oriented)
 
     def _summary(self) -> str:
-        return f"{counted(len(self), 'pose')}, {span(self.stamps)}, {self.length:.1f} m"
+        return f"{super()._summary()}, {self.length:.1f} m"
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -104,16 +90,16 @@ class PoseGraph(Summarised):
         relative: [e, 3] measured pose of the second in the frame of the first.
         information: [e, 3, 3], symmetric, of its error in the frame of the measured pose: what is left of the second's
             pose there [1/m^2, 1/(m rad), 1/rad^2].
-        stamps: [n] of the nodes [s], not decreasing; None where they are not known.
+        stamps: [n] of the nodes [s], not decreasing; None if not known.
         fixed: [k] indices of the nodes that hold the frame.
     """
 
     ids: Indices
     poses: Array
-    first: Indices
-    second: Indices
-    relative: Array
-    information: Array
+    first: Indices = field(default_factory=lambda: np.zeros(0, np.int64))
+    second: Indices = field(default_factory=lambda: np.zeros(0, np.int64))
+    relative: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    information: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
     stamps: Array | None = None
     fixed: Indices = field(default_factory=lambda: np.zeros(0, np.int64))
 
@@ -161,29 +147,24 @@ def trajectory_of(
     lines: Sequence[int] = (),
     warnings: tuple[Issue, ...] = (),
 ) -> Trajectory:
-    """The trajectory of poses in space.
+    """The trajectory of poses in space: stamps [n] [s], positions [n, 3] [m], quaternions [n, 4] (x, y, z, w) if any.
 
-    Args:
-        path, lines: of the file, and where in it each pose stands.
-        stamps: [n] [s].
-        positions: [n, 3] [m].
-        quaternions: [n, 4] x, y, z, w; None where the file has no orientation.
-        warnings: what was assumed so far.
+    ``lines`` say where in the file each pose stands; ``warnings`` what was assumed so far.
     """
 
-    def line_of(wrong: ArrayLike) -> int | None:
-        return lines[int(np.argmax(wrong))] if len(lines) else None
+    def refuse(wrong: ArrayLike, problem: str) -> None:
+        line = lines[int(np.argmax(wrong))] if len(lines) else None
+        raise InputError(problem, file=path, line=line)
 
     if (far := (np.abs(positions) > FARTHEST).any(axis=1)).any():
-        raise InputError(f"position beyond {FARTHEST:g} m, expected metres", file=path, line=line_of(far))
+        refuse(far, f"position beyond {FARTHEST:g} m, expected metres")
     why = "has no orientation" if quaternions is None else ""
     if quaternions is not None:
         length = np.linalg.norm(quaternions, axis=1)
         if not length.any() and len(length):
             quaternions, why = None, "has orientations of length 0 throughout"
         elif (bad := np.abs(length - 1) > UNIT).any():
-            found = f"quaternion of length {length[bad][0]:.3g}"
-            raise InputError(f"{found}, expected one of length 1", file=path, line=line_of(bad))
+            refuse(bad, f"quaternion of length {length[bad][0]:.3g}, expected one of length 1")
         elif _contradicts(positions, quaternions):
             shown = " ".join(f"{value:g}" for value in quaternions[0].tolist())
             why = f"has the orientation {shown} throughout, whichever way it goes"
@@ -226,26 +207,15 @@ def interpolated(stamps: Array, positions: Array, quaternions: Array, at: Array)
 
     Held beyond the ends. Source: Shoemake 1985.
     """
+    from scipy.spatial.transform import Rotation
+
     after = np.clip(np.searchsorted(stamps, at, side="right"), 1, max(len(stamps) - 1, 1))
     before, after = after - 1, np.minimum(after, len(stamps) - 1)
     gap = stamps[after] - stamps[before]
-    share = np.clip(np.where(gap > 0, (at - stamps[before]) / np.where(gap > 0, gap, 1.0), 0.0), 0.0, 1.0)[:, None]
-    unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    a, b = unit[before], unit[after]
-    cos = (a * b).sum(axis=1, keepdims=True)
-    b, cos = np.where(cos < 0, -b, b), np.abs(cos)
-    angle = np.arctan2(np.linalg.norm(b - a * cos, axis=1, keepdims=True), cos)
-    sin = np.sin(angle)
-    small = sin < 1e-9
-    safe = np.where(small, 1.0, sin)
-    turned = np.where(small, a + share * (b - a), (np.sin((1 - share) * angle) * a + np.sin(share * angle) * b) / safe)
-    where = positions[before] + share * (positions[after] - positions[before])
-    return where, turned / np.linalg.norm(turned, axis=1, keepdims=True)
-
-
-def quaternion_of_yaw(yaw: Array) -> tuple[list[float], list[float]]:
-    """The z and the w of the quaternions of headings [n] [rad]; x and y are 0."""
-    return np.sin(yaw / 2).tolist(), np.cos(yaw / 2).tolist()
+    share = np.clip((at - stamps[before]) / np.where(gap > 0, gap, np.inf), 0.0, 1.0)[:, None]
+    first, last = Rotation.from_quat(quaternions[before]), Rotation.from_quat(quaternions[after])
+    turned = first * Rotation.from_rotvec(share * (first.inv() * last).as_rotvec())
+    return positions[before] + share * (positions[after] - positions[before]), np.asarray(turned.as_quat())
 
 
 def normal_of(positions: Array) -> Array:
@@ -255,10 +225,10 @@ def normal_of(positions: Array) -> Array:
     up = np.array((0.0, 0.0, 1.0))
     if size[0] <= len(off) * STANDS**2:
         return up
-    if size[1] <= 1e-4 * size[0]:
-        up = up - axes[0] * axes[0, 2]
-        return up / np.linalg.norm(up) if np.linalg.norm(up) > SAME else np.array((1.0, 0.0, 0.0))
-    return np.asarray(axes[2] if axes[2, 2] >= 0 else -axes[2])
+    if size[1] > 1e-4 * size[0]:
+        return np.asarray(axes[2] if axes[2, 2] >= 0 else -axes[2])
+    up = up - axes[0] * axes[0, 2]
+    return up / np.linalg.norm(up) if np.linalg.norm(up) > SAME else np.array((1.0, 0.0, 0.0))
 
 
 def tilt_of(positions: Array) -> float:

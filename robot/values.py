@@ -80,6 +80,11 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
+def interval(first: str, last: str) -> str:
+    """``2 to 3``; one of them where they are the same."""
+    return first if first == last else f"{first} to {last}"
+
+
 def when(spans: list[tuple[float, float]]) -> str:
     """Times [s], ``from 2.00 to 3.00 s``; spans less than a second apart are one."""
     joined = spans[:1]
@@ -162,16 +167,16 @@ def validated(
 ) -> Model:
     """The model of a table; a `ConfigError` in pydantic's words names the file and the field.
 
-    Args:
-        model, table, file: the model, and the table as read from the file.
-        above: the key that the table stands under there.
-        kinds: of the items of its lists that are one of several models; no part of the field that an error names.
+    The table stands under the key ``above`` there. ``kinds`` of items of its lists, where these are one of several
+    models, are no part of the field.
     """
     try:
         return model.model_validate(table)
     except ValidationError as error:
         field, problem = first_complaint(error, kinds)
         raise ConfigError(problem, file=file, field=".".join(filter(None, (above, field))) or None) from error
+    except ConfigError as error:  # of a validator that knows the field
+        raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
 
 
 def first_complaint(error: ValidationError, kinds: Collection[str] = ()) -> tuple[str, str]:
@@ -202,7 +207,7 @@ def read_toml(path: str | PathLike[str], what: str) -> Table:
 
 
 def merged(base: Table, over: Table) -> Table:
-    """``base`` with the single values of ``over`` in place of its own, tables within tables."""
+    """``base`` overridden by the single values of ``over``, tables within tables."""
     result = dict(base)
     for key, value in over.items():
         below = result.get(key)

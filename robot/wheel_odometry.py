@@ -21,18 +21,15 @@ Array = NDArray[np.float64]
 
 
 def euler_increment(distance: ArrayLike, turn: ArrayLike) -> se2.Poses:
-    """Equation III.1 of the paper: drive straight along the old heading, then turn.
-
-    Increments [..., 3] of distances v tau [...] [m] and turns omega tau [...] [rad].
-    """
+    """Equation III.1 of the paper: straight along the old heading by v tau [...] [m], then a turn omega tau [rad]."""
     distance, turn = np.asarray(distance, np.float64), np.asarray(turn, np.float64)
     return np.stack(np.broadcast_arrays(distance, np.zeros_like(distance), turn), axis=-1)
 
 
 def arc_increment(distance: ArrayLike, turn: ArrayLike) -> se2.Poses:
-    """The exact arc of constant v and omega (Probabilistic Robotics, table 5.3), straight as the turn goes to 0.
+    """The exact arc of constant v and omega, of lengths [...] [m] and angles [...] [rad]; straight as these go to 0.
 
-    Increments [..., 3] of lengths [...] [m] and angles [...] [rad] of arcs.
+    Probabilistic Robotics, table 5.3.
     """
     distance, turn = np.asarray(distance, np.float64), np.asarray(turn, np.float64)
     # chord = d sinc(turn / 2), at half the turn: exact, and smooth through zero

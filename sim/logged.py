@@ -24,15 +24,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Logging:
-    """What is logged, besides the base's odometry pose at every scan.
+    """What is logged, besides the base's odometry pose at every scan."""
 
-    Attributes:
-        every, turn: keep a scan only after this distance [m] or turn [rad]; all where both are None.
-        noise: added to each step of the odometry, as shares of its length and of its turn, 0 to 1.
-    """
-
-    every: float | None = None
-    turn: float | None = None
+    every: float | None = None  # keep a scan only after this distance [m]
+    turn: float | None = None  # or turn [rad]; all where both are None
+    # added to each step of the odometry, as shares of its length and of its turn, 0 to 1
     noise: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:

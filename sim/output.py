@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from os import PathLike
 from pathlib import Path
@@ -167,7 +167,12 @@ def write_images(
         write_atomically(image_path(folder, kind, sequence, index), encode_png(image, fast=True))
 
     with ThreadPoolExecutor(processor_count()) as pool:
+        written: Iterator[None] = iter(())
         for start in range(0, count, BATCH):
             indices = np.arange(start, min(start + BATCH, count))
-            list(pool.map(write, indices.tolist(), draw(indices)))
-            progress(start + len(indices))
+            images = draw(indices)  # while those before are encoded
+            list(written)
+            progress(start)
+            written = pool.map(write, indices.tolist(), images)
+        list(written)
+    progress(count)

@@ -45,7 +45,7 @@ Fault = Annotated[
     Cart | Tilt | RepeatedScans | StuckWheels | Gap | StaleOdometry | OdometryJump | Carried,
     Field(discriminator="kind"),
 ]
-"""What goes wrong in a run, each kind a table of its own."""
+"""What goes wrong in a run, a table for each kind."""
 _KINDS = tuple(fault.model_fields["kind"].default for fault in get_args(get_args(Fault)[0]))
 
 
@@ -164,7 +164,7 @@ class Scenario(Section):
 
 
 def with_camera(scenario: Scenario) -> Scenario:
-    """The scenario with a camera that records and a floor to see, where it has none of its own."""
+    """The scenario with a camera that records and a floor to see, if it lacks them."""
     sensor = scenario.camera or check_camera(scenario.platform.camera).sensor
     if sensor is None:
         raise ConfigError("not known, expected the camera's figures", field="platform.camera.sensor")
@@ -219,7 +219,7 @@ def load_scenario(
             raise ConfigError(f"no scenario of this name, expected one of {expected}", file=text)
     table = {"name": path.stem, **read_toml(path, "a scenario's .toml file")}
     changed = _changed(_with_files_beside(table, path, within=True), platform, noise, settings)
-    return _validated(_with_files_beside(changed, path), file=name_or_path)
+    return validated(Scenario, _with_files_beside(changed, path), file=name_or_path, kinds=_KINDS)
 
 
 def _changed(
@@ -239,14 +239,8 @@ def _changed(
 
 def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = None) -> Scenario:
     """A scenario from a table as TOML gives it; ``file`` is named in errors, and files in the table lie beside it."""
-    return _validated(_with_files_beside(table, None if file is None else Path(file)), file=file)
-
-
-def _validated(table: Table, *, file: str | PathLike[str] | None) -> Scenario:
-    try:
-        return validated(Scenario, table, file=file, kinds=_KINDS)
-    except ConfigError as error:
-        raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
+    beside = None if file is None else Path(file)
+    return validated(Scenario, _with_files_beside(table, beside), file=file, kinds=_KINDS)
 
 
 def _with_files_beside(table: Table, file: Path | None, *, within: bool = False) -> Table:

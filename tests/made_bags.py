@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from moteslam.robot.formats.bags.messages import Event, header, transform, turned, vector, write_events
+from moteslam.robot.formats.bags.write import Event, header, transform, turned, vector, write_events
 
 SECOND = 1_000_000_000
 START = 1_600_000_000 * SECOND
@@ -23,25 +24,27 @@ Events = Iterable[Event]
 
 def make_bag(folder: Path, events: Events, kind: str = "bag", *, received: Sequence[int] | None = None) -> Path:
     """Write messages as a bag of a kind into a folder; ``received`` [ns] where that is not the header's time."""
+    if received is not None:
+        events = [replace(event, time=time) for event, time in zip(events, received, strict=True)]
     if kind in ("bag", "bz2", "lz4"):
-        return _ros1(folder / "made.bag", events, kind, received)
-    made = _ros2(folder / "made", events, kind, received)
+        return _ros1(folder / "made.bag", events, kind)
+    made = _ros2(folder / "made", events, kind)
     single = {"mcap": "made.mcap", "zstd": "made.mcap", "db3": "made.db3"}.get(kind)
     return made / single if single else made
 
 
-def _ros1(path: Path, events: Events, kind: str, received: Sequence[int] | None) -> Path:
+def _ros1(path: Path, events: Events, kind: str) -> Path:
     from rosbags.rosbag1 import Writer
 
     writer = Writer(path)
     if kind != "bag":
         writer.set_compression(Writer.CompressionFormat[kind.upper()])
     with writer:
-        write_events(writer, iter(events), ros1=True, received=received and iter(received))
+        write_events(writer, iter(events), ros1=True)
     return path
 
 
-def _ros2(folder: Path, events: Events, kind: str, received: Sequence[int] | None) -> Path:
+def _ros2(folder: Path, events: Events, kind: str) -> Path:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     is_mcap = kind in ("mcap", "zstd", "mcap folder")
@@ -50,7 +53,7 @@ def _ros2(folder: Path, events: Events, kind: str, received: Sequence[int] | Non
         mode = CompressionMode.STORAGE if kind == "zstd" else CompressionMode.MESSAGE
         writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
-        write_events(writer, iter(events), ros1=False, received=received and iter(received))
+        write_events(writer, iter(events), ros1=False)
     return folder
 
 

@@ -97,13 +97,12 @@ def _recordings() -> Iterator[Reader]:
 def _trajectories() -> Iterator[Reader]:
     from moteslam.eval.evaluation import against
     from moteslam.eval.metrics.relations import read_relations
-    from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory
+    from moteslam.robot.trajectories import WRITERS, read_trajectory
 
     stamps = np.arange(9) / 2
     path = Trajectory(stamps, np.column_stack((stamps, np.sin(stamps), 0.1 * stamps)))
-    for name, known in TRAJECTORY_FORMATS.items():
-        main = f"path{known.endings[0]}"
-        yield Reader(name, _made(main, known.write, path), main, read_trajectory)
+    for name, (ending, write) in WRITERS.items():
+        yield Reader(name, _made(f"path{ending}", write, path), f"path{ending}", read_trajectory)
     turns = np.column_stack((np.sin(stamps), np.zeros((9, 2)), np.cos(stamps)))
     rows = np.column_stack((stamps, stamps, np.sin(stamps), 0.1 * stamps, turns)).tolist()
     lines = "".join(f"{k},{','.join(map(repr, row))},0.5\n" for k, row in enumerate(rows))
@@ -121,7 +120,7 @@ def _write_bag_of_poses(path: Path) -> None:
     """A bag of ROS 1 with poses and transforms."""
     from rosbags.rosbag1 import Writer
 
-    from moteslam.robot.formats.bags.messages import Event, header, transform, turned, vector, write_events
+    from moteslam.robot.formats.bags.write import Event, header, transform, turned, vector, write_events
 
     turn, events = turned(1.3), []
     for k in range(9):

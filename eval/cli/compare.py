@@ -189,7 +189,7 @@ def affordable(file: Path, budget: str, metrics: list[str]) -> list[dict[str, An
 
 def affordable_lines(found: list[dict[str, Any]], metric: str, form: str) -> Iterator[str]:
     """A row a configuration."""
-    from moteslam.eval.tables import interval
+    from moteslam.robot.values import interval
 
     rows = [("configuration", "ms a scan", metric, "95 %", "the best beats it in")]
     for each in found:

@@ -49,22 +49,23 @@ def convert(
     from moteslam.robot.files import result_folder, staged_file
     from moteslam.robot.formats import format_to_write
     from moteslam.robot.inspection import stream_reports
-    from moteslam.robot.trajectories import is_trajectory, trajectory_format_to_write
+    from moteslam.robot.trajectories import format_to_write as trajectory_format
+    from moteslam.robot.trajectories import is_trajectory, write_trajectory
 
     found: dict[str, Any]
-    kind, problem = None, ""
+    name, problem = None, ""
     try:
-        name, kind = trajectory_format_to_write(out, to)
+        name = trajectory_format(out, to)
     except (ConfigError, OutputError) as error:
         problem = error.problem
-    if kind is not None or is_trajectory(path):
+    if name is not None or is_trajectory(path):
         if part.given:
             raise ConfigError("of a recording, expected none for a trajectory", field=f"--{next(iter(part.given))}")
-        if kind is None:
+        if name is None:
             raise ConfigError(f"{path} is a trajectory: {problem}", field="--to")
         with staged_file(out, force=force, keep=path) as file:
             trajectory, issues = _read(path)
-            kind.write(file, trajectory)
+            write_trajectory(file, trajectory, name)
         found = {"out": str(out), "format": name, "poses": len(trajectory), "distance_m": trajectory.length}
     else:
         with options.named("--to"):
@@ -103,17 +104,15 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     """A trajectory, and what of its file is no part of it."""
     import numpy as np
 
-    from moteslam.robot.formats.bags.files import is_bag
-    from moteslam.robot.trajectories import TRAJECTORY_FORMATS, parts_of, read_trajectory, trajectory_format_of
-    from moteslam.robot.trajectories.g2o import read_g2o, vertices_of
+    from moteslam.robot.trajectories import is_g2o, read_trajectory
+    from moteslam.robot.trajectories.text import read_g2o, read_vertices
     from moteslam.robot.values import Issue, counted
 
-    if parts_of(path) is not None or is_bag(path) or trajectory_format_of(path) is not TRAJECTORY_FORMATS["g2o"]:
-        trajectory, edges = read_trajectory(path), 0
-    else:
+    if is_g2o(path):
         graph = read_g2o(path)
-        trajectory = vertices_of(path, graph)
-        edges = len(graph.first)
+        trajectory, edges = read_vertices(path, graph), len(graph.first)
+    else:
+        trajectory, edges = read_trajectory(path), 0
     issues = trajectory.warnings
     if trajectory.space is not None:
         span = float(np.ptp(trajectory.space.positions[:, 2]))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from moteslam.slam.config import SlamConfig
 
 OUT = "Folder for the result; it must not exist."
-TOPIC_STREAMS = ("lidar", "odometry", "imu", "encoders", "rgb", "depth")
+TOPIC_STREAMS = ("lidar", "odometry", "imu", "encoders")
 """What a topic of a bag can be read as."""
 
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out, whole, at the end.")]

@@ -60,15 +60,10 @@ class Recorded:
 
     def scenario(self, name: str, seed: int | None) -> Scenario:
         """The scenario of a name, as it is to be driven; what of it cannot be recorded as asked for is refused."""
-        from moteslam.robot.formats.written import expect_classic_fan
         from moteslam.sim.scenario import with_camera
 
         self.logging()
         loaded = scenario_of(name, seed, platform=self.platform, noise=self.noise, settings=self.settings or ())
-        if self.file_format == "carmen":
-            scan = loaded.platform.lidar.scan
-            with options.named("--format"):
-                expect_classic_fan(scan.beams, scan.angle_min, scan.angle_increment)
         if not self.camera:
             return loaded
         with options.in_file(name):

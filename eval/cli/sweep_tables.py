@@ -64,7 +64,7 @@ def _measured(runs: list[Row], wanted: list[str] | None, file: Path) -> list[str
 def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
     """A row a group: of each metric the median with its intervals; in ``csv`` every number has a column of its own."""
     from moteslam.eval.sweep.tables import varying
-    from moteslam.eval.tables import interval
+    from moteslam.robot.values import interval
 
     groups = found["groups"]
     if groups:

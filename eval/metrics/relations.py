@@ -18,7 +18,7 @@ from moteslam.robot.formats.streams import MAX_JUMP
 from moteslam.robot.recording import nearest_stamp
 from moteslam.robot.se2 import Poses, between, wrap
 from moteslam.robot.se2 import interpolate as interpolated
-from moteslam.robot.trajectories.columns import data_lines, finite_numbers
+from moteslam.robot.trajectories.columns import number_lines
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised, expect_type
 
@@ -124,15 +124,8 @@ def read_relations(path: str | PathLike[str]) -> Relations:
         InputError: not a text file of at most 500 MB, a line without eight finite numbers, or no line.
     """
     path = Path(path)
-    rows: list[list[float]] = []
-    for number, line in data_lines(path, "relations"):
-        row = finite_numbers(line.split())
-        if row is None or len(row) != 8:
-            raise InputError("expected 8 finite numbers: t1 t2 x y z roll pitch yaw", file=path, line=number)
-        rows.append(row)
-    if not rows:
-        raise InputError("no relations, expected lines: t1 t2 x y z roll pitch yaw", file=path)
-    table = np.array(rows)
+    rows, _ = number_lines(path, "relations", 8, "t1 t2 x y z roll pitch yaw")
+    table = np.array(rows, np.float64)
     return Relations(table[:, :2], np.stack((table[:, 2], table[:, 3], wrap(table[:, 7])), axis=-1))
 
 

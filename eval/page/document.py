@@ -25,7 +25,8 @@ from moteslam.eval.page.material import Key, Material, ReportRun
 from moteslam.eval.page.player import Budget, playable
 from moteslam.eval.statistics import Proportion, compare
 from moteslam.eval.sweep.tables import better
-from moteslam.eval.tables import interval, literal
+from moteslam.eval.tables import literal
+from moteslam.robot.values import interval
 
 USUAL = (
     *("final.ate", "online.ate", "dead_reckoning.ate", "final.rpe_1m", "map_f1", "map_cells_per_metre"),

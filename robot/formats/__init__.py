@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from math import inf
 from os import PathLike
@@ -33,26 +34,15 @@ Topics = Mapping[str, tuple[str, ...]]
 
 @dataclass(frozen=True)
 class Format:
-    """How a recording is stored.
+    """How a recording is stored, in a folder or a file."""
 
-    Attributes:
-        name: what it is called, and how to recognise it.
-        is_folder: whether a recording is a folder or a file.
-        recognise: whether the content of a path (of that kind) is of this format; must not raise for any other.
-        read: ``read(path, sequence, platform)``.
-        read_topics: ``read_topics(path, sequence, platform, topics)``, of a format with topics; None for others.
-        write: ``write(path, recording)`` writes a file or folder that reads back the same, but for what the format
-            cannot hold: an issue each. None for a format that is only read.
-        endings: of the names of files in this format, the first the usual one: ``.log``, ``.log.gz``.
-    """
-
-    name: str
+    name: str  # what it is called, and how to recognise it
     is_folder: bool
-    recognise: Callable[[Path], bool]
-    read: Callable[[Path, str | int | None, Robot], Recording]
+    recognise: Callable[[Path], bool]  # by the content of a file or folder; must not raise for any other
+    read: Callable[[Path, str | int | None, Robot], Recording]  # of a path, a sequence and a platform
     read_topics: Callable[[Path, str | int | None, Robot, Topics], Recording] | None = None
-    write: Callable[[Path, Recording], tuple[Issue, ...]] | None = None
-    endings: tuple[str, ...] = ()
+    write: Callable[[Path, Recording], tuple[Issue, ...]] | None = None  # an issue for each thing it cannot hold
+    endings: tuple[str, ...] = ()  # of the names of files, the first the usual one: ``.log``, ``.log.gz``
 
 
 FORMATS: Plugins[Format] = Plugins(
@@ -79,21 +69,16 @@ def open_recording(
     topics: Topics | None = None,
     streams: Collection[str] = (),
 ) -> Recording:
-    """Read a recording, whatever its format: it is known by the content, not by the name.
+    """Read a recording, a file or a folder of any format, known by the content, not by the name.
 
     Args:
-        path: a file or folder.
+        path: of the recording.
         sequence: which of several, where the format holds several; of a bag whose clock was set the session, from 1 on.
         platform: the robot, or the name of a bundled one, instead of what the recording (or the format) states; or a
             ``platform.toml`` that lies over that key by key.
         topics: of a bag, which of its topics a stream is read from; by their types where it is left out.
         streams: of a bag, the only ones that are read, ``lidar``, ``odometry`` and so on; all if empty. What is wrong
             with the others does not matter then.
-
-    Raises:
-        InputError: nothing there, no format known here, topics of a format that has none, or a recording that is
-            broken; one line says which.
-        ConfigError: a ``platform.toml`` that is none.
     """
     known, path = format_of(path), Path(path)
     if isinstance(platform, str | PathLike):
@@ -102,37 +87,25 @@ def open_recording(
             platform = bundled_platform(file.name)
     if streams and known.read_topics is not None:
         left = {"lidar", "odometry", "imu", "encoders", "rgbd"} - set(streams)
-        left = left - {"rgbd"} | ({"rgb", "depth"} if "rgbd" in left else set())
         topics = {**dict.fromkeys(left, ()), **(topics or {})}
     if not topics:
         return known.read(path, sequence, platform)
     if known.read_topics is None:
-        raise InputError(f"a {known.name} has no topics, expected none to be named", file=path, field="topics")
+        raise InputError(f"a {known.name} has no topics, expected no names of topics", file=path, field="topics")
     return known.read_topics(path, sequence, platform, topics)
 
 
 def expect_no_sequence(path: str | PathLike[str], sequence: str | int | None) -> None:
     """Refuse the name of a sequence of a format that holds one a file."""
     if sequence is not None:
-        raise InputError("a log of one sequence, expected none to be named", file=path, field="sequence")
+        raise InputError("a log of one sequence, expected no name of one", file=path, field="sequence")
 
 
 def write_recording(path: str | PathLike[str], recording: Recording, *, to: str | None = None) -> tuple[Issue, ...]:
-    """Write a recording in the format that the ending of its new name stands for, whole or not at all.
+    """Write a recording, whole or not at all, in a format named or that the ending of its new name stands for.
 
-    Args:
-        path: a file, which is replaced with those that its format puts beside it, or a folder, which is made.
-        recording: any.
-        to: the name of the format, where the ending does not say it.
-
-    Returns:
-        what the format cannot hold, an issue each.
-
-    Raises:
-        ConfigError: no such format, or one that is only read.
-        InputError: the format cannot hold such a recording at all.
-        ExistsError: a folder that holds something already, or a file beside a new one that belongs to something else.
-        OutputError: it cannot be written.
+    A file is replaced with those that its format puts beside it; a folder is made, and must be empty if it is there.
+    What the format cannot hold is returned, an issue each.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     _, known = format_to_write(path, to)
@@ -146,11 +119,7 @@ def write_recording(path: str | PathLike[str], recording: Recording, *, to: str 
 
 
 def format_to_write(path: str | PathLike[str], name: str | None = None) -> tuple[str, Format]:
-    """The name of a format and the format itself: the one named, or the one that the ending of a path stands for.
-
-    Raises:
-        ConfigError: no such format, one that is only read, or an ending that stands for none; its field is ``to``.
-    """
+    """The name of a format and the format itself: the one named, or the one that the ending of a path stands for."""
     written = {each: known for each, known in FORMATS.items() if known.write is not None}
     if name is not None:
         if name not in written:
@@ -167,77 +136,51 @@ def format_to_write(path: str | PathLike[str], name: str | None = None) -> tuple
 
 
 def format_of(path: str | PathLike[str]) -> Format:
-    """The format of a recording, by the beginning of its content.
-
-    Raises:
-        InputError: nothing there, or no format known here; one line says which.
-    """
+    """The format of a recording, by the beginning of its content."""
     path = Path(path)
     try:
         is_folder, size = path.is_dir(), path.stat().st_size
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{reason}, expected a recording", file=path) from error
-    if not is_folder and not path.is_file():
-        raise InputError("neither a file nor a folder, expected a recording", file=path)
-    if not is_folder and not size:
-        raise InputError("is empty, expected a recording", file=path)
-    for name, known in FORMATS.items():  # those after the one that it is are not even imported
-        if known.is_folder == is_folder and _recognises(name, known, path):
-            return known
-    formats = dict(FORMATS.items())
-    problem = f"not a recording known here, expected {'a folder' if is_folder else 'a file'} of one of "
-    problem += ", ".join(name for name, known in formats.items() if known.is_folder == is_folder)
-    if is_folder and (inside := _first_inside(path, formats)) is not None:
-        problem = f"a folder with recordings in it, expected one of them, as {inside}"
-    for name, known in formats.items():
-        if not is_folder and known.is_folder and _recognises(name, known, path.absolute().parent):
-            problem = f"part of a {known.name}, expected the folder it is in"
+    if not is_folder and (not path.is_file() or not size):
+        problem = "is empty" if path.is_file() else "neither a file nor a folder"
+        raise InputError(f"{problem}, expected a recording", file=path)
+    if found := _recognised(path, is_folder):
+        return found
+    names = ", ".join(name for name, known in FORMATS.items() if known.is_folder == is_folder)
+    problem = f"not a recording known here, expected {'a folder' if is_folder else 'a file'} of one of {names}"
+    if is_folder:
+        with suppress(OSError):
+            children = sorted(path.iterdir(), key=lambda child: (not child.is_dir(), child))[:100]
+            if inside := next((child for child in children if _recognised(child, child.is_dir())), None):
+                problem = f"a folder with recordings in it, expected one of them, as {inside}"
+    elif around := _recognised(path.absolute().parent, True):
+        problem = f"part of a {around.name}, expected the folder it is in"
     raise InputError(problem, file=path)
 
 
-def _recognises(name: str, known: Format, path: Path) -> bool:
-    """Whether a path is of a format; a format of another package that fails to say is left out."""
-    try:
-        return known.recognise(path)
-    except Exception as error:
-        if FORMATS.is_bundled(name):
-            raise
-        warnings.warn(f"format {name!r} is left out: {type(error).__name__}: {error}", PluginWarning, stacklevel=3)
-        return False
-
-
-def _first_inside(folder: Path, formats: Mapping[str, Format]) -> Path | None:
-    """The first recording within a folder: a folder, as of ``simulate --batch``, else one of the first files, a log."""
-    try:
-        children = sorted(folder.iterdir(), key=lambda child: (not child.is_dir(), child))
-    except OSError:
-        return None
-    files = 0
-    for child in children:
-        is_folder = child.is_dir()
-        files += not is_folder
-        kinds = [(name, known) for name, known in formats.items() if known.is_folder == is_folder]
-        if files <= 100 and any(_recognises(name, known, child) for name, known in kinds):
-            return child
+def _recognised(path: Path, is_folder: bool) -> Format | None:
+    """The format of a path, if any; one of another package that fails to say is left out."""
+    for name, known in FORMATS.items():  # those after the one that it is are not even imported
+        try:
+            if known.is_folder == is_folder and known.recognise(path):
+                return known
+        except Exception as error:
+            if FORMATS.is_bundled(name):
+                raise
+            warnings.warn(f"format {name!r} is left out: {type(error).__name__}: {error}", PluginWarning, stacklevel=3)
     return None
 
 
 @dataclass(frozen=True)
 class Cut:
-    """Which part of a recording.
-
-    Attributes:
-        start: seconds after the recording's first stamp.
-        end: likewise; infinite for its end.
-        every: keep every n-th scan, for an n of at least 1.
-        streams: that are kept, by their names; all where it is empty.
-    """
+    """Which part of a recording: start and end are seconds after its first stamp."""
 
     start: float = 0.0
     end: float = inf
-    every: int = 1
-    streams: tuple[str, ...] = ()
+    every: int = 1  # keep every n-th scan
+    streams: tuple[str, ...] = ()  # that are kept; all if empty
 
     def __post_init__(self) -> None:
         if not 0 <= self.start < inf:
@@ -250,22 +193,14 @@ class Cut:
             if name not in STREAMS:
                 raise ConfigError(f"{name!r}, expected some of {', '.join(STREAMS)}", field="streams")
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether nothing is cut off."""
-        return self == Cut()
-
 
 def cut(recording: Recording, part: Cut) -> Recording:
     """The readings of a part of a recording; stamps stay as they are, and ranges and images where they are.
 
     Of the two images of a camera frame each is kept by its own stamp. A stream of which nothing is left is None.
-
-    Raises:
-        InputError: nothing is left of it.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
-    if part.is_whole:
+    if part == Cut():
         return recording
     present = {name: stream for name in STREAMS if (stream := getattr(recording, name)) is not None}
     kept = {name: stream for name, stream in present.items() if not part.streams or name in part.streams}

@@ -1,11 +1,18 @@
-"""CARMEN logs, plain or gzip. Lines, rules and bounds: ``docs/reference/formats.md``."""
+"""CARMEN logs, plain or gzip. Lines, rules and bounds: ``docs/reference/formats.md``.
+
+Source: the head that CARMEN's logger writes (carmen.sourceforge.net/logger_playback.html).
+"""
 
 from __future__ import annotations
 
+import math
 import re
 from array import array
+from collections import Counter
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,26 +20,40 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.formats import Format, Robot, expect_no_sequence
-from moteslam.robot.formats.lines import RAW_LASERS, SHORT_TAILS, CarmenLines, ScanKind, Scans, TextLines
-from moteslam.robot.formats.streams import (
-    Fan,
-    lidar_stream,
-    no_return_limit,
-    odometry_stream,
-)
-from moteslam.robot.formats.written import CLASSIC_STEPS, OWN_PARAMETERS, write_carmen
-from moteslam.robot.platform import Platform
+from moteslam.robot.formats.lines import TextLines
+from moteslam.robot.formats.streams import MAX_DROPPED, MAX_PLACE, MAX_STAMP, Fan, Sensors, no_return_limit
+from moteslam.robot.formats.written import CLASSIC_STEPS, OWN_PARAMETERS, fov_of, write_carmen
 from moteslam.robot.platforms import CARMEN, GivenRobot, platform_of
 from moteslam.robot.recording import Recording
 from moteslam.robot.values import Issue, counted
 
+RAW_LASERS = tuple(f"RAWLASER{number}" for number in range(1, 6))
+"""Scans without a pose, by the number of the laser."""
+TAILS = {"FLASER": (6, 7, 9), "ROBOTLASER1": (14,), **dict.fromkeys(RAW_LASERS, (3,))}
+"""How many words may follow the ranges (and remissions); all lines of a log have as many."""
+STAMPS = {6: (), 7: (6,), 9: (6, 8), 14: (11, 13), 3: (0, 2)}
+"""Which of these words are the ipc stamp and the logger's."""
+REAR_LASERS = ("RLASER", "ROBOTLASER2")
+"""Scans of a laser that looks back: counted, not read."""
 MAX_INTERLACE = 8
 """Bearings of the grid in a step between beams, at most; a SICK LMS has 2 or 4."""
 SAME_ANGLE = 1e-4
 """First angles are taken for those of the grid when they are this near [rad]; logs have six digits."""
+FAN = ("beams", "angle_min", "step")
+ROW = np.dtype(
+    [(name, "f8") for name in ("number", *FAN, "stated")]
+    + [(name, "f8", 3) for name in ("laser", "robot")]
+    + [(name, "f8") for name in ("ipc", "logger")]
+)
+"""Of a scan: line, beams, first angle and step [rad], stated limit [m], poses [m, rad] and stamps [s]; 0 if unknown."""
+FLAT = ROW.itemsize // 8
+"""Numbers in a row."""
+Rows = NDArray[np.void]
+
 _LINE = re.compile(rb"^(?:FLASER|ROBOTLASER1|RAWLASER[1-5]|ODOM|PARAM)\s", re.MULTILINE)
 _LIMITS = ("robot_front_laser_max", "robot_frontlaser_max", "laser_front_max_range", "front_laser_max")
 _SAME = 0.005
+"""Mounts of logged poses that differ by less [m, rad] are one."""
 
 
 def is_carmen(path: Path) -> bool:
@@ -44,44 +65,39 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
     """Read a CARMEN log; its stamps are the ``ipc_timestamp``, the logger's where every ipc stamp is 0."""
     expect_no_sequence(path, sequence)
     path, given = Path(path), GivenRobot.read(platform)
-    lines = TextLines(path)
-    log = CarmenLines(lines)
-    used = sum(map(len, log.scans.values())) + len(log.odometry) // 5
-    issues = log.broken.issues(lines, used, "no FLASER, ROBOTLASER1 or ODOM line", "expected a CARMEN log")
-    kind, scans = _chosen(path, log, issues) if log.scans or log.rear else (None, None)
+    log = _Lines(TextLines(path))
+    used = len(log.odometry) // 5 + sum(len(rows) for _, rows in log.scans.values()) // FLAT
+    issues = log.lines.issues(used, "no FLASER, ROBOTLASER1 or ODOM line, expected a CARMEN log")
+    laser = _chosen(path, log, issues)
+    rows = np.zeros(0, ROW) if laser is None else laser.rows[laser.begins >= 0]
     odometry = np.array(log.odometry, np.float64).reshape(-1, 5)
-    rows = np.array(scans.rows if scans else (), np.float64).reshape(-1, 8)
-    if kind and kind.line == "FLASER" and log.flaser_tail == min(SHORT_TAILS):
-        rows[:, 6] = np.arange(len(rows))
+    if laser and log.tails[laser.line] == 6:
+        rows["ipc"] = np.arange(len(rows))
         issues.append(Issue("no-stamps", f"{path.name}: FLASER lines without stamps; one second a scan is assumed"))
         if len(odometry):
             text = f"{path.name}: {counted(len(odometry), 'ODOM line')} left aside, on another clock than the scans"
             issues.append(Issue("other-clock", text, len(odometry)))
         odometry = odometry[:0]
-    clock = -2 if (rows[:, 6] != 0).any() or (odometry[:, 3] != 0).any() else -1
-    has_poses = kind is not None and kind.line not in RAW_LASERS
-    robot = given.over(_platform(path, log, rows if has_poses else rows[:0]))
+    is_ipc = bool(rows["ipc"].any() or odometry[:, 3].any())
+    has_poses = laser is not None and laser.line not in RAW_LASERS
+    size = {key: log.params[f"robot_{key}"] for key in ("length", "width") if log.params.get(f"robot_{key}", 0) > 0}
+    mount = _mount(log.params, rows if has_poses else rows[:0])
+    robot = given.over(platform_of({"name": CARMEN.name, **size, "lidar": mount}, file=path))
+    sensors = Sensors(robot, given.lidar_figures, issues)
     lidar = None
-    if kind is not None and scans is not None:
-        ranges = np.array(scans.ranges, np.float32).reshape(-1, kind.beams)
+    if laser is not None:
+        ranges = _on_grid(laser, np.frombuffer(log.scans[laser.line][0], np.float32))
         if not (limit := given.lidar_figures.get("range_max")):
-            stated = next((log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0), scans.stated)
-            limit = no_return_limit(ranges if scans.interlace == 1 else ranges[ranges > 0], stated)
-        lidar = lidar_stream(
-            path,
-            kind.line,
-            stamps=rows[:, clock],
-            ranges=ranges,
-            fan=Fan(kind.angle_min, kind.angle_increment, 0.0, float(limit)),
-            robot=robot,
-            given=given.lidar_figures,
-            issues=issues,
-            odometry=rows[:, 3:6] if has_poses else None,
-            interlace=scans.interlace,
-        )
-        if kind.line == "FLASER" and kind.beams not in CLASSIC_STEPS and "angle_increment" not in given.lidar_figures:
+            params = (log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0)
+            stated = next(params, float(rows["stated"][0]) or None)
+            limit = no_return_limit(ranges if laser.interlace == 1 else ranges[ranges > 0], stated)
+        fan = Fan(laser.angle_min, laser.step, 0.0, float(limit))
+        stamps, poses = rows["ipc" if is_ipc else "logger"], rows["robot"] if has_poses else None
+        lidar = sensors.lidar(path, laser.line, stamps, ranges, fan, poses, laser.interlace)
+        beams = ranges.shape[1]
+        if laser.line == "FLASER" and beams not in CLASSIC_STEPS and "angle_increment" not in given.lidar_figures:
             text = (
-                f"{path.name}: FLASER lines state no angles: {kind.beams} beams are assumed to span 180 degrees. Of "
+                f"{path.name}: FLASER lines state no angles: {beams} beams are assumed to span 180 degrees. Of "
                 "another lidar the map is wrong: give [lidar] angle_min and angle_increment by --platform"
             )
             issues.append(Issue("assumed-angles", text, len(lidar)))
@@ -89,43 +105,130 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
         name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
         platform=robot,
         lidar=lidar,
-        odometry=odometry_stream(path, "ODOM", odometry[:, clock], odometry[:, :3], issues),
+        odometry=sensors.odometry(path, "ODOM", odometry[:, 3 if is_ipc else 4], odometry[:, :3]),
         warnings=tuple(issues),
     )
 
 
-def _chosen(path: Path, log: CarmenLines, issues: list[Issue]) -> tuple[ScanKind, Scans] | tuple[None, None]:
-    """The kind of scan most frequent in the log (of equals, the one that states its angles); others are left aside.
+class _Lines:
+    """What the lines of a log say; comments and other kinds of line are passed over, broken ones counted."""
 
-    Kinds that together are of one interlaced lidar count as one. Scans of a laser that looks back are left aside
-    whatever their number.
-    """
-    for line, count in log.rear.items():
-        text = f"{path.name}: {counted(count, f'{line} scan')} of a rear laser left aside"
-        issues.append(Issue("other-scans", text, count))
-    usual: dict[str, ScanKind] = {}
-    for kind in sorted(log.scans, key=lambda kind: -len(log.scans[kind])):
-        usual.setdefault(kind.line, kind)
-    found = [
-        _interlaced(log.scans, kind) for line in dict.fromkeys(kind.line for kind in log.scans) if (kind := usual[line])
-    ]
-    if not found:
-        return None, None
-    kind, scans, kinds = max(found, key=lambda one: (len(one[1]), one[0].line == "ROBOTLASER1"))
-    for other, left in log.scans.items():
-        if other in kinds:
-            continue
-        text = f"{counted(len(left), f'{other.line} scan')} of {counted(other.beams, 'beam')}"
-        if other.line == kind.line and len(left) > scans.most_others:
-            problem = f"{text} every {other.angle_increment:.4f} rad from {other.angle_min:.4f} rad, expected "
-            problem += f"{kind.beams} beams every {kind.angle_increment:.4f} rad from {kind.angle_min:.4f} rad as in "
-            raise InputError(f"{problem}the other {len(scans)}", file=path, line=left.numbers[0])
-        text = f"{path.name}: {text} left aside, the first is line {left.numbers[0]}"
-        issues.append(Issue("other-scans", text, len(left)))
-    return kind, scans
+    def __init__(self, lines: TextLines) -> None:
+        self.lines = lines
+        self.scans: dict[str, tuple[array[float], array[float]]] = {}  # by kind of line: ranges [m] and `ROW`s, flat
+        self.odometry = array("d")  # [n * 5]: x y theta [m, rad], ipc and logger stamp [s]
+        self.params: dict[str, float] = {}  # as stated last
+        self.rear: Counter[str] = Counter()  # by kind of line
+        self.tails: dict[str, int] = {}  # words after the ranges of the first whole line of a kind, and so of all
+        parsers: dict[str, Any] = {"ODOM": self._odom, "PARAM": self._param, **dict.fromkeys(TAILS, self._scan)}
+        parsers |= dict.fromkeys(REAR_LASERS, self._rear)
+        known = {kind.encode(): parse for kind, parse in parsers.items()}
+        starts = {kind[:1] for kind in known} | {b" ", b"\t"}
+        for number, line in lines:
+            if line[:1] == b"\0":  # what a file system leaves of a log after a crash
+                lines.drop(number, "begins with NUL bytes, expected text")
+            elif line[:1] in starts:  # most lines of other kinds are passed over without being split
+                words = line.split()
+                if words and (parse := known.get(words[0])):
+                    try:
+                        parse(words, number)
+                    except (ValueError, OverflowError) as error:
+                        lines.drop(number, str(error))
+
+    def _scan(self, words: list[bytes], number: int) -> None:
+        line = words[0].decode()
+        is_raw = line in RAW_LASERS
+        begin = 2 if line == "FLASER" else 9
+        after = end = begin + _count_at(words, begin - 1, "ranges")
+        angle_min, step, stated = *fov_of(end - begin), 0.0
+        if line != "FLASER":
+            after += 1 + _count_at(words, end, "remissions", least=0)
+            angle_min, _, step, stated = _numbers(words[2:6])
+        tail = words[after:]
+        count = self.tails.get(line) or (len(tail) if len(tail) in TAILS[line] else TAILS[line][-1])
+        _expect_words(words, after + count, f"{end - begin} ranges")
+        if step <= 0:
+            raise ValueError(f"angular resolution {step}, expected more than 0 rad")
+        stamps = [tail[k] for k in STAMPS[count]]
+        row = [number, end - begin, angle_min, step, max(stated, 0.0)]
+        row += [*[0.0] * 6 * is_raw, *_placed([] if is_raw else tail[:6], stamps)]
+        ranges = array("f", _numbers(words[begin:end], finite=False))
+        self.tails[line] = count
+        all_ranges, rows = self.scans.setdefault(line, (array("f"), array("d")))
+        all_ranges.extend(ranges)
+        rows.extend(row)
+
+    def _rear(self, words: list[bytes], number: int) -> None:
+        self.rear[words[0].decode()] += 1
+
+    def _odom(self, words: list[bytes], number: int) -> None:
+        _expect_words(words, 10, "odometry")
+        self.odometry.extend(_placed(words[1:4], [words[7], words[9]]))
+
+    def _param(self, words: list[bytes], number: int) -> None:
+        if len(words) > 2:
+            with suppress(ValueError):  # most parameters of a robot are words
+                self.params[words[1].decode("ascii", "replace")] = _numbers(words[2:3])[0]
 
 
-def _interlaced(log: dict[ScanKind, Scans], usual: ScanKind) -> tuple[ScanKind, Scans, set[ScanKind]]:
+def _expect_words(words: list[bytes], count: int, what: str) -> None:
+    if len(words) != count:
+        raise ValueError(f"{len(words)} words, expected {count} for {what}")
+
+
+def _count_at(words: list[bytes], at: int, what: str, *, least: int = 1) -> int:
+    """The number of things that a line declares in the word at an index."""
+    word = words[at][:20] if len(words) > at else b""
+    if not word.isdigit() or int(word) < least:
+        raise ValueError(f"{word.decode('ascii', 'replace')!r}, expected the number of {what} at word {at + 1}")
+    return int(word)
+
+
+def _placed(poses: list[bytes], stamps: list[bytes]) -> list[float]:
+    """Poses x y theta [m, rad], three words each, and the ipc and the logger stamp [s], else 0."""
+    values, (ipc, logger) = _numbers(poses), _numbers([*stamps, b"0", b"0"][:2])
+    if any(abs(value) > MAX_PLACE for value in values):
+        raise ValueError(f"pose beyond {MAX_PLACE:.0f} m or rad, expected a robot's")
+    if abs(ipc or logger) > MAX_STAMP:  # the first that is not 0 is what counts
+        raise ValueError(f"stamp {ipc or logger:.6g}, expected seconds below 1e11")
+    return [*values, ipc, logger]
+
+
+def _numbers(words: list[bytes], *, finite: bool = True) -> list[float]:
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        raise ValueError("a word that is not a number, expected numbers") from None
+    if finite and not all(map(math.isfinite, values)):
+        raise ValueError("NaN or infinite pose or stamp, expected finite numbers")
+    return values
+
+
+class _Laser(NamedTuple):
+    """The scans of one kind of line, on a grid of bearings."""
+
+    line: str
+    rows: Rows  # [n] of `ROW`
+    begins: NDArray[np.intp]  # [n] the first beam on the grid; -1 for scans of another lidar
+    angle_min: float  # of the grid, as its step [rad]
+    step: float
+    interlace: int  # of that many neighbouring beams a scan measures one
+
+    @property
+    def scans(self) -> int:
+        """How many are on the grid."""
+        return int((self.begins >= 0).sum())
+
+
+def _kinds(rows: Rows) -> tuple[Rows, NDArray[np.intp], NDArray[np.intp]]:
+    """The first scans [k] of each number of beams, first angle and step, how many are alike, and of which kind [n]."""
+    figures = np.column_stack([rows[name] for name in FAN])
+    _, first, kinds, counts = np.unique(figures, axis=0, return_index=True, return_inverse=True, return_counts=True)
+    order = np.argsort(first)
+    return rows[first[order]], counts[order], np.argsort(order)[kinds.ravel()]
+
+
+def _laser(line: str, rows: Rows) -> _Laser:
     """The scans of a kind of line: of the usual kind or, of an interlaced lidar, of several on one grid of bearings.
 
     A SICK LMS that measures every degree can begin each scan at another quarter or half of one, so that several scans
@@ -133,57 +236,67 @@ def _interlaced(log: dict[ScanKind, Scans], usual: ScanKind) -> tuple[ScanKind, 
     bearings of one grid, less than a step apart, and are otherwise alike: step, limit, and number of beams, give or
     take the one at the end.
     """
-    most_others = log[usual].most_others
-    alike = [
-        kind
-        for kind in log
-        if kind.line == usual.line
-        and log[kind].stated == log[usual].stated
-        and abs(kind.beams - usual.beams) <= 1
-        and abs(kind.angle_min - usual.angle_min) < usual.angle_increment - SAME_ANGLE
-        and abs(kind.angle_increment - usual.angle_increment) * usual.beams < SAME_ANGLE
-    ]
-    frequent = [kind for kind in alike if kind == usual or len(log[kind]) > most_others]
-    if sum(len(log[kind]) for kind in alike if kind != usual) > most_others:
-        for kinds in (alike, frequent):
-            first = min(kind.angle_min for kind in kinds)
-            for interlace in range(2, MAX_INTERLACE + 1) if len(kinds) > 1 else ():
-                step = usual.angle_increment / interlace
-                off = np.array([(kind.angle_min - first) / step for kind in kinds])
-                begins = np.rint(off).astype(int).tolist()
-                is_grid = (np.abs(off - begins) * step < SAME_ANGLE).all() and max(begins) < interlace
-                if is_grid and len(set(begins)) == len(kinds):
-                    merged, beams = _merged(log, dict(zip(kinds, begins, strict=True)), interlace)
-                    return ScanKind(usual.line, beams, first, step), merged, {*kinds}
-    return usual, log[usual], {usual}
+    heads, counts, kinds = _kinds(rows)
+    usual = int(np.argmax(counts))
+    beams, angle_min, step = heads[list(FAN)][usual].item()
+    most_others = max(MAX_DROPPED, counts[usual] // 10)
+    alike = (heads["stated"] == heads["stated"][usual]) & (np.abs(heads["beams"] - beams) <= 1)
+    alike &= np.abs(heads["angle_min"] - angle_min) < step - SAME_ANGLE
+    alike &= np.abs(heads["step"] - step) * beams < SAME_ANGLE
+    if counts[alike].sum() - counts[usual] > most_others:
+        for interlace in range(2, MAX_INTERLACE + 1):
+            off = (heads["angle_min"] - angle_min) * interlace / step
+            begins = np.rint(off).astype(np.intp)
+            fits = alike & (np.abs(off - begins) * step / interlace < SAME_ANGLE)
+            begins -= begins[fits].min()
+            if counts[alike & ~fits].sum() <= most_others and begins[fits].max() < interlace:
+                first = float(heads["angle_min"][fits].min())
+                return _Laser(line, rows, np.where(fits, begins, -1)[kinds], first, step / interlace, interlace)
+    return _Laser(line, rows, np.where(kinds == usual, 0, -1), angle_min, step, 1)
 
 
-def _merged(log: dict[ScanKind, Scans], begins: dict[ScanKind, int], interlace: int) -> tuple[Scans, int]:
-    """The scans of some kinds, which begin at these beams of a grid, in the order of the file; and the grid's beams.
+def _on_grid(laser: _Laser, flat: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The ranges [m, beams] of the scans on the grid; 0, an invalid range, at the beams that a scan lacks."""
+    beams = laser.rows["beams"].astype(np.intp)
+    stops = laser.begins + laser.interlace * (beams - 1) + 1
+    used = laser.begins >= 0
+    ranges = np.zeros((laser.scans, stops[used].max()), np.float32)
+    places = np.column_stack((laser.begins, stops, np.cumsum(beams) - beams, np.cumsum(beams)))[used]
+    for scan, (begin, stop, first, last) in zip(ranges, places.tolist(), strict=True):
+        scan[begin : stop : laser.interlace] = flat[first:last]
+    return ranges
 
-    The range is 0, which says nothing, at the beams that a scan does not measure.
+
+def _chosen(path: Path, log: _Lines, issues: list[Issue]) -> _Laser | None:
+    """The kind of line with most scans (of equals, the one that states its angles); others are left aside.
+
+    Raw scans are read if no scan has a pose: logs that have both hold the same ranges in them.
     """
-    beams = max(begin + interlace * (kind.beams - 1) + 1 for kind, begin in begins.items())
-    numbers = np.concatenate([np.array(log[kind].numbers, np.int64) for kind in begins])
-    ranges = np.zeros((len(numbers), beams), np.float32)
-    done = 0
-    for kind, begin in begins.items():
-        columns = begin + interlace * np.arange(kind.beams)
-        ranges[done : done + len(log[kind]), columns] = np.array(log[kind].ranges).reshape(-1, kind.beams)
-        done += len(log[kind])
-    order = np.argsort(numbers)
-    rows = np.concatenate([np.array(log[kind].rows).reshape(-1, 8) for kind in begins])[order]
-    flat = array("f", ranges[order].tobytes()), array("d", rows.tobytes()), array("q", np.sort(numbers).tobytes())
-    return Scans(next(log[kind].stated for kind in begins), *flat, interlace=interlace), beams
+    for line, count in log.rear.items():
+        text = f"{path.name}: {counted(count, f'{line} scan')} of a rear laser left aside"
+        issues.append(Issue("other-scans", text, count))
+    lines = [line for line in log.scans if line not in RAW_LASERS] or log.scans
+    lasers = [_laser(line, np.frombuffer(log.scans[line][1], ROW)) for line in lines]
+    best = max(lasers, key=lambda one: (one.scans, one.line == "ROBOTLASER1"), default=None)
+    for laser in lasers:
+        others = laser.rows[laser.begins < 0] if laser is best else laser.rows
+        for head, count in zip(*_kinds(others)[:2], strict=True):
+            scans = counted(int(count), f"{laser.line} scan")
+            if laser is best and count > max(MAX_DROPPED, laser.scans // 10):
+                usual = _words(laser.rows[laser.begins >= 0][0])
+                problem = f"{scans} of {_words(head)}, expected {usual} as in the other {laser.scans}"
+                raise InputError(problem, file=path, line=int(head["number"]))
+            beams = counted(int(head["beams"]), "beam")
+            text = f"{path.name}: {scans} of {beams} left aside, the first is line {int(head['number'])}"
+            issues.append(Issue("other-scans", text, int(count)))
+    return best
 
 
-def _platform(path: Path, log: CarmenLines, rows: NDArray[np.float64]) -> Platform:
-    """The built-in robot, with the size and the lidar's pose that the log gives."""
-    size = {key: log.params[f"robot_{key}"] for key in ("length", "width") if log.params.get(f"robot_{key}", 0) > 0}
-    return platform_of({"name": CARMEN.name, **size, "lidar": _mount(log.params, rows)}, file=path)
+def _words(head: np.void) -> str:
+    return f"{counted(int(head['beams']), 'beam')} every {head['step']:.4f} rad from {head['angle_min']:.4f} rad"
 
 
-def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> dict[str, float]:
+def _mount(params: dict[str, float], rows: Rows) -> dict[str, float]:
     """The lidar's pose on the robot: from parameters; else from logged poses, where 99 % of them agree; else 0."""
     for prefix in ("robot_frontlaser", "frontlaser", "robot_front_laser", "front_laser"):
         if f"{prefix}_offset" in params:
@@ -192,7 +305,7 @@ def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> dict[str, flo
             return {"x": params[f"{prefix}_offset"], "y": sideways, "yaw": turned, **more}
     if not len(rows):
         return {}
-    mounts = se2.between(rows[:, 3:6], rows[:, :3])
+    mounts = se2.between(rows["robot"], rows["laser"])
     middle = np.median(mounts, axis=0)
     apart = np.abs(np.column_stack((mounts[:, :2] - middle[:2], se2.wrap(mounts[:, 2] - middle[2]))))
     if np.quantile(apart.max(axis=1), 0.99) >= _SAME:

@@ -10,18 +10,18 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path, PureWindowsPath
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, BeforeValidator, Field, Strict, ValidationError
 
 from moteslam.errors import InputError, MoteslamWarning, OutputError
 from moteslam.robot.files import read_bytes, read_yaml, write_atomically
 from moteslam.robot.raster import FULL, Raster, decode_channels, encode_png, picture_size
-from moteslam.robot.values import expect_type
+from moteslam.robot.values import expect_type, first_complaint
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """The values of a trinary map, int8."""
@@ -42,57 +42,54 @@ _BAND = 1 << 20
 """Pixels that are worked on at once."""
 
 Percent = NDArray[np.int8]
-MODES = ("trinary", "scale", "raw")
 
 
-@dataclass(frozen=True)
-class MapFile:
-    """What the YAML file says."""
+def _number(value: object) -> object:
+    """What is text to YAML 1.1 is a number to the programs that write it, as 5e-2; a truth value is not."""
+    if isinstance(value, bool):
+        raise ValueError("expected a number")
+    return value
 
-    image: Path
-    resolution: float  # side of a cell [m]
-    origin: tuple[float, float, float]  # x, y [m] and yaw [rad] of the lower left corner of the image
-    mode: str
-    negate: bool  # white is occupied
-    occupied: float
-    free: float
+
+Threshold = Annotated[float, BeforeValidator(_number), Field(ge=0, le=1)]
+Place = Annotated[float, BeforeValidator(_number), Field(ge=-MAX_PLACE, le=MAX_PLACE)]
+
+
+class MapFile(BaseModel):
+    """What the YAML file says; other keys are passed over."""
+
+    image: Annotated[str, Strict(), Field(min_length=1)]
+    resolution: Annotated[float, BeforeValidator(_number), Field(ge=1e-4, le=100)]  # side of a cell [m]
+    origin: tuple[Place, Place, Place]  # x, y [m] and yaw [rad] of the lower left corner of the image
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
+    negate: Annotated[int, Strict()] | bool  # white is occupied
+    occupied_thresh: Threshold
+    free_thresh: Threshold
 
 
 def read_map(path: str | PathLike[str]) -> Raster:
     """Read a map [H, W] as `FREE`, `OCCUPIED` and `UNKNOWN` cells, int8, of its ``.yaml``.
 
     What is between the thresholds is unknown in the mode ``scale``, too; the mode ``raw`` is decided as by map_saver.
-
-    Raises:
-        InputError: a file that is missing, not YAML or no image, a key that is missing or out of bounds, an image
-            elsewhere or that is too large; file and key are named.
     """
     about, pixels = _read(Path(path))
     percent = _occupancies(pixels, about, between=False)
     if about.mode == "raw":
-        beyond = np.where(percent >= round(100 * about.occupied), OCCUPIED_PERCENT, UNKNOWN_PERCENT)
-        known = np.where(percent <= round(100 * about.free), FREE_PERCENT, beyond)
+        beyond = np.where(percent >= round(100 * about.occupied_thresh), OCCUPIED_PERCENT, UNKNOWN_PERCENT)
+        known = np.where(percent <= round(100 * about.free_thresh), FREE_PERCENT, beyond)
         percent = np.where(percent >= 0, known, UNKNOWN_PERCENT)
     known = np.where(percent == OCCUPIED_PERCENT, OCCUPIED, FREE)
     return _raster(np.where(percent == UNKNOWN_PERCENT, UNKNOWN, known), about)
 
 
 def read_occupancy(path: str | PathLike[str]) -> Raster:
-    """Read a map as map_server publishes it: values [H, W] int8 of 0 (free) to 100 (occupied), -1 unknown.
-
-    Raises as `read_map`.
-    """
+    """Read a map as map_server publishes it: values [H, W] int8 of 0 (free) to 100 (occupied), -1 unknown."""
     about, pixels = _read(Path(path))
     return _raster(_occupancies(pixels, about), about)
 
 
 def write_map(path: str | PathLike[str], raster: Raster) -> None:
-    """Write a map as map_saver does: the image, and beside it the YAML file.
-
-    Raises:
-        InputError: other values [H, W] than `FREE`, `OCCUPIED` and `UNKNOWN`.
-        OutputError: another ending, or a file that cannot be written.
-    """
+    """Write a map [H, W] of `FREE`, `OCCUPIED` and `UNKNOWN` cells as map_saver does: an image and a YAML file."""
     expect_type(raster, Raster, "raster")
     path, values = Path(path), raster.values
     greys = {UNKNOWN: UNKNOWN_GREY, FREE: FREE_GREY, OCCUPIED: OCCUPIED_GREY}
@@ -135,60 +132,38 @@ def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 def _read(path: Path) -> tuple[MapFile, NDArray[np.uint16]]:
     """The YAML file, and the pixels [rows, columns, channels] of its image, the largest y first."""
-    about = _read_yaml(path)
+    table = read_yaml(path, "a map_server .yaml file", limit=MAX_YAML_BYTES)
     try:
-        content = read_bytes(about.image, "a pgm or png image", limit=MAX_IMAGE_BYTES)
+        about = MapFile.model_validate(table)
+    except ValidationError as error:
+        field, problem = first_complaint(error)
+        raise InputError(
+            f"{problem}, expected of a map_server file", file=path, field=field.partition(".")[0]
+        ) from error
+    if about.free_thresh > about.occupied_thresh:
+        problem = f"{about.free_thresh:g}, expected at most occupied_thresh, {about.occupied_thresh:g}"
+        raise InputError(problem, file=path, field="free_thresh")
+    image = _image(about.image, path)
+    try:
+        content = read_bytes(image, "a pgm or png image", limit=MAX_IMAGE_BYTES)
     except InputError as error:
-        raise InputError(f"{about.image.name}: {error.problem}", file=path, field="image") from error
+        raise InputError(f"{image.name}: {error.problem}", file=path, field="image") from error
     columns, rows = picture_size(content) or (0, 0)
     if columns * rows > MAX_PIXELS:
-        raise InputError(f"{columns} x {rows} pixels, expected at most {MAX_PIXELS} in all", file=about.image)
+        raise InputError(f"{columns} x {rows} pixels, expected at most {MAX_PIXELS} in all", file=image)
     if max(columns, rows) * about.resolution > MAX_EXTENT:
         problem = f"{columns} x {rows} cells of {about.resolution:g} m, expected at most {MAX_EXTENT:g} m a side"
         raise InputError(problem, file=path, field="resolution")
     pixels = decode_channels(content) if columns * rows else None
     if pixels is None:
         problem = "not readable as an image, expected a whole png map, or a pgm of 255 or 65535 greys"
-        raise InputError(problem, file=about.image)
+        raise InputError(problem, file=image)
     _warn_of_thresholds(path, about, pixels)
     return about, pixels
 
 
-def _read_yaml(path: Path) -> MapFile:
-    about = read_yaml(path, "a map_server .yaml file", limit=MAX_YAML_BYTES)
-    if not isinstance(about, dict):
-        raise InputError("not a table, expected image, resolution and origin", file=path)
-
-    def number(key: str, value: object, low: float, high: float) -> float:
-        try:  # what is text to YAML 1.1 is a number to the programs that write it, as 5e-2
-            found = float("nan") if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
-        except (TypeError, ValueError, OverflowError):
-            found = float("nan")
-        if not low <= found <= high:
-            expected = "three numbers: x, y [m] and yaw [rad]" if key == "origin" else f"one from {low:g} to {high:g}"
-            raise InputError(f"{about[key]!r}, expected {expected}", file=path, field=key)
-        return found
-
-    for key in ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh"):
-        if key not in about:
-            raise InputError("missing, expected in every map_server file", file=path, field=key)
-    occupied, free = (number(key, about[key], 0, 1) for key in ("occupied_thresh", "free_thresh"))
-    if free > occupied:
-        raise InputError(f"{free:g}, expected at most occupied_thresh, {occupied:g}", file=path, field="free_thresh")
-    if (mode := about.get("mode", MODES[0])) not in MODES:
-        raise InputError(f"{mode!r}, expected {', '.join(MODES)}", file=path, field="mode")
-    if not isinstance(negate := about["negate"], int):
-        raise InputError(f"{negate!r}, expected 0 or 1", file=path, field="negate")
-    place = about["origin"] if isinstance(about["origin"], list) and len(about["origin"]) == 3 else [None]
-    x, y, yaw = [number("origin", value, -MAX_PLACE, MAX_PLACE) for value in place]
-    resolution = number("resolution", about["resolution"], 1e-4, 100)
-    return MapFile(_image(about["image"], path), resolution, (x, y, yaw), mode, bool(negate), occupied, free)
-
-
-def _image(name: object, path: Path) -> Path:
+def _image(name: str, path: Path) -> Path:
     """The image's path, in the YAML file's folder or below; one of another computer is looked for beside it."""
-    if not isinstance(name, str) or not name:
-        raise InputError(f"{name!r}, expected the name of a pgm or png image", file=path, field="image")
     image = path.parent / name
     try:
         inside = image.resolve().is_relative_to(path.parent.resolve())
@@ -201,8 +176,8 @@ def _image(name: object, path: Path) -> Path:
     except (OSError, ValueError, RuntimeError) as error:  # a null byte in the name, links in a circle
         raise InputError(f"{name!r}, expected a pgm or png image", file=path, field="image") from error
     if not inside:
-        expected = "expected an image in the folder of this file, or below"
-        raise InputError(f"{name!r} lies elsewhere, {expected}", file=path, field="image")
+        problem = f"{name!r} lies elsewhere, expected an image in the folder of this file, or below"
+        raise InputError(problem, file=path, field="image")
     return image
 
 
@@ -223,11 +198,11 @@ def _of(pixels: NDArray[np.uint16], about: MapFile, between: bool) -> Percent:
         return np.where(whole <= OCCUPIED_PERCENT, whole, UNKNOWN_PERCENT).astype(np.int8)
     probability = shade / FULL if about.negate else 1.0 - shade / FULL
     inner = np.full(len(pixels), float(UNKNOWN_PERCENT))
-    width = about.occupied - about.free
+    width = about.occupied_thresh - about.free_thresh
     if about.mode == "scale" and between and width > 0:
-        inner = np.rint(100.0 * (probability - about.free) / width)
-    found = np.where(probability < about.free, FREE_PERCENT, inner)
-    found[probability > about.occupied] = OCCUPIED_PERCENT
+        inner = np.rint(100.0 * (probability - about.free_thresh) / width)
+    found = np.where(probability < about.free_thresh, FREE_PERCENT, inner)
+    found[probability > about.occupied_thresh] = OCCUPIED_PERCENT
     if about.mode == "scale" and pixels.shape[1] == 4:
         found[pixels[:, 3] < FULL] = UNKNOWN_PERCENT
     return found.astype(np.int8)
@@ -238,20 +213,21 @@ def _warn_of_thresholds(path: Path, about: MapFile, pixels: NDArray[np.uint16]) 
     grey = (pixels[..., 0] >> 8).ravel()
     if about.mode == "raw" or (pixels[..., :3] != pixels[..., :1]).any():
         return
-    counts, unknown = np.bincount(grey, minlength=256), UNKNOWN_GREY
+    counts = np.bincount(grey, minlength=256)
     if about.negate and counts[255 - UNKNOWN_GREY]:
-        counts, unknown = counts[::-1], 255 - UNKNOWN_GREY  # a negative of map_saver's
+        grey, counts = 255 - grey, counts[::-1]  # a negative of map_saver's
     there = set(np.flatnonzero(counts).tolist())
     if not {UNKNOWN_GREY} < there <= {FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY, 255}:
         return
-    one = pixels.reshape(1, -1, pixels.shape[2])[:, [int(np.argmax(grey == unknown))]]
+    one = pixels.reshape(1, -1, pixels.shape[2])[:, [int(np.argmax(grey == UNKNOWN_GREY))]]
     read = int(_occupancies(one, about, between=False)[0, 0])
     if read != UNKNOWN_PERCENT:
-        what = f"grey {unknown}, which map_saver writes for unknown, is read as {'occupied' if read else 'free'}"
-        why = f"by free_thresh {about.free:g}, occupied_thresh {about.occupied:g} and negate {int(about.negate)}"
+        what = f"grey {int(one[0, 0, 0]) >> 8}, which map_saver writes for unknown"
+        thresholds = f"free_thresh {about.free_thresh:g}, occupied_thresh {about.occupied_thresh:g}"
+        why = f"is read as {'occupied' if read else 'free'} by {thresholds} and negate {int(about.negate)}"
         cells = f"{counts[UNKNOWN_GREY]} of {counts.sum()} cells count as known, so map_known is too high"
         mend = "" if read else ": free_thresh: 0.196 would leave them unknown"
-        warnings.warn(MoteslamWarning(f"{path}: {what} {why}; {cells}{mend}"), stacklevel=4)
+        warnings.warn(MoteslamWarning(f"{path}: {what}, {why}; {cells}{mend}"), stacklevel=4)
 
 
 def _write_yaml(image: Path, raster: Raster, before: dict[str, Any], after: Mapping[str, Any]) -> None:

@@ -5,8 +5,9 @@ Stamps that go back a little are sorted; absurd ones and those of several clocks
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -25,7 +26,7 @@ MAX_STAMP = 1e11
 MAX_JUMP = 86400.0
 """A longer silence [s] within a stream is a broken stamp: one day."""
 MAX_SPAN = 10 * 365.25 * 86400.0
-"""A recording longer than this [s] is none: ten years."""
+"""No recording is longer [s]: ten years."""
 SET_BACK = 2.0
 """Readings of a log that are late by less [s] are those of a busy logger, whose processes are up to 1 s apart."""
 FOLLOWING, FEWEST = 10, 3
@@ -48,20 +49,18 @@ second."""
 
 
 class Fan(NamedTuple):
-    """Angles and limits of a lidar: of the first beam and between beams [rad], of the ranges [m]; of scans in bags also
-    the number of beams and the time between them [s].
-    """
+    """Angles [rad] and limits [m] of a lidar; of scans in bags also the number of beams and the time between them."""
 
     angle_min: float
     angle_increment: float
     range_min: float
     range_max: float
     beams: int = 0
-    time_increment: float = 0.0
+    time_increment: float = 0.0  # [s]
 
     def over(self, given: dict[str, Any], beams: int, *, file: Path, field: str) -> Fan:
         """The same with what a caller's ``platform.toml`` puts in place of angles and limits; refused where it goes
-        round more than once (first and last beam may be the same direction) or its limits do not fit together.
+        round more than once or its limits do not fit together.
         """
         for increment, where in (
             (self.angle_increment, field),
@@ -125,11 +124,14 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
     Readings that share a stamp stay in the order they came in. Those with the stamp 0 among others of Unix time, of a
     driver that was up before its clock, are left out.
     """
+
+    def refuse(problem: str) -> NoReturn:
+        raise InputError(problem, file=file, field=field)
+
     bad = ~(np.abs(stamps) <= MAX_STAMP)
     if bad.any():
         first = int(np.argmax(bad))
-        problem = f"{stamps[first]:.6g} at reading {first}, expected finite seconds below 1e11"
-        raise InputError(problem, file=file, field=field)
+        refuse(f"{stamps[first]:.6g} at reading {first}, expected finite seconds below 1e11")
     issues = []
     kept = np.arange(len(stamps))
     unset = (stamps == 0) & (np.min(stamps[stamps != 0], initial=np.inf) > MAX_JUMP) & stamps.any()
@@ -139,26 +141,20 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
         kept = np.flatnonzero(~unset)
     used = stamps[kept]
     if cuts := [at for at in clock_cuts(used, SET_BACK) if used[at] < used[at - 1]]:
-        seconds = used[: cuts[0]].max() - used[cuts[0]]
-        raise InputError(
-            f"the clock goes back by {seconds:.6g} s at reading {kept[cuts[0]]} and goes on from there: several "
-            "recordings in one, expected one; cut the file there",
-            file=file,
-            field=field,
-        )
-    back = int((np.diff(used) < 0).sum())
-    order = kept[np.argsort(used, kind="stable")] if back else kept
+        back = f"{used[: cuts[0]].max() - used[cuts[0]]:.6g} s at reading {kept[cuts[0]]}"
+        several = "several recordings in one, expected one; cut the file there"
+        refuse(f"the clock goes back by {back} and goes on from there: {several}")
+    order = kept[np.argsort(used, kind="stable")]
     rising = stamps[order]
     steps = np.diff(rising)
-    if len(steps) and steps.max() > MAX_JUMP:
+    if steps.max(initial=0.0) > MAX_JUMP:
         at = int(np.argmax(steps))
-        problem = f"jump of {steps[at]:.6g} s after {float(rising[at])!r}, expected steps of less than a day"
-        raise InputError(problem, file=file, field=field)
-    if len(steps) and rising[-1] - rising[0] > MAX_SPAN:
-        raise InputError(f"span {rising[-1] - rising[0]:.6g} s, expected less than 10 years", file=file, field=field)
-    if back:
-        text = f"{file.name}: {field}: {back} stamps go back; the readings were sorted by stamp"
-        issues.append(Issue("stamps-go-back", text, back))
+        refuse(f"jump of {steps[at]:.6g} s after {float(rising[at])!r}, expected steps of less than a day")
+    if steps.sum() > MAX_SPAN:
+        refuse(f"span {steps.sum():.6g} s, expected less than 10 years")
+    if count := int((np.diff(used) < 0).sum()):
+        text = f"{file.name}: {field}: {count} stamps go back; the readings were sorted by stamp"
+        issues.append(Issue("stamps-go-back", text, count))
     return (order if issues else None), tuple(issues)
 
 
@@ -169,35 +165,12 @@ def sort_by_stamp(
     stamps = stamps.astype(np.float64)
     order, found = stamp_order(stamps, file=path, field=field)
     issues.extend(found)
-    if order is None:
-        return stamps, values
-    return stamps[order], tuple(value[order] for value in values)
-
-
-def keep_plausible(
-    path: Path, field: str, plausible: NDArray[np.bool_], what: str, issues: list[Issue], *values: Array
-) -> tuple[Array, ...]:
-    """The plausible readings [k, ...] of values [n, ...]; the others are dropped and counted."""
-    dropped = int((~plausible).sum())
-    if not dropped:
-        return values
-    if dropped == len(plausible) or dropped > max(MAX_DROPPED, len(plausible) // 10):
-        problem = f"{dropped} of {len(plausible)} readings {what}, expected those of a robot"
-        raise InputError(problem, file=path, field=field)
-    issues.append(Issue("implausible-readings", f"{path.name}: {field}: {dropped} readings {what} dropped", dropped))
-    return tuple(value[plausible] for value in values)
+    return (stamps, values) if order is None else (stamps[order], tuple(value[order] for value in values))
 
 
 def plausible_rates(angular_velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Which readings [n] of a gyro [n, 3] [rad/s] can be a robot's: none beyond 100 rad/s about any axis."""
+    """Which readings [n] of a gyro [n, 3] [rad/s] can be a robot's: at most 100 rad/s about any axis."""
     return np.asarray((np.abs(angular_velocity) <= MAX_RATE).all(axis=1))
-
-
-def plausible_counts(stamps: Stamps, counts: Array, metres_per_count: float) -> NDArray[np.bool_]:
-    """Which readings [n] of wheel counters [n, 4] can be a robot's: no wheel beyond 100 m/s (and 1 m for jitter)."""
-    elapsed = np.diff(stamps, prepend=stamps[:1])
-    travel = np.abs(counts.astype(np.float64)).max(axis=1) * metres_per_count
-    return np.asarray(travel <= SLACK + MAX_SPEED * elapsed)
 
 
 def clean_ranges(ranges: NDArray[np.float32], fan: Fan, issues: list[Issue], head: str) -> NDArray[np.float32]:
@@ -217,19 +190,12 @@ def clean_ranges(ranges: NDArray[np.float32], fan: Fan, issues: list[Issue], hea
 
 
 def no_return_limit(ranges: NDArray[np.float32], stated: float | None) -> float:
-    """The range from which on a reading is no endpoint [m]. No table of data sets, only what the log itself says.
+    """The range [m] from which on a reading is no return, by what a log states and by its ranges, of any shape [m].
 
-    1. What the log states, unless that lies among the codes of a SICK (80 to 82 m), of which it has several: 80 m.
-    2. Else 80 m, if any range is that long.
-    3. Else the most frequent of the longest ranges, those within 0.15 % of the longest (a SICK's codes end at 8.183,
-       8.187, 8.191 or ten times that), if it is a spike: at least 0.2 % of all beams and 10 of them stand at this
-       value, to a tenth of a millimetre, 5 times as many as at any other in the upper half of the ranges, and ranges
-       below it exist. (In the logs we know 0.5 to 12 % of the beams do, and no other long range reaches 0.02 %.)
-    4. Else 80 m: every range is an endpoint.
-
-    Args:
-        ranges: of the whole log, any shape [m]; not finite ones are left aside.
-        stated: the limit that the log states [m].
+    What is stated, unless that lies among the codes of a SICK. Else, if no range is 80 m long, the most frequent of
+    those within 0.15 % of the longest (a SICK's codes end at 8.183, 8.187, 8.191 or ten times that), if it is a spike:
+    0.2 % of the beams and 10 of them, 5 times as many as at any other value of the upper half, to a tenth of a
+    millimetre. (In the logs we know 0.5 to 12 % of the beams are, and no other long range reaches 0.02 %.) Else 80 m.
     """
     if stated is not None:
         return SICK_REACH if SICK_REACH < stated <= SICK_CODES else stated
@@ -247,33 +213,69 @@ def no_return_limit(ranges: NDArray[np.float32], stated: float | None) -> float:
     return float(finite[bins == used[code]].min()) if is_spike and (used[:code] > 0).any() else SICK_REACH
 
 
-def lidar_stream(
-    path: Path,
-    field: str,
-    *,
-    stamps: Array,
-    ranges: NDArray[np.float32],
-    fan: Fan,
-    robot: Platform,
-    given: dict[str, Any],
-    issues: list[Issue],
-    odometry: Array | None = None,
-    interlace: int = 1,
-) -> LidarStream:
-    """The scans of a file: stamps [n] [s] and ranges [n, beams] [m] as reported, in the order of the file.
+@dataclass(frozen=True)
+class Sensors:
+    """Makes the streams of a robot of what its files say: stamps [n] [s] and values, in the order of the file.
 
-    ``fan`` is what the file or its format states, ``given`` what a caller's ``platform.toml`` puts in place of it;
-    ``odometry`` are poses [n, 3] logged with the scans. The robot's time between beams is that between those of one
-    scan, see `LidarStream` on ``interlace``.
+    ``given`` is what a caller's ``platform.toml`` puts in place of a lidar's angles and limits.
     """
-    beams = ranges.shape[1]
-    fan = fan.over(given, beams, file=path, field="angle_increment")
-    stamps, (order,) = sort_by_stamp(path, field, stamps, issues, np.arange(len(stamps)))
-    sequence = None if odometry is None else _sequence(path, field, odometry, order, issues)
-    clean = clean_ranges(ranges[order], fan, issues, f"{path.name}: {field}")
-    poses = None if odometry is None else odometry[order]
-    step = robot.lidar.time_increment / interlace
-    return LidarStream(stamps, given_up(clean), *fan[:4], step, poses, sequence, interlace)
+
+    robot: Platform
+    given: dict[str, Any]
+    issues: list[Issue]
+
+    def lidar(
+        self,
+        file: Path,
+        field: str,
+        stamps: Array,
+        ranges: NDArray[np.float32],
+        fan: Fan,
+        odometry: Array | None = None,
+        interlace: int = 1,
+    ) -> LidarStream:
+        """Ranges [n, beams] [m] as reported, poses [n, 3] logged with the scans; ``interlace`` as in `LidarStream`."""
+        fan = fan.over(self.given, ranges.shape[1], file=file, field="angle_increment")
+        stamps, (order,) = sort_by_stamp(file, field, stamps, self.issues, np.arange(len(stamps)))
+        sequence = None if odometry is None else _sequence(file, field, odometry, order, self.issues)
+        clean = clean_ranges(ranges[order], fan, self.issues, f"{file.name}: {field}")
+        poses = None if odometry is None else odometry[order]
+        step = self.robot.lidar.time_increment / interlace
+        return LidarStream(stamps, given_up(clean), *fan[:4], step, poses, sequence, interlace)
+
+    def odometry(self, file: Path, field: str, stamps: Array, poses: Array) -> OdometryStream | None:
+        """The poses [n, 3] of a base, if there are any."""
+        stamps, (poses,) = sort_by_stamp(file, field, stamps, self.issues, poses)
+        return OdometryStream(stamps, poses) if len(stamps) else None
+
+    def encoders(self, file: Path, fields: tuple[str, str], stamps: Array, counts: Array) -> EncoderStream:
+        """Counts [n, 4] since the last reading, without those of more than 100 m/s."""
+        stamps, (counts,) = sort_by_stamp(file, fields[0], stamps, self.issues, counts)
+        if self.robot.wheels is not None:
+            travel = np.abs(counts.astype(np.float64)).max(axis=1) * self.robot.wheels.metres_per_count
+            plausible = travel <= SLACK + MAX_SPEED * np.diff(stamps, prepend=stamps[:1])
+            stamps, counts = self._keep(file, fields[1], plausible, "beyond 100 m/s", stamps, counts)
+        return EncoderStream(stamps, counts.astype(np.int64))
+
+    def imu(self, file: Path, fields: tuple[str, str], stamps: Array, angular: Array, linear: Array) -> ImuStream:
+        """Turn rates [n, 3] [rad/s], without those beyond 100 rad/s, and accelerations [n, 3] [g]."""
+        stamps, values = sort_by_stamp(file, fields[0], stamps, self.issues, angular, linear)
+        plausible = plausible_rates(values[0])
+        stamps, angular, linear = self._keep(file, fields[1], plausible, "beyond 100 rad/s", stamps, *values)
+        return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))
+
+    def _keep(
+        self, file: Path, field: str, plausible: NDArray[np.bool_], what: str, *values: Array
+    ) -> tuple[Array, ...]:
+        """The plausible readings [k, ...] of values [n, ...]; a few others are dropped and counted."""
+        dropped = int((~plausible).sum())
+        if dropped and (dropped == len(plausible) or dropped > max(MAX_DROPPED, len(plausible) // 10)):
+            problem = f"{dropped} of {len(plausible)} readings {what}, expected those of a robot"
+            raise InputError(problem, file=file, field=field)
+        if dropped:
+            text = f"{file.name}: {field}: {dropped} readings {what} dropped"
+            self.issues.append(Issue("implausible-readings", text, dropped))
+        return tuple(value[plausible] for value in values)
 
 
 def _sequence(
@@ -284,47 +286,11 @@ def _sequence(
     A clock that is set back or a message that waits gives a scan the stamp of another moment. In the right order
     the robot's path by the poses logged with the scans, ``odometry`` [n, 3] in the file's order, is the shorter one.
     """
-    written, by_stamp = (
-        float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum()) for poses in (odometry, odometry[order])
-    )
+    paths = (odometry[:, :2], odometry[order, :2])
+    written, by_stamp = (float(np.hypot(*np.diff(path, axis=0).T).sum()) for path in paths)
     if written >= by_stamp:
         return None
     text = f"by the odometry logged with them ({written:.0f} m in the file's order, {by_stamp:.0f} m in that of their "
     text += "stamps) the scans were taken in the file's order: SLAM takes them so"
     issues.append(Issue("stamps-out-of-order", f"{path.name}: {field}: {text}"))
     return order
-
-
-def odometry_stream(path: Path, field: str, stamps: Array, poses: Array, issues: list[Issue]) -> OdometryStream | None:
-    """The poses [n, 3] of a base at stamps [n]; None where there are none."""
-    if not len(stamps):
-        return None
-    stamps, (poses,) = sort_by_stamp(path, field, stamps, issues, poses)
-    return OdometryStream(stamps, poses)
-
-
-def encoder_stream(
-    path: Path, fields: tuple[str, str], stamps: Array, counts: Array, robot: Platform, issues: list[Issue]
-) -> EncoderStream:
-    """Counts [n, 4] since the last reading; those of more than 100 m/s are dropped.
-
-    ``fields`` are those of the stamps and of the counts.
-    """
-    stamps, (counts,) = sort_by_stamp(path, fields[0], stamps, issues, counts)
-    if robot.wheels is not None:
-        plausible = plausible_counts(stamps, counts, robot.wheels.metres_per_count)
-        stamps, counts = keep_plausible(path, fields[1], plausible, "beyond 100 m/s", issues, stamps, counts)
-    return EncoderStream(stamps, counts.astype(np.int64))
-
-
-def imu_stream(
-    path: Path, fields: tuple[str, str], stamps: Array, angular: Array, linear: Array, issues: list[Issue]
-) -> ImuStream:
-    """Turn rates [n, 3] [rad/s] and accelerations [n, 3] [g]; rates beyond 100 rad/s are dropped.
-
-    ``fields`` are those of the stamps and of the rates.
-    """
-    stamps, values = sort_by_stamp(path, fields[0], stamps, issues, angular, linear)
-    plausible = plausible_rates(values[0])
-    stamps, angular, linear = keep_plausible(path, fields[1], plausible, "beyond 100 rad/s", issues, stamps, *values)
-    return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))

@@ -1,10 +1,6 @@
 """The UCSD layout: ``Encoders20.npz``, ``Hokuyo20.npz``, ``Imu20.npz``, ``Kinect20.npz`` in one folder.
 
-Arrays, units and bounds: ``docs/reference/formats.md``. Any of the four files may be missing, and so is its stream
-then; what is there must be right.
-
-Images are ``dataRGBD/RGB20/rgb20_K.png`` and ``dataRGBD/Disparity20/disparity20_K.png``: K counts from 1 and belongs to
-the K-th stamp in ``Kinect20.npz``. One that is missing leaves its stamp without an image.
+Any of them may be missing. Arrays, units, bounds and the names of images: ``docs/reference/formats.md``.
 """
 
 from __future__ import annotations
@@ -20,9 +16,8 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.files import make_folder, read_arrays, write_atomically
 from moteslam.robot.formats import Format, Robot
-from moteslam.robot.formats.streams import Fan, encoder_stream, imu_stream, lidar_stream, sort_by_stamp
-from moteslam.robot.formats.written import SCAN_POSES, no_return_codes, not_written
-from moteslam.robot.platform import LidarSpec, Platform
+from moteslam.robot.formats.streams import Fan, Sensors, sort_by_stamp
+from moteslam.robot.formats.written import SCAN_POSES, coded_ranges, not_written
 from moteslam.robot.platforms import UCSD, GivenRobot, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
 from moteslam.robot.values import Issue, counted, expect_type
@@ -31,18 +26,16 @@ Array = NDArray[Any]
 
 _FILE = re.compile(r"(?:Encoders|Hokuyo|Imu|Kinect)([\w-]+)\.npz", re.ASCII)
 
+SCALARS = ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")
+"""Of a lidar's file."""
 MAX_COUNT = 2**31
 """Counts of one reading stay below it."""
-
-FAN = 0.01
+SAME_ANGLE = 0.01
 """Angles of beams that differ by less [rad] are those of one lidar."""
-
 ONLY = "1"
 """The sequence of a folder that is written for one recording."""
-
 RGB, DISPARITY = "RGB", "Disparity"
 """The two kinds of images, as the folders name them."""
-
 NO_ECHO = 0.001
 """Written for an invalid reading [m], as the UTM-30LX does."""
 
@@ -59,10 +52,16 @@ def ucsd_sequences(folder: Path) -> tuple[str, ...]:
 def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, platform: Robot = None) -> Recording:
     """Read one sequence of a folder in the UCSD layout, which may be left out where there is only one.
 
-    A ``platform.toml`` that is given lies, key by key, over the folder's own; over the UCSD robot where it has none.
+    A ``platform.toml`` that is given lies, key by key, over the folder's own; or over the UCSD robot.
     """
     folder = Path(folder)
-    number = _choose(folder, sequence)
+    known = ucsd_sequences(folder)
+    if not known:
+        raise InputError("holds no Encoders*.npz, Hokuyo*.npz, Imu*.npz or Kinect*.npz", file=folder)
+    number = known[0] if sequence is None and len(known) == 1 else str(sequence)
+    if number not in known:
+        found = "several sequences" if sequence is None else f"no sequence {sequence}"
+        raise InputError(f"{found}, expected one of {', '.join(known)}", file=folder, field="sequence")
     beside = folder / "platform.toml"
     own, given = GivenRobot.read(beside if beside.exists() else None), GivenRobot.read(platform)
     robot = given.over(own.over(UCSD, assumed=True), assumed=own.is_nothing)
@@ -70,111 +69,74 @@ def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, pl
     if (last := given if own.is_nothing else own).leaves_out:
         text = f"{last.file}: what it leaves out of wheels and lidar is the UCSD robot's"
         issues.append(Issue("assumed-robot", text))
-    lidar = _lidar(folder / f"Hokuyo{number}.npz", robot, given.lidar_figures, issues)
-    if own.is_nothing and given.is_nothing and lidar is not None and not _is_its_lidar(lidar, UCSD.lidar):
+    sensors = Sensors(robot, given.lidar_figures, issues)
+    files = {kind: folder / f"{kind}{number}.npz" for kind in ("Hokuyo", "Encoders", "Imu", "Kinect")}
+    files = {kind: file for kind, file in files.items() if file.exists()}
+    lidar = _lidar(files["Hokuyo"], sensors) if "Hokuyo" in files else None
+    its = UCSD.lidar.scan
+    angles = its.angle_min + its.angle_increment * np.arange(its.beams)
+    is_its = lidar is None or (lidar.angles.shape == angles.shape and np.abs(lidar.angles - angles).max() < SAME_ANGLE)
+    if own.is_nothing and given.is_nothing and not is_its:
         text = f"{folder}: no platform.toml, a lidar that is not the UCSD robot's; wheels and mount are assumed its"
         issues.append(Issue("assumed-robot", text))
     return Recording(
         name=f"{folder.resolve().name}-{number}",
         platform=robot,
         lidar=lidar,
-        encoders=_encoders(folder / f"Encoders{number}.npz", robot, issues),
-        imu=_imu(folder / f"Imu{number}.npz", issues),
-        rgbd=_rgbd(folder, number, issues),
+        encoders=_encoders(files["Encoders"], sensors) if "Encoders" in files else None,
+        imu=_imu(files["Imu"], sensors) if "Imu" in files else None,
+        rgbd=_rgbd(files["Kinect"], number, issues) if "Kinect" in files else None,
         warnings=tuple(issues),
     )
 
 
-def _choose(folder: Path, sequence: str | int | None) -> str:
-    known = ucsd_sequences(folder)
-    if not known:
-        raise InputError("holds no Encoders*.npz, Hokuyo*.npz, Imu*.npz or Kinect*.npz", file=folder)
-    if sequence is None and len(known) == 1:
-        return known[0]
-    if str(sequence) in known:
-        return str(sequence)
-    found = "several sequences" if sequence is None else f"no sequence {sequence}"
-    raise InputError(f"{found}, expected one of {', '.join(known)}", file=folder, field="sequence")
-
-
-def _lidar(path: Path, platform: Platform, given: dict[str, Any], issues: list[Issue]) -> LidarStream | None:
-    """The scans; ``given`` are the figures that a caller's ``platform.toml`` puts in place of the file's."""
-    if not path.exists():
-        return None
-    scalars = ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")
-    arrays = read_arrays(path, {**dict.fromkeys(scalars, ()), "time_stamps": ("n",), "ranges": ("beams", "n")})
-    figures = {name: float(arrays[name].item()) for name in scalars}
+def _lidar(path: Path, sensors: Sensors) -> LidarStream:
+    arrays = read_arrays(path, {**dict.fromkeys(SCALARS, ()), "time_stamps": ("n",), "ranges": ("beams", "n")})
+    figures = {name: float(arrays[name].item()) for name in SCALARS}
     angle_min, angle_max, increment, range_min, range_max = figures.values()
-
-    def refuse(name: str, expected: str) -> None:
-        raise InputError(f"{figures[name]:g}, expected {expected}", file=path, field=name)
-
-    for name, value in figures.items():
-        if not np.isfinite(value):
-            refuse(name, "a finite number")
-    if increment == 0:
-        refuse("angle_increment", "an angle between beams [rad]")
-    if range_min < 0:
-        refuse("range_min", "0 m or more")
-    if range_max <= range_min:
-        refuse("range_max", f"more than range_min, {range_min} m")
+    for name, is_wrong, expected in (
+        *((name, not np.isfinite(value), "a finite number") for name, value in figures.items()),
+        ("angle_increment", increment == 0, "an angle between beams [rad]"),
+        ("range_min", range_min < 0, "0 m or more"),
+        ("range_max", range_max <= range_min, f"more than range_min, {range_min} m"),
+    ):
+        if is_wrong:
+            raise InputError(f"{figures[name]:g}, expected {expected}", file=path, field=name)
     beams = len(arrays["ranges"])
     last = angle_min + (beams - 1) * increment
     if abs(last - angle_max) > abs(increment):
         text = f"{path.name}: angle_max: {angle_max:.4f} rad, but {beams} beams end at {last:.4f}; the beams are used"
-        issues.append(Issue("angle-max", text))
+        sensors.issues.append(Issue("angle-max", text))
     with np.errstate(over="ignore"):  # beyond float32 is infinite: no return
         ranges = np.ascontiguousarray(arrays["ranges"].T, np.float32)
-    return lidar_stream(
-        path,
-        "ranges",
-        stamps=arrays["time_stamps"],
-        ranges=ranges,
-        fan=Fan(angle_min, increment, range_min, range_max),
-        robot=platform,
-        given=given,
-        issues=issues,
-    )
+    fan = Fan(angle_min, increment, range_min, range_max)
+    return sensors.lidar(path, "ranges", arrays["time_stamps"], ranges, fan)
 
 
-def _is_its_lidar(stream: LidarStream, spec: LidarSpec) -> bool:
-    """Whether scans have the beams and the angles of a lidar."""
-    scan = spec.scan
-    angles = scan.angle_min + scan.angle_increment * np.arange(scan.beams)
-    return stream.ranges.shape[1] == scan.beams and bool(np.abs(stream.angles - angles).max() < FAN)
-
-
-def _encoders(path: Path, platform: Platform, issues: list[Issue]) -> EncoderStream | None:
-    if not path.exists():
-        return None
+def _encoders(path: Path, sensors: Sensors) -> EncoderStream:
     arrays = read_arrays(path, {"time_stamps": ("n",), "counts": (4, "n")})
     counts, stamps = arrays["counts"], arrays["time_stamps"]
     if not (np.abs(counts.astype(np.float64)) < MAX_COUNT).all() or (counts != np.round(counts)).any():
         problem = "beyond 2^31 or not whole numbers, expected encoder counts since the last reading"
         raise InputError(problem, file=path, field="counts")
-    return encoder_stream(path, ("time_stamps", "counts"), stamps, counts.T, platform, issues)
+    return sensors.encoders(path, ("time_stamps", "counts"), stamps, counts.T)
 
 
-def _imu(path: Path, issues: list[Issue]) -> ImuStream | None:
-    if not path.exists():
-        return None
+def _imu(path: Path, sensors: Sensors) -> ImuStream:
     names = ("angular_velocity", "linear_acceleration")
     arrays = read_arrays(path, {"time_stamps": ("n",), **dict.fromkeys(names, (3, "n"))})
     for name in names:
         if not np.isfinite(arrays[name]).all():
             raise InputError("NaN or infinite values, expected finite readings", file=path, field=name)
     angular, linear = (arrays[name].T for name in names)
-    return imu_stream(path, ("time_stamps", "angular_velocity"), arrays["time_stamps"], angular, linear, issues)
+    return sensors.imu(path, ("time_stamps", "angular_velocity"), arrays["time_stamps"], angular, linear)
 
 
-def _rgbd(folder: Path, number: str, issues: list[Issue]) -> RgbdStream | None:
-    path = folder / f"Kinect{number}.npz"
-    if not path.exists():
-        return None
+def _rgbd(path: Path, number: str, issues: list[Issue]) -> RgbdStream:
     arrays = read_arrays(path, {"disparity_time_stamps": ("d",), "rgb_time_stamps": ("c",)})
     streams = []
     for field, kind in (("rgb_time_stamps", RGB), ("disparity_time_stamps", DISPARITY)):
-        images = find_images(folder, kind, number, len(arrays[field]), issues)
+        images = _images(path.parent, kind, number, len(arrays[field]), issues)
         stamps, (indices,) = sort_by_stamp(path, field, arrays[field], issues, np.arange(len(arrays[field])))
         streams.append((stamps, tuple(images[i] for i in indices) if images else ()))
     (rgb, rgb_files), (disparity, disparity_files) = streams
@@ -186,110 +148,64 @@ def image_path(folder: Path, kind: str, sequence: str, index: int) -> Path:
     return folder / "dataRGBD" / f"{kind}{sequence}" / f"{kind.lower()}{sequence.lower()}_{index + 1}.png"
 
 
-def find_images(folder: Path, kind: str, sequence: str, count: int, issues: list[Issue]) -> tuple[Path | None, ...]:
-    """The image of each of ``count`` stamps, None where it is missing; empty where there are none at all.
-
-    What is missing or left over is an issue.
-    """
+def _images(folder: Path, kind: str, sequence: str, count: int, issues: list[Issue]) -> tuple[Path | None, ...]:
+    """The image of each of ``count`` stamps, None where it is missing; empty where there are none at all."""
     place = image_path(folder, kind, sequence, 0).parent
-    if not place.is_dir():
-        if place.parent.is_dir():  # no fault where there are no images at all: they are a download of their own
-            text = f"{place.name}: no such folder, {counted(count, 'image')} missing"
-            issues.append(Issue("images-missing", text, count))
-        return ()
+    if not place.parent.is_dir():
+        return ()  # no fault: they are a download of their own
     pattern = re.compile(rf"{re.escape(place.name.lower())}_(\d{{1,9}})\.png")
     try:
-        names = [path.name for path in place.iterdir()]
+        names = sorted(path.name for path in place.iterdir()) if place.is_dir() else []
     except OSError as error:
         raise InputError(f"{error.strerror}, expected a folder of images", file=place) from error
-    found = {int(match[1]): place / name for name in sorted(names) if (match := pattern.fullmatch(name))}
+    found = {int(match[1]): place / name for name in names if (match := pattern.fullmatch(name))}
     files = tuple(found.get(index) for index in range(1, count + 1))
-    missing, beyond = files.count(None), sum(1 for index in found if not 1 <= index <= count)
-    if missing == count:
-        text = f"{place.name}: {len(found)} images, none of them for one of the {count} stamps"
-        issues.append(Issue("images-missing", text, count))
-        return ()
-    if missing:
-        name = f"{place.name.lower()}_{files.index(None) + 1}.png"
-        text = f"{place.name}: {missing} of {counted(count, 'image')} missing, the first {name}"
+    if missing := files.count(None):
+        first = image_path(folder, kind, sequence, files.index(None)).name
+        text = f"{place.name}: {missing} of {counted(count, 'image')} missing, the first {first}"
         issues.append(Issue("images-missing", text, missing))
-    if beyond:
+    if beyond := len(found.keys() - range(1, count + 1)):
         text = f"{place.name}: {counted(beyond, 'image')} beyond the {counted(count, 'stamp')} left out"
         issues.append(Issue("images-beyond-stamps", text, beyond))
-    return files
+    return files if missing < count else ()
 
 
 def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: str | int) -> None:
     """Write the streams of a recording in the UCSD layout, and its platform as ``platform.toml``.
 
-    No return is written as ``range_max + 1`` and a reading that says nothing as 0.001 m (as NaN where that is not
-    below ``range_min``). So ``read_ucsd`` gives the same recording back, bit for bit: float32 ranges, float64
-    stamps. The same recording gives the same bytes. Streams without readings are left out, and so are odometry poses,
-    which have no place in this layout; images are written by `moteslam.sim.sensors.rgbd`.
-
-    Args:
-        folder: an existing folder.
-        recording: what to write.
-        sequence: the number (or word) in the file names.
-
-    Raises:
-        OutputError: the folder is missing or read-only, or the disk is full.
-        InputError: encoder counts beyond what ``read_ucsd`` takes.
-        ConfigError: a sequence that cannot stand in a file name.
+    No return is written as ``range_max + 1`` and an invalid range as 0.001 m (as NaN where that is not
+    below ``range_min``), so that ``read_ucsd`` gives the same back, bit for bit. Streams without readings, odometry
+    poses and images are left out. The folder exists; ``sequence`` is the number (or word) in the file names.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     folder, number = Path(folder), str(sequence)
     if not _FILE.fullmatch(f"Imu{number}.npz"):
         raise ConfigError(f"{number!r}, expected letters, digits, - and _", field="sequence")
     write_platform(folder / "platform.toml", recording.platform)
+
+    def write(name: str, **arrays: Array | np.float64) -> None:
+        def content(file: IO[bytes]) -> None:
+            np.savez(file, **arrays)  # type: ignore[arg-type]  # allow_pickle is no array
+
+        write_atomically(folder / f"{name}{number}.npz", content)
+
     if (lidar := recording.lidar) is not None and len(lidar):
-        ranges = np.asarray(lidar.ranges)
-        codes = no_return_codes(
-            recording.platform.lidar.no_return, lidar.range_max, lidar.range_max + 1, ranges.shape[1]
-        )
-        coded = np.where(np.isinf(ranges), codes, ranges)
-        if lidar.range_min > NO_ECHO:
-            coded[np.isnan(coded)] = NO_ECHO
-        _write(
-            folder / f"Hokuyo{number}.npz",
-            angle_min=np.float64(lidar.angle_min),
-            angle_max=np.float64(lidar.angles[-1]),
-            angle_increment=np.float64(lidar.angle_increment),
-            range_min=np.float64(lidar.range_min),
-            range_max=np.float64(lidar.range_max),
-            ranges=coded.T,
-            time_stamps=lidar.stamps,
-        )
+        far, invalid = lidar.range_max, NO_ECHO if lidar.range_min > NO_ECHO else np.nan
+        coded = coded_ranges(lidar, recording.platform, no_return=far + 1, invalid=invalid)
+        limits = (lidar.angle_min, lidar.angles[-1], lidar.angle_increment, lidar.range_min, far)
+        figures = dict(zip(SCALARS, map(np.float64, limits), strict=True))
+        write("Hokuyo", **figures, ranges=coded.T, time_stamps=lidar.stamps)
     if (encoders := recording.encoders) is not None and len(encoders):
-        _write(folder / f"Encoders{number}.npz", counts=_compact(encoders.counts).T, time_stamps=encoders.stamps)
+        counts, narrow = encoders.counts, encoders.counts.astype(np.int16)  # as the recordings have them
+        if np.abs(counts.astype(np.float64)).max() >= MAX_COUNT:
+            raise InputError("beyond 2^31, expected counts since the last reading", field="counts")
+        written = narrow if (narrow == counts).all() else counts.astype(np.int32)  # sums over a long way
+        write("Encoders", counts=written.T, time_stamps=encoders.stamps)
     if (imu := recording.imu) is not None and len(imu):
-        _write(
-            folder / f"Imu{number}.npz",
-            angular_velocity=imu.angular_velocity.T,
-            linear_acceleration=imu.linear_acceleration_g.T,
-            time_stamps=imu.stamps,
-        )
+        rates, along = imu.angular_velocity.T, imu.linear_acceleration_g.T
+        write("Imu", angular_velocity=rates, linear_acceleration=along, time_stamps=imu.stamps)
     if (rgbd := recording.rgbd) is not None and len(rgbd.rgb_stamps) and len(rgbd.disparity_stamps):
-        _write(
-            folder / f"Kinect{number}.npz",
-            disparity_time_stamps=rgbd.disparity_stamps,
-            rgb_time_stamps=rgbd.rgb_stamps,
-        )
-
-
-def _compact(counts: NDArray[np.int64]) -> Array:
-    """Counts as int16, as the recordings have them; as int32 where they are sums over a long way."""
-    if np.abs(counts.astype(np.float64)).max() >= MAX_COUNT:
-        raise InputError("beyond 2^31, expected counts since the last reading", field="counts")
-    narrow = counts.astype(np.int16)
-    return narrow if (narrow == counts).all() else counts.astype(np.int32)
-
-
-def _write(path: Path, **arrays: Array | np.float64) -> None:
-    def content(file: IO[bytes]) -> None:
-        np.savez(file, **arrays)  # type: ignore[arg-type]  # allow_pickle is no array
-
-    write_atomically(path, content)
+        write("Kinect", disparity_time_stamps=rgbd.disparity_stamps, rgb_time_stamps=rgbd.rgb_stamps)
 
 
 def _write_only(folder: Path, recording: Recording) -> tuple[Issue, ...]:

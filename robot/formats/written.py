@@ -9,6 +9,7 @@ import gzip
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from os import PathLike
 from pathlib import Path
 from typing import IO, Any
@@ -17,42 +18,41 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.errors import InputError, OutputError
 from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import platform_table
-from moteslam.robot.recording import LidarStream, OdometryStream, Recording, chunks, phases
+from moteslam.robot.recording import LidarStream, OdometryStream, Ranges, Recording, Stream, chunks, phases
 from moteslam.robot.values import Issue, counted, expect_type
 from moteslam.robot.wheel_odometry import wheel_path
 
-_WORDS = {"encoders": "encoder reading", "odometry": "odometry pose", "imu": "IMU reading", "rgbd": "image"}
 SCAN_POSES = "scan poses"
+_WORDS = {"encoders": "encoder reading", "imu": "IMU reading", "rgbd": "image"}
 
 
 def not_written(recording: Recording, where: str, *names: str) -> tuple[Issue, ...]:
     """An issue for each of some streams, or the poses logged with scans, that a recording has and that is left out."""
     issues = []
     for name in names:
-        count, word = 0, _WORDS.get(name, "odometry pose")
-        if name == SCAN_POSES:
-            lidar = recording.lidar
-            count = 0 if lidar is None or lidar.odometry is None else len(lidar)
-        elif name == "rgbd":
-            count = sum(len(stamps) for kind, stamps in recording.stamps().items() if kind in ("rgb", "disparity"))
-        elif (stream := getattr(recording, name)) is not None:
-            count = len(stream)
+        stream: Any = recording.lidar if name == SCAN_POSES else getattr(recording, name)
+        if stream is None or (name == SCAN_POSES and stream.odometry is None):
+            continue
+        count = len(stream.rgb_stamps) + len(stream.disparity_stamps) if name == "rgbd" else len(stream)
         if count:
-            what = counted(count, word) + (" of scans" if name == SCAN_POSES else "")
+            what = counted(count, _WORDS.get(name, "odometry pose")) + (" of scans" if name == SCAN_POSES else "")
             text = f"{recording.name}: {what} not written, no place in {where}"
             issues.append(Issue("not-written", text, count))
     return tuple(issues)
 
 
-def no_return_codes(codes: tuple[float, ...], range_max: float, otherwise: float, beams: int) -> NDArray[np.float32]:
-    """What is written for no return, a value a beam [beams] [m]: those of the lidar's codes that read as no return."""
-    usable = [code for code in codes if code >= range_max] or [otherwise]
-    return np.resize(np.asarray(usable, np.float32), beams)
+def coded_ranges(lidar: LidarStream, robot: Platform, *, no_return: float, invalid: float) -> NDArray[np.float32]:
+    """Ranges [n, beams] [m] as sensors report them; for no return the robot's codes in turns, if they read as that."""
+    codes = [code for code in robot.lidar.no_return if code >= lidar.range_max] or [no_return]
+    ranges = np.asarray(lidar.ranges)
+    coded = np.where(np.isinf(ranges), np.resize(np.asarray(codes, np.float32), ranges.shape[1]), ranges)
+    coded[np.isnan(coded)] = invalid
+    return coded
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,58 +81,27 @@ def odometry_of(recording: Recording) -> WrittenOdometry:
 CLASSIC_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
 """Degrees between the beams of the lasers that classic CARMEN logs are of, by the number of beams."""
 OWN_PARAMETERS = {"z": "robot_frontlaser_height", "time_increment": "robot_frontlaser_time_increment"}
-"""Parameters of our own for what CARMEN has none: the lidar's height [m], and the time between its beams [s]."""
+"""Parameters of our own, which CARMEN lacks: the lidar's height [m], and the time between its beams [s]."""
 _OFFSETS = {"offset": "x", "side_offset": "y", "angular_offset": "yaw"}
-_SAME_ANGLE = 1e-4
 
 
 def fov_of(beams: int) -> tuple[float, float]:
-    """First angle and step [rad] of a FLASER line, which states neither: by the number of beams.
-
-    180 and 181 beams are one degree apart, 360 and 361 half a degree; any other number spans 180 degrees. The first
-    looks to -90 degrees.
-    """
+    """First angle, -90 degrees, and step [rad] of a FLASER line, which states neither; 180 degrees if not classic."""
     return -math.pi / 2, math.radians(CLASSIC_STEPS.get(beams, 180 / max(beams - 1, 1)))
-
-
-def expect_classic_fan(beams: int, angle_min: float, angle_increment: float) -> None:
-    """Refuse a lidar that no FLASER line can hold: these state a number of beams, and neither angles nor steps [rad].
-
-    ``write_carmen`` itself writes any fan: its ROBOTLASER1 lines state the angles.
-    """
-    first, step = fov_of(beams)
-    off = max(abs(angle_min - first), abs(angle_min + (beams - 1) * angle_increment - first - (beams - 1) * step))
-    if beams not in CLASSIC_STEPS or off > _SAME_ANGLE:
-        span, start = (beams - 1) * math.degrees(angle_increment), math.degrees(angle_min)
-        problem = f"{counted(beams, 'beam')} over {span:.4g} degrees from {start:.4g}, expected for a CARMEN log 180 "
-        problem += "or 181 beams a degree apart, or 360 or 361 half a degree, from -90"
-        raise ConfigError(problem, field="format")
 
 
 def write_carmen(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:
     """Write the lidar and odometry of a recording as a CARMEN log (ROBOTLASER1, ODOM and PARAM lines).
 
     No return is written as the sensor's limit, stated as ``robot_front_laser_max``, and an invalid reading as
-    0, so that stamps, ranges and poses read back the same, bit for bit. The lidar's height and ``time_increment`` are
-    parameters of our own, which other programs pass over. A recording without poses gets those of its wheels.
-
-    Args:
-        path: the file; gzip where it ends in ``.gz``.
-        recording: it needs odometry, a lidar with poses, or wheels.
-
-    Returns:
-        what the log does not hold of the recording, an issue each.
-
-    Raises:
-        InputError: no odometry poses.
-        OutputError: the file cannot be written.
+    0, so that stamps, ranges and poses read back the same, bit for bit. A recording without poses gets those of its
+    wheels. A name that ends in ``.gz`` is packed. What the log does not hold of the recording is returned.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     lidar, odometry, mount = recording.lidar, recording.odometry, recording.platform.lidar
     issues: tuple[Issue, ...] = ()
     if odometry is None and (lidar is None or lidar.odometry is None):
-        written = odometry_of(recording)
-        if (odometry := written.stream) is None:
+        if (odometry := odometry_of(recording).stream) is None:
             raise InputError("no odometry poses, expected them for a CARMEN log", field="odometry")
         text = f"{recording.name}: {counted(len(odometry), 'odometry pose')} computed of the wheels and written"
         issues = (Issue("computed-odometry", text, len(odometry)),)
@@ -140,13 +109,13 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> tuple[Issue
     params |= {f"robot_frontlaser_{key}": getattr(mount, of) for key, of in _OFFSETS.items()}
     if mount.z:
         params[OWN_PARAMETERS["z"]] = mount.z
-    if lidar is not None and lidar.time_increment:
-        params[OWN_PARAMETERS["time_increment"]] = lidar.time_increment * lidar.interlace
     entries: list[tuple[float, int, str]] = []
     if odometry is not None:
-        for stamp, (x, y, theta) in zip(odometry.stamps.tolist(), odometry.poses.tolist(), strict=True):
-            entries.append((stamp, 0, f"ODOM {x!r} {y!r} {theta!r} 0 0 0 {_clock(stamp)}"))
+        for stamp, pose in zip(odometry.stamps.tolist(), odometry.poses.tolist(), strict=True):
+            entries.append((stamp, 0, f"ODOM {' '.join(map(repr, pose))} 0 0 0 {_clock(stamp)}"))
     if lidar is not None:
+        if lidar.time_increment:
+            params[OWN_PARAMETERS["time_increment"]] = lidar.time_increment * lidar.interlace
         params["robot_front_laser_max"] = lidar.range_max
         poses = lidar.odometry
         if poses is None and odometry is not None:
@@ -161,11 +130,8 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> tuple[Issue
 
 
 def _scan_entries(lidar: LidarStream, poses: se2.Poses, platform: Platform) -> list[tuple[float, int, str]]:
-    ranges, every, mount = np.asarray(lidar.ranges), lidar.interlace, platform.lidar
-    beams = ranges.shape[1]
-    codes = no_return_codes(mount.no_return, lidar.range_max, lidar.range_max, beams)
-    coded = np.where(np.isinf(ranges), codes, ranges)
-    coded[np.isnan(coded)] = 0
+    coded, every = coded_ranges(lidar, platform, no_return=lidar.range_max, invalid=0.0), lidar.interlace
+    beams = coded.shape[1]
     step = lidar.angle_increment * every
     kinds = []
     for begin in range(every):
@@ -173,8 +139,8 @@ def _scan_entries(lidar: LidarStream, poses: se2.Poses, platform: Platform) -> l
         fan = f"{first!r} {step * (count - 1)!r} {step!r}"
         kinds.append(f"ROBOTLASER1 0 {fan} {lidar.range_max!r} 0.01 0 {count}")
     entries = []
-    lasers = se2.compose(poses, mount.pose)
-    begins = phases(ranges, every).tolist()
+    lasers = se2.compose(poses, platform.lidar.pose)
+    begins = phases(np.asarray(lidar.ranges), every).tolist()
     for stamp, scan, begin, laser, pose in zip(lidar.stamps.tolist(), coded, begins, lasers, poses, strict=True):
         numbers = " ".join(scan[begin::every].astype(str).tolist())  # the fewest digits that give the same float32
         places = " ".join(map(repr, [*laser.tolist(), *pose.tolist()]))
@@ -192,83 +158,59 @@ FOUR_WHEELS = ("front_right", "front_left", "rear_right", "rear_left")
 RATES = ("roll_rate", "pitch_rate", "yaw_rate")
 ACCELERATION = ("acceleration_x", "acceleration_y", "acceleration_z")
 
-Rows = Iterator[Sequence[object]]
-
 
 def write_csv(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:
     """Write a recording as a TOML and, beside it, a CSV file a stream: ``walk.toml``, ``walk-lidar.csv`` and so on.
 
-    Numbers have the fewest digits that read back the same; no return is ``inf``, a reading that says nothing an empty
-    cell. So ``read_csv_log`` gives the same streams and robot back, bit for bit, as long as the finite ranges are
-    above 0 and lie within ``range_min <= r < range_max``. The TOML is written last: it describes complete files.
-
-    Args:
-        path: of the TOML; its folder must exist.
-        recording: what to write.
-
-    Returns:
-        an issue for what CSV files cannot hold: images.
-
-    Raises:
-        InputError: no stream with readings.
-        OutputError: a name that does not end in ``.toml``; or a file cannot be written.
+    No return is ``inf``, an invalid range an empty cell. ``read_csv_log`` gives the same streams and robot back, bit
+    for bit, as long as the finite ranges are above 0 and lie within ``range_min <= r < range_max``. Images are left
+    out, which is an issue.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     path = Path(path)
     if path.suffix != ".toml":
         raise OutputError("expected a name that ends in .toml", file=path)
-    streams: dict[str, tuple[dict[str, Any], Rows]] = {}
-    if recording.lidar:
-        streams["lidar"] = _lidar_table(recording.lidar), _lidar_rows(recording.lidar)
+    tables: dict[str, Any] = {"name": recording.name}
+
+    def write(name: str, stream: Stream, names: Sequence[str], values: NDArray[Any], table: dict[str, Any]) -> None:
+        file = path.with_name(f"{path.stem}-{name}.csv")
+        tables[name] = {"file": file.name, "stamp": "stamp", **table}
+        cells = _cells(stream.ranges) if isinstance(stream, LidarStream) else repeat([], len(stream))
+        beams = stream.ranges.shape[1] if isinstance(stream, LidarStream) else 0
+
+        def content(out: IO[bytes]) -> None:
+            out.write((",".join(["stamp", *names, *(f"r{beam}" for beam in range(beams))]) + "\n").encode())
+            for stamp, row, more in zip(stream.stamps.tolist(), values.tolist(), cells, strict=True):
+                out.write((",".join([repr(stamp), *map(repr, row), *more]) + "\n").encode())
+
+        write_atomically(file, content)
+
+    if lidar := recording.lidar:
+        figures = {key: getattr(lidar, key) for key in ("angle_min", "angle_increment", "range_min", "range_max")}
+        table = {"ranges": f"r0..r{lidar.ranges.shape[1] - 1}", **figures}
+        if lidar.odometry is None:
+            write("lidar", lidar, (), np.empty((len(lidar), 0)), table)
+        else:
+            write("lidar", lidar, POSE, lidar.odometry, table | {"odometry": list(POSE)})
     if odometry := recording.odometry:
-        streams["odometry"] = {key: key for key in POSE}, _rows(POSE, odometry.stamps, odometry.poses)
+        write("odometry", odometry, POSE, odometry.poses, dict(zip(POSE, POSE, strict=True)))
     if encoders := recording.encoders:
         table = {**{key: key for key in FOUR_WHEELS}, "running": False}
-        streams["encoders"] = table, _rows(FOUR_WHEELS, encoders.stamps, encoders.counts)
+        write("encoders", encoders, FOUR_WHEELS, encoders.counts, table)
     if imu := recording.imu:
         values = np.concatenate((imu.angular_velocity, imu.linear_acceleration_g), axis=1)
         table = {**{key: key for key in RATES}, "acceleration": list(ACCELERATION)}
-        streams["imu"] = table, _rows((*RATES, *ACCELERATION), imu.stamps, values)
-    if not streams:
+        write("imu", imu, (*RATES, *ACCELERATION), values, table)
+    if len(tables) == 1:
         raise InputError("no stream with readings, expected a lidar, odometry, encoders or an IMU", file=recording.name)
-    tables: dict[str, Any] = {"name": recording.name}
-    for name, (table, rows) in streams.items():
-        file = path.with_name(f"{path.stem}-{name}.csv")
-        _write_rows(file, rows)
-        tables[name] = {"file": file.name, "stamp": "stamp", **table}
     tables["platform"] = platform_table(recording.platform)
-    write_atomically(path, tomli_w.dumps(tables))
+    write_atomically(path, tomli_w.dumps(tables))  # last: it describes complete files
     return not_written(recording, "a CSV log", "rgbd")
 
 
-def _write_rows(file: Path, rows: Rows) -> None:
-    def content(out: IO[bytes]) -> None:
-        for row in rows:
-            out.write((",".join(map(str, row)) + "\n").encode())
-
-    write_atomically(file, content)
-
-
-def _lidar_table(lidar: LidarStream) -> dict[str, Any]:
-    figures = {name: getattr(lidar, name) for name in ("angle_min", "angle_increment", "range_min", "range_max")}
-    poses = {} if lidar.odometry is None else {"odometry": list(POSE)}
-    return {"ranges": f"r0..r{lidar.ranges.shape[1] - 1}", **figures, **poses}
-
-
-def _lidar_rows(lidar: LidarStream) -> Rows:
-    poses: NDArray[np.float64] = np.empty((len(lidar), 0)) if lidar.odometry is None else lidar.odometry
-    yield ["stamp", *(() if lidar.odometry is None else POSE), *(f"r{beam}" for beam in range(lidar.ranges.shape[1]))]
-    heads = zip(lidar.stamps.tolist(), poses.tolist(), strict=True)
-    for some in chunks(lidar.ranges):
-        cells = some.astype(str)  # the fewest digits that give the same float32
+def _cells(ranges: Ranges) -> Iterator[list[str]]:
+    """The cells of each scan, with the fewest digits that give the same float32."""
+    for some in chunks(ranges):
+        cells = some.astype(str)
         cells[np.isnan(some)] = ""
-        for ranges in cells.tolist():
-            stamp, pose = next(heads)
-            yield [repr(stamp), *map(repr, pose), *ranges]
-
-
-def _rows(names: Sequence[str], stamps: NDArray[np.float64], values: NDArray[Any]) -> Rows:
-    """The header and, a line a reading, its stamp [n] and its values [n, k]."""
-    yield ["stamp", *names]
-    for stamp, row in zip(stamps.tolist(), values.tolist(), strict=True):
-        yield [repr(stamp), *map(repr, row)]
+        yield from cells.tolist()

@@ -155,10 +155,7 @@ class GivenRobot:
     def over(self, stated: Platform, *, assumed: bool = False) -> Platform:
         """The robot of a recording: the one given, or the file's keys over those that the recording states.
 
-        Args:
-            stated: the robot that the recording states.
-            assumed: whether the recording states nothing, and ``stated`` is the robot that its format is known for:
-                wheels of another robot then have to be given completely.
+        Where that is ``assumed``, the robot that the format is known for, wheels have to be given completely.
         """
         if self.platform is not None:
             return self.platform

@@ -7,9 +7,9 @@ TransformStamped or PointStamped; and ``BAG:tf:parent:child``, the transforms fr
 from __future__ import annotations
 
 from array import array
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from operator import attrgetter
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -18,53 +18,40 @@ import numpy as np
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.files import open_regular
-from moteslam.robot.formats.bags.bag import Bag, Topic
-from moteslam.robot.formats.bags.files import is_bag
-from moteslam.robot.formats.bags.frames import TRANSFORMS
-from moteslam.robot.trajectories import g2o, text
-from moteslam.robot.trajectories.columns import decoded
-from moteslam.robot.trajectories.text import TrajectoryFormat
-from moteslam.robot.trajectory import UNIT, Array, Trajectory, interpolated, quaternions_of, rotations_of, trajectory_of
+from moteslam.robot.formats.bags.bag import Bag, is_bag
+from moteslam.robot.formats.bags.motion import TRANSFORMS
+from moteslam.robot.formats.bags.storage import Topic, decode
+from moteslam.robot.trajectories import text
+from moteslam.robot.trajectories.columns import columns_of, decoded, finite_numbers, numbered
+from moteslam.robot.trajectory import UNIT, Array, Trajectory, interpolated, trajectory_of
 from moteslam.robot.values import Issue, counted
 
-__all__ = [
-    "TRAJECTORY_FORMATS",
-    "TrajectoryFormat",
-    "is_trajectory",
-    "parts_of",
-    "read_trajectory",
-    "trajectory_format_of",
-    "trajectory_format_to_write",
-    "write_trajectory",
-]
+__all__ = ["WRITERS", "format_to_write", "is_g2o", "is_trajectory", "read_trajectory", "write_trajectory"]
 
-TRAJECTORY_FORMATS = {
-    "g2o": g2o.FORMAT,
-    "euroc": text.EUROC_FORMAT,
-    "tum": text.TUM_FORMAT,
-    "kitti": text.KITTI_FORMAT,
+WRITERS: dict[str, tuple[str, Callable[[Path, Trajectory], None]]] = {
+    "g2o": (".g2o", text.write_vertices),
+    "euroc": (".csv", text.write_euroc),
+    "tum": (".tum", text.write_tum),
+    "kitti": (".kitti", text.write_kitti),
 }
-"""By name, asked in this order."""
+"""By the format: the ending that stands for it, and what writes it."""
 
 HEAD = 1 << 18
 """Bytes of a file that are looked at to know its format."""
-NOWHERE = (0.0, 0.0, 0.0, 0.0)
-POSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
-    "geometry_msgs/PoseStamped": lambda message: (message.pose.position, message.pose.orientation),
-    "geometry_msgs/PoseWithCovarianceStamped": lambda message: (
-        message.pose.pose.position,
-        message.pose.pose.orientation,
-    ),
-    "nav_msgs/Odometry": lambda message: (message.pose.pose.position, message.pose.pose.orientation),
-    "geometry_msgs/TransformStamped": lambda message: (message.transform.translation, message.transform.rotation),
-    "geometry_msgs/PointStamped": lambda message: (message.point, None),
+NO_TURN = (0.0, 0.0, 0.0, 0.0)
+POSES = {
+    "geometry_msgs/PoseStamped": "pose",
+    "geometry_msgs/PoseWithCovarianceStamped": "pose.pose",
+    "nav_msgs/Odometry": "pose.pose",
+    "geometry_msgs/TransformStamped": "transform",
+    "geometry_msgs/PointStamped": "point",
 }
-"""Position and orientation of a message, by its type."""
+"""Where in a message the pose stands, by its type."""
 PATH = "nav_msgs/Path"
 
 
 def read_trajectory(path: str | PathLike[str]) -> Trajectory:
-    """Read a trajectory in any format known here (`TRAJECTORY_FORMATS`): it is known by the content, not by the name.
+    """Read a trajectory of any format: TUM, EuRoC and other CSV, KITTI, g2o, known by the content, not by the name.
 
     Poses are projected to the plane; those in space are kept in ``space``. What was assumed is in ``warnings``: stamps
     that a file does not have, or in another unit; orientations that it does not have. The axes are those of the file.
@@ -72,12 +59,13 @@ def read_trajectory(path: str | PathLike[str]) -> Trajectory:
     Args:
         path: of the file; of a ROS bag ``BAG:TOPIC`` or ``BAG:tf:parent:child``.
     """
-    if (parts := parts_of(path)) is not None:
+    if (parts := _parts(path)) is not None:
         return _read_bag(*parts)
     path = Path(path)
-    if is_bag(Path(path)):
-        raise InputError(_without_topic(path), file=path)
-    return trajectory_format_of(path).read(path)
+    if is_bag(path):
+        expected = f"expected its topic, {path.name}:TOPIC or {path.name}:tf:PARENT:CHILD"
+        raise InputError(f"is a bag, {expected}; {_topics(Bag(path))}", file=path)
+    return _reader(path)(path)
 
 
 def write_trajectory(path: str | PathLike[str], trajectory: Trajectory, file_format: str | None = None) -> None:
@@ -85,66 +73,68 @@ def write_trajectory(path: str | PathLike[str], trajectory: Trajectory, file_for
 
     ``file_format`` is ``tum``, ``kitti``, ``euroc`` or ``g2o``, whatever the name ends in.
     """
-    _, known = trajectory_format_to_write(path, file_format)
-    known.write(Path(path), trajectory)
+    _, write = WRITERS[format_to_write(path, file_format)]
+    write(Path(path), trajectory)
 
 
-def trajectory_format_to_write(path: str | PathLike[str], name: str | None = None) -> tuple[str, TrajectoryFormat]:
-    """The name of a format and the format itself: the one named, or the one that the ending of a path stands for."""
+def format_to_write(path: str | PathLike[str], name: str | None = None) -> str:
+    """The name of a format: the one that is given, or the one that the ending of a path stands for."""
     if name is not None:
-        if name not in TRAJECTORY_FORMATS:
-            names = ", ".join(sorted(TRAJECTORY_FORMATS))
-            raise ConfigError(f"{name!r}, expected one of {names}", field="file_format")
-        return name, TRAJECTORY_FORMATS[name]
-    for each, known in TRAJECTORY_FORMATS.items():
-        if Path(path).name.lower().endswith(known.endings):
-            return each, known
-    endings = sorted(ending for known in TRAJECTORY_FORMATS.values() for ending in known.endings)
-    raise OutputError(f"expected a name that ends in {', '.join(endings)}, or a format", file=path)
+        if name not in WRITERS:
+            raise ConfigError(f"{name!r}, expected one of {', '.join(sorted(WRITERS))}", field="file_format")
+        return name
+    for known, (ending, _) in WRITERS.items():
+        if Path(path).name.lower().endswith(ending):
+            return known
+    endings = ", ".join(sorted(ending for ending, _ in WRITERS.values()))
+    raise OutputError(f"expected a name that ends in {endings}, or a format", file=path)
 
 
 def is_trajectory(path: str | PathLike[str]) -> bool:
     """Whether a path is a file whose first lines are those of a trajectory, or one within a bag."""
-    if (parts := parts_of(path)) is not None or is_bag(Path(path)):
+    if (parts := _parts(path)) is not None or is_bag(Path(path)):
         return parts is not None
     try:
-        trajectory_format_of(path)
+        _reader(path)
     except InputError:
         return False
     return True
 
 
-def trajectory_format_of(path: str | PathLike[str]) -> TrajectoryFormat:
-    """The format of a file, by its comments and its first line that is none."""
+def is_g2o(path: str | PathLike[str]) -> bool:
+    """Whether a file is a pose graph of g2o."""
+    return is_trajectory(path) and _parts(path) is None and _reader(path) is text.read_vertices
+
+
+def _reader(path: str | PathLike[str]) -> Callable[[Path], Trajectory]:
+    """What reads a file, by its first lines."""
     with open_regular(path, "a trajectory") as file:
         head = decoded(file.read(HEAD), "replace")
-    comments = ""
-    for number, line in enumerate(head.splitlines(), start=1):
-        line = line.strip()
+    comments = []
+    for number, line in numbered(head):
         if line.startswith(("#", "%")):
-            comments += line + "\n"
-        elif line:
-            for known in TRAJECTORY_FORMATS.values():
-                if known.recognise(comments, line):
-                    return known
-            names = ", ".join(known.name for known in TRAJECTORY_FORMATS.values())
-            raise InputError(f"no line of a trajectory, expected one of {names}", file=path, line=number)
+            comments.append(line)
+        elif line.startswith(("VERTEX_", "EDGE_", "PARAMS_", "FIX ")):
+            return text.read_vertices
+        else:
+            try:
+                columns_of(comments, line)
+            except ValueError as error:
+                row = finite_numbers(line.split())
+                if row is not None and len(row) == 12:
+                    return text.read_kitti
+                raise InputError(str(error), file=path, line=number) from error
+            return text.read_tum
     raise InputError("no poses, expected a trajectory", file=path)
 
 
-def parts_of(path: str | PathLike[str]) -> tuple[Path, str] | None:
-    """The bag of ``BAG:TOPIC`` and what is named in it; None where a path is not of this form."""
+def _parts(path: str | PathLike[str]) -> tuple[Path, str] | None:
+    """The bag of ``BAG:TOPIC`` and what is named in it; None for other paths."""
     text = str(path)
     for at in (k for k, letter in enumerate(text) if letter == ":" and 0 < k < len(text) - 1):
         if is_bag(Path(text[:at])) and not Path(text).exists():
             return Path(text[:at]), text[at + 1 :]
     return None
-
-
-def _without_topic(bag: Path) -> str:
-    """What is wrong with a bag whose topic is not named, with those that may be."""
-    expected = f"expected its topic, {bag.name}:TOPIC or {bag.name}:tf:PARENT:CHILD"
-    return f"is a bag, {expected}; {_topics(Bag(bag))}"
 
 
 def _read_bag(path: Path, name: str) -> Trajectory:
@@ -153,23 +143,26 @@ def _read_bag(path: Path, name: str) -> Trajectory:
     try:
         bag = Bag(path)
         rows, left_out = (_along(bag, name), ()) if name.startswith("tf:") else _of_topic(bag, name)
-        stamps, positions, quaternions, more = _in_order(rows)
-        issues = tuple(replace(one, message=f"{file}: {one.message}") for one in (*bag.issues, *left_out, *more))
-        return trajectory_of(file, stamps, positions, quaternions if rows[:, 4:].any() else None, warnings=issues)
+        rows, doubles = _in_order(rows)
+        issues = (replace(one, message=f"{file}: {one.message}") for one in (*bag.issues, *left_out, *doubles))
+        turns = rows[:, 4:] if rows[:, 4:].any() else None
+        return trajectory_of(file, rows[:, 0], rows[:, 1:4], turns, warnings=tuple(issues))
     except InputError as error:
         raise InputError(error.problem, file=file, field=error.field) from error
 
 
-def _messages(bag: Bag, topics: list[Topic]) -> Iterator[tuple[Topic, int, Any]]:
+def _messages(bag: Bag, wanted: Callable[[Topic], bool]) -> Iterator[tuple[Topic, int, Any]]:
     """The messages of some topics, with the times of their reception [ns]."""
-    for topic, received, _, raw in bag.sweep(topics):
+    for topic, received, _, raw in bag.sweep(wanted):
         try:
-            yield topic, received, bag.decode(topic, raw)
+            yield topic, received, decode(topic, raw)
         except ValueError as error:
             raise InputError(f"a message of {topic.name} cannot be read: {error}") from error
 
 
 def _topics(bag: Bag) -> str:
+    for _ in bag.sweep(lambda topic: False):
+        pass
     known = {one.name: one.kind for one in bag.topics if one.kind in (*POSES, PATH, *TRANSFORMS)}
     listed = ", ".join(f"{topic[:80]} ({kind.split('/')[-1]})" for topic, kind in sorted(known.items())[:12])
     return f"topics of poses: {listed or 'none'}"
@@ -177,125 +170,113 @@ def _topics(bag: Bag) -> str:
 
 def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
     """Rows of stamp, position and quaternion [n, 8] of a topic."""
-    there = [one for one in bag.topics if one.name.strip("/") == name.strip("/")]
-    kinds = {one.kind for one in there}
+    rows, received = array("d"), array("d")
+    frames: dict[str, None] = {}
+    path = None
+    for topic, time, message in _messages(bag, lambda topic: _is_named(topic, name) and topic.kind in (*POSES, PATH)):
+        received.append(time / 1e9)
+        if topic.kind == PATH:
+            path = message
+            continue
+        rows.extend(_row(message.header.stamp, attrgetter(POSES[topic.kind])(message)))
+        frames[f"{getattr(message, 'child_frame_id', '') or 'poses'} in {message.header.frame_id}"] = None
+    kinds = {topic.kind for topic in bag.topics if _is_named(topic, name)}
     if len(kinds) != 1 or not kinds <= {*POSES, PATH}:
         what = f"is of {', '.join(sorted(kinds))}" if kinds else "is not there"
         raise InputError(f"the topic {what}; {_topics(bag)}")
-    (kind,) = kinds
-    rows, frames = array("d"), Counter[tuple[str, str]]()
-    issues: tuple[Issue, ...] = ()
-    if kind == PATH:
-        count, path = 0, None
-        for count, (_, _, path) in enumerate(_messages(bag, there), start=1):  # noqa: B007 - the last counts
-            pass
-        if path is None:
-            raise InputError("no messages, expected a path")
-        for stamped in path.poses:
-            frames[path.header.frame_id, ""] += 1
-            rows.extend(_row(stamped.header.stamp, *POSES["geometry_msgs/PoseStamped"](stamped)))
-        if count > 1:
-            issues = (Issue("last-path", f"the last of {count} paths counts, of {len(path.poses)} poses", 1),)
-    received = array("d")
-    if kind != PATH:
-        for _, time, message in _messages(bag, there):
-            frames[message.header.frame_id, getattr(message, "child_frame_id", "")] += 1
-            rows.extend(_row(message.header.stamp, *POSES[kind](message)))
-            received.append(time / 1e9)
-    table = np.array(rows).reshape(-1, 8)
     if len(frames) > 1:
-        shown = ", ".join(f"{child or 'poses'} in {parent}" for parent, child in list(frames)[:3])
-        raise InputError(f"poses of several frames ({shown}), expected those of one")
-    if len(table) and not table[:, 0].any():
-        if kind == PATH:
-            raise InputError("the poses of the path have no stamps, expected seconds")
+        raise InputError(f"poses of several frames ({', '.join([*frames][:3])}), expected those of one")
+    issues: tuple[Issue, ...] = ()
+    if path is not None:
+        for one in path.poses:
+            rows.extend(_row(one.header.stamp, one.pose))
+        if len(received) > 1:
+            text = f"the last of {len(received)} paths counts, of {len(path.poses)} poses"
+            issues = (Issue("last-path", text, 1),)
+    table = np.array(rows).reshape(-1, 8)
+    unset = table[:, 0] == 0
+    if path is not None and len(table) and unset.all():
+        raise InputError("the poses of the path have no stamps, expected seconds")
+    if len(table) and unset.all():
         table[:, 0] = received
         issues += (Issue("no-stamps", "messages without stamps: those of the bag's reception are taken", len(table)),)
-    elif (none := int((table[:, 0] == 0).sum())) and len(table) > none:
-        table = table[table[:, 0] != 0]
-        issues += (Issue("zero-stamps", f"{counted(none, 'message')} without a stamp left out", none),)
+    elif count := int(unset.sum()):
+        table = table[~unset]
+        issues += (Issue("zero-stamps", f"{counted(count, 'message')} without a stamp left out", count),)
     return table, issues
 
 
-def _row(stamp: Any, position: Any, orientation: Any) -> tuple[float, ...]:
-    turn = NOWHERE if orientation is None else (orientation.x, orientation.y, orientation.z, orientation.w)
-    return ((stamp.sec * 10**9 + stamp.nanosec) / 10**9, position.x, position.y, position.z, *turn)
+def _is_named(topic: Topic, name: str) -> bool:
+    return topic.name.strip("/") == name.strip("/")
 
 
-def _in_order(rows: Array) -> tuple[Array, Array, Array, tuple[Issue, ...]]:
-    """Rising stamps, positions and quaternions of rows [n, 8], without those that stand twice."""
+def _row(stamp: Any, pose: Any) -> tuple[float, ...]:
+    """Stamp, position and quaternion of a pose, a transform or a point."""
+    place = getattr(pose, "position", getattr(pose, "translation", pose))
+    turn = getattr(pose, "orientation", getattr(pose, "rotation", None))
+    quaternion = NO_TURN if turn is None else (turn.x, turn.y, turn.z, turn.w)
+    return ((stamp.sec * 10**9 + stamp.nanosec) / 10**9, place.x, place.y, place.z, *quaternion)
+
+
+def _in_order(rows: Array) -> tuple[Array, tuple[Issue, ...]]:
+    """Rows [n, 8] whose stamps rise, without those that stand twice."""
     if not len(rows):
         raise InputError("no poses, expected a trajectory")
-    if not np.isfinite(rows).all():
-        raise InputError(f"a pose that is not finite at message {int(np.argmin(np.isfinite(rows).all(axis=1)))}")
+    if not (finite := np.isfinite(rows).all(axis=1)).all():
+        raise InputError(f"a pose that is not finite at message {int(np.argmin(finite))}")
     back = np.diff(rows[:, 0]) < 0
     if back.any():
         at = int(np.argmax(back))
         first = f"first from {rows[at, 0]:.3f} to {rows[at + 1, 0]:.3f} s"
         raise InputError(f"time jumps back {counted(int(back.sum()), 'time')}, {first}, expected one run")
     twice = np.concatenate(([False], (np.diff(rows, axis=0) == 0).all(axis=1)))
-    issues: tuple[Issue, ...] = ()
-    if twice.any():
-        issues = (Issue("doubles", f"{counted(int(twice.sum()), 'pose')} that stand twice left out", int(twice.sum())),)
-    rows = rows[~twice]
-    return rows[:, 0], rows[:, 1:4], rows[:, 4:], issues
+    if not (count := int(twice.sum())):
+        return rows, ()
+    return rows[~twice], (Issue("doubles", f"{counted(count, 'pose')} that stand twice left out", count),)
 
 
 def _along(bag: Bag, name: str) -> Array:
     """The poses [n, 8] of a frame in another, of the transforms between, at the stamps of the most frequent."""
+    from scipy.spatial.transform import Rotation
+
     _, *frames = (part.strip("/") for part in name.split(":"))
     if len(frames) != 2 or not all(frames):
         raise InputError("expected tf:PARENT:CHILD")
     parent, child = frames
-    edges: dict[tuple[str, str], array[float]] = {}
+    edges: dict[str, dict[str, array[float]]] = {}  # the frames above one, with rows of transforms
     fixed: set[tuple[str, str]] = set()
-    for topic, _, message in _messages(bag, bag.of_kind(*TRANSFORMS)):
+    for topic, _, message in _messages(bag, lambda topic: topic.kind in TRANSFORMS):
         for one in message.transforms:
-            edge = one.child_frame_id.strip("/"), one.header.frame_id.strip("/")
-            row = _row(one.header.stamp, one.transform.translation, one.transform.rotation)
+            below, above = one.child_frame_id.strip("/"), one.header.frame_id.strip("/")
+            rows = edges.setdefault(below, {}).setdefault(above, array("d"))
             if topic.name.endswith("tf_static"):
-                fixed.add(edge)
-                edges[edge] = array("d", row)  # the last counts
-            else:
-                edges.setdefault(edge, array("d")).extend(row)
-    chain = _chain(list(edges), parent, child)
-    if chain is None:
-        pairs = ", ".join(f"{above}:{below}" for below, above in list(edges)[:12])
+                fixed.add((below, above))
+                del rows[:]  # the last counts
+            rows.extend(_row(one.header.stamp, one.transform))
+    ways: dict[str, list[tuple[str, str]]] = {child: []}  # from the child upward, the shortest
+    queue = [child]
+    for below in queue:
+        for above in edges.get(below, ()):
+            if above not in ways:
+                ways[above] = [*ways[below], (below, above)]
+                queue.append(above)
+    if parent not in ways:
+        pairs = ", ".join([f"{above}:{below}" for below, some in edges.items() for above in some][:12])
         raise InputError(f"no transforms lead from {parent} to {child}; the bag has {pairs or 'none'}")
-    tables = [np.column_stack(_in_order(np.array(edges[edge]).reshape(-1, 8))[:3]) for edge in chain]
-    for (below, above), table in zip(chain, tables, strict=True):
+    tables = [_in_order(np.array(edges[below][above]).reshape(-1, 8))[0] for below, above in ways[parent]]
+    for (below, above), table in zip(ways[parent], tables, strict=True):
         if not (np.abs(np.linalg.norm(table[:, 4:], axis=1) - 1) < UNIT).all():
             raise InputError(f"{above}:{below} has a quaternion of another length than 1")
-    moving = [table for edge, table in zip(chain, tables, strict=True) if edge not in fixed]
+    moving = [table[:, 0] for edge, table in zip(ways[parent], tables, strict=True) if edge not in fixed]
     if not moving:
         raise InputError(f"{parent}:{child} is fixed, expected a frame that moves")
-    stamps = max(moving, key=len)[:, 0]
-    begin, end = max(table[0, 0] for table in moving), min(table[-1, 0] for table in moving)
-    stamps = stamps[(stamps >= begin) & (stamps <= end)]
+    stamps = max(moving, key=len)
+    stamps = stamps[(stamps >= max(some[0] for some in moving)) & (stamps <= min(some[-1] for some in moving))]
     if not len(stamps):
         raise InputError(f"the transforms from {parent} to {child} have no time in common")
-    position, rotation = np.zeros((len(stamps), 3)), np.tile(np.eye(3), (len(stamps), 1, 1))
+    position, rotation = np.zeros((len(stamps), 3)), Rotation.identity(len(stamps))
     for table in tables:  # from the child upward
-        where, turn = interpolated(table[:, 0], table[:, 1:4], table[:, 4:], stamps)
-        turn = rotations_of(turn)
-        position, rotation = where + (turn @ position[:, :, None])[:, :, 0], turn @ rotation
-    if len(chain) == 1:
-        return np.column_stack((stamps, *interpolated(tables[0][:, 0], tables[0][:, 1:4], tables[0][:, 4:], stamps)))
-    return np.column_stack((stamps, position, quaternions_of(rotation)))
-
-
-def _chain(edges: list[tuple[str, str]], parent: str, child: str) -> list[tuple[str, str]] | None:
-    """The shortest way of edges (below, above) upward from one frame to another."""
-    ways: list[list[tuple[str, str]]] = [[edge] for edge in edges if edge[0] == child]
-    seen = {child}
-    while ways:
-        longer = []
-        for way in ways:
-            top = way[-1][1]
-            if top == parent:
-                return way
-            if top not in seen:
-                seen.add(top)
-                longer += [[*way, edge] for edge in edges if edge[0] == top]
-        ways = longer
-    return None
+        where, quaternions = interpolated(table[:, 0], table[:, 1:4], table[:, 4:], stamps)
+        turn = Rotation.from_quat(quaternions)
+        position, rotation = where + turn.apply(position), turn * rotation
+    return np.column_stack((stamps, position, rotation.as_quat()))

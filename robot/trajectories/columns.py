@@ -1,8 +1,7 @@
-"""Tables of numbers in text, as files of trajectories have them: lines, stamps, and which column is what.
+"""Tables of poses in text: their lines, which column is what, and stamps of any unit.
 
-Columns are TUM's or EuRoC's, or those that a header names. Names are known by their last word and those before it:
-``x``, ``tx``, ``p_RS_R_x [m]``, ``pose.position.x``; ``qw``, ``q_RS_w []``, ``orientation.w``; ``yaw [deg]``; ``t``,
-``timestamp [ns]``, ``header.stamp``. Columns of other names (velocities, covariances) are passed over.
+Columns are TUM's or EuRoC's, or those that a header names: ``tx``, ``p_RS_R_x [m]``, ``pose.position.x``,
+``q_RS_w []``, ``orientation.w``, ``yaw [deg]``, ``timestamp [ns]``, ``header.stamp``. Others are passed over.
 """
 
 from __future__ import annotations
@@ -20,38 +19,54 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.files import read_bytes
 from moteslam.robot.formats.streams import MAX_STAMP
-from moteslam.robot.values import Issue
+from moteslam.robot.values import Issue, counted
 
 MAX_BYTES = 500_000_000
-"""No file of a trajectory is larger: some five million poses."""
+"""Of a file: some five million poses."""
 UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9}
 """Of stamps, with the power of ten that a second has of them."""
-LONG = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 LEAST_STEP, MAX_STEP = 1e-5, 1e4
 """Stamps typically nearer or further apart than this [s] are hardly in the unit that they were taken for."""
 
-_HEAD = 100_000
-"""Bytes by which a file of positions is known."""
-
-TUM, EUROC = "stamp x y z qx qy qz qw", "timestamp [ns],x,y,z,qw,qx,qy,qz"
-TIME = ("header.stamp", "stamp", "timestamp", "time", "t")
-"""Last words of the name of a stamp's column; the first that a header has is taken."""
-POSITION = {"p", "pos", "pose", "position", "translation", "trans", "t", "point", "location"}
-ROTATION = {"q", "quat", "quaternion", "orientation", "rotation", "rot", "attitude"}
+TUM, EUROC = "t x y z qx qy qz qw", "t x y z qw qx qy qz"
+"""Columns without names; of the second the stamps are whole nanoseconds."""
+TIMES = ("header", "stamp", "timestamp", "time", "t", "sec", "nsec", "part")
+"""What a name may say of a stamp; of several the first is taken, seconds with nanoseconds apart before all."""
 OTHER = {
     *("cov", "covariance", "vel", "velocity", "v", "twist", "linear", "angular", "acc", "accel", "acceleration"),
     *("b", "bias", "std", "sigma", "var", "variance", "omega", "gyro", "err", "error", "scale", "w", "a"),
 }
-"""Words that make a column one of something else."""
-TURNS = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "theta": "yaw", "psi": "yaw"}
-EAST = {"easting": "x", "east": "x", "northing": "y", "north": "y", "up": "z"}
-UNITS_OF_TIME = {
+"""Words before the last of a name that make a column one of something else."""
+_PLACE = "(?:p|pos|pose|position|translation|trans|t|point|location)"
+_TURN = "(?:q|quat|quaternion|orientation|rotation|rot|attitude)"
+ROLES = (
+    (r"(?:.* )?header stamp", "header"),
+    (r"(?:(?:.* )?stamp )?secs?", "sec"),
+    (r"(?:(?:.* )?stamp )?(?:nsecs?|nanosec)", "nsec"),
+    (r"(?:.* )?(?:[mu]secs?|microsec|millis|micros)", "part"),
+    (r"(?:.* )?(stamp|timestamp|time)s?", r"\1"),
+    (r"t", "t"),
+    (rf"([xyz])(?: .*)? {_PLACE}", r"\1"),
+    (r"(?:.* )?(q[xyzw])", r"\1"),
+    (r"(?:.* )?(roll|pitch|yaw)", r"\1"),
+    (r"(?:.* )?(?:theta|psi)", "yaw"),
+    (r"east(?:ing)?", "x"),
+    (r"north(?:ing)?", "y"),
+    (r"up", "z"),
+    (r"(?:\w+ )?(?:t|p|pos|position)([xyz])", r"\1"),
+    (rf"(?:.* )?{_TURN}(?: .*)? ([xyzw])", r"q\1"),
+    (rf"(?:(?:.* )?{_PLACE}(?: .*)? )?([xyz])", r"\1"),
+)
+"""What the words of a name say: the first pattern that fits them all."""
+LONGEST_NAME = 200
+SECONDS = {
     **dict.fromkeys(("s", "sec", "secs", "seconds"), "s"),
     **dict.fromkeys(("ms", "msec", "milliseconds"), "ms"),
     **dict.fromkeys(("us", "usec", "microseconds"), "us"),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), "ns"),
 }
-LENGTHS, ANGLES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}, {"rad": 1.0, "deg": np.pi / 180}
+METRES, RADIANS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}, {"rad": 1.0, "deg": np.pi / 180}
+"""Units by the names that they have in headers."""
 
 
 def decoded(content: bytes, errors: str = "strict") -> str:
@@ -65,24 +80,37 @@ def decoded(content: bytes, errors: str = "strict") -> str:
 
 
 def all_lines(path: Path, what: str) -> Iterator[tuple[int, str]]:
-    """The lines that are not blank, with their numbers from 1, without space around them; ``what`` is expected."""
-    content = read_bytes(path, what, limit=MAX_BYTES)
+    """The lines that are not blank, stripped, with their numbers from 1; ``what`` is expected."""
     try:
-        text = decoded(content)
+        text = decoded(read_bytes(path, what, limit=MAX_BYTES))
     except UnicodeDecodeError as error:
         raise InputError(f"not UTF-8 text, expected {what}", file=path) from error
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line := line.strip():
-            yield number, line
+    return numbered(text)
 
 
-def data_lines(path: Path, what: str) -> Iterator[tuple[int, str]]:
-    """Those that are no comments (``#``)."""
-    return ((number, line) for number, line in all_lines(path, what) if not line.startswith("#"))
+def numbered(text: str) -> Iterator[tuple[int, str]]:
+    """The lines that are not blank, stripped, with their numbers from 1."""
+    return ((number, line) for number, raw in enumerate(text.splitlines(), start=1) if (line := raw.strip()))
+
+
+def number_lines(path: Path, what: str, count: int, expected: str) -> tuple[list[list[str]], list[int]]:
+    """The words of lines that each are so many finite numbers, and the lines' numbers; ``#`` begins a comment."""
+    rows, lines = [], []
+    for number, line in all_lines(path, what):
+        if line.startswith("#"):
+            continue
+        words = line.split()
+        if len(words) != count or finite_numbers(words) is None:
+            raise InputError(f"expected {counted(count, 'finite number')}: {expected}", file=path, line=number)
+        rows.append(words)
+        lines.append(number)
+    if not rows:
+        raise InputError(f"no lines, expected {what}: {expected}", file=path)
+    return rows, lines
 
 
 def finite_numbers(words: Sequence[str]) -> list[float] | None:
-    """The words as numbers, None where one is none or not finite."""
+    """The words as numbers, if they all are finite ones."""
     try:
         row = [float(word) for word in words]
     except ValueError:
@@ -93,34 +121,27 @@ def finite_numbers(words: Sequence[str]) -> list[float] | None:
 def seconds(
     words: Sequence[str], path: Path, lines: Sequence[int], unit: str | None = None
 ) -> tuple[NDArray[np.float64], tuple[Issue, ...]]:
-    """Stamps in seconds, and what was taken for granted of their unit.
+    """Stamps [n] [s] of finite numbers, of whole ones the nearest float64, and what was assumed of their unit.
 
-    Args:
-        words: [n] finite numbers.
-        path, lines: where they stand.
-        unit: that the file states; else 1e18 are nanoseconds, 1e15 microseconds, 1e12 milliseconds.
-
-    Returns:
-        stamps [n] [s], of whole numbers the nearest float64.
+    Without a unit that the file states, 1e18 are nanoseconds, 1e15 microseconds and 1e12 milliseconds.
     """
     values = np.array([float(word) for word in words])
     largest = float(np.abs(values).max(initial=0.0))
     by_size = "ns" if largest > 1e17 else "us" if largest > 1e14 else "ms" if largest > MAX_STAMP else "s"
-    found = by_size if unit is None or (unit == "s" and by_size != "s") else unit
     issues: tuple[Issue, ...] = ()
-    if found != (unit or "s"):
-        text = f"{path}: stamps of {largest:.3g} are taken for {LONG[found]}, not seconds"
+    if unit in (None, "s") and by_size != "s":
+        text = f"{path}: stamps of {largest:.3g} are taken for {by_size}, not seconds"
         issues = (Issue("stamps-scaled", text, len(values)),)
-    scale = 10 ** UNITS[found]
-    if scale > 1:
-        values = np.array([(int(word) if word.isdecimal() else float(word)) / scale for word in words])
-    if np.abs(values).max(initial=0.0) > MAX_STAMP:
-        at = lines[int(np.argmax(np.abs(values) > MAX_STAMP))]
-        raise InputError("stamp beyond 1e11 s, expected seconds or whole nanoseconds", file=path, line=at)
+        unit = by_size
+    if power := UNITS[unit or "s"]:
+        values = np.array([(int(word) if word.isdecimal() else float(word)) / 10**power for word in words])
     steps = np.diff(values)
-    if (steps < 0).any():
-        line = lines[int(np.argmax(steps < 0)) + 1]
-        raise InputError("stamp before the one above it, expected rising stamps", file=path, line=line)
+    for wrong, problem in (
+        (np.abs(values) > MAX_STAMP, "stamp beyond 1e11 s, expected seconds or whole nanoseconds"),
+        (np.append(False, steps < 0), "stamp before the one above it, expected rising stamps"),
+    ):
+        if wrong.any():
+            raise InputError(problem, file=path, line=lines[int(np.argmax(wrong))])
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
     if not LEAST_STEP < step < MAX_STEP:
         text = f"{path}: stamps {step:.3g} s apart: if they are in another unit, times and rates are wrong"
@@ -130,48 +151,22 @@ def seconds(
 
 @dataclass(frozen=True)
 class Columns:
-    """Where the numbers of a pose stand in a line.
-
-    Attributes:
-        at: column by name: ``t`` (with ``nsec`` where seconds and nanoseconds stand apart), ``x``, ``y``, ``z``, ``qx``
-            to ``qw``, ``roll``, ``pitch``, ``yaw``.
-        scale: by name, of metres or radians.
-        unit: of the stamps, where it is stated.
-        count: of columns, where it must be that.
-        stated: whether names say so.
+    """Where the numbers of a pose stand in a line, by name: ``t`` (with ``nsec`` where seconds and nanoseconds stand
+    apart), ``x``, ``y``, ``z``, ``qx`` to ``qw``, ``roll``, ``pitch``, ``yaw``.
     """
 
     at: dict[str, int]
-    scale: dict[str, float] = field(default_factory=dict)
-    unit: str | None = None
-    count: int | None = None
-    stated: bool = True
-
-
-def is_table(comments: str, line: str) -> bool:
-    """Whether a file is a table of poses, by its first comments and its first line that is none."""
-    separator = separator_of(line)
-    words = split(line, separator)
-    try:
-        if finite_numbers(words[:1]) is None:
-            return named(words, header=True) is not None
-        if finite_numbers(words[:8]) is None and separator is None:
-            return False
-        columns_of(comments.splitlines(), words, separator)
-    except ValueError:  # named, or of numbers, and yet not understood: the reader says why
-        names = [name for text in comments.splitlines() for name in split(text.lstrip("#%"), separator)]
-        known = len(words) >= 8 or any(_time_of(_words(name) or [""]) for name in names)
-        return finite_numbers(words[:1]) is None or (separator is not None and known)
-    return True
+    scale: dict[str, float] = field(default_factory=dict)  # of metres or radians
+    unit: str | None = None  # of the stamps, where it is stated
+    names: bool = True  # else a line has 8 columns, or 8 and more whose stamps are nanoseconds
 
 
 def separator_of(line: str) -> str | None:
     """Comma, semicolon or tabulator, whichever stands oftenest in a line; None for blanks."""
     if ";" in line:
         return ";"
-    counts = {mark: line.count(mark) for mark in (",", "\t")}
-    best = max(counts, key=lambda mark: counts[mark])
-    return best if counts[best] > 1 else None
+    best = max(",\t", key=line.count)
+    return best if line.count(best) > 1 else None
 
 
 def split(line: str, separator: str | None) -> list[str]:
@@ -182,115 +177,85 @@ def split(line: str, separator: str | None) -> list[str]:
     return [word.strip().replace(",", ".") if separator == ";" else word.strip() for word in words]
 
 
-def columns_of(comments: Sequence[str], words: Sequence[str], separator: str | None) -> Columns:
-    """The columns of a file by its comments and its first line of numbers."""
-    for text in (re.sub(r"\s+([\[(])", r"\1", text) for text in reversed(comments)):
-        for mark in (",", ";", "\t", None):
-            names = split(text.lstrip("#% "), mark)
-            try:
-                found = named(names) if len(names) == len(words) else None
-            except ValueError:
-                if mark is not None:
-                    raise
-                continue  # a sentence
-            if found is not None and (mark is not None or len(found.at) > len(names) / 2):
-                return found
-    first = words[0] if words else ""
+def columns_of(comments: Sequence[str], line: str) -> tuple[Columns, bool]:
+    """The columns of a table by its comments and first other line, and whether this is a header; else ValueError."""
+    separator = separator_of(line)
+    words = split(line, separator)
+    if finite_numbers(words[:1]) is None:
+        if (found := named(words, header=True)) is None:
+            raise ValueError(f"not a line of a trajectory, expected {TUM}, a header of names, KITTI or g2o")
+        return found, True
+    for comment in reversed(comments):
+        text = re.sub(r"\s+([\[(])", r"\1", comment.lstrip("#% "))
+        mark = separator_of(text)
+        names = split(text, mark)
+        try:
+            found = named(names) if len(names) == len(words) else None
+        except ValueError:
+            if mark is not None:
+                raise
+            continue  # a sentence
+        if found is not None and (mark is not None or len(found.at) > len(names) / 2):
+            return found, False
     stated = any("[ns]" in text or "q_RS_w" in text for text in comments)
-    whole = first.isdecimal() and len(first) <= 20
-    order = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
-    if len(words) >= 8 and whole and (stated or (separator is not None and int(first) > 10**11)):
+    whole = words[0].isdecimal() and len(words[0]) <= 20
+    if len(words) >= 8 and whole and (stated or (separator is not None and int(words[0]) > 10**11)):
         upright = finite_numbers(words[4:6]) == [0.0, 0.0]  # of x y z w; of w x y z a half turn out of the plane
         if stated or len(words) > 8 or not upright:
-            return Columns({name: k for k, name in enumerate(order)}, unit="ns", stated=stated)
+            return Columns({name: k for k, name in enumerate(EUROC.split())}, unit="ns", names=stated), False
     if len(words) == 8:
-        return Columns({name: k for k, name in enumerate(TUM.replace("stamp", "t").split())}, count=8, stated=False)
-    expected = f"expected {TUM}, {EUROC}, or a header that names as many columns"
+        return Columns({name: k for k, name in enumerate(TUM.split())}, names=False), False
+    expected = f"expected {TUM}, or a header that names as many columns"
     raise ValueError(f"{len(words)} columns without names, {expected}")
 
 
 def named(names: Sequence[str], *, header: bool = False) -> Columns | None:
     """The columns that names stand for, of a stamp and a position; a header must name both, a comment need not."""
-    at: dict[str, int] = {}
+    found: dict[str, tuple[int, str]] = {}  # column and unit, by role
     scale: dict[str, float] = {}
-    times: dict[str, tuple[int, str | None]] = {}
     for index, name in enumerate(names):
-        unit_found = re.search(r"[\[(]([^\])]*)[\])]\s*$", name)
-        unit = unit_found[1].strip().lower() if unit_found else ""
-        words = _words(name)
-        if len(words) > 1 and words[-1] in (*UNITS_OF_TIME, "m", "mm", "deg", "rad"):
-            unit = unit or words[-1]
-            if not (words[-2:-1] == ["stamp"] and words[-1] in ("sec", "secs", "nsec", "nsecs", "nanosec")):
-                words.pop()
-        if not words:
-            continue
-        if (time := _time_of(words)) is not None:
-            times.setdefault(time, (index, UNITS_OF_TIME.get(unit)))
-        elif (role := _role(words)) is not None:
-            if role in at:
-                both = f"both {names[at[role]].strip()[:60]} and {name.strip()[:60]}"
-                raise ValueError(f"{both} may be {role}, expected one")
-            at[role] = index
-            known = LENGTHS if role in ("x", "y", "z") else ANGLES
-            if unit and role[0] != "q":
-                if unit not in known:
-                    raise ValueError(f"{name.strip()[:60]}: expected {', '.join(known)}")
-                scale[role] = known[unit]
+        role, unit = _role(name)
+        if role in found and role not in TIMES:
+            both = f"both {names[found[role][0]].strip()[:60]} and {name.strip()[:60]}"
+            raise ValueError(f"{both} may be {role}, expected one")
+        units = METRES if role in ("x", "y", "z") else RADIANS if role in ("roll", "pitch", "yaw") else {}
+        if unit and units:
+            if unit not in units:
+                raise ValueError(f"{name.strip()[:60]}: expected {', '.join(units)}")
+            scale[role] = units[unit]
+        if role:
+            found.setdefault(role, (index, unit))
+    times = [role for role in TIMES if role in found]
+    at = {role: index for role, (index, _) in found.items() if role not in TIMES}
     if not (at and (times or {"x", "y"} <= set(at))) and not (header and times and len(names) > 2):
         return None
-    shown = ", ".join(name.strip()[:30] for name in names[:12])
-    quaternion = [name for name in ("qx", "qy", "qz", "qw") if name in at]
-    missing = [name for name in ("x", "y") if name not in at] + ([] if times else ["a stamp"])
-    if missing or len(quaternion) not in (0, 4):
-        missing = missing or [name for name in ("qx", "qy", "qz", "qw") if name not in at]
+    whole = ("qx", "qy", "qz", "qw") if any(role[0] == "q" for role in at) else ()
+    if missing := [role for role in ("x", "y", *whole) if role not in at] + ([] if times else ["a stamp"]):
         if len(names) < 4:
             return None
+    elif {"sec", "nsec"} <= set(times):
+        at = {"t": found["sec"][0], "nsec": found["nsec"][0], **at}
+    elif times[0] in ("nsec", "part") or (times[0] == "sec" and "part" in times):
+        missing = ["a stamp"]
+    else:
+        at = {"t": found[times[0]][0], **at}
+    if missing:
+        shown = ", ".join(name.strip()[:30] for name in names[:12])
         raise ValueError(f"no column of {missing[0]} among {shown}, expected its name")
-    if "sec" in times and "nsec" in times:
-        return Columns({"t": times["sec"][0], "nsec": times["nsec"][0], **at}, scale)
-    first = next((name for name in (*TIME, "sec") if name in times), None)
-    if first is None or (first == "sec" and "part" in times):
-        raise ValueError(f"no column of a stamp among {shown}, expected its name")
-    column, unit_of_time = times[first]
-    return Columns({"t": column, **at}, scale, unit_of_time)
+    return Columns(at, scale, "ns" if "nsec" in at else SECONDS.get(found[times[0]][1]))
 
 
-def _time_of(words: list[str]) -> str | None:
-    """Which of the columns of a stamp a name stands for."""
-    if words[-1] in ("sec", "secs") and words[-2:-1] in ([], ["stamp"]):
-        return "sec"
-    if words[-1] in ("nsec", "nsecs", "nanosec") and words[-2:-1] in ([], ["stamp"]):
-        return "nsec"
-    if words[-1] in ("msec", "msecs", "usec", "usecs", "microsec", "millis", "micros"):
-        return "part"
-    if words[-2:] == ["header", "stamp"]:
-        return "header.stamp"
-    last = {"times": "time", "timestamps": "timestamp", "stamps": "stamp"}.get(words[-1], words[-1])
-    return last if last in TIME and not OTHER.intersection(words[:-1]) and (last != "t" or len(words) == 1) else None
-
-
-def _words(name: str) -> list[str]:
-    """The words of a column's name, without its unit in brackets."""
-    return [word for word in re.split(r"[^a-z0-9]+", re.sub(r"[\[(].*$", "", name).lower()) if word]
-
-
-def _role(words: list[str]) -> str | None:
-    """Which number of a pose a name stands for, by its last word and those before."""
-    *before, last = words
-    if OTHER.intersection(before):
-        return None
-    if before and before[0] in ("x", "y", "z") and last in POSITION:
-        return before[0]
-    if re.fullmatch("q[xyzw]", last):
-        return last
-    if last in TURNS:
-        return TURNS[last]
-    if last in EAST and not before:
-        return EAST[last]
-    if (short := re.fullmatch("(?:t|p|pos|position)([xyz])", last)) and len(before) < 2:
-        return short[1]
-    if last in ("x", "y", "z", "w") and ROTATION.intersection(before):
-        return f"q{last}"
-    if last in ("x", "y", "z") and (not before or POSITION.intersection(before)):
-        return last
-    return None
+def _role(name: str) -> tuple[str, str]:
+    """What a column's name stands for, empty if nothing of a pose, and its unit, in brackets or the last word."""
+    bracket = re.search(r"[\[(]([^\])]*)[\])]\s*$", name[:LONGEST_NAME])
+    unit = bracket[1].strip().lower() if bracket else ""
+    words = [word for word in re.split(r"[^a-z0-9]+", re.sub(r"[\[(].*$", "", name[:LONGEST_NAME]).lower()) if word]
+    is_unit = len(words) > 1 and words[-1] in (*SECONDS, "m", "mm", "deg", "rad")
+    if is_unit and not (words[-2] == "stamp" and words[-1] in ("sec", "secs", "nsec", "nsecs", "nanosec")):
+        last = words.pop()
+        unit = unit or last
+    if not OTHER.intersection(words[:-1]):
+        for pattern, role in ROLES:
+            if match := re.fullmatch(pattern, " ".join(words)):
+                return match.expand(role), unit
+    return "", unit

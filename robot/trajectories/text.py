@@ -1,202 +1,160 @@
 """Text files of poses: TUM, EuRoC and other CSV, KITTI.
 
-TUM: ``stamp x y z qx qy qz qw`` a line, seconds and metres; the RGB-D benchmark of TU Munich (Sturm et al. 2012).
-EuRoC: ``timestamp [ns],x,y,z,qw,qx,qy,qz``; the ground truth of the EuRoC MAV data sets (Burri et al. 2016),
-``state_groundtruth_estimate0/data.csv``. Of both, and of other tables, a header may name the columns.
+TUM: the RGB-D benchmark of TU Munich (Sturm et al. 2012). EuRoC: the ground truth of the EuRoC MAV data sets (Burri et
+al. 2016). KITTI: its odometry benchmark (Geiger, Lenz and Urtasun 2012), the upper three rows of a pose's matrix a
+line, the stamps in a file beside. Its poses are of a camera (x right, y down, z ahead), those of others of a robot, and
+nothing in a file says which: as evo does, the axes are taken as they are.
 
-KITTI: the upper three rows of a pose's matrix, twelve numbers a line; the stamps lie in a file beside. Source: its
-odometry benchmark (Geiger, Lenz and Urtasun 2012), ``poses/NN.txt`` and ``times.txt``. Its poses are of the left
-camera, whose x points right, y down and z ahead. Others write poses of a robot (x ahead, y left) in the same twelve
-numbers, and nothing in a file says which: as evo does, the axes are taken as they are.
+g2o: the type SE2 of g2o (Kuemmerle et al. 2011), a vertex or an edge a line. An information matrix is written by the
+rows of its upper triangle; the error that it weighs is x, y and heading in the frame of the measured pose. g2o has no
+stamps. Here a comment ``# STAMP id seconds`` gives that of a vertex; other programs pass it over.
 """
 
 from __future__ import annotations
 
+import re
+import warnings
 from array import array
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Sequence
 from fractions import Fraction
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
-from moteslam.errors import InputError
+from moteslam.errors import InputError, MoteslamWarning
 from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.streams import MAX_STAMP
 from moteslam.robot.trajectories.columns import (
-    EUROC,
-    TUM,
     Columns,
     all_lines,
     columns_of,
-    data_lines,
     finite_numbers,
-    is_table,
-    named,
+    number_lines,
     seconds,
     separator_of,
     split,
 )
-from moteslam.robot.trajectory import UNIT, Array, Trajectory, quaternion_of_yaw, quaternions_of, trajectory_of
+from moteslam.robot.trajectory import UNIT, Array, PoseGraph, Trajectory, quaternions_of, trajectory_of
 from moteslam.robot.values import Issue, counted, expect_type
 
 EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
 MAX_TURN = 6.3
 """Angles beyond this must have a unit."""
 KITTI = "r11 r12 r13 x r21 r22 r23 y r31 r32 r33 z"
-
-
-@dataclass(frozen=True)
-class TrajectoryFormat:
-    """How a trajectory is stored, in lines of text.
-
-    Attributes:
-        name: what it is called, and what its lines are.
-        recognise: ``recognise(comments, line)``: whether a file is of this format, by the comments that it begins with
-            (``#``, with their line ends) and its first line that is none; must not raise for any other.
-        read: ``read(path)``.
-        write: ``write(path, trajectory)`` writes a file that reads back the same, but for what the format cannot hold.
-        endings: of the names of its files, by which one to be written is known.
-    """
-
-    name: str
-    recognise: Callable[[str, str], bool]
-    read: Callable[[Path], Trajectory]
-    write: Callable[[Path, Trajectory], None]
-    endings: tuple[str, ...]
+G2O = {"VERTEX_SE2": (1, 3), "EDGE_SE2": (2, 9), "# STAMP": (1, 1)}
+"""How many ids and then numbers follow."""
+LARGEST_ID = 2**63 - 1
+"""Some programs keep a robot's letter in the upper bits of an id: of 64, one for the sign."""
 
 
 def read_tum(path: str | PathLike[str]) -> Trajectory:
     """Read a TUM trajectory, projected to the plane (x, y and the rotation about z); commas count as blanks."""
-    return read_poses(Path(path), "a TUM trajectory")
+    return _read_poses(Path(path), "a TUM trajectory")
+
+
+def read_euroc(path: str | PathLike[str]) -> Trajectory:
+    """Read a CSV of poses, projected to the plane. Stamps are the float64 next to the whole number of nanoseconds."""
+    return _read_poses(Path(path), "EuRoC lines")
 
 
 def write_tum(path: str | PathLike[str], trajectory: Trajectory) -> None:
-    """Write ``stamp x y z qx qy qz qw`` lines that read back to the same stamps, bit for bit.
-
-    Stamps and coordinates are written with the fewest digits that round-trip (Unix seconds with microseconds keep
-    them). The heading goes through a quaternion and comes back to within an ulp or two.
-    """
-    expect_type(trajectory, Trajectory, "trajectory")
+    """Write ``stamp x y z qx qy qz qw`` lines. Headings read back to an ulp or two, all else bit for bit."""
     lines = ["# timestamp tx ty tz qx qy qz qw"]
     lines += [f"{stamp!r} {x!r} {y!r} 0 0 0 {qz!r} {qw!r}" for stamp, x, y, qz, qw in _rows(trajectory)]
     write_atomically(path, "\n".join(lines) + "\n")
 
 
-def read_euroc(path: str | PathLike[str]) -> Trajectory:
-    """Read a CSV of poses, projected to the plane (x, y and the rotation about z).
-
-    A stamp is the float64 next to its whole number of nanoseconds.
-    """
-    return read_poses(Path(path), f"EuRoC lines: {EUROC}")
-
-
 def write_euroc(path: str | PathLike[str], trajectory: Trajectory) -> None:
     """Write ``timestamp [ns],x,y,z,qw,qx,qy,qz`` lines under EuRoC's header.
 
-    Stamps, from 0 to 1e11 s, are rounded to whole nanoseconds, which is as fine as a float64 beyond 97 days and finer
-    than one of Unix time: those read back the same, bit for bit, as coordinates do. The heading comes back to within an
-    ulp or two.
+    Stamps, from 0 to 1e11 s, are rounded to whole nanoseconds, finer than a float64 beyond 97 days.
     """
-    expect_type(trajectory, Trajectory, "trajectory")
-    if len(trajectory) and not 0 <= trajectory.stamps[0] <= trajectory.stamps[-1] <= MAX_STAMP:
+    rows = _rows(trajectory)
+    if rows and not 0 <= rows[0][0] <= rows[-1][0] <= MAX_STAMP:
         raise InputError("stamps below 0 or beyond 1e11 s, expected seconds between", field="stamps")
-    rows = ((round(Fraction(stamp) * 10**9), *row) for stamp, *row in _rows(trajectory))
-    lines = [EUROC_HEADER, *(f"{stamp},{x!r},{y!r},0,{qw!r},0,0,{qz!r}" for stamp, x, y, qz, qw in rows)]
+    whole = ((round(Fraction(stamp) * 10**9), *row) for stamp, *row in rows)
+    lines = [EUROC_HEADER, *(f"{stamp},{x!r},{y!r},0,{qw!r},0,0,{qz!r}" for stamp, x, y, qz, qw in whole)]
     write_atomically(path, "\n".join(lines) + "\n")
 
 
 def _rows(trajectory: Trajectory) -> list[list[float]]:
     """Stamp, x, y and the z and w of the heading's quaternion of each pose."""
+    expect_type(trajectory, Trajectory, "trajectory")
     x, y, theta = trajectory.poses.T
-    rows: list[list[float]] = np.column_stack((trajectory.stamps, x, y, *quaternion_of_yaw(theta))).tolist()
+    rows: list[list[float]] = np.column_stack((trajectory.stamps, x, y, np.sin(theta / 2), np.cos(theta / 2))).tolist()
     return rows
 
 
-def read_poses(path: Path, what: str) -> Trajectory:
-    """Read a table of poses; ``what`` it should be: ``a TUM trajectory``.
-
-    Raises:
-        InputError: columns that are not named and not in the order of TUM or EuRoC, a line without finite numbers in
-            them, a quaternion of another length than 1, stamps that go back or lie beyond 1e11 s, or no pose.
-    """
+def _read_poses(path: Path, what: str) -> Trajectory:
+    """Read a table of poses; ``what`` it should be: ``a TUM trajectory``."""
     columns: Columns | None = None
     comments: list[str] = []
-    separator: str | None = None
     stamps: list[str] = []
     rows, lines = array("d"), array("q")
-    names: list[str] = []
-    wanted: list[int] = []
     for number, line in all_lines(path, what):
-        if line.startswith("#" if columns else ("#", "%")):
+        if line.startswith(("#", "%")):
             comments.append(line)
             continue
-        if not names:
-            if columns is None:
-                separator = separator_of(line)
-                words = split(line, separator)
-                try:
-                    if finite_numbers(words[:1]) is None and (columns := named(words, header=True)):
-                        continue
-                    columns = columns_of(comments, words, separator)
-                except ValueError as error:
-                    raise InputError(str(error), file=path, line=number) from error
+        if columns is None:
+            try:
+                columns, is_header = columns_of(comments, line)
+            except ValueError as error:
+                raise InputError(str(error), file=path, line=number) from error
             names = [name for name in columns.at if name not in ("t", "nsec")]
-            wanted = [columns.at[name] for name in names]
-            separator = None if separator == "," and not columns.stated and columns.count else separator
-        assert columns is not None
+            is_tum = not columns.names and columns.unit is None
+            separator = separator_of(line)
+            separator = None if is_tum and separator == "," else separator  # commas of TUM count as blanks
+            if is_header:
+                continue
         words = split(line, separator)
-        row = finite_numbers([words[k] for k in wanted]) if len(words) > max(columns.at.values()) else None
-        if row is None or columns.count not in (None, len(words)) or (stamp := _stamp(words, columns)) is None:
-            numbers = f"{columns.count} finite numbers" if columns.count else "finite numbers"
-            numbers = f"whole nanoseconds and {numbers}" if columns.unit == "ns" else numbers
+        row = stamp = None
+        if len(words) > max(columns.at.values()) and (not is_tum or len(words) == 8):
+            row = finite_numbers([words[columns.at[name]] for name in names])
+            stamp = _stamp(words, columns)
+        if row is None or stamp is None:
+            numbers = "finite numbers, stamps in whole nanoseconds" if columns.unit == "ns" else "finite numbers"
             raise InputError(f"expected {numbers}: {', '.join(columns.at)}", file=path, line=number)
         stamps.append(stamp)
         rows.extend(row)
         lines.append(number)
     if columns is None or not lines:
         raise InputError(f"no poses, expected {what}", file=path)
-    times, issues = seconds(stamps, path, lines, "ns" if "nsec" in columns.at else columns.unit)
+    times, issues = seconds(stamps, path, lines, columns.unit)
     values = np.array(rows).reshape(len(lines), -1).T
     table = {name: some * columns.scale.get(name, 1.0) for name, some in zip(names, values, strict=True)}
-    nothing = np.zeros(len(lines))
-    positions = np.column_stack((table["x"], table["y"], table.get("z", nothing)))
-    quaternions = None
+    z, roll, pitch, yaw = (table.get(name, np.zeros(len(lines))) for name in ("z", "roll", "pitch", "yaw"))
+    positions, quaternions = np.column_stack((table["x"], table["y"], z)), None
     if "qw" in table:
         quaternions = np.column_stack([table[name] for name in ("qx", "qy", "qz", "qw")])
-        if not columns.stated and ((separator is not None and columns.unit == "ns") or _turns_about_x(quaternions)):
+        # those that turn about x alone are of a robot whose w stands first
+        about_x = (np.abs(quaternions[:, 1:3]) < 1e-6).all() and np.ptp(np.abs(quaternions[:, 0])) > 0.05
+        if not columns.names and (not is_tum or about_x):
             order = " ".join(name for name in names if name[0] == "q")
             text = f"{path}: no names of columns: its orientations are taken for {order}; a header would say so"
             issues += (Issue("orientation-order", text, len(lines)),)
     elif "yaw" in table:
-        if "yaw" not in columns.scale and np.abs(table["yaw"]).max() > MAX_TURN:
+        if "yaw" not in columns.scale and np.abs(yaw).max() > MAX_TURN:
             raise InputError("angles beyond 6.3, expected a unit in the header: yaw [rad] or yaw [deg]", file=path)
-        quaternions = _of_angles(*(table.get(name, nothing) for name in ("roll", "pitch", "yaw")))
+        # about the fixed axes x, y, z, in this order (ROS REP 103)
+        (a, b, c), (i, j, k) = np.cos([roll / 2, pitch / 2, yaw / 2]), np.sin([roll / 2, pitch / 2, yaw / 2])
+        turns = (i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k)
+        quaternions = np.column_stack(turns)
     return trajectory_of(path, times, positions, quaternions, lines=lines, warnings=issues)
 
 
 def _stamp(words: Sequence[str], columns: Columns) -> str | None:
-    """The word of a stamp; of seconds and nanoseconds apart, nanoseconds."""
-    stamp = words[columns.at["t"]]
+    """The word of a stamp; of seconds and nanoseconds apart, nanoseconds; None where it is not a finite number."""
+    stamp = words[columns.at["t"]][:40]
     if "nsec" in columns.at:
         rest = words[columns.at["nsec"]]
         whole = stamp.isdecimal() and rest.isdecimal() and max(len(stamp), len(rest)) < 12
         return str(int(stamp) * 10**9 + int(rest)) if whole else None
-    number = finite_numbers([stamp[:40]])
-    return stamp[:40] if number is not None and (columns.unit != "ns" or number[0].is_integer()) else None
-
-
-def _turns_about_x(quaternions: Array) -> bool:
-    """Whether quaternions [n, 4] turn about x alone, and turn: as those of a robot whose w stands first."""
-    return bool((np.abs(quaternions[:, 1:3]) < 1e-6).all() and np.ptp(np.abs(quaternions[:, 0])) > 0.05)
-
-
-def _of_angles(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """The quaternions [n, 4] of angles [n] about the fixed axes x, y, z, in this order (ROS REP 103)."""
-    (a, b, c), (i, j, k) = np.cos([roll / 2, pitch / 2, yaw / 2]), np.sin([roll / 2, pitch / 2, yaw / 2])
-    return np.column_stack((i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k))
+    number = finite_numbers([stamp])
+    return stamp if number is not None and (columns.unit != "ns" or number[0].is_integer()) else None
 
 
 def times_file(path: Path) -> Path:
@@ -208,13 +166,8 @@ def stamps_beside(path: Path, count: int) -> tuple[Array, tuple[Issue, ...]]:
     """The stamps [count] [s] of a trajectory without any: ``NAME.times.txt``, ``times.txt``, else one a second."""
     for file in (times_file(path), path.with_name("times.txt")):
         if file.exists():
-            words, lines = [], []
-            for number, line in data_lines(file, "times [s]"):
-                if len(line.split()) != 1 or finite_numbers([line]) is None:
-                    raise InputError("expected a finite number [s]", file=file, line=number)
-                words.append(line)
-                lines.append(number)
-            stamps, issues = seconds(words, file, lines)
+            rows, lines = number_lines(file, "times", 1, "seconds")
+            stamps, issues = seconds([word for (word,) in rows], file, lines)
             if len(stamps) != count:
                 raise InputError(f"{counted(len(stamps), 'time')}, expected {count}, one a pose", file=file)
             return stamps, issues
@@ -223,22 +176,10 @@ def stamps_beside(path: Path, count: int) -> tuple[Array, tuple[Issue, ...]]:
 
 
 def read_kitti(path: str | PathLike[str]) -> Trajectory:
-    """Read a KITTI trajectory, projected to the plane.
-
-    The stamps are those of ``NAME.times.txt`` or ``times.txt`` beside it, one a line; where there is neither, one a
-    second, which its ``warnings`` say.
-    """
+    """Read a KITTI trajectory, projected to the plane, with the stamps of `stamps_beside`."""
     path = Path(path)
-    rows, lines = [], []
-    for number, line in data_lines(path, "a KITTI trajectory"):
-        row = finite_numbers(line.split())
-        if row is None or len(row) != 12:
-            raise InputError(f"expected 12 finite numbers: {KITTI}", file=path, line=number)
-        rows.append(row)
-        lines.append(number)
-    if not rows:
-        raise InputError(f"no poses, expected KITTI lines: {KITTI}", file=path)
-    matrices = np.array(rows).reshape(-1, 3, 4)
+    rows, lines = number_lines(path, "a KITTI trajectory", 12, KITTI)
+    matrices = np.array(rows, np.float64).reshape(-1, 3, 4)
     rotation, position = matrices[:, :, :3], matrices[:, :, 3]
     off = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max(axis=(1, 2))
     if (bad := (off > UNIT) | (np.linalg.det(rotation) <= 0)).any():
@@ -253,20 +194,16 @@ def read_kitti(path: str | PathLike[str]) -> Trajectory:
 def write_kitti(path: str | PathLike[str], trajectory: Trajectory) -> None:
     """Write twelve numbers a line, and the stamps to ``NAME.times.txt`` beside.
 
-    Both have the fewest digits that read back the same: stamps and positions bit for bit, the heading, which goes
-    through its cosine and sine, to within an ulp or two.
+    Stamps and positions read back bit for bit, headings, which go through cosine and sine, to an ulp or two.
     """
     expect_type(trajectory, Trajectory, "trajectory")
-    path = Path(path)
+    rows = np.zeros((len(trajectory), 3, 4))
+    rows[:, :2, 3] = trajectory.poses[:, :2]
     cos, sin = np.cos(trajectory.poses[:, 2]), np.sin(trajectory.poses[:, 2])
-    rotation = np.zeros((len(trajectory), 3, 3))
-    rotation[:, 0, 0], rotation[:, 1, 1], rotation[:, 2, 2] = cos, cos, 1.0
-    rotation[:, 1, 0], rotation[:, 0, 1] = sin, -sin
-    position = np.column_stack((trajectory.poses[:, :2], np.zeros(len(trajectory))))
-    rows = np.dstack((rotation, position[:, :, None])).reshape(-1, 12) + 0.0  # + 0.0: no -0
-    lines = [" ".join(map(_shortest, row)) for row in rows.tolist()]
-    write_atomically(times_file(path), "".join(f"{stamp!r}\n" for stamp in trajectory.stamps.tolist()))
-    write_atomically(path, "\n".join(lines) + "\n")
+    rows[:, 0, 0], rows[:, 0, 1], rows[:, 1, 0], rows[:, 1, 1], rows[:, 2, 2] = cos, -sin, sin, cos, 1.0
+    words = (map(_shortest, row) for row in (rows.reshape(-1, 12) + 0.0).tolist())  # + 0.0: no -0
+    write_atomically(times_file(Path(path)), "".join(f"{stamp!r}\n" for stamp in trajectory.stamps.tolist()))
+    write_atomically(path, "\n".join(map(" ".join, words)) + "\n")
 
 
 def _shortest(number: float) -> str:
@@ -274,14 +211,111 @@ def _shortest(number: float) -> str:
     return str(int(number)) if number in (0.0, 1.0) else repr(number)
 
 
-def _is_kitti(comments: str, line: str) -> bool:
-    """Twelve numbers; asked after those whose columns may be named."""
-    row = finite_numbers(line.split())
-    return row is not None and len(row) == 12
+def read_g2o(path: str | PathLike[str]) -> PoseGraph:
+    """Read a pose graph in the plane.
+
+    Landmarks, parameters and all else that is not a pose or an edge between poses is passed over, with a warning that
+    counts it; vertices and edges in space (``SE3:QUAT``) are refused.
+    """
+    path = Path(path)
+    found: dict[str, list[tuple[int, list[int], list[float]]]] = {tag: [] for tag in (*G2O, "FIX")}
+    passed_over: Counter[str] = Counter()
+    for number, line in all_lines(path, "a g2o pose graph"):
+        words = line.split()
+        tag = " ".join(words[:2]) if words[0] == "#" else words[0]
+        if tag in found:
+            words = line.removeprefix(tag).split()
+            named, count = G2O.get(tag, (len(words), 0))
+            numbers = finite_numbers(words[named : named + count])
+            if len(words) < named or numbers is None or len(numbers) != count:
+                what = f"{counted(named, 'id')} and {counted(count, 'finite number')}"
+                raise InputError(f"expected {what} after {tag}", file=path, line=number)
+            for word in words[:named]:
+                if not re.fullmatch("[0-9]{1,19}", word) or int(word) > LARGEST_ID:
+                    raise InputError(f"{word[:40]!r}, expected the id of a vertex", file=path, line=number)
+            found[tag].append((number, [int(word) for word in words[:named]], numbers))
+        elif tag.endswith("SE3:QUAT"):
+            raise InputError(f"{tag}, expected a graph in the plane: VERTEX_SE2 and EDGE_SE2", file=path, line=number)
+        elif not tag.startswith("#"):
+            passed_over[tag] += 1
+    vertices, edges, stamps, fixed = found.values()
+    if not vertices:
+        raise InputError("no poses, expected g2o lines: VERTEX_SE2 id x y theta", file=path)
+    vertices.sort(key=lambda vertex: vertex[1])  # stable: of equal ids the later line comes later
+    ids = [id_ for _, (id_,), _ in vertices]
+    index = {id_: k for k, id_ in enumerate(ids)}
+    for (_, (last,), _), (number, (id_,), _) in pairwise(vertices):
+        if id_ == last:
+            raise InputError(f"vertex {id_} stands twice, expected it once", file=path, line=number)
+    for number, some, _ in (*edges, *fixed, *stamps):
+        if strange := [id_ for id_ in some if id_ not in index]:
+            raise InputError(f"vertex {strange[0]} is not there, expected one of the file's", file=path, line=number)
+    for number, (first, second), _ in edges:
+        if first == second:
+            raise InputError(f"an edge from {first} to itself, expected two vertices", file=path, line=number)
+    if passed_over:
+        kinds = ", ".join(f"{tag[:40]} ({count})" for tag, count in passed_over.most_common(5))
+        text = f"{path}: {counted(passed_over.total(), 'line')} passed over, of no pose or edge: {kinds}"
+        warnings.warn(MoteslamWarning(text), stacklevel=2)
+    seconds = {id_: (second, number) for number, (id_,), (second,) in stamps}
+    if seconds and (missing := [id_ for id_ in ids if id_ not in seconds]):
+        raise InputError(f"vertex {missing[0]} has no stamp, expected one for all or none", file=path)
+    for before, id_ in pairwise(ids) if seconds else ():
+        if seconds[id_] < seconds[before]:
+            problem = "stamp before that of the vertex before, expected rising"
+            raise InputError(problem, file=path, line=seconds[id_][1])
+    ends = np.array([[index[first], index[second]] for _, (first, second), _ in edges], np.int64).reshape(-1, 2)
+    table = np.array([numbers for _, _, numbers in edges]).reshape(-1, 9)
+    rows, columns = np.triu_indices(3)
+    information = np.zeros((len(table), 3, 3))
+    information[:, rows, columns] = information[:, columns, rows] = table[:, 3:]
+    return PoseGraph(
+        ids=np.array(ids, np.int64),
+        poses=np.array([pose for _, _, pose in vertices]),
+        first=ends[:, 0],
+        second=ends[:, 1],
+        relative=table[:, :3],
+        information=information,
+        stamps=np.array([seconds[id_][0] for id_ in ids]) if seconds else None,
+        fixed=np.array([index[id_] for _, some, _ in fixed for id_ in some], np.int64),
+    )
 
 
-TUM_FORMAT = TrajectoryFormat(f"TUM ({TUM})", is_table, read_tum, write_tum, (".tum",))
-EUROC_FORMAT = TrajectoryFormat(
-    f"CSV with named columns or EuRoC's ({EUROC})", is_table, read_euroc, write_euroc, (".csv",)
-)
-KITTI_FORMAT = TrajectoryFormat(f"KITTI ({KITTI})", _is_kitti, read_kitti, write_kitti, (".kitti",))
+def write_g2o(path: str | PathLike[str], graph: PoseGraph, *, comments: Sequence[str] = ()) -> None:
+    """Write a pose graph as ``VERTEX_SE2``, ``FIX`` and ``EDGE_SE2`` lines; it reads back the same, bit for bit.
+
+    Stamps are comments ``# STAMP id seconds`` before the vertices. Before edges that are loops stands ``# loops``,
+    before those of the chain ``# chain``. ``comments`` are lines to begin with.
+    """
+    expect_type(graph, PoseGraph, "graph")
+    ids = graph.ids.tolist()
+    lines = [f"# {comment}" for comment in comments]
+    if graph.stamps is not None:
+        lines += [f"# STAMP {id_} {stamp!r}" for id_, stamp in zip(ids, graph.stamps.tolist(), strict=True)]
+    for id_, pose in zip(ids, graph.poses.tolist(), strict=True):
+        lines.append(" ".join(["VERTEX_SE2", str(id_), *map(repr, pose)]))  # the fewest digits that read back the same
+    lines += [f"FIX {ids[index]}" for index in graph.fixed.tolist()]
+    upper = graph.information[:, *np.triu_indices(3)]
+    edges = zip(graph.first.tolist(), graph.second.tolist(), graph.relative.tolist(), upper.tolist(), strict=True)
+    kind = None
+    for (first, second, relative, information), loop in zip(edges, graph.loops.tolist(), strict=True):
+        if kind != loop:
+            lines.append("# loops" if loop else "# chain")
+            kind = loop
+        lines.append(" ".join(["EDGE_SE2", str(ids[first]), str(ids[second]), *map(repr, relative + information)]))
+    write_atomically(path, "\n".join(lines) + "\n")
+
+
+def read_vertices(path: Path, graph: PoseGraph | None = None) -> Trajectory:
+    """The vertices of the graph of a file in the order of their ids, at its stamps or those of `stamps_beside`."""
+    graph = read_g2o(path) if graph is None else graph
+    stamps, issues = stamps_beside(path, len(graph)) if graph.stamps is None else (graph.stamps, ())
+    return Trajectory(stamps, graph.poses, warnings=issues)
+
+
+def write_vertices(path: Path, trajectory: Trajectory) -> None:
+    """Write a trajectory as a pose graph without edges, the first pose fixed; it reads back the same, bit for bit."""
+    expect_type(trajectory, Trajectory, "trajectory")
+    n = len(trajectory)
+    graph = PoseGraph(ids=np.arange(n), poses=trajectory.poses, stamps=trajectory.stamps, fixed=np.arange(min(n, 1)))
+    write_g2o(path, graph)

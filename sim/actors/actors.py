@@ -37,19 +37,13 @@ class Tracks(Summarised):
     """Discs (legs, bodies) and lines (doors' leaves) at ``rate`` [Hz] from the drive's first moment on.
 
     Between two samples everything is taken to move straight: at 2 m/s^2 that is off by 25 micrometres.
-
-    Attributes:
-        discs: float32 [t, k, 3] x, y, radius [m].
-        lines: float32 [t, m, 4] x0, y0, x1, y1 [m].
-        surfaces: int16 [m] what the lines are made of, as in the world's palette.
-        people: float64 [t, p, 2] the people's centres [m].
     """
 
-    rate: float
-    discs: NDArray[np.float32]
-    lines: NDArray[np.float32]
-    surfaces: NDArray[np.int16]
-    people: Array
+    rate: float  # [Hz]
+    discs: NDArray[np.float32]  # [t, k, 3] x, y, radius [m]
+    lines: NDArray[np.float32]  # [t, m, 4] x0, y0, x1, y1 [m]
+    surfaces: NDArray[np.int16]  # [m] what the lines are made of, as in the world's palette
+    people: Array  # [t, p, 2] the people's centres [m]
 
 
 def _legs(path: Array, radius: float) -> Array:

@@ -28,23 +28,14 @@ STUCK_AFTER = 5.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Drive(Summarised):
-    """What the robot truly did, at 400 Hz.
+    """What the robot truly did, at 400 Hz."""
 
-    Attributes:
-        stamps: [n] [s], from 0.
-        poses: [n, 3] true poses in the world, the heading not wrapped.
-        velocities: [n, 3] true velocity in the world [m/s, m/s] and yaw rate [rad/s].
-        wheel_travel: [n, 4] how far the rims of the FR, FL, RR, RL wheel have turned since the start [m].
-        end: why it ended: ``arrived``, ``stuck`` or ``out of time``.
-        tracks: where people and doors were; None where there are none.
-    """
-
-    stamps: Array
-    poses: Array
-    velocities: Array
-    wheel_travel: Array
-    end: str
-    tracks: Tracks | None = None
+    stamps: Array  # [n] [s], from 0
+    poses: Array  # [n, 3] true poses in the world, the heading not wrapped
+    velocities: Array  # [n, 3] true velocity in the world [m/s, m/s] and yaw rate [rad/s]
+    wheel_travel: Array  # [n, 4] how far the rims of the FR, FL, RR, RL wheel have turned since the start [m]
+    end: str  # why it ended: arrived, stuck or out of time
+    tracks: Tracks | None = None  # of people and doors; None without any
 
     @property
     def truth(self) -> Trajectory:

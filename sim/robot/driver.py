@@ -46,7 +46,7 @@ class Driver(Protocol):
 
     Attributes:
         looks: whether it slows down for people and doors, and gives up where it does not get on.
-        path: the points [n, 2] that it drives along [m]; None where it follows no path.
+        path: the points [n, 2] that it drives along [m]; None without a path.
         at: the index of where it is on its path; set where it is to go on from another place.
     """
 

@@ -38,24 +38,17 @@ FARTHEST = 200.0
 """Walls further away than this are not drawn [m]."""
 
 _NOISE_LENGTH = 1 << 20
-"""Normal numbers drawn once; every frame reads them from a place of its own on."""
+"""Normal numbers drawn once; every frame reads them from another index on."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Shots(Summarised):
-    """What one camera takes.
+    """What one camera takes."""
 
-    Attributes:
-        stamps: [n] as the host stamps them [s].
-        poses: [n, 3] the robot's true poses when they are taken.
-        times: [n] when they are taken, from the drive's first moment [s].
-        numbers: [n] of each among all that reached the host, whose noise it has.
-    """
-
-    stamps: Array
-    poses: Array
-    times: Array
-    numbers: NDArray[np.intp]
+    stamps: Array  # [n] as the host stamps them [s]
+    poses: Array  # [n, 3] the robot's true poses when they are taken
+    times: Array  # [n] when they are taken, from the drive's first moment [s]
+    numbers: NDArray[np.intp]  # [n] of each among all that reached the host, whose noise it has
 
     def __getitem__(self, chosen: NDArray[Any]) -> Shots:
         return Shots(self.stamps[chosen], self.poses[chosen], self.times[chosen], self.numbers[chosen])
@@ -66,7 +59,7 @@ class Renderer:
 
     Args:
         path: [m, 2] where the robot is when the colour camera fires [m]: the floor is drawn around it.
-        frames: how many colour and disparity images there are; each has noise of its own.
+        frames: numbers of colour and disparity images; the noise of each differs.
         seed: of the noise.
 
     Attributes:
@@ -227,8 +220,8 @@ def schedule_frames(
 ) -> CameraFrames:
     """Settle when the cameras fire and where the robot is then.
 
-    Both tick at the same rate, out of phase by up to half a period, and each loses frames of its own. The camera draws
-    from a stream of its own, so that it does not change the other sensors.
+    Both tick at the same rate, out of phase by up to half a period, and each loses other frames. The camera's random
+    numbers are apart, so that it does not change the other sensors.
     """
     mount = check_camera(mount)
     clock, images = np.random.SeedSequence((seed, 0x52474244)).spawn(2)

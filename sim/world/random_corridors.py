@@ -39,17 +39,13 @@ Edge = tuple[Node, Node]
 
 @dataclass
 class _Building:
-    """A building while it is designed.
+    """A building while it is designed."""
 
-    Attributes:
-        x, y: of the lattice's columns and rows [m].
-        edges: the corridors between neighbouring nodes, with their widths [m].
-        rectangles: x0, y0, x1, y1 [m] of free space, and whether each is free or filled again.
-    """
-
-    x: Array
-    y: Array
+    x: Array  # of the lattice's columns [m]
+    y: Array  # of its rows [m]
+    # the corridors between neighbouring nodes, with their widths [m]
     edges: dict[Edge, float] = field(default_factory=dict)
+    # x0, y0, x1, y1 [m] of free space, and whether each is free or filled again
     rectangles: list[tuple[float, float, float, float, bool]] = field(default_factory=list)
 
     def place(self, node: Node) -> Array:

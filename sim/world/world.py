@@ -34,24 +34,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class World(Summarised):
-    """The standing parts of a scenario.
+    """The standing parts of a scenario."""
 
-    Attributes:
-        segments: [m, 4] x0, y0, x1, y1 [m]: walls and the outlines of the solids.
-        solids: polygons [k, 2] [m] of boxes, pillars and furniture.
-        surfaces: [m] what each segment is made of, an index into ``palette``; None where all is plain.
-        plan: a floor plan's solid cells, as bools; their sides are among the segments.
-        hollows: polygons [k, 2] [m] that nothing may stand in and beams see into: shelves.
-        slippery: patches of floor where wheels grip less.
-    """
-
-    segments: Segments
-    solids: tuple[Polygon, ...] = ()
+    segments: Segments  # [m, 4] x0, y0, x1, y1 [m]: walls and the outlines of the solids
+    solids: tuple[Polygon, ...] = ()  # polygons [k, 2] [m] of boxes, pillars and furniture
+    # [m] what each segment is made of, an index into palette; None if all is plain
     surfaces: NDArray[np.int16] | None = None
     palette: Mapping[str, Material] = field(default_factory=lambda: {PLAIN: MATERIALS[PLAIN]})
-    plan: Raster | None = None
-    hollows: tuple[Polygon, ...] = ()
-    slippery: tuple[Slippery, ...] = ()
+    plan: Raster | None = None  # a floor plan's solid cells, as bools; their sides are among the segments
+    hollows: tuple[Polygon, ...] = ()  # polygons [k, 2] [m] that nothing may stand in and beams see into: shelves
+    slippery: tuple[Slippery, ...] = ()  # patches of floor where wheels grip less
 
     @classmethod
     def of(cls, layout: Layout) -> World:

@@ -125,7 +125,8 @@ def clock(pairs: Pairs, stamps: Array, headings: Array, *, shared: bool) -> tupl
     span = max(float(np.ptp(pairs.first)), 1.0)
     steps = 0 if shared else int(min(MOST_DRIFT * span / 0.4, 25))
     drifts = np.linspace(-steps, steps, 2 * steps + 1) * 0.4 / span
-    return agreement(pairs.first, pairs.last, pairs.motions[:, 2], stamps, headings, lags, drifts)
+    turns = pairs.motions[:, 2]
+    return agreement(pairs.first, pairs.last, turns, stamps, headings, lags, drifts, lag_costs=0.004)
 
 
 def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, slip: float = 0.0) -> Fit:

@@ -87,7 +87,6 @@ EMPTY = Recording("empty", Platform())
         (lambda: moteslam.relative_pose_error(PATH, np.zeros((3, 3))), "reference"),
         (lambda: moteslam.write_tum("x.tum", np.zeros((3, 3))), "trajectory"),
         (lambda: moteslam.resolve_config("paper", "particles=3"), "settings"),
-        (lambda: Recording("x", Platform(), lidar="l"), "lidar"),
         (lambda: Trajectory([1.0, 0.0], np.zeros((2, 3))), "stamps"),
         (lambda: Trajectory([0.0, 1.0], [[0, 0], [0]]), None),
     ],

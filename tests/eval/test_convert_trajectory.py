@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from moteslam.eval.cli import main
-from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, write_trajectory
-from moteslam.robot.trajectories.g2o import write_g2o
+from moteslam.robot.trajectories import WRITERS, read_trajectory, write_trajectory
+from moteslam.robot.trajectories.text import write_g2o
 from moteslam.robot.trajectory import PoseGraph, Trajectory
 
-ENDINGS = {name: known.endings[0] for name, known in TRAJECTORY_FORMATS.items()}
+ENDINGS = {name: ending for name, (ending, _) in WRITERS.items()}
 STAMPS = 1_300_000_000 + np.arange(40) / 8
 PATH = Trajectory(STAMPS, np.column_stack((np.cos(STAMPS), np.sin(STAMPS), np.linspace(-3, 3, 40))))
 

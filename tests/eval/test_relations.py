@@ -72,7 +72,7 @@ def test_stamps_between_poses_are_interpolated_but_not_far_apart(score) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "no relations"),
+        ("", "no lines"),
         ("1 2 3\n", ":1: expected 8 finite numbers"),
         ("1 2 3 4 5 6 7 8\n1 2 3 4 5 6 7 nan\n", ":2: expected 8"),
         ("a b c d e f g h\n", ":1: expected 8"),

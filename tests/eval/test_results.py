@@ -15,8 +15,7 @@ from moteslam.eval.results import draw_figures, read_result_folder, write_result
 from moteslam.eval.scores import evidence_of, number, score_estimate
 from moteslam.robot import se2
 from moteslam.robot.raster import read_map_arrays
-from moteslam.robot.trajectories.g2o import read_g2o
-from moteslam.robot.trajectories.text import read_tum
+from moteslam.robot.trajectories.text import read_g2o, read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.settings import resolve_config
 

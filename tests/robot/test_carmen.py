@@ -10,12 +10,12 @@ import pytest
 from issues import messages as all_messages
 from robot_logs import flaser, odom, robotlaser, write_log
 
-from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.errors import InputError, OutputError
 from moteslam.robot.formats import lines as text_lines
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.carmen import is_carmen, read_carmen
 from moteslam.robot.formats.streams import MAX_DROPPED
-from moteslam.robot.formats.written import expect_classic_fan, fov_of, write_carmen
+from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 from moteslam.robot.values import Issue
@@ -267,15 +267,6 @@ def test_real_logs(data_folder: Path, path: str, shape: tuple[int, int], no_retu
     assert messages(recording.warnings) == ()
 
 
-def test_the_fans_of_classic_logs_are_those_that_flaser_lines_stand_for() -> None:
-    for beams in (180, 181, 360, 361):
-        expect_classic_fan(beams, *fov_of(beams))
-    for fan in ((181, -45, 0.5), (180, -89.5, 1), (180, -90, 180 / 179), (91, -90, 2)):
-        with pytest.raises(ConfigError) as refused:
-            expect_classic_fan(fan[0], math.radians(fan[1]), math.radians(fan[2]))
-        assert refused.value.field == "format"
-
-
 RAW = ["{} 0 -1.5 3.0 0.5 30.0 0.01 0 3 1.0 2.0 {} 0 {} host 0.5".format("{}", k + 3, 10.0 + k) for k in range(8)]
 
 
@@ -295,7 +286,7 @@ def test_raw_scans_are_read_where_no_scan_states_a_pose(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scan", [GOOD[0], robotlaser([1.0] * 3)])
 def test_raw_scans_beside_those_with_poses_change_nothing(tmp_path: Path, scan: str) -> None:
     raw = [line.format("RAWLASER1") for line in RAW]
-    recording = read_carmen(write_log(tmp_path / "x.log", [*raw[:4], scan, *raw[4:], "RAWLASER1 cut"]))
+    recording = read_carmen(write_log(tmp_path / "x.log", [*raw[:4], scan, *raw[4:]]))
     assert len(recording.lidar) == 1
     assert messages(recording.warnings) == ()
 

@@ -247,7 +247,7 @@ def test_images_are_listed_in_numeric_order_and_missing_ones_counted(tmp_path: P
     rgbd = read_ucsd(tmp_path).rgbd
     assert rgbd.disparity_files == tuple(folder / f"disparity20_{k}.png" for k in (1, 2, 3, 4))
     assert rgbd.rgb_files == ()
-    assert messages(read_ucsd(tmp_path).warnings) == ("RGB20: no such folder, 6 images missing",)
+    assert messages(read_ucsd(tmp_path).warnings) == ("RGB20: 6 of 6 images missing, the first rgb20_1.png",)
     (folder.parent / "RGB20").mkdir()
     (folder.parent / "RGB20" / "rgb20_1.png").touch()
     (folder / "disparity20_3.png").rename(folder / "disparity20_5.png")
@@ -262,7 +262,7 @@ def test_images_are_listed_in_numeric_order_and_missing_ones_counted(tmp_path: P
         path.unlink()
     recording = read_ucsd(tmp_path)
     assert recording.rgbd.disparity_files == ()
-    assert messages(recording.warnings[1:]) == ("Disparity20: 0 images, none of them for one of the 4 stamps",)
+    assert messages(recording.warnings[1:]) == ("Disparity20: 4 of 4 images missing, the first disparity20_1.png",)
 
 
 def test_counts_beyond_int16_are_written_as_int32(tmp_path: Path) -> None:

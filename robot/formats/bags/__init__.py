@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -10,57 +13,37 @@ from typing import Any
 
 import numpy as np
 
-from moteslam.errors import InputError
+from moteslam.errors import ConfigError, InputError
 from moteslam.robot.formats import Format, Robot, Topics
-from moteslam.robot.formats.bags.bag import Bag, Table, Topic, is_readable
-from moteslam.robot.formats.bags.files import is_bag
-from moteslam.robot.formats.bags.frames import TRANSFORMS, Frames, Mount
-from moteslam.robot.formats.bags.images import COMPRESSED_IMAGE, IMAGE, camera_mount, image_topics, rgbd_stream
-from moteslam.robot.formats.bags.motion import (
-    IMU,
-    JOINT_STATE,
-    ODOMETRY,
-    Joints,
-    beside,
-    choose_odometry,
-    imu_stream,
-    left_aside,
-    odometry_stream,
-    pose_of,
-    rates_of,
-)
-from moteslam.robot.formats.bags.scans import (
-    LASER_SCAN,
-    MULTI_ECHO,
-    Scans,
-    figures_of,
-    laser_scans,
-    merged_scans,
-)
-from moteslam.robot.formats.bags.write import read_manifest, write_bag
-from moteslam.robot.platform import CameraSpec, Platform
+from moteslam.robot.formats.bags import motion, scans, write
+from moteslam.robot.formats.bags.bag import Bag, Table, is_bag
+from moteslam.robot.formats.bags.storage import Topic, is_readable
+from moteslam.robot.formats.streams import Fan
+from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import GivenRobot, platform_of
-from moteslam.robot.recording import ChunkedRanges, LidarStream, Recording
+from moteslam.robot.recording import STREAMS, ChunkedRanges, LidarStream, Recording
 from moteslam.robot.values import Issue, counted
 
-KINDS: Mapping[str, tuple[str, ...]] = {
-    "lidar": (LASER_SCAN, MULTI_ECHO),
-    "odometry": (ODOMETRY,),
-    "imu": (IMU,),
-    "encoders": (JOINT_STATE,),
-    "rgb": (COMPRESSED_IMAGE, IMAGE),
-    "depth": (COMPRESSED_IMAGE, IMAGE),
+KINDS: Mapping[str, tuple[str, Callable[[Any], tuple[float, ...]], int]] = {
+    scans.LASER_SCAN: ("lidar", scans.figures_of, 7),
+    scans.MULTI_ECHO: ("lidar", scans.figures_of, 7),
+    motion.ODOMETRY: ("odometry", motion.POSE, 7),
+    motion.IMU: ("imu", motion.RATES, 6),
+    motion.JOINT_STATE: ("encoders", motion.wheel_angles, 4),
+    write.COMPRESSED_IMAGE: ("rgbd", lambda _: (), 0),
 }
-"""By stream, the types that it can be read from."""
+"""By type, the stream that is read from its messages, what is kept of each, and how many numbers that are."""
+_STREAMS = dict.fromkeys(stream for stream, _, _ in KINDS.values())
 
 MANY = 0.75
 """A lidar with this share of the most scans competes with it."""
-
-MAX_CANDIDATES = 16
-"""Topics of odometry that are read, to choose by their frames."""
-
 _NOT_LEVEL = ("vertical", "tilt", "nod")
-"""In the name of a topic or frame of a lidar that does not scan the plane of the floor."""
+"""In the name of a topic of a lidar that does not scan the plane of the floor."""
+
+_TRUTH = re.compile(r"(^|[^a-z])(ground_?truth|groundtruth|truth|true|gt|p3d)([^a-z]|$)")
+"""In the name of a topic or frame that holds where the robot truly was."""
+_WORLD = {"world", "map"}  # frames in which no wheel measures
+MAX_LETTERS = 1 << 20
 
 
 def read_bag(
@@ -75,200 +58,241 @@ def read_bag(
     ``[lidars."/topic"]`` in the file of a platform gives the mount of one of several lidars. A stream of no topics is
     not read; one that ``topics`` leaves out is read by its types.
     """
-    bag = Bag(Path(path))
-    known = {*TRANSFORMS, *(kind for kinds in KINDS.values() for kind in kinds)}
-    for topic in bag.topics:
-        if topic.kind in known and topic.count and not is_readable(topic):
-            what = f"{topic.kind} by another definition than the usual one, left aside"
-            bag.tell("other-definition", topic, what, topic.count)
-    return _Reading(bag, GivenRobot.read(platform), topics or {}, sequence).recording()
+    return _Reading(Bag(Path(path)), GivenRobot.read(platform), topics or {}, sequence).recording()
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a bag says about the recording that it was written from: its streams, robot and figures of the scans."""
+
+    streams: tuple[str, ...]
+    platform: Platform
+    scan: dict[str, Any]
+
+    def sharpened(self, fan: Fan) -> Fan:
+        """The fan with the figures that the messages round, wherever they round to those of the messages."""
+        rounded = {name: np.float32(value) == np.float32(getattr(fan, name)) for name, value in self.scan.items()}
+        return fan._replace(**{name: value for name, value in self.scan.items() if rounded[name]})
+
+
+def read_manifest(text: str, *, file: Path) -> Manifest:
+    """What a bag says about its recording."""
+    try:
+        if len(text) > MAX_LETTERS:
+            raise ValueError(f"{len(text)} letters")
+        table = tomllib.loads(text)
+        scan = {name: value for name in write.FIGURES if isinstance(value := table["scan"].get(name), float)}
+        streams = tuple(name for name in STREAMS if name in table["streams"])
+        return Manifest(streams, platform_of(dict(table["platform"]), file=file), scan)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, ConfigError) as error:
+        problem = f"{' '.join(str(error).split())[:200]}, expected the description of a recording"
+        raise InputError(problem, file=file, field=write.MANIFEST[0]) from error
 
 
 class _Reading:
     """A bag between its topics and its streams.
 
-    Of several topics with a type the one with most messages is read, and an issue names the others. Of lidars with
-    nearly as many scans, one whose topic is called vertical or tilted comes last. Wheels are read where they are named,
-    or known by what this package wrote into the bag.
+    Of several topics with a type the one with most messages is read, and an issue names the others. Wheels are read
+    where they are named, or in a bag that this package wrote; images of such a bag alone, for others are of another
+    camera.
     """
 
     def __init__(self, bag: Bag, given: GivenRobot, topics: Topics, session: str | int | None) -> None:
-        self.bag = bag
+        self.bag, self.frames = bag, motion.Frames(bag)
         self.given, self.mounts = given.lidars()
-        if unknown := [stream for stream in topics if stream not in KINDS]:
-            raise InputError(f"{unknown[0]!r}, expected {', '.join(KINDS)}", file=bag.path, field="topics")
-        named = {stream: self._named(stream, names) for stream, names in topics.items() if names}
-        left = {stream for stream, names in topics.items() if not names}
-        self.manifest = read_manifest(bag)
+        named = {stream: (names,) if isinstance(names, str) else names for stream, names in topics.items()}
+        self.named = {stream: [f"/{name.removeprefix('/')}" for name in names] for stream, names in named.items()}
+        self.is_ours = False
+        self.manifest: Manifest | None = None
+        tables = bag.fill(self._table_of)
+        self.tables = [table for table in tables if is_readable(table.topic)]
+        for table in tables:
+            what = f"{counted(table.broken, 'message')} of {table.topic.kind}"
+            if table not in self.tables:
+                bag.tell("other-definition", table.topic, f"{what} by another definition: left aside", table.broken)
+            elif table.broken and table.topic.kind not in KINDS:
+                bag.tell("broken-messages", table.topic, f"{what} broken: dropped", table.broken)
+        self._expect_named()
         written = self.manifest.streams if self.manifest is not None else ()
         is_computed = self.manifest is not None and "odometry" not in written
-
-        def candidates(stream: str) -> list[Topic]:
-            return [] if stream in left else named.get(stream) or bag.of_kind(*KINDS[stream])
-
-        known = {topic.name for topic in bag.of_kind(*KINDS["lidar"])}
-        if strange := [topic for topic in self.mounts if topic not in known]:
-            raise InputError(f"no lidar {strange[0]!r}", file=self.given.file, field="lidars")
-        lidars = named.get("lidar") or ([] if "lidar" in left else self._best_lidar())
-        self.lidars = [Table(one, figures_of, 7) for one in lidars]
-        topic = lidars[0].name if lidars else ""
-        imus = sorted(candidates("imu"), key=lambda one: not beside(one.name, topic))
-        if imus:
-            left_aside(bag, "imu", imus[0], [] if "imu" in named else imus[1:])
-        self.imu = Table(imus[0], rates_of, 6) if imus else None
-        joints = candidates("encoders")[:1] if "encoders" in named or "encoders" in written else []
-        self.joints = Joints()
-        self.encoders = Table(joints[0], self.joints, 4) if joints else None
-        single = {stream: found[0] for stream, found in named.items() if stream != "lidar"}
-        images = None if {"rgb", "depth"} & left else image_topics(bag, single)
-        self.images = None if images is None else (Table(images[0]), Table(images[1]))
-        odometry = [] if is_computed and "odometry" not in named else candidates("odometry")[:MAX_CANDIDATES]
-        odometries = [Table(one, pose_of, 7) for one in odometry]
-        self.frames = Frames()
-        self._fill([*self._tables(None), *odometries], topic)
-        frame = self.lidars[0].frame() if self.lidars else ""
-        self.odometry: Table | None = odometries[0] if "odometry" in named else None
-        if self.odometry is None:
-            self.odometry = choose_odometry(bag, odometries, (topic, frame), self.frames)
+        self.lidars = self._of("lidar") if "lidar" in self.named else self._best_lidar()
+        topic, frame = (self.lidars[0].topic.name, self.lidars[0].frame) if self.lidars else ("", "")
+        imus = sorted(self._of("imu"), key=lambda table: not beside(table.topic.name, topic))
+        self.imu = next(iter(imus), None)
+        left_aside(bag, "imu", imus)
+        self.encoders = next(iter(self._of("encoders")), None)
+        self.images = [table for name in write.IMAGES for table in self._of("rgbd") if table.topic.name == name]
+        others = sorted(one.name for one in bag.topics if one.kind in write.IMAGE_KINDS)
+        if others and "rgbd" not in self.named and self.manifest is None:
+            what = "images of a bag that this package did not write: left out"
+            bag.tell("images-left", ", ".join(others[:4]), what, len(others))
+        self.frames.keep(motion.namespace(topic))
+        odometry = [] if is_computed and "odometry" not in self.named else self._of("odometry")
+        if not self.named.get("odometry"):
+            odometry = choose_odometry(odometry, topic, frame, self.frames)
         edge = self.frames.odometry_under(frame)
-        self.base = (self.odometry.child if self.odometry else "") or (edge[0] if edge else self.frames.base())
-        if self.odometry is None and edge is not None and not is_computed and "odometry" not in left:
-            self.odometry = edge[1]
-        bag.choose_session(self._tables(self.odometry), session)
+        self.odometry = next(iter(odometry), None)
+        self.base = (self.odometry.child if self.odometry else "") or (edge.child if edge else self.frames.base())
+        if self.odometry is None and not is_computed and "odometry" not in self.named:
+            self.odometry = edge
+        used = [*self.lidars, self.odometry, self.imu, self.encoders, *self.images]
+        bag.choose_session([table for table in used if table is not None], session)
 
-    def _tables(self, odometry: Table | None) -> list[Table]:
-        tables = [*self.lidars, odometry, self.imu, self.encoders, *(self.images or ())]
-        return [table for table in tables if table is not None]
+    def _expect_named(self) -> None:
+        """Refuse streams that are none, and topics that are not there."""
+        known: dict[str, list[str]] = {stream: [] for stream in _STREAMS}
+        for topic in sorted(self.bag.topics):
+            if topic.kind in KINDS:
+                known[KINDS[topic.kind][0]].append(topic.name)
+        for stream, names in self.named.items():
+            if stream not in known:
+                raise InputError(f"{stream!r}, expected {', '.join(known)}", file=self.bag.path, field="topics")
+            if len(self._of(stream)) < len(names) or (len(names) > 1 and stream != "lidar"):
+                expected = f"{'some' if stream == 'lidar' else 'one'} of {', '.join(known[stream][:20]) or 'none'}"
+                problem = f"{', '.join(names)}: expected {expected}"
+                raise InputError(problem, file=self.bag.path, field=f"topics.{stream}")
+        if strange := [topic for topic in self.mounts if topic not in known["lidar"]]:
+            raise InputError(f"no lidar {strange[0]!r}", file=self.given.file, field="lidars")
 
-    def _named(self, stream: str, names: tuple[str, ...]) -> list[Topic]:
-        names, field = (names,) if isinstance(names, str) else tuple(names), f"topics.{stream}"
-        if len(names) > 1 and stream != "lidar":
-            raise InputError(f"{len(names)} topics, expected one", file=self.bag.path, field=field)
-        full = [name if name.startswith("/") else f"/{name}" for name in names]
-        if len(set(full)) < len(full):
-            raise InputError("a topic twice, expected each once", file=self.bag.path, field=field)
-        usable = {topic.name: topic for topic in reversed(self.bag.of_kind(*KINDS[stream]))}
-        if missing := [name for name in full if name not in usable]:
-            kinds = " or ".join(kind.partition("/")[2] for kind in KINDS[stream])
-            known = ", ".join(sorted(usable)[:20])
-            expected = f"one of {known}" if usable else f"a topic of {kinds}, of which there is none"
-            raise InputError(f"{missing[0]!r}, expected {expected}", file=self.bag.path, field=field)
-        return [usable[name] for name in full]
+    def _table_of(self, topic: Topic) -> Table | None:
+        """The table of a topic of which something is used, or may be."""
+        if topic.encoding not in ("cdr", "ros1"):
+            return None
+        if topic.kind in motion.TRANSFORMS:
+            return Table(topic, partial(self.frames.add, topic=topic))
+        if topic[:2] == write.MANIFEST:
+            self.is_ours = True
+            return Table(topic, self._read_manifest)
+        stream, take, width = KINDS.get(topic.kind, ("", None, 0))
+        is_read = stream in ("lidar", "odometry", "imu", *(_STREAMS if self.is_ours else self.named))
+        is_read &= topic.name in self.named.get(stream, (topic.name,))
+        return Table(topic, take, width) if take is not None and is_read else None
 
-    def _best_lidar(self) -> list[Topic]:
-        topics = self.bag.of_kind(LASER_SCAN, MULTI_ECHO)
-        if not topics:
-            return []
-        enough = [topic for topic in topics if topic.count >= MANY * topics[0].count]
-        best = min(enough, key=lambda topic: any(word in topic.name.lower() for word in _NOT_LEVEL))
-        left_aside(self.bag, "scans", best, [topic for topic in topics if topic is not best])
-        return [best]
+    def _read_manifest(self, message: Any) -> tuple[float, ...]:
+        self.manifest = self.manifest or read_manifest(message.data, file=self.bag.path)
+        return ()
 
-    def _fill(self, tables: list[Table], lidar: str) -> None:
-        """Go through the bag: of several robots' transforms those in the lidar's namespace, and those in none."""
+    def _of(self, stream: str) -> list[Table]:
+        """The tables that a stream can be read from: those named, in their order, else all, those with most first."""
+        found = [table for table in self.tables if KINDS.get(table.topic.kind, ("",))[0] == stream]
+        names = self.named.get(stream, [])
+        return [table for name in names for table in found if table.topic.name == name] if names else found
 
-        def space(topic: str) -> list[str]:
-            return topic.split("/")[1:-1][:1]
-
-        transforms = self.bag.of_kind(*TRANSFORMS)
-        if space(lidar) and any(space(topic.name) == space(lidar) for topic in transforms):
-            transforms = [topic for topic in transforms if space(topic.name) in (space(lidar), [])]
-        others = {topic: partial(self.frames.add, topic=topic) for topic in transforms}
-        if broken := self.bag.fill({table.topic: table for table in tables}, others):
-            self.bag.tell("broken-messages", "transforms", f"{counted(broken, 'broken message')} dropped", broken)
+    def _best_lidar(self) -> list[Table]:
+        tables = self._of("lidar")
+        few = [table for table in tables if table.count < MANY * tables[0].count]
+        tables.sort(key=lambda table: (table in few, any(word in table.topic.name.lower() for word in _NOT_LEVEL)))
+        left_aside(self.bag, "scans", tables)
+        return tables[:1]
 
     def recording(self) -> Recording:
         """The streams, on the robot."""
         bag, path = self.bag, self.bag.path
-        scans, mount = self._scans_and_mount()
-        camera = camera_mount(self.images[1], self.frames, self.base) if self.images else None
-        robot = self.given.platform or self.given.over(self._stated(scans, mount, camera))
-        streams: dict[str, Any] = {"lidar": None if scans is None else self._lidar(scans, mount, robot)}
-        if bag.has(self.odometry):
-            streams["odometry"] = odometry_stream(bag, self.odometry)
-        if bag.has(self.imu):
-            streams["imu"] = imu_stream(bag, self.imu, self.frames, self.base)
-        if bag.has(self.encoders):
-            # by the wheels that they were written by, else by those that are given
-            wheels = robot.wheels if self.manifest is None else self.manifest.platform.wheels
-            if wheels is None:
-                problem = "joints of wheels, expected a platform with [wheels] to count them by"
-                raise InputError(problem, file=path, field=self.encoders.topic.name)
-            streams["encoders"] = self.joints.encoder_stream(bag, self.encoders, wheels)
+        placed = [self._placed(table) for table in self.lidars]
+        lidar, mount = placed[0] if placed else (None, motion.Mount())
+        if len(placed) > 1:  # one fan about the robot's centre
+            lidar, mount = scans.merged_scans(path, placed), motion.Mount()
+        robot = self.given.platform or self.given.over(self._stated(lidar, mount))
+        streams: dict[str, Any] = {"lidar": None if lidar is None else self._lidar(lidar, robot)}
+        wheels = robot if self.manifest is None else self.manifest.platform  # that were counted by, else those given
+        for name, table, read in (
+            ("odometry", self.odometry, partial(motion.odometry_stream, bag)),
+            ("imu", self.imu, partial(motion.imu_stream, self.frames, self.base)),
+            ("encoders", self.encoders, partial(motion.encoder_stream, bag, wheels)),
+        ):
+            if table is not None and len(table) and not len(table.rows):
+                bag.tell("sessions", table.topic, "no message in the session that is read")
+            elif table is not None:
+                streams[name] = read(table)
         if all(stream is None for stream in streams.values()):
             kinds = ", ".join(sorted({topic.kind[:60] for topic in bag.topics})[:8]) or "no topics"
             raise InputError(f"{kinds}: expected LaserScan, Odometry or Imu", file=path)
-        if self.images is not None and robot.camera is not None:
-            streams["rgbd"] = rgbd_stream(bag, *self.images)
-        elif self.images is not None:
-            text = f"{path.name}: images left out: no transform to the frame of {self.images[1].topic.name}"
-            bag.issues.append(Issue("images-left", text, 2))
+        if len(self.images) == 2 and robot.camera is not None:
+            streams["rgbd"] = scans.rgbd_stream(bag, *self.images)
         name = path.resolve().name.removesuffix(path.suffix)
         return Recording(name=name, platform=robot, warnings=tuple(bag.issues), **streams)
 
-    def _scans_and_mount(self) -> tuple[Scans | None, Mount]:
-        """The scans of the lidar, or of several as one about the robot's centre, and where it stands."""
-        scans = [laser_scans(self.bag, table) for table in self.lidars]
-        if not scans:
-            return None, Mount()
-        if len(scans) == 1:
-            return scans[0], self._mount(scans[0])
-        return merged_scans(self.bag.path, scans, [self._mount(one) for one in scans]), Mount()
+    def _placed(self, table: Table) -> tuple[scans.Scans, motion.Mount]:
+        """The scans of a lidar, and where it stands by the transforms, which say what is up, or as a caller says."""
+        given, is_given = self.mounts.get(table.topic.name), table.topic.name in self.mounts
+        if len(self.lidars) == 1:
+            is_given |= self.given.platform is not None or {"x", "y", "yaw"} <= self.given.lidar_figures.keys()
+        lidar = scans.laser_scans(self.bag, table)
+        mount, is_upside_down = self.frames.lidar_mount(lidar.topic, table.frame, self.base, is_given=is_given)
+        if is_upside_down:
+            lidar = replace(lidar, fan=lidar.fan.flipped())
+        return lidar, mount if given is None else motion.Mount(given.x, given.y, given.z, given.yaw)
 
-    def _mount(self, scans: Scans) -> Mount:
-        """Where a lidar stands by the transforms; where a caller says it, these matter only for which way is up."""
-        given, alone = self.mounts.get(scans.topic), len(self.lidars) == 1
-        keys = self.given.lidar_figures.keys() if alone else set()
-        is_given = given is not None or (alone and self.given.platform is not None) or {"x", "y", "yaw"} <= keys
-        told = len(self.bag.issues)
-        try:
-            mount = self.frames.lidar_mount(self.bag, scans.topic, scans.frame, self.base)
-        except InputError:
-            if not is_given:
-                raise
-            mount = Mount()
-        if is_given:
-            del self.bag.issues[told:]
-        if given is None:
-            return mount
-        return Mount(given.x, given.y, given.z, given.yaw, mount.upside_down)
-
-    def _stated(self, scans: Scans | None, mount: Mount, camera: CameraSpec | None) -> Platform:
-        """The robot that the bag states: of one that this package wrote, the whole; else where its sensors stand."""
+    def _stated(self, lidar: scans.Scans | None, mount: motion.Mount) -> Platform:
+        """The robot that the bag states: of one that this package wrote, the whole; else where its lidar stands."""
         if self.manifest is not None:
             return self.manifest.platform
-        if scans is None:
-            return Platform(camera=camera)
-        place = {"x": mount.x, "y": mount.y, "z": mount.z, "yaw": mount.yaw}
-        table = {"lidar": {**place, "time_increment": scans.fan.time_increment}}
-        return platform_of(table, file=self.bag.path).model_copy(update={"camera": camera})
+        if lidar is None:
+            return Platform()
+        table = {"lidar": {**mount._asdict(), "time_increment": lidar.fan.time_increment}}
+        return platform_of(table, file=self.bag.path)
 
-    def _lidar(self, scans: Scans, mount: Mount, robot: Platform) -> LidarStream:
-        fan = self.manifest.sharpened(scans.fan) if self.manifest is not None else scans.fan
-        fan = fan.flipped() if mount.upside_down else fan
-        field = f"{scans.topic}: angle_increment"
+    def _lidar(self, lidar: scans.Scans, robot: Platform) -> LidarStream:
+        fan = self.manifest.sharpened(lidar.fan) if self.manifest is not None else lidar.fan
+        field = f"{lidar.topic}: angle_increment"
         fan = fan.over(self.given.lidar_figures, fan.beams, file=self.bag.path, field=field)
         ranges = ChunkedRanges(
-            lambda first, last: scans.cleaned(np.arange(first, last), fan), len(scans.stamps), fan.beams
+            lambda first, last: lidar.cleaned(np.arange(first, last), fan), len(lidar.stamps), fan.beams
         )
-        return LidarStream(scans.stamps, ranges, *fan[:4], robot.lidar.time_increment)
+        return LidarStream(lidar.stamps, ranges, *fan[:4], robot.lidar.time_increment)
 
 
-_format = partial(Format, is_folder=False, read=read_bag, read_topics=read_bag)
+def choose_odometry(tables: Sequence[Table], topic: str, frame: str, frames: motion.Frames) -> list[Table]:
+    """The odometry where none is named: of the robot of the lidar's topic and frame, never where it truly was."""
 
-ROSBAG1 = _format(
-    "ROS 1 bag", recognise=partial(is_bag, kind="bag"), write=partial(write_bag, kind="bag"), endings=(".bag",)
-)
-MCAP = _format(
-    "MCAP file of ROS",
-    recognise=partial(is_bag, kind="mcap"),
-    write=partial(write_bag, kind="mcap"),
-    endings=(".mcap",),
-)
-DB3 = _format("SQLite file of ROS 2", recognise=partial(is_bag, kind="db3"))
-ROSBAG2 = _format(
-    "ROS 2 bag (a folder with metadata.yaml)",
-    is_folder=True,
-    recognise=is_bag,
-    write=partial(write_bag, kind="rosbag2"),
-)
+    def is_truth(table: Table) -> bool:
+        named = f"{table.topic.name} {table.child} {table.frame}".lower()
+        return table.frame.rpartition("/")[2].lower() in _WORLD or _TRUTH.search(named) is not None
+
+    def is_other_robots(table: Table) -> bool:
+        apart = table.child in frames and frame in frames and frames.place(frame, table.child) is None
+        return apart and not (table.child in motion.BASES and any(frames.place(frame, base) for base in motion.BASES))
+
+    def rank(table: Table) -> tuple[bool, bool, bool, int]:
+        is_odom = table.frame.rpartition("/")[2].startswith("odom")
+        carries = frames.place(frame, table.child) is not None
+        return carries, beside(table.topic.name, topic), is_odom, len(table)
+
+    truth = [table for table in tables if is_truth(table)]
+    others = [table for table in tables if table not in truth and is_other_robots(table)]
+    for code, left, what in (
+        ("truth-left", truth, "where the robot truly was, or an estimate in a map; not used unless it is named"),
+        ("other-robot", others, f"of a robot that does not carry the lidar's frame {frame}; left aside"),
+    ):
+        if left:
+            names = ", ".join(f"{table.topic.name} (in {table.frame or 'no frame'})" for table in left[:4])
+            frames.bag.tell(code, names, what, len(left))
+    candidates = [table for table in tables if table not in truth and table not in others]
+    candidates.sort(key=rank, reverse=True)
+    left_aside(frames.bag, "odometry", candidates)
+    return candidates[:1]
+
+
+def beside(topic: str, lidar: str) -> bool:
+    """Whether a topic is in the namespace of the lidar's, or one of the two is in none."""
+    ours, theirs = motion.namespace(topic), motion.namespace(lidar)
+    return not ours or not theirs or ours == theirs
+
+
+def left_aside(bag: Bag, what: str, tables: Sequence[Table]) -> None:
+    """Name the topics of a kind that are not used: all but the first."""
+    names = [f"{table.topic.name} ({counted(table.count, 'message')})" for table in tables[:9]]
+    if len(names) > 1:
+        text = f"{bag.path.name}: {what} of {names[0]} used; left aside: {', '.join(names[1:])}"
+        bag.issues.append(Issue("topics-left", text, len(tables) - 1))
+
+
+def _format(name: str, kind: str, *endings: str) -> Format:
+    write_it = None if kind == "db3" else partial(write.write_bag, kind=kind)
+    return Format(name, kind == "rosbag2", partial(is_bag, kind=kind), read_bag, read_bag, write_it, endings)
+
+
+ROSBAG1 = _format("ROS 1 bag", "bag", ".bag")
+MCAP = _format("MCAP file of ROS", "mcap", ".mcap")
+DB3 = _format("SQLite file of ROS 2", "db3")
+ROSBAG2 = _format("ROS 2 bag (a folder with metadata.yaml)", "rosbag2")

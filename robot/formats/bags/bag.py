@@ -1,57 +1,55 @@
-"""A bag: its topics, what is kept of their messages in the order they were written, and which of these are used."""
+"""A bag: its files, gone through once, what is kept of their messages, and which of these are used."""
 
 from __future__ import annotations
 
+import re
+import shutil
 from array import array
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import groupby
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.files import open_files
-from moteslam.robot.formats.bags.messages import SECOND, decoder, frame_name, full_name, seconds, store
-from moteslam.robot.formats.bags.records import MAX_CHUNK, damage_in_one_line, unpack
+from moteslam.robot.files import open_regular, read_yaml
+from moteslam.robot.formats.bags.storage import (
+    ZSTD,
+    Database,
+    Mcap,
+    Rosbag1,
+    Topic,
+    damage_in_one_line,
+    decode,
+    temporary_folder,
+    zstd,
+)
 from moteslam.robot.formats.streams import MAX_DROPPED, Stamps, clock_cuts, stamp_order
 from moteslam.robot.values import Issue, counted
 
-MAX_MESSAGES = 20_000_000
-"""No bag has more: an hour of twenty streams at 250 Hz."""
+SECOND = 1_000_000_000
+"""Nanoseconds."""
+MAX_MESSAGES = 20_000_000  # an hour of twenty streams at 250 Hz
 BACK = 1.0
 """A stamp further behind the latest before it [s], with all that follow, is of a clock that was set back: what waits
 in a queue is less late, or is followed by others that are not."""
-_GAP = 10
-"""A first stamp of 0 this many times the usual step before the next one is no time."""
+GAP = 10  # a first stamp of 0 this many times the usual step before the next one is no time
+MAX_RATIO = 1000  # no file of a recording is packed tighter
+MAX_FILES = 10_000
+METADATA, _INFORMATION = "metadata.yaml", "rosbag2_bagfile_information"
+_MAGICS = {b"#ROSBAG V": "bag", b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "db3"}
+_PART = re.compile(r"(?P<stem>.*)_(?P<number>\d+)\.(?P<ending>mcap|db3|bag)")
+_STORAGES: dict[str, type[Rosbag1 | Mcap | Database]] = {"bag": Rosbag1, "mcap": Mcap, "db3": Database}
 
 Rows = NDArray[np.intp]
 
-HEAD = [("stamp", "i8"), ("received", "i8"), ("order", "i8"), ("place", "i8", 4), ("mark", "i8"), ("frame", "i8")]
+HEAD = [("stamp", "i8"), ("received", "i8"), ("order", "i8"), ("place", "i8", 4), ("mark", "i8")]
 """What is kept of every message: the stamp of its header and when it came [ns], its number in the bag, where it lies
-(file, and the place in it), a checksum, and the index of its frame."""
-
-
-@dataclass(frozen=True)
-class Topic:
-    """The messages of one topic and type.
-
-    Attributes:
-        name: with a leading slash.
-        kind: the type, ``sensor_msgs/LaserScan``.
-        digest: of the type's definition, where the bag states one, as ROS 1 does.
-        count: of messages.
-        channels: of it, each by the number of its file and its own.
-    """
-
-    name: str
-    kind: str
-    digest: str = ""
-    count: int = 0
-    channels: frozenset[tuple[int, int]] = frozenset()
+(file, and the place in it), and a checksum."""
 
 
 @dataclass(eq=False)
@@ -59,26 +57,31 @@ class Table:
     """What is kept of the messages of a topic, in the order they were written.
 
     Attributes:
-        topic: of them.
         take: gives the numbers that are kept of a message, ``width`` of them; raises a ValueError for a broken one.
-        flat: of all messages, as `HEAD`; numbers: flat [n * width]; frames: their names.
-        child: the child frame of an odometry.
-        broken: how many were.
+        frame, child: of the first header, and of an odometry.
+        flat, numbers: of all messages, as `HEAD`, and flat [n * width].
+        broken, problem: how many were, and what is wrong with the last of them.
         rows: of the session of the clock that is read, after `Bag.choose_session`.
     """
 
     topic: Topic
     take: Callable[[Any], tuple[float, ...]] = lambda _: ()
     width: int = 0
+    frame: str = ""
+    child: str = ""
     flat: array[int] = field(default_factory=lambda: array("q"))
     numbers: array[float] = field(default_factory=lambda: array("d"))
-    frames: dict[str, int] = field(default_factory=dict)
-    child: str = ""
     broken: int = 0
+    problem: str = ""
     rows: Rows = field(default_factory=lambda: np.empty(0, np.intp))
 
     def __len__(self) -> int:
-        return len(self.flat) // 9
+        return len(self.flat) // 8
+
+    @property
+    def count(self) -> int:
+        """Of messages, whole and broken."""
+        return len(self) + self.broken
 
     @cached_property
     def heads(self) -> NDArray[Any]:
@@ -90,10 +93,6 @@ class Table:
         """The numbers [n, width] of the messages."""
         return np.array(self.numbers).reshape(len(self), self.width)
 
-    def frame(self, index: int = 0) -> str:
-        """The frame of a message's header."""
-        return list(self.frames)[self.heads["frame"][index]] if len(self) else ""
-
     @cached_property
     def stamps(self) -> NDArray[np.int64]:
         """[n] [ns] of the headers, of reception where these have none."""
@@ -103,15 +102,13 @@ class Table:
     @cached_property
     def unset(self) -> NDArray[np.bool_]:
         """[n] which stamps of headers are none: 0, but for a first one that the others follow."""
-        unset = np.asarray(self.heads["stamp"] == 0)
-        later = np.sort(self.stamps[~unset])
-        if not len(later):
-            return ~unset
-        if unset.sum() == 1 and later[0] <= _GAP * (np.median(np.diff(later)) if len(later) > 1 else np.inf):
-            unset[:] = False
-        return unset
+        zero = self.stamps == 0
+        later = np.sort(self.stamps[~zero])
+        usual = np.median(np.diff(later)) if len(later) > 1 else np.inf
+        is_first = zero.sum() == 1 and later[:1].max(initial=0) <= GAP * usual
+        return np.asarray(zero & bool(len(later) and not is_first))
 
-    @property
+    @cached_property
     def cuts(self) -> list[int]:
         """The rows before which the clock was set."""
         rows = np.flatnonzero(~self.unset)
@@ -119,49 +116,67 @@ class Table:
 
 
 class Bag:
-    """A bag; messages are read from its files whenever they are asked for."""
+    """A bag; messages are read from its files whenever they are asked for.
+
+    Attributes:
+        topics: those that were met when it was gone through; swept: the number of messages, so far.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path, self.issues = path, list[Issue]()
-        self._files = open_files(path, self, self.issues)
-        channels = [each for file in self._files for each in file.channels.values()]
-        encodings = {each.encoding for each in channels} & {"cdr", "ros1"}
-        if len(encodings) > 1:
-            raise InputError("messages of ROS 1 and of ROS 2, expected one of them", file=path)
-        self.ros1 = encodings == {"ros1"}
-        parts: dict[tuple[str, str, str], list[tuple[int, int]]] = {}
-        for number, file in enumerate(self._files):
-            if file.damage:
-                text = f"{file.path.name}: {file.damage}; what can be read is used"
-                self.issues.append(Issue("damaged-bag", text))
-            for own, channel in file.channels.items():
-                if channel.encoding in encodings:
-                    name = "/" + "/".join(part for part in channel.topic[:4096].split("/") if part)
-                    parts.setdefault((name, channel.kind[:4096], channel.digest), []).append((number, own))
-        totals = [file.totals() for file in self._files]
-        self.topics = [
-            Topic(*key, sum(totals[number].get(own, 0) for number, own in found), frozenset(found))
-            for key, found in parts.items()
-        ]
-        if (total := sum(topic.count for topic in self.topics)) > MAX_MESSAGES:
-            raise InputError(f"{total} messages, expected at most {MAX_MESSAGES}", file=path)
+        self._files = [_open_file(file) for file in _files_of(path, self, self.issues)]
+        self.topics: set[Topic] = set()
+        self.swept = 0
 
     def tell(self, code: str, topic: Topic | str, what: str, count: int = 1) -> None:
         """Add an issue about a topic."""
         name = topic if isinstance(topic, str) else topic.name
         self.issues.append(Issue(code, f"{self.path.name}: {name}: {what}", count))
 
-    def of_kind(self, *kinds: str) -> list[Topic]:
-        """The topics of these types that have messages and are read here, those with most first, then by name."""
-        found = [topic for topic in self.topics if topic.kind in kinds and topic.count and is_readable(topic)]
-        return sorted(found, key=lambda topic: (-topic.count, topic.name))
-
-    def sweep(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, tuple[int, int, int, int], bytes]]:
-        """The messages of some topics: when they were received [ns], where they lie, and their bytes."""
+    def sweep(self, wanted: Callable[[Topic], bool]) -> Iterator[tuple[Topic, int, tuple[int, ...], bytes]]:
+        """The messages of some topics, in the order they were written: when they were received [ns], where they lie,
+        and their bytes. Damage is told at the end.
+        """
+        self.swept, known = 0, cache(wanted)
         for number, file in enumerate(self._files):
-            known = {own: topic for topic in topics for at, own in topic.channels if at == number}
-            for channel, received, place, data in file.messages(known.keys()) if known else ():
-                yield known[channel], received, (number, *place), self._plain(number, data)
+            for topic, received, place, data in file.messages(known):
+                self.swept += 1
+                if self.swept > MAX_MESSAGES:
+                    raise InputError(f"more messages than {MAX_MESSAGES}, expected fewer", file=self.path)
+                yield topic, received, (number, *place), data
+            self.topics.update(file.topics.values())
+            if file.damage:
+                text = f"{file.path.name}: {file.damage}; what can be read is used"
+                self.issues.append(Issue("damaged-bag", text))
+
+    def fill(self, table_of: Callable[[Topic], Table | None]) -> list[Table]:
+        """The tables of the topics that have one, those with most messages first; the bag is gone through once."""
+        tables: dict[Topic, Table] = {}
+
+        def wanted(topic: Topic) -> bool:
+            if (table := table_of(topic)) is not None:
+                tables[topic] = table
+            return table is not None
+
+        for topic, received, place, data in self.sweep(wanted):
+            table = tables[topic]
+            try:
+                message = decode(topic, data)
+                numbers = table.take(message)
+                if (header := getattr(message, "header", None)) is None:
+                    continue
+                stamp = int(header.stamp.sec) * SECOND + int(header.stamp.nanosec)
+                mark = hash(data[4:4096])  # behind what numbers the messages in ROS 1
+                row = array("q", (stamp, received, self.swept, *place, mark))
+            except (ValueError, OverflowError) as error:
+                table.broken, table.problem = table.broken + 1, str(error)
+                continue
+            table.frame = table.frame or header.frame_id.lstrip("/")
+            table.child = table.child or getattr(message, "child_frame_id", "").lstrip("/")
+            table.flat.extend(row)
+            table.numbers.extend(numbers)
+        found = [table for table in tables.values() if table.count]
+        return sorted(found, key=lambda table: (-table.count, table.topic.name))
 
     def messages(self, table: Table, rows: Rows) -> Iterator[Any]:
         """Some messages of a table, decoded."""
@@ -169,80 +184,32 @@ class Bag:
         for number, found in groupby(places, key=lambda place: place[0]):
             for data in self._files[number].payloads([(*place,) for _, *place in found]):
                 try:
-                    yield self.decode(table.topic, self._plain(number, data))
+                    yield decode(table.topic, data)
                 except ValueError as error:
                     problem = f"a message is broken: {error}"
                     raise InputError(problem, file=self.path, field=table.topic.name) from error
 
-    def _plain(self, number: int, data: bytes) -> bytes:
-        if not self._files[number].packed:
-            return data
-        with damage_in_one_line(self._files[number].path):
-            return unpack(data, "zstd", MAX_CHUNK)
-
-    def decode(self, topic: Topic, data: bytes) -> Any:
-        """A message; a ValueError where it is not what its type says."""
-        return decoder(ros1=self.ros1)(data, topic.kind)
-
-    def fill(self, tables: Mapping[Topic, Table], others: Mapping[Topic, Callable[[Any, int], None]]) -> int:
-        """Go through the bag once: every message of a table's topic is a row, those of the others are handed on.
-
-        Returns:
-            how many of the others' are broken.
-        """
-        broken, order = 0, -1
-        decode = decoder(ros1=self.ros1)
-        for order, (topic, received, place, data) in enumerate(self.sweep([*tables, *others])):
-            table = tables.get(topic)
-            try:
-                message = decode(data, topic.kind)
-                if table is None:
-                    others[topic](message, order)
-                    continue
-                numbers = table.take(message)
-                header = message.header
-                stamp = int(header.stamp.sec) * SECOND + int(header.stamp.nanosec)
-                frame = table.frames.setdefault(frame_name(header.frame_id), len(table.frames))
-                table.child = table.child or frame_name(getattr(message, "child_frame_id", ""))
-                mark = hash(data[4:4096])  # behind what numbers the messages in ROS 1
-                row = array("q", (stamp, received, order, *place, mark, frame))
-            except (ValueError, OverflowError):
-                if table is None:
-                    broken += 1
-                else:
-                    table.broken += 1
-                continue
-            table.flat.extend(row)
-            table.numbers.extend(numbers)
-        if (lost := sum(topic.count for topic in (*tables, *others)) - order - 1) > 0:
-            text = f"{counted(lost, 'message')} of its index cannot be found; what can be read is used"
-            self.issues.append(Issue("damaged-bag", f"{self.path.name}: {text}", lost))
-        return broken
-
     def choose_session(self, tables: Sequence[Table], session: str | int | None) -> None:
-        """Settle which messages of all tables, the lidar's first, are read: those of one session of the clock.
+        """Settle which messages of all tables, the lidar's first, are read: of a session, from 1 on, else the longest.
 
-        Where the clock was set back (a simulator reset, a log played in a loop) or ahead by more than a day, the
-        recording is cut, and one session is used, from 1 on, the longest if it is None: two runs are never sorted into
-        each other.
+        The recording is cut where the clock was set back (a simulator reset, a log played in a loop) or ahead by more
+        than a day: each table where its own stamps say so near by, else where those of the table with most cuts do.
         """
         tables = [table for table in tables if len(table)]
-        for table in tables:
-            if not table.heads["stamp"].any():
-                what = "no stamps in the headers, the times of reception are taken"
-                self.tell("no-header-stamps", table.topic, what, len(table))
-        cuts = [table.cuts for table in tables]
-        leader = max(range(len(tables)), key=lambda k: len(cuts[k]), default=None)
-        edges = [] if leader is None else tables[leader].heads["order"][cuts[leader]].tolist()
+        leader = max(tables, key=lambda table: len(table.cuts), default=None)
+        edges = [] if leader is None else leader.heads["order"][leader.cuts].tolist()
         count = len(edges) + 1
         if session is not None and str(session) not in map(str, range(1, count + 1)):
             problem = f"{str(session)[:20]!r}, expected {f'1 to {count}' if count > 1 else 'the one session, 1'}"
             raise InputError(problem, file=self.path, field="sequence")
-        parts = [_parts(table, found, edges) for table, found in zip(tables, cuts, strict=True)]
+        parts = []
+        for table in tables:
+            order = table.heads["order"]
+            near = {min(edges, key=lambda edge: abs(edge - order[cut])): cut for cut in table.cuts}
+            parts.append(np.split(np.arange(len(table)), [near.get(one, order.searchsorted(one)) for one in edges]))
         used = 0
         if count > 1:
-            first = tables[0].stamps
-            spans = [np.ptp(first[rows]) / SECOND if len(rows) else 0.0 for rows in parts[0]]
+            spans = [np.ptp(tables[0].stamps[rows]) / SECOND if len(rows) else 0.0 for rows in parts[0]]
             used = int(np.argmax(spans)) if session is None else int(session) - 1
             lengths = ", ".join(f"{index} ({span:.1f} s)" for index, span in enumerate(spans[:8], 1))
             text = f"the clock was set {counted(len(edges), 'time')} in between: the sessions are {lengths}; session "
@@ -251,67 +218,124 @@ class Bag:
         for table, rows in zip(tables, parts, strict=True):
             table.rows = rows[used]
 
-    def has(self, table: Table | None) -> TypeGuard[Table]:
-        """Whether there is anything of a table in the session that is read; where there is not, an issue says so."""
-        if table is None:
-            return False
-        if not len(table) or len(table.rows):
-            return True  # if all of it is broken, `used` says so
-        self.tell("sessions", table.topic, "no message in the session that is read")
-        return False
-
     def used(self, table: Table, good: NDArray[np.bool_] | None = None) -> tuple[Rows, Stamps]:
         """Which messages of a table are used, in the order of their stamps, and these [s]; ``good`` [n] are what their
         type says, all if None.
         """
-        topic, total = table.topic, len(table) + table.broken
+        topic, total = table.topic, table.count
         good = np.ones(len(table), np.bool_) if good is None else good
         bad = total - int(good.sum())
         if bad == total or bad > max(MAX_DROPPED, total // 10):
-            problem = f"{bad} of {counted(total, 'message')} broken, expected those of a {topic.kind}"
+            why = f" ({table.problem})" if table.problem else ""
+            problem = f"{bad} of {counted(total, 'message')} broken{why}, expected those of a {topic.kind}"
             raise InputError(problem, file=self.path, field=topic.name)
-        rows = table.rows
-        unset = int(table.unset[rows].sum())
-        rows = rows[(good & ~table.unset)[rows]]
+        rows = table.rows[(good & ~table.unset)[table.rows]]
         if not len(rows):
             raise InputError("no message in this session, expected some", file=self.path, field=topic.name)
-        doubles = _doubles(table.stamps[rows], table.heads["mark"][rows])
+        stamps, marks = table.stamps[rows], table.heads["mark"][rows]
+        twice = np.ones(len(rows), np.bool_)
+        twice[np.unique(np.column_stack((stamps, marks)), axis=0, return_index=True)[1]] = False
+        is_unstamped = not table.heads["stamp"].any()
         for code, count, what in (
+            ("no-header-stamps", len(table) * is_unstamped, "without a stamp: the times of reception are taken"),
             ("broken-messages", bad, "broken: dropped"),
-            ("unset-stamps", unset, "without a stamp (0) dropped"),
-            ("doubles", int(doubles.sum()), "recorded twice: the second is dropped"),
+            ("unset-stamps", int(table.unset[table.rows].sum()), "without a stamp (0) dropped"),
+            ("doubles", int(twice.sum()), "recorded twice: the second is dropped"),
         ):
             if count:
                 self.tell(code, topic, f"{counted(count, 'message')} {what}", count)
-        rows = rows[~doubles]
-        times = seconds(table.stamps[rows])
+        rows, times = rows[~twice], seconds(stamps[~twice])
         order, found = stamp_order(times, file=self.path, field=topic.name)
         self.issues.extend(found)
         return (rows, times) if order is None else (rows[order], times[order])
 
 
-def _parts(table: Table, cuts: list[int], edges: list[int]) -> list[Rows]:
-    """The rows of each session: a table's own cuts where it has them near, else where the bag is cut."""
-    order, borders = table.heads["order"], cuts
-    if len(cuts) != len(edges):
-        borders = []
-        for edge in edges:
-            near = [cut for cut in cuts if min(edges, key=lambda other: abs(other - order[cut])) == edge]
-            borders.append(near[0] if near else int(np.searchsorted(order, edge)))
-    return np.split(np.arange(len(order)), borders)
+def seconds(nanoseconds: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Stamps [s], each the float64 nearest to it but for one rounding more."""
+    return nanoseconds // SECOND + (nanoseconds % SECOND) / SECOND
 
 
-def _doubles(stamps: NDArray[np.int64], marks: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which messages [n] were there before: of the same stamp and content."""
-    order = np.lexsort((marks, stamps))
-    again = (np.diff(stamps[order]) == 0) & (np.diff(marks[order]) == 0)
-    found = np.zeros(len(stamps), np.bool_)
-    found[order[1:][again]] = True
-    return found
+def is_bag(path: Path, kind: str | None = None) -> bool:
+    """Whether a path is a bag: a file, of a kind if one is named (of SQLite one that has the tables of a bag), or a
+    folder that holds a ``metadata.yaml`` or the parts of a single recording.
+    """
+    try:
+        if path.is_dir():
+            return _has_metadata(path) or bool(_parts(path, []))
+        begins = _kind_of(path)
+        return begins is not None and kind in (None, begins) and (begins != "db3" or bool(_open_file(path)))
+    except (InputError, OSError, ValueError):
+        return False
 
 
-@cache
-def is_readable(topic: Topic) -> bool:
-    """Whether a topic's messages are of the definition that is read here, as far as the bag says."""
-    known, name = store(ros1=True), full_name(topic.kind)
-    return topic.digest in ("", "*") or (name in known.types and topic.digest == known.generate_msgdef(name)[1])
+def _kind_of(path: Path) -> str | None:
+    with open_regular(path, "a ROS bag") as file:
+        start = file.read(16)
+    return next((kind for magic, kind in _MAGICS.items() if start.startswith(magic)), None)
+
+
+def _open_file(path: Path) -> Rosbag1 | Mcap | Database:
+    kind = _kind_of(path)
+    if kind is None:
+        raise InputError("does not begin as a ROS bag, an MCAP or a SQLite file", file=path)
+    with damage_in_one_line(path):
+        return _STORAGES[kind](path)
+
+
+def _files_of(path: Path, owner: object, issues: list[Issue]) -> list[Path]:
+    """A single file, those that ``metadata.yaml`` names, or the parts of a recording; what had to be unpacked is there
+    as long as its owner.
+    """
+    if not path.is_dir():
+        return [path]
+    if not _has_metadata(path):
+        return _parts(path, issues)
+    metadata = path / METADATA
+    table = read_yaml(metadata, "the metadata of a ROS 2 bag", limit=4_000_000)
+    about = table.get(_INFORMATION) if isinstance(table, dict) else None
+    names = about.get("relative_file_paths") if isinstance(about, dict) else None
+    if not isinstance(names, list) or not 0 < len(set(map(str, names))) == len(names) <= MAX_FILES:
+        raise InputError("no list of files, expected one", file=metadata, field="relative_file_paths")
+    files = [path / Path(str(name)).name for name in names]  # bags before version 4 have the folder before it
+    if missing := [file for file in files if not file.is_file() or file.resolve().parent != path.resolve()]:
+        problem = f"{missing[0].name[:80]!r}, expected the name of a file in the folder"
+        raise InputError(problem, file=metadata, field="relative_file_paths")
+    return [_plain(file, owner) for file in files]
+
+
+def _plain(file: Path, owner: object) -> Path:
+    """A file, unpacked where it is packed as a whole."""
+    with damage_in_one_line(file), file.open("rb") as packed:
+        if packed.read(4) != ZSTD:
+            return file
+        packed.seek(0)
+        into = temporary_folder(owner) / file.stem
+        limit = min(MAX_RATIO * file.stat().st_size, shutil.disk_usage(into.parent).total // 2)
+        with zstd.open(packed, "rb") as content, into.open("wb") as plain:
+            while block := content.read(1 << 20):
+                plain.write(block)
+                if plain.tell() > limit:
+                    raise InputError("unpacks to more than a recording does: unpack it with zstd -d", file=file)
+    return into
+
+
+def _has_metadata(folder: Path) -> bool:
+    try:
+        with (folder / METADATA).open("rb") as file:
+            return _INFORMATION.encode() in file.read(4096)
+    except OSError:
+        return False
+
+
+def _parts(folder: Path, issues: list[Issue]) -> list[Path]:
+    """The parts ``name_0.mcap``, ``name_1.mcap`` of the only recording in a folder, in order; else an empty list."""
+    entries = (file for _, file in zip(range(MAX_FILES), folder.iterdir(), strict=False))
+    files = [file for file in entries if file.is_file() and is_bag(file)]
+    named = sorted((int(part["number"]), part["stem"], file) for file in files if (part := _PART.fullmatch(file.name)))
+    if len(named) < len(files) or len({(stem, file.suffix) for _, stem, file in named}) != 1:
+        return []
+    missing = len({*range(min(named[-1][0], MAX_FILES))} - {number for number, *_ in named})
+    text = f"{folder.name}: no metadata.yaml; {', '.join(file.name for *_, file in named[:4])}"
+    text += f"{' and others' if len(named) > 4 else ''} are read as one recording"
+    issues.append(Issue("no-metadata", text + (f"; {missing} are missing" if missing else ""), len(named)))
+    return [file for *_, file in named]

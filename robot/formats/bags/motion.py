@@ -1,106 +1,204 @@
-"""What says how the robot moved: odometry of messages or transforms, inertial readings, wheels as joints."""
+"""Where sensors stand and how the robot moved: transforms, odometry, inertial readings, wheels as joints.
+
+Frames as in ROS REP 105: ``odom`` moves smoothly under the robot's ``base_link`` or ``base_footprint``, on which the
+sensors stand. Names with and without a leading slash are the same.
+"""
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.formats.bags.bag import Bag, Table, Topic
-from moteslam.robot.formats.bags.frames import BASES, Frames
-from moteslam.robot.formats.streams import MAX_PLACE, SLACK, keep_plausible, plausible_counts, plausible_rates
-from moteslam.robot.platform import Wheels
+from moteslam.robot.formats.bags.bag import SECOND, Bag, Table
+from moteslam.robot.formats.bags.storage import Topic
+from moteslam.robot.formats.streams import MAX_PLACE, SLACK, Sensors, plausible_rates
+from moteslam.robot.platform import Platform, Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream
-from moteslam.robot.values import Issue, counted
+from moteslam.robot.trajectory import rotations_of
+from moteslam.robot.values import counted
 
+TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
 ODOMETRY, IMU, JOINT_STATE = "nav_msgs/Odometry", "sensor_msgs/Imu", "sensor_msgs/JointState"
-
-GRAVITY = 9.80665
-"""Standard gravity [m/s^2]."""
-
-MAX_ANGLE = 1e9
-"""No wheel has turned further [rad]: some 30 000 km."""
-
+BASES = ("base_footprint", "base_link")
+"""Frames of a robot, the first that a tree has."""
+MAX_FRAMES = 10_000  # pairs that are kept
+LEVEL, TILTED = math.radians(2.0), math.radians(15.0)
+"""A lidar tilted by less counts as level, for transforms are measured by hand; one tilted by more does not scan the
+plane that the robot drives in [rad]."""
+GRAVITY = 9.80665  # [m/s^2]
+MAX_ANGLE = 1e9  # [rad]: no wheel has turned further
 REACH, MIN_PATH = 0.2, 1.0
 """Of a path, along which a direction is taken, and of one that is long enough to say any [m]."""
 MIN_TURN, FOLLOWS = math.radians(60), 0.3
 """A path that turns by more [rad] and agrees with the headings by less (the mean resultant length of twice the angle
 between them, which is 1 for wheels that do not slip) has headings that are none."""
-
-_TRUTH = re.compile(r"(^|[^a-z])(ground_?truth|groundtruth|truth|true|gt|p3d)([^a-z]|$)")
-"""In the name of a topic or frame that holds where the robot truly was."""
-_WORLD = {"world", "map"}
-"""Frames in which no wheel measures."""
 _SIDES, _REAR = ("right", "left"), ("rear", "back", "hind")
 _LEVEL = 1e-6
+_MOVES = 1e-3
+"""A frame that a later transform puts elsewhere by more than this [m, or of its quaternion] moves."""
+_DIGITS = 9
 
 
-def pose_of(message: Any) -> tuple[float, ...]:
-    """Position and quaternion of an odometry message."""
-    place, turn = message.pose.pose.position, message.pose.pose.orientation
-    pose = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
-    if not all(abs(value) <= MAX_PLACE for value in pose):
-        raise ValueError("no pose of a robot")
-    return pose
+def _numbers(*fields: str) -> Callable[[Any], tuple[float, ...]]:
+    """What gives the numbers of some fields of a message: ``orientation.xyzw`` are four."""
+    parts = [field.rpartition(".") for field in fields]
+    return attrgetter(*(f"{field}.{axis}" for field, _, axes in parts for axis in axes))
 
 
-def rates_of(message: Any) -> tuple[float, ...]:
-    """Rates and accelerations of an inertial message."""
-    turn, push = message.angular_velocity, message.linear_acceleration
-    values = (turn.x, turn.y, turn.z, push.x, push.y, push.z)
-    if not all(map(math.isfinite, values)):
-        raise ValueError("no reading")
-    return values
+POSE = _numbers("pose.pose.position.xyz", "pose.pose.orientation.xyzw")
+RATES = _numbers("angular_velocity.xyz", "linear_acceleration.xyz")
+_TRANSFORM = _numbers("transform.translation.xyz", "transform.rotation.xyzw")
 
 
-def choose_odometry(bag: Bag, tables: Sequence[Table], lidar: tuple[str, str], frames: Frames) -> Table | None:
-    """The odometry where none is named: of the robot of the lidar's topic and frame, never where it truly was.
+@dataclass
+class _Edge:
+    pose: tuple[float, ...]
+    static: bool
+    count: int = 0
+    moves: bool = False
+    unset: bool = False  # the quaternion has length 0
 
-    ``tables`` are of all odometry of the bag, those with most messages first.
+
+class Mount(NamedTuple):
+    """Where a lidar stands in the robot's frame [m, rad]."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    yaw: float = 0.0
+
+
+def namespace(topic: str) -> str:
+    """The first part of a topic's name, of several: ``a`` of ``/a/scan``."""
+    return topic[1:].rpartition("/")[0].partition("/")[0]
+
+
+class Frames:
+    """The transforms of a bag: of a static one the last counts, as in tf2, of another the first.
+
+    Attributes:
+        odometry: by namespace, parent ``odom*`` and child, its transforms, seven numbers each.
     """
-    topic, frame = lidar
 
-    def is_truth(table: Table) -> bool:
-        parent = table.frame().rpartition("/")[2].lower()
-        named = (table.topic.name.lower(), table.frame().lower(), table.child.lower())
-        return parent in _WORLD or any(map(_TRUTH.search, named))
+    def __init__(self, bag: Bag) -> None:
+        self.bag = bag
+        self._edges: dict[tuple[str, str, str], _Edge] = {}
+        self.odometry: dict[tuple[str, str, str], Table] = {}
 
-    def is_other_robots(table: Table) -> bool:
-        apart = table.child in frames and frame in frames and frames.place(frame, table.child) is None
-        return apart and not (table.child in BASES and any(frames.place(frame, base) for base in BASES))
+    def add(self, message: Any, *, topic: Topic) -> tuple[float, ...]:
+        """Keep a message of a topic, ``tf_static`` or another."""
+        static = topic.name.endswith("tf_static")
+        for each in message.transforms:
+            pair = (namespace(topic.name), each.header.frame_id.lstrip("/"), each.child_frame_id.lstrip("/"))
+            given = _TRANSFORM(each)
+            unset = not math.hypot(*given[3:]) > _MOVES
+            pose = (*given[:3], 0.0, 0.0, 0.0, 1.0) if unset else given
+            edge = self._edges.get(pair)
+            if edge is None:
+                if len(self._edges) >= MAX_FRAMES:
+                    break
+                edge = self._edges[pair] = _Edge(pose, static, unset=unset)
+                if pair[1].rpartition("/")[2].startswith("odom"):
+                    named = topic._replace(name=f"/tf {pair[1]} to {pair[2]}")
+                    self.odometry[pair] = Table(named, width=7, frame=pair[1], child=pair[2])
+            edge.count += 1
+            if pose != edge.pose:
+                edge.moves |= not max(abs(a - b) for a, b in zip(pose, edge.pose, strict=True)) <= _MOVES
+                if static:
+                    edge.pose, edge.static, edge.unset = pose, True, unset
+            if (table := self.odometry.get(pair)) is not None:
+                stamp = each.header.stamp.sec * SECOND + each.header.stamp.nanosec
+                table.flat.extend((stamp, 0, self.bag.swept, 0, 0, 0, 0, hash(given)))
+                table.numbers.extend(given)
+        return ()
 
-    def rank(table: Table) -> tuple[bool, bool, bool, int]:
-        is_odom = table.frame().rpartition("/")[2].startswith("odom")
-        carries = frames.place(frame, table.child) is not None
-        return carries, beside(table.topic.name, topic), is_odom, len(table)
+    def keep(self, space: str) -> None:
+        """Of several robots' transforms, keep those in a namespace, and those in none."""
+        if any(key[0] == space for key in self._edges if space):
+            self._edges = {key: edge for key, edge in self._edges.items() if key[0] in (space, "")}
+            self.odometry = {key: table for key, table in self.odometry.items() if key in self._edges}
 
-    truth = [table for table in tables if is_truth(table)]
-    others = [table for table in tables if table not in truth and is_other_robots(table)]
-    if truth:
-        names = ", ".join(f"{table.topic.name} (in {table.frame() or 'no frame'})" for table in truth[:4])
-        what = "where the robot truly was, or an estimate in a map; not used as odometry unless it is named"
-        bag.tell("truth-left", names, what, len(truth))
-    if others:
-        names = ", ".join(table.topic.name for table in others[:4])
-        what = f"of a robot that does not carry the lidar's frame {frame}; left aside"
-        bag.tell("other-robot", names, what, len(others))
-    candidates = [table for table in tables if table not in truth and table not in others]
-    best = max(candidates, key=rank, default=None)
-    if best is not None:
-        left_aside(bag, "odometry", best.topic, [table.topic for table in candidates if table is not best])
-    return best
+    def __contains__(self, frame: str) -> bool:
+        return any(frame in pair for _, *pair in self._edges)
 
+    def base(self) -> str | None:
+        """The robot's frame, by its usual names; with a prefix where there are no others."""
+        names = dict.fromkeys(name for _, *pair in self._edges for name in pair)
+        for base in BASES:
+            found = [name for name in names if name == base] or [name for name in names if name.endswith(f"/{base}")]
+            if found:
+                return found[0] if len(found) == 1 else None
+        return None
 
-def beside(topic: str, lidar: str) -> bool:
-    """Whether a topic is in the namespace of the lidar's, or one of the two is in none."""
-    ours, theirs = topic.split("/")[1:-1], lidar.split("/")[1:-1]
-    return not ours or not theirs or ours[0] == theirs[0]
+    def odometry_under(self, frame: str) -> Table | None:
+        """The odometry of transforms whose child carries a frame, else that with most."""
+        tables = sorted(self.odometry.values(), key=len, reverse=True)
+        carrying = [table for table in tables if self.place(frame, table.child) is not None]
+        return next(iter(carrying or tables), None)
+
+    def place(self, frame: str, base: str | None) -> tuple[NDArray[np.float64], list[_Edge]] | None:
+        """Where a frame stands in another, and the transforms on the way; None where none connect them."""
+        if base is None:
+            return None
+        ours, theirs = self._above(frame), self._above(base)
+        shared = base if base in ours else next((name for name in ours if name in theirs), None)
+        if shared is None:
+            return None
+        (pose, way), (other, rest) = ours[shared], theirs[shared]
+        return np.linalg.inv(other) @ pose, way + rest
+
+    def _above(self, frame: str) -> dict[str, tuple[NDArray[np.float64], list[_Edge]]]:
+        """The frame and all above it, with its pose in each; of two parents both are gone up to."""
+        found: dict[str, tuple[NDArray[np.float64], list[_Edge]]] = {frame: (np.eye(4), [])}
+        waiting = [frame]
+        while waiting:
+            below = waiting.pop(0)
+            parents = [(parent, edge) for (_, parent, child), edge in reversed(self._edges.items()) if child == below]
+            for parent, edge in sorted(parents, key=lambda one: (-one[1].static, -one[1].count)):
+                if parent in found or not all(abs(value) <= MAX_PLACE for value in edge.pose):
+                    continue
+                pose, way = found[below]
+                step = np.eye(4)
+                step[:3, :3] = rotations_of(np.array([edge.pose[3:]]))[0]
+                step[:3, 3] = edge.pose[:3]
+                found[parent] = (step @ pose, [*way, edge])
+                waiting.append(parent)
+        return found
+
+    def lidar_mount(self, topic: str, frame: str, base: str | None, *, is_given: bool) -> tuple[Mount, bool]:
+        """The mount of the lidar whose scans are in a frame, the robot's centre where no transforms lead there, and
+        whether it hangs upside down. What is wrong with it does not matter where it is given.
+        """
+        placed = self.place(frame, base)
+        if placed is None:
+            what = f"no transform from {base or ' or '.join(BASES)} to {frame or 'its frame'}; the lidar is taken to"
+            if not is_given:
+                self.bag.tell("no-mount", topic, f"{what} stand at the robot's centre")
+            return Mount(), False
+        pose, way = placed
+        tilt = math.acos(min(1.0, abs(float(pose[2, 2]))))
+        if tilt > TILTED and not is_given:
+            problem = f"{frame} is tilted by {math.degrees(tilt):.0f} degrees in {base}, expected a level lidar"
+            raise InputError(problem, file=self.bag.path, field=topic)
+        for code, is_so, what in (
+            ("mount-unturned", any(edge.unset for edge in way), "by a quaternion of length 0: taken not to be turned"),
+            ("mount-moves", any(edge.moves and not edge.static for edge in way), "changes; the first place is taken"),
+            ("mount-corrected", any(edge.moves and edge.static for edge in way), "was given anew; the last is taken"),
+            ("lidar-tilted", tilt > LEVEL, f"is tilted by {math.degrees(tilt):.1f} degrees; its scans count as level"),
+        ):
+            if is_so and not is_given:
+                self.bag.tell(code, topic, f"the frame {frame} {what}")
+        yaw = float(se2.wrap(math.atan2(pose[1, 0], pose[0, 0])))
+        x, y, z = (round(float(value), _DIGITS) for value in pose[:3, 3])
+        return Mount(x, y, z, round(yaw, _DIGITS)), bool(pose[2, 2] < 0)
 
 
 def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
@@ -113,15 +211,12 @@ def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
     headings = se2.heading(np.where(none[:, None], (0.0, 0.0, 0.0, 1.0), turns))
     along = _path_headings(places)
     if problem := _no_headings(lengths, headings, along):
+        instead = "the direction of the path is taken, which says nothing of turns on the spot"
         if along is None:
-            what = f"{problem}, and a path too short to take them from: SLAM goes without this odometry"
-            bag.tell("no-headings", topic, what, len(kept))
-            return None
-        what = f"{problem}: the direction of the path is taken, which says nothing of turns on the spot"
-        bag.tell("no-headings", topic, what, len(kept))
-        return OdometryStream(stamps, np.column_stack((places, along)))
-    if none.any():
-        count = int(none.sum())
+            instead = "the path is too short to take them from: SLAM goes without this odometry"
+        bag.tell("no-headings", topic, f"{problem}: {instead}", len(kept))
+        return None if along is None else OdometryStream(stamps, np.column_stack((places, along)))
+    if count := int(none.sum()):
         bag.tell("broken-messages", topic, f"{counted(count, 'pose')} with a quaternion of length 0 dropped", count)
     return OdometryStream(stamps[~none], np.column_stack((places, headings))[~none])
 
@@ -161,83 +256,56 @@ def _path_headings(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
     return se2.wrap(np.interp(np.arange(len(places)), known, directions - np.pi * reversals))
 
 
-def imu_stream(bag: Bag, table: Table, frames: Frames, base: str | None) -> ImuStream:
+def imu_stream(frames: Frames, base: str | None, table: Table) -> ImuStream:
     """The inertial readings in the robot's axes, as far as transforms say how the sensor is turned."""
-    values = table.values
-    kept, stamps = bag.used(table, plausible_rates(values[:, :3]))
+    values, bag = table.values, frames.bag
+    kept, stamps = bag.used(table, plausible_rates(values[:, :3]) & np.isfinite(values).all(axis=1))
     angular, linear = values[kept, :3], values[kept, 3:] / GRAVITY
-    frame = table.frame()
-    placed = frames.place(frame, base)
+    placed = frames.place(table.frame, base)
     rotation = np.eye(3) if placed is None else placed[0][:3, :3]
     if np.abs(rotation - np.eye(3)).max() > _LEVEL:
         angular, linear = angular @ rotation.T, linear @ rotation.T
-        turn = math.degrees(math.acos(min(1.0, max(-1.0, (float(np.trace(rotation)) - 1) / 2))))
-        what = f"{frame} is turned by {turn:.1f} degrees in {base}; its readings are turned into the robot's axes"
+        what = f"{table.frame} is turned in {base}; its readings are turned into the robot's axes"
         bag.tell("imu-turned", table.topic, what)
     return ImuStream(stamps, angular, linear)
 
 
-def left_aside(bag: Bag, what: str, used: Topic, others: list[Topic]) -> None:
-    """An issue that names the topics of a kind that are not used, if there are any."""
-    if others:
-        names = ", ".join(f"{topic.name} ({counted(topic.count, 'message')})" for topic in others[:8])
-        used_ones = f"{what} of {used.name} ({counted(used.count, 'message')}) used"
-        bag.issues.append(Issue("topics-left", f"{bag.path.name}: {used_ones}; left aside: {names}", len(others)))
+def wheel_angles(message: Any) -> tuple[float, ...]:
+    """The angles of the four wheels in a message of joints; a wheel is a joint with its side in its name.
 
-
-class Joints:
-    """The angles of the wheels in messages of joints; a wheel is a joint with its side in its name.
-
-    Of two wheels each counts twice. An angle is counts times the angle of one, ``metres_per_count`` over the wheel's
-    radius; written angles are sums of counts, and so the counts come back exactly, as long as they stay below 2^50.
+    Of two wheels each counts twice.
     """
-
-    def __init__(self) -> None:
-        self._columns: dict[tuple[str, ...], list[int]] = {}
-
-    def __call__(self, message: Any) -> tuple[float, ...]:
-        """The angles of the four wheels in a message; a ValueError where it has none."""
-        names = tuple(message.name)
-        if names not in self._columns and len(self._columns) < 100:
-            self._columns[names] = _wheel_columns(names)
-        columns = self._columns.get(names)
-        if not columns or len(message.position) != len(names):
-            raise ValueError("no wheels")
-        angles = tuple(float(message.position[column]) for column in columns)
-        if not all(abs(angle) <= MAX_ANGLE for angle in angles):
-            raise ValueError("no angles")
-        return angles
-
-    def encoder_stream(self, bag: Bag, table: Table, wheels: Wheels) -> EncoderStream:
-        """The counters of the wheels.
-
-        The first reading counts from 0 where the wheels had travelled less than 1 m by then, else it counts nothing:
-        joints go on from where they stood. No motion is before the first reading in either case.
-        """
-        name = table.topic.name
-        if not len(table):
-            names = ", ".join(joint[:40] for joint in next(iter(self._columns), ())[:8]) or "none"
-            problem = f"joints {names}, expected angles of wheels with left and right in their names"
-            raise InputError(problem, file=bag.path, field=name)
-        kept, stamps = bag.used(table)
-        totals = np.rint(table.values[kept] / angle_of_count(wheels)).astype(np.int64)
-        counts = np.diff(totals, axis=0, prepend=0)
-        if np.abs(counts[0]).max() * wheels.metres_per_count > SLACK:
-            counts[0] = 0
-        plausible = plausible_counts(stamps, counts, wheels.metres_per_count)
-        return EncoderStream(*keep_plausible(bag.path, name, plausible, "beyond 100 m/s", bag.issues, stamps, counts))
-
-
-def _wheel_columns(names: tuple[str, ...]) -> list[int]:
-    """Which joints are the front right, front left, rear right, rear left wheel; none where one is not there."""
     columns: dict[tuple[str, bool], int] = {}
-    for index, name in enumerate(map(str.lower, names)):
+    names = [name.lower() for name in message.name]
+    for index, name in enumerate(names):
         for side in _SIDES:
             if side in name and ("wheel" in name or len(names) <= 4):
                 columns.setdefault((side, any(word in name for word in _REAR)), index)
     order = [(side, rear) for rear in (False, True) for side in _SIDES]
     found = [columns.get((side, rear), columns.get((side, not rear))) for side, rear in order]
-    return [] if None in found else [index for index in found if index is not None]
+    if None in found or len(message.position) != len(names):
+        raise ValueError(f"no wheels with left and right in their names: {', '.join(names)[:200]}")
+    return tuple(float(message.position[column]) for column in found)
+
+
+def encoder_stream(bag: Bag, robot: Platform, table: Table) -> EncoderStream:
+    """The counters of the wheels. An angle is counts times that of one, and written angles are sums of counts, which
+    come back exactly as long as they stay below 2^50.
+
+    The first reading counts from 0 where the wheels had travelled less than 1 m by then, else it counts nothing:
+    joints go on from where they stood. No motion is before the first reading in either case.
+    """
+    field, wheels = table.topic.name, robot.wheels
+    if wheels is None:
+        raise InputError(
+            "joints of wheels, expected a platform with [wheels] to count them by", file=bag.path, field=field
+        )
+    kept, stamps = bag.used(table, np.asarray((np.abs(table.values) <= MAX_ANGLE).all(axis=1)))
+    totals = np.rint(table.values[kept] / angle_of_count(wheels)).astype(np.int64)
+    counts = np.diff(totals, axis=0, prepend=0)
+    if np.abs(counts[0]).max() * wheels.metres_per_count > SLACK:
+        counts[0] = 0
+    return Sensors(robot, {}, bag.issues).encoders(bag.path, (field, field), stamps, counts)
 
 
 def angle_of_count(wheels: Wheels) -> float:

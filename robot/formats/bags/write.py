@@ -11,120 +11,67 @@ for those who play the bag), its platform, and the scans' figures, which ``senso
 from __future__ import annotations
 
 import heapq
+import math
 import sqlite3
 import tempfile
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.errors import InputError, OutputError
 from moteslam.robot import rgbd, se2
 from moteslam.robot.files import make_folder
-from moteslam.robot.formats.bags.bag import Bag
-from moteslam.robot.formats.bags.frames import TRANSFORMS
-from moteslam.robot.formats.bags.images import CAMERA_INFO, COMPRESSED_IMAGE
-from moteslam.robot.formats.bags.messages import (
-    Event,
-    Values,
-    header,
-    nanoseconds,
-    stamp,
-    transform,
-    turned,
-    vector,
-    write_events,
-)
-from moteslam.robot.formats.bags.motion import GRAVITY, IMU, JOINT_STATE, ODOMETRY, angle_of_count
+from moteslam.robot.formats.bags import motion
+from moteslam.robot.formats.bags.bag import SECOND
 from moteslam.robot.formats.bags.scans import LASER_SCAN
-from moteslam.robot.formats.streams import Fan
+from moteslam.robot.formats.bags.storage import full_name, store
 from moteslam.robot.formats.written import SCAN_POSES, WrittenOdometry, not_written, odometry_of
-from moteslam.robot.platform import CameraSpec, Platform
-from moteslam.robot.platforms import platform_of, platform_table
+from moteslam.robot.platform import CameraSpec
+from moteslam.robot.platforms import platform_table
 from moteslam.robot.raster import encode_png
 from moteslam.robot.recording import CHUNK, STREAMS, LidarStream, OdometryStream, Recording, RgbdStream
 from moteslam.robot.values import Issue, counted, expect_type
 
 ODOM, BASE, LASER = "odom", "base_link", "laser"
-RGB, DEPTH = "/camera/rgb", "/camera/depth"
-_RGB_FRAME, _DEPTH_FRAME = "camera_rgb_optical_frame", "camera_depth_optical_frame"
-_FORMATS = {RGB: "rgb8; png compressed bgr8", DEPTH: "16UC1; png compressed"}
+IMAGE_KINDS = IMAGE, COMPRESSED_IMAGE = "sensor_msgs/Image", "sensor_msgs/CompressedImage"
+IMAGES = ("/camera/rgb/image_raw/compressed", "/camera/depth/image_raw/compressed")
+_CAMERA_FRAMES = {"rgb": "camera_rgb_optical_frame", "depth": "camera_depth_optical_frame"}
+_FORMATS = {"rgb": "rgb8; png compressed bgr8", "depth": "16UC1; png compressed"}
 _FARTHEST = 65.535
-
 JOINTS = ("front_right_wheel_joint", "front_left_wheel_joint", "rear_right_wheel_joint", "rear_left_wheel_joint")
-"""As written, in the order of an `EncoderStream`."""
-LATEST = 2.0**31
-"""The end of what messages hold as a time [s]: the year 2038."""
-_METADATA_VERSION = 8
-"""Of ``metadata.yaml``: ROS 2 Iron writes it, and releases from Humble on read it."""
-
-
-Kind = Literal["bag", "mcap", "rosbag2"]
-
+LATEST = 2.0**31  # [s]: the end of what messages hold as a time, in 2038
+_METADATA_VERSION = 8  # ROS 2 Iron writes it, and releases from Humble on read it
 MANIFEST = ("/moteslam/recording", "std_msgs/String")
-MAX_LETTERS = 1 << 20
 FIGURES = ("angle_min", "angle_increment", "range_min", "range_max", "time_increment")
+_ARRAYS = {"float32": np.float32, "float64": np.float64, "uint8": np.uint8}
+
+Values = dict[str, Any]
+"""A message: numbers, texts, arrays, tables of these and lists of tables, by the names of its fields; the others are 0
+or empty."""
 
 
-@dataclass(frozen=True)
-class Manifest:
-    """What a bag says about the recording that it was written from: its streams, robot and figures of the scans."""
+@dataclass(frozen=True, eq=False)
+class Event:
+    """A message of a topic and type, and when it is received [ns]; a latched one reaches those who come later."""
 
-    streams: tuple[str, ...]
-    platform: Platform
-    scan: dict[str, Any]
-
-    def sharpened(self, fan: Fan) -> Fan:
-        """The fan with the figures that the messages round, wherever they round to those of the messages."""
-        exact: dict[str, Any] = {name: value for name in FIGURES if isinstance(value := self.scan.get(name), float)}
-        rounded = {name: np.float32(getattr(fan, name)) for name in exact}
-        return fan._replace(**{name: value for name, value in exact.items() if np.float32(value) == rounded[name]})
+    time: int
+    topic: str
+    kind: str
+    values: Values
+    latched: bool = False
 
 
-def manifest_of(recording: Recording, *, with_odometry: bool) -> str:
-    """The text for a recording; ``with_odometry`` where that of the bag was not computed."""
-    lidar = recording.lidar
-    has = {name: with_odometry if name == "odometry" else getattr(recording, name) is not None for name in STREAMS}
-    table = {
-        "streams": [name for name in STREAMS if has[name]],
-        "scan": {} if lidar is None else {name: float(getattr(lidar, name)) for name in FIGURES},
-        "platform": platform_table(recording.platform),
-    }
-    return tomli_w.dumps(table)
+def write_bag(path: str | PathLike[str], recording: Recording, *, kind: str) -> tuple[Issue, ...]:
+    """Write a recording as a new ``bag`` of ROS 1, ``mcap`` file or ``rosbag2``: a folder with a SQLite file.
 
-
-def read_manifest(bag: Bag) -> Manifest | None:
-    """What a bag says about its recording; None of a bag that this package did not write."""
-    topic = next((topic for topic in bag.of_kind(MANIFEST[1]) if topic.name == MANIFEST[0]), None)
-    if topic is None:
-        return None
-    try:
-        _, _, _, data = next(bag.sweep([topic]))
-        if len(text := bag.decode(topic, data).data) > MAX_LETTERS:
-            raise ValueError(f"{len(text)} letters")
-        table = tomllib.loads(text)
-        streams, scan, robot = table["streams"], dict(table["scan"]), dict(table["platform"])
-        return Manifest(tuple(name for name in STREAMS if name in streams), platform_of(robot, file=bag.path), scan)
-    except (ValueError, TypeError, KeyError, RecursionError, StopIteration, ConfigError) as error:
-        problem = f"{' '.join(str(error).split())[:200]}, expected the description of a recording"
-        raise InputError(problem, file=bag.path, field=MANIFEST[0]) from error
-
-
-def write_bag(path: str | PathLike[str], recording: Recording, *, kind: Kind) -> tuple[Issue, ...]:
-    """Write a recording as a new bag; topics and what comes back equal: ``docs/reference/formats.md``.
-
-    The same recording gives the same bytes. What the bag does not hold is an issue each.
-
-    Args:
-        path: of a new file or, of the kind ``rosbag2``, a folder for a SQLite file and its ``metadata.yaml``.
-        recording: what to write.
-        kind: a file of ROS 1, or of ROS 2 a single MCAP file or a folder.
+    The same recording gives the same bytes. What the bag does not hold is an issue each. Topics, and what comes back
+    equal: ``docs/reference/formats.md``.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     path = Path(path)
@@ -148,7 +95,7 @@ def write_bag(path: str | PathLike[str], recording: Recording, *, kind: Kind) ->
     return (*odometry.issues, *_left_out(recording, len(missing)))
 
 
-def _write_ros2(path: Path, kind: Kind, events: Iterator[Event]) -> None:
+def _write_ros2(path: Path, kind: str, events: Iterator[Event]) -> None:
     """Write a folder beside the target, as rosbags does, and move its files to their place."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
@@ -159,11 +106,8 @@ def _write_ros2(path: Path, kind: Kind, events: Iterator[Event]) -> None:
         folder = Path(place) / ("written" if kind == "mcap" else "recording")
         with Writer(folder, version=_METADATA_VERSION, storage_plugin=storage) as writer:
             write_events(writer, events, ros1=False)
-        if kind == "mcap":
-            (folder / "written.mcap").replace(path)
-            return
-        for file in folder.iterdir():
-            file.replace(path / file.name)
+        for file in folder.glob("*.mcap" if kind == "mcap" else "*"):
+            file.replace(path if kind == "mcap" else path / file.name)
 
 
 def _left_out(recording: Recording, missing: int) -> Iterator[Issue]:
@@ -182,34 +126,77 @@ def _left_out(recording: Recording, missing: int) -> Iterator[Issue]:
         yield Issue("images-missing", text, missing)
 
 
+def write_events(writer: Any, events: Iterator[Event], *, ros1: bool) -> None:
+    """Write messages by a writer of rosbags, each topic's connection before its first."""
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+    reliable, local = QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL
+    forever, live = QosTime(2147483647, 4294967295), QosLiveliness.AUTOMATIC
+    profile = Qos(QosHistory.KEEP_LAST, 1, reliable, local, forever, forever, live, forever, False)
+    latched: Values = {"latching": 1} if ros1 else {"offered_qos_profiles": [profile]}
+    types, connections = store(ros1=ros1), dict[str, Any]()
+    for event in events:
+        name = full_name(event.kind)
+        if event.topic not in connections:
+            options = latched if event.latched else {}
+            connections[event.topic] = writer.add_connection(event.topic, name, typestore=types, **options)
+        message = _message(types, name, event.values)
+        data = types.serialize_ros1(message, name) if ros1 else types.serialize_cdr(message, name)
+        writer.write(connections[event.topic], event.time, bytes(data))
+
+
+def _message(types: Any, name: str, values: Values) -> Any:
+    made = {}
+    for field, (how, what) in types.fielddefs[name][1]:
+        value: Any = values.get(field)
+        if how.name == "NAME":
+            value = _message(types, what, value or {})
+        elif how.name == "BASE" and value is None:
+            value = "" if what[0] == "string" else 0
+        elif how.name != "BASE":  # an array of messages or of numbers
+            (inner, element), size = what
+            if inner.name == "NAME":
+                value = [_message(types, element, one) for one in value or ()]
+            elif element[0] in _ARRAYS:
+                value = np.asarray(np.zeros(size) if value is None else value, _ARRAYS[element[0]])
+        made[field] = value
+    return types.types[name](**made)
+
+
 def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]) -> Iterator[Event]:
     """The messages of a recording by their times; indices of images that cannot be read are added to ``missing``."""
     lidar, imu, encoders, odometry = recording.lidar, recording.imu, recording.encoders, written.stream
-    stamps = [stream.stamps for stream in (odometry, lidar, imu, encoders) if stream is not None and len(stream)]
-    if not stamps:
+    firsts = [stream.stamps[:1] for stream in (odometry, lidar, imu, encoders) if stream is not None and len(stream)]
+    if not firsts:
         raise InputError("no readings, expected scans, odometry, wheels or an IMU", file=recording.name)
-    begin = int(nanoseconds(np.array([min(float(times[0]) for times in stamps)]))[0])
+    begin = int(nanoseconds(np.min(firsts, axis=0))[0])
     mount, camera, wheels = recording.platform.lidar, recording.platform.camera, recording.platform.wheels
     standing = [transform(begin, BASE, LASER, (mount.x, mount.y, mount.z), turned(mount.yaw))]
     standing += [] if camera is None else camera_transforms(begin, camera)
-    manifest = {"data": manifest_of(recording, with_odometry=not written.is_computed)}
+    has = {name: getattr(recording, name) is not None for name in STREAMS} | {"odometry": not written.is_computed}
+    about = {
+        "streams": [name for name in STREAMS if has[name]],
+        "scan": {} if lidar is None else {name: float(getattr(lidar, name)) for name in FIGURES},
+        "platform": platform_table(recording.platform),
+    }
     once = [
-        Event(begin, *MANIFEST, manifest, latched=True),
-        Event(begin, "/tf_static", TRANSFORMS[0], {"transforms": standing}, latched=True),
+        Event(begin, *MANIFEST, {"data": tomli_w.dumps(about)}, latched=True),
+        Event(begin, "/tf_static", motion.TRANSFORMS[0], {"transforms": standing}, latched=True),
     ]
     streams: list[Iterator[Event]] = [iter(once)]
     if ticks := [stream.stamps for stream in (odometry, lidar) if stream is not None]:
         times = np.unique(nanoseconds(np.concatenate(ticks))).tolist()
-        streams.append(Event(time, "/clock", "rosgraph_msgs/Clock", {"clock": stamp(time)}) for time in times)
+        clocks = ((time, {"clock": header(time, "")["stamp"]}) for time in times)
+        streams.append(Event(time, "/clock", "rosgraph_msgs/Clock", clock) for time, clock in clocks)
     if odometry is not None:
-        streams += [_odometry(odometry), _transforms(odometry)]
+        streams.append(_moves(odometry))
     if encoders is not None and wheels is not None:
-        angles = np.cumsum(encoders.counts, axis=0).astype(np.float64) * angle_of_count(wheels)
+        angles = np.cumsum(encoders.counts, axis=0).astype(np.float64) * motion.angle_of_count(wheels)
         rows = ({"name": list(JOINTS), "position": row} for row in angles)
-        streams.append(_stamped(encoders.stamps, "/joint_states", JOINT_STATE, "", rows))
+        streams.append(_stamped(encoders.stamps, "/joint_states", motion.JOINT_STATE, "", rows))
     if imu is not None:
         unknown = np.array([-1.0, *[0.0] * 8])  # no orientation is measured: sensor_msgs/Imu
-        pushes = (imu.linear_acceleration_g * GRAVITY).tolist()
+        pushes = (imu.linear_acceleration_g * motion.GRAVITY).tolist()
         readings = (
             {
                 "orientation": turned(0.0),
@@ -219,7 +206,7 @@ def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]
             }
             for angular, linear in zip(imu.angular_velocity.tolist(), pushes, strict=True)
         )
-        streams.append(_stamped(imu.stamps, "/imu", IMU, BASE, readings))
+        streams.append(_stamped(imu.stamps, "/imu", motion.IMU, BASE, readings))
     if lidar is not None:
         streams.append(_stamped(lidar.stamps, "/scan", LASER_SCAN, LASER, _scans(lidar)))
     if recording.rgbd is not None and rgbd.has_images(recording.rgbd):
@@ -233,53 +220,37 @@ def _stamped(stamps: NDArray[np.float64], topic: str, kind: str, frame: str, row
         yield Event(time, topic, kind, {"header": header(time, frame), **row})
 
 
-def _odometry(odometry: OdometryStream) -> Iterator[Event]:
-    rates = twists(odometry.stamps, odometry.poses)
-    rows = (
-        {
+def _moves(odometry: OdometryStream) -> Iterator[Event]:
+    times, rates = nanoseconds(odometry.stamps).tolist(), twists(odometry.stamps, odometry.poses).tolist()
+    for time, (x, y, yaw), (forward, left, turn) in zip(times, odometry.poses.tolist(), rates, strict=True):
+        values = {
+            "header": header(time, ODOM),
             "child_frame_id": BASE,
             "pose": {"pose": {"position": vector(x, y, 0.0), "orientation": turned(yaw)}},
             "twist": {"twist": {"linear": vector(forward, left, 0.0), "angular": vector(0.0, 0.0, turn)}},
         }
-        for (x, y, yaw), (forward, left, turn) in zip(odometry.poses.tolist(), rates.tolist(), strict=True)
-    )
-    return _stamped(odometry.stamps, "/odom", ODOMETRY, ODOM, rows)
-
-
-def _transforms(odometry: OdometryStream) -> Iterator[Event]:
-    for time, (x, y, yaw) in zip(nanoseconds(odometry.stamps).tolist(), odometry.poses.tolist(), strict=True):
+        yield Event(time, "/odom", motion.ODOMETRY, values)
         moved = transform(time, ODOM, BASE, (x, y, 0.0), turned(yaw))
-        yield Event(time, "/tf", TRANSFORMS[0], {"transforms": [moved]})
+        yield Event(time, "/tf", motion.TRANSFORMS[0], {"transforms": [moved]})
 
 
 def twists(stamps: NDArray[np.float64], poses: se2.Poses) -> NDArray[np.float64]:
-    """Velocities [n, 3] (forward, left, turn) [m/s, m/s, rad/s] in the robot's frame, by differences of poses.
-
-    A pose has the mean velocity since the one before it, the first that of the second. One that shares its stamp with
-    the one before has the velocity of that.
+    """Velocities [n, 3] (forward, left, turn) [m/s, m/s, rad/s] in the robot's frame: the means since the pose before,
+    of the first those of the second. A pose that shares its stamp with the one before has the velocity of that.
     """
-    rates = np.zeros((len(stamps), 3))
-    if len(stamps) < 2:
-        return rates
     steps, elapsed = se2.between(poses[:-1], poses[1:]), np.diff(stamps)
+    if not (elapsed > 0).any():
+        return np.zeros((len(stamps), 3))
     measured = np.flatnonzero(elapsed > 0)
-    if len(measured):
-        velocities = steps[measured] / elapsed[measured, None]
-        rates[1:] = velocities[np.maximum(np.searchsorted(measured, np.arange(len(elapsed)), side="right") - 1, 0)]
-    rates[0] = rates[1]
+    latest = np.searchsorted(measured, np.arange(-1, len(elapsed)), side="right") - 1
+    rates: NDArray[np.float64] = (steps[measured] / elapsed[measured, None])[np.maximum(latest, 0)]
     return rates
 
 
 def _scans(lidar: LidarStream) -> Iterator[Values]:
-    figures = {
-        "angle_min": lidar.angle_min,
-        "angle_max": lidar.angle_min + (lidar.ranges.shape[1] - 1) * lidar.angle_increment,
-        "angle_increment": lidar.angle_increment,
-        "time_increment": lidar.time_increment,
-        "scan_time": float(np.median(np.diff(lidar.stamps))) if len(lidar) > 1 else 0.0,
-        "range_min": lidar.range_min,
-        "range_max": lidar.range_max,
-    }
+    figures = {name: getattr(lidar, name) for name in FIGURES}
+    figures["angle_max"] = lidar.angle_min + (lidar.ranges.shape[1] - 1) * lidar.angle_increment
+    figures["scan_time"] = float(np.median(np.diff(lidar.stamps))) if len(lidar) > 1 else 0.0
     for first in range(0, len(lidar), CHUNK):
         rows: NDArray[np.float32] = lidar.ranges[first : first + CHUNK]
         yield from ({**figures, "ranges": ranges} for ranges in rows)
@@ -288,50 +259,79 @@ def _scans(lidar: LidarStream) -> Iterator[Values]:
 def image_events(stream: RgbdStream, missing: list[int]) -> list[Iterator[Event]]:
     """The colour and the depth images, packed as PNG, each with the CameraInfo of the Kinect."""
 
-    def images(stamps: NDArray[np.float64], camera: str, frame: str) -> Iterator[Event]:
+    def images(stamps: NDArray[np.float64], camera: str) -> Iterator[Event]:
         for index, time in enumerate(nanoseconds(stamps).tolist()):
             try:
-                pixels = rgbd.rgb_image(stream, index) if camera == RGB else _depth(stream, index)
+                pixels = rgbd.rgb_image(stream, index) if camera == "rgb" else _depth(stream, index)
             except InputError:
                 pixels = None
             if pixels is None:
                 missing.append(index)
                 continue
-            head = header(time, frame)
-            yield Event(time, f"{camera}/camera_info", CAMERA_INFO, {"header": head, **_camera_info(camera)})
+            head = {"header": header(time, _CAMERA_FRAMES[camera])}
+            yield Event(time, f"/camera/{camera}/camera_info", "sensor_msgs/CameraInfo", head | _camera_info(camera))
             content = np.frombuffer(encode_png(pixels, fast=True), np.uint8)
-            values = {"header": head, "format": _FORMATS[camera], "data": content}
-            yield Event(time, f"{camera}/image_raw/compressed", COMPRESSED_IMAGE, values)
+            values = {**head, "format": _FORMATS[camera], "data": content}
+            yield Event(time, f"/camera/{camera}/image_raw/compressed", COMPRESSED_IMAGE, values)
 
-    return [images(stream.rgb_stamps, RGB, _RGB_FRAME), images(stream.disparity_stamps, DEPTH, _DEPTH_FRAME)]
+    return [images(stream.rgb_stamps, "rgb"), images(stream.disparity_stamps, "depth")]
 
 
 def camera_transforms(time: int, mount: CameraSpec) -> list[Values]:
     """Where the two cameras stand: the depth camera on the robot, the colour camera to the right of it."""
     from scipy.spatial.transform import Rotation
 
-    names = ("x", "y", "z", "w")
-    turn = dict(zip(names, Rotation.from_matrix(rgbd.mount_rotation(mount)).as_quat().tolist(), strict=True))
+    turn = dict(zip("xyzw", Rotation.from_matrix(rgbd.mount_rotation(mount)).as_quat().tolist(), strict=True))
+    rgb, depth = _CAMERA_FRAMES["rgb"], _CAMERA_FRAMES["depth"]
     return [
-        transform(time, BASE, _DEPTH_FRAME, (mount.x, mount.y, mount.z), turn),
-        transform(time, _DEPTH_FRAME, _RGB_FRAME, (rgbd.RGB_OFFSET, 0.0, 0.0), turned(0.0)),
+        transform(time, BASE, depth, (mount.x, mount.y, mount.z), turn),
+        transform(time, depth, rgb, (rgbd.RGB_OFFSET, 0.0, 0.0), turned(0.0)),
     ]
 
 
 def _depth(stream: RgbdStream, index: int) -> NDArray[np.uint16] | None:
     """Depths [480, 640] in millimetres, 0 where nothing was seen."""
-    if (disparity := rgbd.disparity_image(stream, index)) is None:
-        return None
-    depth = rgbd.depth_of(disparity)
-    millimetres: NDArray[np.uint16] = np.rint(1000 * np.where(depth <= _FARTHEST, depth, 0.0)).astype(np.uint16)
-    return millimetres
+    disparity = rgbd.disparity_image(stream, index)
+    depth = np.zeros(0) if disparity is None else rgbd.depth_of(disparity)
+    return np.rint(1000 * np.where(depth <= _FARTHEST, depth, 0.0)).astype(np.uint16) if len(depth) else None
 
 
 def _camera_info(camera: str) -> Values:
     """A pinhole camera without distortion; its matrices by the names of ROS 1 and of ROS 2."""
-    focal, (column, row) = (rgbd.RGB_FOCAL, rgbd.RGB_CENTRE) if camera == RGB else (rgbd.FOCAL, rgbd.CENTRE)
+    focal, (column, row) = (rgbd.RGB_FOCAL, rgbd.RGB_CENTRE) if camera == "rgb" else (rgbd.FOCAL, rgbd.CENTRE)
     matrix = np.array((focal, 0, column, 0, focal, row, 0, 0, 1))
     projection = np.array((focal, 0, column, 0, 0, focal, row, 0, 0, 0, 1, 0))
     matrices = {"d": np.zeros(5), "k": matrix, "r": np.eye(3).ravel(), "p": projection}
     figures = {"height": rgbd.HEIGHT, "width": rgbd.WIDTH, "distortion_model": "plumb_bob"}
     return {**figures, **matrices, **{name.upper(): value for name, value in matrices.items()}}
+
+
+def nanoseconds(stamps: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Stamps [s] as whole nanoseconds, rounded half to even.
+
+    From 2^23 s on (97 days: all of Unix time) float64 is coarser than a nanosecond, and they read back bit for bit;
+    below it to within half a nanosecond.
+    """
+    whole = np.floor(stamps)
+    return whole.astype(np.int64) * SECOND + np.rint((stamps - whole) * SECOND).astype(np.int64)
+
+
+def header(time: int, frame: str) -> Values:
+    """A header of a time [ns] and a frame."""
+    return {"stamp": {"sec": time // SECOND, "nanosec": time % SECOND}, "frame_id": frame}
+
+
+def transform(time: int, parent: str, child: str, place: tuple[float, float, float], turn: Values) -> Values:
+    """A ``geometry_msgs/TransformStamped``."""
+    moved = {"translation": vector(*place), "rotation": turn}
+    return {"header": header(time, parent), "child_frame_id": child, "transform": moved}
+
+
+def vector(x: float, y: float, z: float) -> Values:
+    """A ``Vector3`` or ``Point``."""
+    return {"x": x, "y": y, "z": z}
+
+
+def turned(yaw: float) -> Values:
+    """The quaternion of a turn about z [rad]."""
+    return {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}

@@ -17,7 +17,7 @@ from parts.mutations import mutated
 
 from moteslam import open_recording
 from moteslam.errors import InputError, MoteslamError
-from moteslam.robot.formats.bags import bag, records
+from moteslam.robot.formats.bags import bag, storage
 
 FILES = {"bag": "x.bag", "bz2": "x.bag", "lz4": "x.bag", "mcap": "x.mcap", "zstd": "x.mcap", "db3": "x.db3"}
 
@@ -113,10 +113,14 @@ def changed(content: bytes, after: bytes, value: bytes) -> bytes:
 @pytest.mark.parametrize(
     ("kind", "change", "problem"),
     [
-        ("bag", lambda content: content[: len(content) // 8], "cut short|damaged|expected"),
-        ("db3", lambda content: content[: len(content) // 2], "not a recording known here|damaged"),
-        ("bz2", lambda content: changed(content, b"size=", struct.pack("<I", 1000)), "unpacks to more, expected 1000"),
-        ("lz4", lambda content: changed(content, b"size=", struct.pack("<I", 2**32 - 1)), "4294967295 bytes unpacked"),
+        ("bag", lambda content: content[: len(content) // 8], "cut short|cannot be read|expected"),
+        ("db3", lambda content: content[: len(content) // 2], "not a recording known here|cannot be read"),
+        (
+            "bz2",
+            lambda content: changed(content, b"size=", struct.pack("<I", 1000)),
+            "1001 bytes or more .* 1000",
+        ),
+        ("lz4", lambda content: changed(content, b"size=", struct.pack("<I", 2**32 - 1)), "expected 4294967295, fewer"),
         ("bag", lambda content: content.replace(b"V2.0", b"V1.2", 1), "a bag of format 1.2, expected 2.0: .*reindex"),
         ("bag", lambda content: content[:13], "no topics"),
         ("mcap", lambda content: content[:8], "no topics"),
@@ -135,14 +139,14 @@ def test_what_cannot_be_read_is_refused(
 def test_nothing_unpacks_to_more_than_it_is_allowed(compression: str) -> None:
     import lz4.frame
 
-    packers = {"bz2": bz2.compress, "lz4": lz4.frame.compress, "zstd": records.zstd().compress}
-    assert len(records.unpack(packers[compression](bytes(50_000_000)), compression, 1001)) == 1001
+    packers = {"bz2": bz2.compress, "lz4": lz4.frame.compress, "zstd": storage.zstd.compress}
+    assert len(storage.unpack(packers[compression](bytes(50_000_000)), compression, 1001)) == 1001
 
 
 def test_more_messages_than_any_bag_has_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = make_bag(tmp_path, drive(8))
     monkeypatch.setattr(bag, "MAX_MESSAGES", 20)
-    with pytest.raises(InputError, match=r"messages, expected at most 20"):
+    with pytest.raises(InputError, match="more messages than 20"):
         open_recording(path)
 
 
@@ -160,9 +164,8 @@ def test_files_outside_the_folder_are_refused(tmp_path: Path, name: str) -> None
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
-        ("compression_mode: ''", "compression_mode: magic", "compression_mode: magic .*, expected zstd"),
         ("rosbag2_bagfile_information:", "rosbag2_bagfile_information: [", r"metadata\.yaml: not YAML"),
-        ("rosbag2_bagfile_information:", "a: rosbag2_bagfile_information\nb:", "missing or no table"),
+        ("rosbag2_bagfile_information:", "a: rosbag2_bagfile_information\nb:", "no list of files"),
         ("relative_file_paths:", "files_there:", "relative_file_paths: no list of files"),
         ("- made.db3", "- made.db3\n  - made.db3", "relative_file_paths: no list of files"),
     ],
@@ -207,7 +210,7 @@ def test_another_definition_of_a_type_is_left_aside(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("kind", "header"), [("bag", struct.pack("<I", 38)), ("mcap", b"\x05")])
-def test_messages_behind_a_damaged_record_are_counted(tmp_path: Path, kind: str, header: bytes) -> None:
+def test_messages_behind_a_damaged_record_are_left_out(tmp_path: Path, kind: str, header: bytes) -> None:
     path = make_bag(tmp_path, [scan(0.1 * index, np.ones(5)) for index in range(9)], kind)
     content = bytearray(path.read_bytes())
     at = -1
@@ -218,4 +221,4 @@ def test_messages_behind_a_damaged_record_are_counted(tmp_path: Path, kind: str,
     path.write_bytes(content)
     recording = open_recording(path)
     assert len(recording.lidar) == 4
-    assert (recording.warnings[0].code, recording.warnings[0].count) == ("damaged-bag", 5)
+    assert recording.warnings[0].code == "damaged-bag"

@@ -15,8 +15,8 @@ from made_bags import START, drive, imu, make_bag, odometry, placed, scan
 
 from moteslam import open_recording
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.formats.bags.messages import Event, header
-from moteslam.robot.formats.bags.records import zstd
+from moteslam.robot.formats.bags.storage import zstd
+from moteslam.robot.formats.bags.write import Event, header
 from moteslam.robot.recording import Recording
 
 SECOND = 1_000_000_000
@@ -276,7 +276,7 @@ def test_recordings_that_are_no_parts_of_one_are_not_put_together(tmp_path: Path
 
 def test_files_packed_as_a_whole_are_unpacked(tmp_path: Path) -> None:
     folder = make_bag(tmp_path, drive(), "folder")
-    (folder / "made.db3.zstd").write_bytes(zstd().compress((folder / "made.db3").read_bytes()))
+    (folder / "made.db3.zstd").write_bytes(zstd.compress((folder / "made.db3").read_bytes()))
     (folder / "made.db3").unlink()
     text = (folder / "metadata.yaml").read_text().replace("made.db3", "made.db3.zstd")
     text = text.replace("compression_mode: ''", "compression_mode: FILE")
@@ -284,7 +284,7 @@ def test_files_packed_as_a_whole_are_unpacked(tmp_path: Path) -> None:
     recording = open_recording(folder)
     assert recording.warnings == ()
     assert recording.lidar.ranges[19, 0] == np.float32(1.19)
-    (folder / "made.db3.zstd").write_bytes(zstd().compress(bytes(200_000_000)))
+    (folder / "made.db3.zstd").write_bytes(zstd.compress(bytes(200_000_000)))
     with pytest.raises(InputError, match="unpacks to more than a recording does: unpack it with zstd -d"):
         open_recording(folder)
 
@@ -301,28 +301,6 @@ def test_the_length_of_an_index_record_is_not_looked_at(tmp_path: Path) -> None:
     assert found
     path.write_bytes(content)
     assert len(open_recording(path).lidar) == 20
-
-
-@pytest.mark.parametrize(("topic", "x", "code"), [("/tf_static", 0.3, "mount-corrected"), ("/tf", 0.1, "mount-moves")])
-def test_of_static_transforms_the_last_counts(tmp_path: Path, topic: str, x: float, code: str) -> None:
-    mounts = [placed(index, "base_link", "laser", (0.1 + 0.2 * index, 0.0, 0.0), topic=topic) for index in range(2)]
-    recording = open_recording(make_bag(tmp_path, [*mounts, scan(0, [1.0, 2.0])]))
-    assert recording.platform.lidar.x == pytest.approx(x)
-    assert codes(recording) == [code]
-
-
-def test_a_transform_without_a_turn_is_told(tmp_path: Path) -> None:
-    mount = placed(0, "base_link", "laser", (0.1, 0.0, 0.0))
-    mount.values["transforms"][0]["transform"]["rotation"]["w"] = 0.0
-    recording = open_recording(make_bag(tmp_path, [mount, scan(0, [1.0, 2.0])]))
-    assert (recording.platform.lidar.x, recording.platform.lidar.yaw) == (pytest.approx(0.1), 0.0)
-    assert codes(recording) == ["mount-unturned"]
-
-
-def test_of_two_parents_the_one_that_leads_to_the_base_counts(tmp_path: Path) -> None:
-    events = [placed(index, "camera", "laser", (9.0, 0.0, 0.0)) for index in range(5)]
-    events += [placed(0, "base_link", "laser", (0.2, 0.0, 0.0)), placed(0, "odom", "base_link"), scan(0, [1.0, 2.0])]
-    assert open_recording(make_bag(tmp_path, events)).platform.lidar.x == pytest.approx(0.2)
 
 
 def test_a_negative_time_between_beams_is_honoured(tmp_path: Path) -> None:

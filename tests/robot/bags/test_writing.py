@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from moteslam import open_recording, write_recording
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.formats.bags.messages import nanoseconds, seconds
-from moteslam.robot.formats.bags.write import twists
+from moteslam.robot.formats.bags.bag import seconds
+from moteslam.robot.formats.bags.write import nanoseconds, twists
 from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording

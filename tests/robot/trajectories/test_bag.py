@@ -10,7 +10,7 @@ from made_bags import SECOND, START, make_bag, placed
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import main
-from moteslam.robot.formats.bags.messages import Event, header, turned, vector
+from moteslam.robot.formats.bags.write import Event, header, turned, vector
 from moteslam.robot.se2 import wrap
 from moteslam.robot.trajectories import is_trajectory, read_trajectory
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from moteslam.errors import InputError, MoteslamWarning
 from moteslam.robot.trajectories import read_trajectory
-from moteslam.robot.trajectories.g2o import read_g2o, write_g2o
+from moteslam.robot.trajectories.text import read_g2o, write_g2o
 from moteslam.robot.trajectory import PoseGraph
 
 INFORMATION = "1 0 0 1 0 1"
