@@ -27,7 +27,7 @@ from moteslam.kernels.registration import (
     register_scans,
 )
 from moteslam.robot.se2 import Pose, as_pose
-from moteslam.slam.mapping.config import LOST_DISTANCE, TsdfConfig
+from moteslam.slam.mapping.config import LOST_DISTANCE, RESOLVED, TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig
@@ -100,6 +100,7 @@ def register(
     means: Array | None = None,
     coarse: bool = True,
     keep: bool = False,
+    deviation: float | None = None,
 ) -> Registration:
     """Register one scan to the TSDF of every particle, or from many starts to that of one.
 
@@ -111,6 +112,7 @@ def register(
         starts: [N, 3] offsets from the predicted poses to begin at.
         means: [N, 3] means of the prior on the offsets; zeros by default.
         keep: keep the odometry along degenerate directions, as ``keep_odometry`` does.
+        deviation: of the odometry along these [m]; by default that of the prediction.
     """
     x, y, theta = spread.tolist()
     weight = config.prior_weight
@@ -126,7 +128,7 @@ def register(
         origin.tolist(),
         options=options_of(maps.config, config),
         coarse=coarse,
-        kept=kept_by(x, config) if keep else None,
+        kept=kept_by(x if deviation is None else deviation, config) if keep else None,
     )
     information = found[:, INFORMATION][:, FULL].reshape(-1, 3, 3)
     known = found[:, KNOWN]
@@ -233,6 +235,15 @@ def prior_deviations(config: RegistrationConfig, distance: float, rotation: floa
 def prior_spread(config: RegistrationConfig, distance: float, rotation: float, *, measured: bool = True) -> Array:
     """``prior_deviations`` as an array [3]."""
     return np.array(prior_deviations(config, distance, rotation, measured=measured))
+
+
+def deviation_of_way(spread: Array, config: RegistrationConfig) -> float:
+    """What ``prior_spread`` has for the way alone [m]; at rest, what a map resolves.
+
+    Along bare walls the errors of a map pull the same way at every update, and at each as far as odometry lets them:
+    with what the prior has at rest the farther, the more updates there are.
+    """
+    return max(float(spread[0]) - config.translation, RESOLVED[0])
 
 
 def subsample(points: Points, most: int) -> Points:

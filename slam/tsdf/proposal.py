@@ -20,7 +20,7 @@ from moteslam.robot import se2
 from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.evidence import proved
-from moteslam.slam.registration.registrar import Registration, prior_spread, register, subsample
+from moteslam.slam.registration.registrar import Registration, deviation_of_way, prior_spread, register, subsample
 from moteslam.slam.tsdf.config import ProposalConfig
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
 from moteslam.slam.tsdf.particles import Particles
@@ -107,7 +107,10 @@ def propose(
     drift = prior_spread(registration, travelled.distance, travelled.rotation, measured=measured)
     starts = np.array((se2.between_one(since.odometry, since.tracked),) * n)
     points = subsample(scan.points, registration.max_points)
-    found = register(particles.maps.all(), predicted, drift, points, origin, starts, registration, keep=True)
+    along = deviation_of_way(drift, registration)
+    found = register(
+        particles.maps.all(), predicted, drift, points, origin, starts, registration, keep=True, deviation=along
+    )
     if measured:
         found = proved(found, particles.maps.all(), predicted, drift, points, origin, registration, tracking)
     return Proposal(

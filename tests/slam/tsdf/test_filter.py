@@ -147,3 +147,19 @@ def test_a_particle_weighs_less_the_farther_its_scan_fits_from_where_the_odometr
     assert odometry[-1] < -4
     without_endpoints = proposed(particles, evidence_share=1e-9).log_likelihood
     np.testing.assert_allclose(without_endpoints, odometry, rtol=1e-3, atol=1e-3)
+
+
+def test_along_bare_walls_the_updates_of_a_metre_leave_it_to_the_odometry_however_many_they_are():
+    """The map's walls are rough, the scan's are those of the map 2 cm on: ten updates pull no more than one."""
+    rng = np.random.default_rng(4)
+    walls = np.array([(x, y) for y in (-1.0, 1.0) for x in np.sign(y) * np.arange(4.0, -4.0, -0.05)])
+    rough = walls + np.column_stack((np.zeros(len(walls)), rng.normal(0, 0.005, len(walls))))
+    particles, scan = mapped(rough, np.zeros((1, 3))), thinned(rough + np.array((0.02, 0.0)))
+
+    def pulled(distance: float) -> float:
+        since = SINCE._replace(travelled=Travelled(distance, 0.0))
+        config = ProposalConfig()
+        found = propose(particles, since, scan, np.zeros(2), config, REGISTRATION, TrackingConfig(), measured=True)
+        return -float(found.offsets[0, 0])
+
+    assert 10 * pulled(0.1) < pulled(1.0)
