@@ -6,10 +6,11 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from report_material import HOSTILE, run_of, sweep
+from report_material import HOSTILE, sweep
 from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
@@ -60,12 +61,11 @@ def pages(run, simulation, tmp_path_factory: pytest.TempPathFactory) -> dict[str
     hostile = made["hostile"][0]
     for number, run_ in enumerate(list(hostile.runs)):
         if number % 2:
-            values = dict(run_.values)
-            more = {"place": HOSTILE, "platform": HOSTILE, "error": HOSTILE, "status": run_.status, "values": values}
             varied = ((HOSTILE, number % 3), ("key", f"{HOSTILE}{number % 3}"))
-            hostile.runs[number] = run_of(f"{HOSTILE} {number % 3}", number, varied=varied, folder=run_.folder, **more)
+            about = {"scenario": HOSTILE, "platform": HOSTILE, "configuration": f"{HOSTILE} {number % 3}"}
+            planned = run_.run.model_copy(update={**about, "seed": number, "varied": varied})
+            hostile.runs[number] = replace(run_, run=planned, error=HOSTILE, issues=({"message": HOSTILE},))
     hostile.documents.append((HOSTILE, HOSTILE))
-    hostile.issues[HOSTILE] = 2
     for name, (material, title) in made.items():
         (folder / f"{name}.html").write_text(page(material, title=title), encoding="utf-8")
     return {name: folder / f"{name}.html" for name in made}

@@ -416,7 +416,7 @@ def test_anyones_slam_is_a_configuration_like_ours(tmp_path: Path, capsys: pytes
     [
         ("fails", "ended with exit code 7: no map yet"),
         ("nothing", "wrote no path.tum, expected its trajectory in {out}"),
-        ("damaged", "path.tum: no line of a trajectory"),
+        ("damaged", "path.tum: not a line of a trajectory"),
     ],
 )
 def test_anyones_slam_that_fails_is_a_row_with_its_error(mode: str, error: str, tmp_path: Path) -> None:
