@@ -299,8 +299,12 @@ def test_half_of_a_fan_is_not_said_to_be_too_narrow() -> None:
 MOUNT = np.array((0.15, -0.05, 0.3))
 
 
-def fitted(*, turns: float = 1.0, noise: float = 0.0, slip: float = 0.0) -> Fit:
-    """Of 1000 steps of a second: the odometry's turns scaled and noisy [rad], wheels that slip aside [s]."""
+def fitted(*, turns: float = 1.0, noise: float = 0.0, slip: float = 0.0, spin: float = 0.0) -> Fit:
+    """Of 1000 steps of a second: the odometry's turns scaled and noisy [rad], wheels that slip aside [s] and spin.
+
+    Args:
+        spin: by how much more wheels measure in turns of 0.3 rad and more, less in others; of the length.
+    """
     rng = np.random.default_rng(0)
     turn = rng.normal(0, 0.2, 1000)
     length = rng.uniform(0.2, 1.0, 1000)
@@ -311,7 +315,9 @@ def fitted(*, turns: float = 1.0, noise: float = 0.0, slip: float = 0.0) -> Fit:
         return np.stack((cos * length - sin * left, sin * length + cos * left, turn), axis=1)
 
     lidar = se2.compose(se2.compose(se2.inverse(MOUNT), arcs(turn, slip)), MOUNT)
-    poses = se2.accumulate(arcs(turns * turn + rng.normal(0, noise, 1000)), np.zeros(3))
+    measured = arcs(turns * turn + rng.normal(0, noise, 1000))
+    measured[:, :2] *= 1 + spin * np.minimum((turn[:, None] / 0.3) ** 2, 1)
+    poses = se2.accumulate(measured, np.zeros(3))
     poses = np.vstack((np.zeros(3), poses))
     poses[:, 2] = np.unwrap(poses[:, 2])
     first = np.arange(1000.0)
@@ -325,6 +331,10 @@ def test_noise_of_the_odometry_is_no_scale_of_its_turns(turns: float, noise: flo
     found = fitted(turns=turns, noise=noise)
     assert found.values[Parameter.TURNS] == pytest.approx(turns, abs=1e-4 + 3 * noise / 0.2 / 1000**0.5)
     assert found.values[: Parameter.TURNS] == pytest.approx((*MOUNT, 1), abs=0.002)
+
+
+def test_wheels_that_spin_in_turns_do_not_shorten_the_ranges() -> None:
+    assert fitted(spin=0.04).values[Parameter.LENGTHS] == pytest.approx(1, abs=0.004)
 
 
 def test_wheels_that_slip_aside_in_turns_do_not_move_the_mount() -> None:
