@@ -44,6 +44,8 @@ MOVES = 0.05
 """The direction of a path is taken over this distance [m]."""
 FORMS = ("stated", "turns", "y", "path")
 """How odometry poses are read: as stated, with their headings or their y negated, headings along the path."""
+RATE = 0.1
+"""The rate of a turn is taken over this time [s]."""
 QUARTER, AHEAD = 0.15, 0.8
 """A mount is a quarter turn off within the first [rad]; a path goes one way as seen by its headings where this share of
 it does."""
@@ -66,7 +68,8 @@ class Calibration:
         clocks: a fit with the difference of the clocks; None if the odometry is logged with the scans.
         shared_clock: the clocks do not differ clearly, or the scans fit no better with two.
         late: ``gyro`` where its stamps alone are off, and not those of the wheels; else empty.
-        reversed: mirrored beams are in the wrong order in time, too: an array that is to be read from its end.
+        reversed: mirrored beams are in the wrong order in time, too: an array that is to be read from its end; None
+            where scans do not show it.
         fits: the odometry measures the motion of the scans; else nothing but the angles is known.
     """
 
@@ -82,7 +85,7 @@ class Calibration:
     shared_clock: bool
     late: Literal["", "gyro"]
     fits: bool
-    reversed: bool
+    reversed: bool | None
 
 
 def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None:
@@ -121,7 +124,7 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
     form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
     at = _at(in_form(path, form))
     wrong = _wrong(recording, path, scans.pairs) if mirrored else ""
-    is_reversed = scans.mirror(lidar) if mirrored else False
+    is_reversed = scans.mirror(lidar, _rates(scans, at, offset, drift)) if mirrored else False
     angle_scale, deviation = scans.scale_angles()
     best = fit(scans.pairs, at, (offset, drift), shared=logged)
     quarter = 0.0
@@ -238,6 +241,14 @@ def _at(path: OdometryPath) -> Path:
     """The poses at times, as ``path.at`` gives them, made for many calls."""
     columns = path.poses[:, 0], path.poses[:, 1], np.unwrap(path.poses[:, 2])
     return lambda times: np.stack([np.interp(times, path.stamps, column) for column in columns], axis=-1)
+
+
+def _rates(scans: RegisteredPairs, at: Path, offset: float, drift: float) -> tuple[Array, Array]:
+    """The odometry's turns while the former scans of pairs [k] were taken, and the latter ones [rad/s]."""
+    middle = scans.pairs.middle
+    begins, ends = (time + offset + drift * (time - middle) for time in (scans.first, scans.last))
+    former, latter = ((at(time + RATE / 2) - at(time - RATE / 2))[:, 2] / RATE for time in (begins, ends))
+    return former, latter
 
 
 def _along(poses: Array) -> Array:

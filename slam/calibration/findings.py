@@ -155,6 +155,8 @@ def _mirrored(c: Calibration, toml: str) -> str:
     beams = "are in the other order, the last one first"
     if not c.reversed:
         beams = f"go the other way round, in platform.toml: [lidar] {toml}"
+    if c.reversed is None:
+        beams += " (or are in the other order, the last one first: the turns of this recording do not show which)"
     if c.wrong == "lidar":
         return f"lidar: odometry and its gyro turn the other way than the scans: the beams {beams}"
     if c.wrong == "odometry":

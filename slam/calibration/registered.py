@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.slam.calibration.hand_eye import Pairs, covariances
-from moteslam.slam.calibration.scan_pairs import Beams, refine, register
+from moteslam.slam.calibration.scan_pairs import Beams, cost, refine, register
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
 Array = NDArray[np.float64]
@@ -30,9 +30,8 @@ OFFSET = 0.1
 """Prior standard deviation of a common offset of the ranges [m]; it would pass for a scale of the angles."""
 ANGLE_FLOOR = 0.0015
 """The standard deviation of that scale is no smaller."""
-SKEWED = 0.002
-"""A share of endpoints that fits better, while the robot turns, with the beams in the other order in time: then that is
-the right order. In a short sweep it makes no difference."""
+ORDER = 5.0
+"""Standard errors by which scans fit better with the beams in one order in time than in the other: then that is it."""
 TURNING = 0.05
 """Scans whose turns deviate by less show nothing of odometry [rad]."""
 
@@ -79,16 +78,32 @@ class RegisteredPairs:
         """Register from motions [k, 3] that are expected, and keep what fits better, unless it is done anew."""
         self._found = refine(*self._ranges, self._beams, self._seconds, motions, None if anew else self._found)
 
-    def mirror(self, lidar: LidarStream) -> bool:
-        """Take the beams the other way round; whether they are measured in the other order, too."""
+    def mirror(self, lidar: LidarStream, rates: tuple[Array, Array]) -> bool | None:
+        """Take the beams the other way round; whether they are measured in the other order, too.
+
+        The wrong order bends a scan by as much as the robot turns in its sweep. Where it turns evenly both scans of a
+        pair are bent alike, and fit; each is straightened by its own turn, so that those of unlike turns tell.
+
+        Args:
+            rates: [k] at which the robot turns during the former sweeps and during the latter ones [rad/s].
+
+        Returns:
+            None where the scans fit alike; then the order is taken for right.
+        """
         beams, motions = self._beams, self._found.motions * (1, -1, -1)
         turned = beams._replace(angles=-beams.angles)
         backwards = beams._replace(angles=lidar.angles[0] + lidar.angles[-1] - beams.angles, shares=1 - beams.shares)
-        found = [(each, refine(*self._ranges, each, self._seconds, motions)) for each in (turned, backwards)]
-        turning = np.abs(motions[:, 2]) > TURNING
-        shares = [float(each.fit[turning].mean()) for _, each in found] if turning.any() else [0.0, 0.0]
-        is_reversed = beams.sweep > 0 and shares[1] > shares[0] + SKEWED
-        self._beams, self._found = found[int(is_reversed)]
+        is_reversed: bool | None = False
+        if beams.sweep > 0:
+            as_is, other = (
+                refine(*self._ranges, each, self._seconds, motions, rates=rates) for each in (turned, backwards)
+            )
+            both = as_is.good & other.good
+            better = np.log(cost(as_is)[both] / cost(other)[both])
+            certain = both.sum() >= FEWEST and abs(better.mean()) > ORDER * better.std() / np.sqrt(both.sum())
+            is_reversed = bool(better.mean() > 0) if certain else None
+        self._beams = backwards if is_reversed else turned
+        self.refine(motions, anew=True)
         return is_reversed
 
     def scale_angles(self) -> tuple[float, float]:

@@ -102,21 +102,41 @@ def register(former: Array, latter: Array, beams: Beams, seconds: Array, turns: 
 
 
 def refine(
-    former: Array, latter: Array, beams: Beams, seconds: Array, motions: Array, other: Motions | None = None
+    former: Array,
+    latter: Array,
+    beams: Beams,
+    seconds: Array,
+    motions: Array,
+    other: Motions | None = None,
+    *,
+    rates: tuple[Array, Array] | None = None,
 ) -> Motions:
-    """The same from motions [k, 3] that are nearly right; where another registration fits better, that one."""
-    found = _register(former, latter, beams, seconds, motions, REFINING)
+    """The same from motions [k, 3] that are nearly right; where another registration fits better, that one.
+
+    Args:
+        rates: [k] at which the lidar turns during the former sweeps and during the latter ones [rad/s].
+    """
+    found = _register(former, latter, beams, seconds, motions, REFINING, rates)
     if other is not None:
-        worse = other.good & ~(found.good & (_cost(found) <= _cost(other)))
+        worse = other.good & ~(found.good & (cost(found) <= cost(other)))
         found.take(worse, other, worse)
     return found
 
 
-def _cost(found: Motions) -> Array:
+def cost(found: Motions) -> Array:
+    """[k] Of pairs: the less, the better they fit."""
     return np.asarray(found.deviation / np.maximum(found.fit, 0.05))
 
 
-def _register(former: Array, latter: Array, beams: Beams, seconds: Array, start: Array, steps: int) -> Motions:
+def _register(
+    former: Array,
+    latter: Array,
+    beams: Beams,
+    seconds: Array,
+    start: Array,
+    steps: int,
+    rates: tuple[Array, Array] | None = None,
+) -> Motions:
     motion = start.astype(np.float64).copy()
     pairs = np.arange(len(motion))[:, None]
     step = (beams.angles[-1] - beams.angles[0]) / (len(beams.angles) - 1)
@@ -125,9 +145,11 @@ def _register(former: Array, latter: Array, beams: Beams, seconds: Array, start:
     for k in range(STEPS - steps, STEPS):
         reach = REACH[min(k // 2, len(REACH) - 1)]
         if lines is None or (beams.sweep > 0 and k in (4, 9)):
-            ends = _points(former, beams, motion, seconds)
+            velocity = motion / np.maximum(seconds, 1e-3)[:, None]
+            turning = rates or (velocity[:, 2], velocity[:, 2])
+            ends = _points(former, beams, velocity, turning[0])
             lines = _lines(ends, former)
-            own, facing, faced = _lines(_points(latter, beams, motion, seconds), latter)
+            own, facing, faced = _lines(_points(latter, beams, velocity, turning[1]), latter)
         ends, normals, known = lines
         cos, sin = np.cos(motion[:, 2, None]), np.sin(motion[:, 2, None])
         arm = np.stack((cos * own[..., 0] - sin * own[..., 1], sin * own[..., 0] + cos * own[..., 1]), axis=-1)
@@ -198,16 +220,16 @@ def _warps(
     return np.asarray(np.concatenate((facing, mine[..., None] * angles - their[..., None] * angles[index]), axis=-1))
 
 
-def _points(ranges: Array, beams: Beams, motion: Array, seconds: Array) -> Array:
-    """Endpoints [k, b, 2] in the lidar's frame in the middle of the sweep."""
+def _points(ranges: Array, beams: Beams, velocity: Array, rate: Array) -> Array:
+    """Endpoints [k, b, 2] in the lidar's frame in the middle of the sweep, in which it turns at a rate [k] [rad/s]."""
     points: Array = ranges[..., None] * np.stack((np.cos(beams.angles), np.sin(beams.angles)), axis=-1)
     if not beams.sweep > 0:
         return points
-    share = beams.sweep * (beams.shares - 0.5) / np.maximum(seconds, 1e-3)[:, None]
-    turn = motion[:, 2, None] * share
+    time = beams.sweep * (beams.shares - 0.5)
+    turn = rate[:, None] * time
     cos, sin = np.cos(turn), np.sin(turn)
-    x = cos * points[..., 0] - sin * points[..., 1] + motion[:, 0, None] * share
-    y = sin * points[..., 0] + cos * points[..., 1] + motion[:, 1, None] * share
+    x = cos * points[..., 0] - sin * points[..., 1] + velocity[:, 0, None] * time
+    y = sin * points[..., 0] + cos * points[..., 1] + velocity[:, 1, None] * time
     return np.stack((x, y), axis=-1)
 
 
