@@ -34,6 +34,8 @@ FEWEST, LONG_ENOUGH = 15, 0.1
 """Fewer pairs that measure a length give no ratio; one of a pair alone is of lengths from the second on [m]."""
 NEARLY = 0.2
 """A pair that turns by less is nearly straight [rad]."""
+SHARPENING = 6
+"""Steps by the noise of lengths and turns that the residuals show."""
 STRAIGHT = 0.07
 """A pair that turns by this much counts half of a straight one for the ratio of lengths [rad]: in turns wheels slip
 lengthways, too, of a robot that is steered by skidding by 1 %."""
@@ -161,10 +163,9 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, 
     free = np.ones(len(Parameter), bool)
     free[CLOCKS] = not shared
     prior, begin = np.diag(np.where(free, 1 / PRIOR**2, 1e12)), p
-    for _ in range(12):
-        apart = residuals(p)
-        more = (np.median(np.abs(apart[:, 2])) / MEDIAN) ** 2 - np.median(of_turns) ** 2
-        noise[:, 2] = np.sqrt(of_turns**2 + max(more, 0.0))
+
+    def step(p: Array, apart: Array, noise: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """The parameters after a step; of pairs the square, weight and gradient; the normal matrix."""
         weights = np.linalg.inv(pairs.covariances + noise[:, :, None] ** 2 * np.eye(3))
         each = [(residuals(p - h) - residuals(p + h)) / (2 * s) for h, s in zip(np.diag(steps), steps, strict=True)]
         jacobian = np.stack(each, axis=-1) * free
@@ -175,6 +176,22 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, 
         normal = np.einsum("kip,kij,kjq,k->pq", jacobian, weights, jacobian, robust) + prior
         gradient = np.einsum("kip,kij,kj,k->kp", jacobian, weights, apart, robust)
         p = p + np.linalg.solve(normal, gradient.sum(axis=0) - prior @ (p - begin))
+        return p, square, robust, gradient, normal
+
+    for _ in range(12):
+        apart = residuals(p)
+        more = (np.median(np.abs(apart[:, 2])) / MEDIAN) ** 2 - np.median(of_turns) ** 2
+        noise[:, 2] = np.sqrt(of_turns**2 + max(more, 0.0))
+        p, square, robust, gradient, normal = step(p, apart, noise)
+    if not shared:  # a drift is a matter of milliseconds: lengths and turns by what each of them is worth here
+        sharp = p
+        for _ in range(SHARPENING):
+            apart = residuals(sharp)
+            variance = np.einsum("kii->ki", pairs.covariances) + noise**2
+            size = np.abs(apart) / np.sqrt(variance)
+            worth = [np.median(each) / MEDIAN for each in (size[:, :2][variance[:, :2] < UNMEASURED], size[:, 2])]
+            sharp, *_ = step(sharp, apart, noise * np.maximum(np.take(worth, (0, 0, 1)), 0.02))
+        p[Parameter.DRIFT] = sharp[Parameter.DRIFT]
     inverse = np.linalg.inv(normal)
     parts = _parts(gradient)
     spread = inverse @ (parts.T @ parts) @ inverse

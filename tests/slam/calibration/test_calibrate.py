@@ -114,6 +114,16 @@ def test_a_lidar_that_is_not_as_stated_is_measured_to_a_fifth(name: str, platfor
     assert figure.value - figure.stated == pytest.approx(size, abs=within)
 
 
+@pytest.mark.parametrize("platform", ["lms200", "ucsd"])
+def test_a_clock_that_drifts_is_known_to_some_milliseconds_over_the_drive(platform: str) -> None:
+    sensors = ("lidar", "encoders") if platform == "lms200" else ("lidar", "encoders", "imu")
+    settings = [f"platform.noise.{name}.clock.rate_error=0" for name in sensors]
+    true = simulate(load_scenario("office", platform=platform, settings=settings), 100).recording
+    recording = DRIFTS(true)
+    stamps = calibrated(recording, calibrate(recording), "lidar").lidar.stamps
+    assert np.ptp(stamps - true.lidar.stamps) < 0.007
+
+
 @pytest.mark.parametrize("form", [lambda r: r, poses_of], ids=["sensors", "poses"])
 @pytest.mark.parametrize("platform", WORLDS)
 def test_nothing_is_found_where_nothing_is_wrong(platform: str, form: Fault) -> None:
