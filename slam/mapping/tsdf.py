@@ -172,6 +172,12 @@ class TsdfView(NamedTuple):
     tiles: Tiles
     corner: tuple[float, float]
 
+    def reach(self, pose: Array) -> float:
+        """How far from a pose the map reaches [m]: beyond it no endpoint is known, however long a lapse lasts."""
+        size = SIDE * self.config.cell_size * np.array((self.tiles.columns, self.tiles.rows))
+        off = np.asarray(pose[:2]) - self.corner
+        return float(np.hypot(*np.maximum(np.abs(off), np.abs(off - size))))
+
     def frame(self, pose: Pose) -> tuple[float, float, float, float]:
         """A pose as the kernels take it: cos, sin, x, y [m] from the tables' corner."""
         (x, y, theta), (left, below) = pose, self.corner

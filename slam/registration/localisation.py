@@ -193,7 +193,7 @@ class Localiser:
     def _search(self, sought: _Sought, *, sure: bool, measured: bool) -> Located:
         """Where a scan fits, after a search around the prediction, at last in the relocation window."""
         c, spread, points, cell = self._config, sought.spread, len(sought.points), sought.maps.config.cell_size
-        half = np.minimum(c.window * spread, (np.inf, np.inf, np.pi))
+        half = np.minimum(c.window * spread, (*(sought.maps.reach(sought.predicted),) * 2, np.pi))
         finer = 1 if half.max() <= WIDE else 2
         window = Window(half, finer * cell, finer * c.heading_step)
         largest = c.max_starts if sure else c.retry_starts

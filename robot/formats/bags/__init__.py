@@ -214,6 +214,10 @@ class _Reading:
 
     def _placed(self, table: Table) -> tuple[scans.Scans, motion.Mount]:
         """The scans of a lidar, and where it stands by the transforms, which say what is up, or as a caller says."""
+        if table.others:
+            frames = ", ".join(sorted({table.frame, *table.others})[:4])
+            problem = f"scans in several frames ({frames}), expected those of one lidar, each on a topic of its own"
+            raise InputError(problem, file=self.bag.path, field=table.topic.name)
         given, is_given = self.mounts.get(table.topic.name), table.topic.name in self.mounts
         if len(self.lidars) == 1:
             is_given |= self.given.platform is not None or {"x", "y", "yaw"} <= self.given.lidar_figures.keys()

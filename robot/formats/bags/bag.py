@@ -58,7 +58,7 @@ class Table:
 
     Attributes:
         take: gives the numbers that are kept of a message, ``width`` of them; raises a ValueError for a broken one.
-        frame, child: of the first header, and of an odometry.
+        frame, child: of the first header, and of an odometry; ``others``, further frames.
         flat, numbers: of all messages, as `HEAD`, and flat [n * width].
         broken, problem: how many were, and what is wrong with the last of them.
         rows: of the session of the clock that is read, after `Bag.choose_session`.
@@ -69,6 +69,7 @@ class Table:
     width: int = 0
     frame: str = ""
     child: str = ""
+    others: set[str] = field(default_factory=set)
     flat: array[int] = field(default_factory=lambda: array("q"))
     numbers: array[float] = field(default_factory=lambda: array("d"))
     broken: int = 0
@@ -171,7 +172,9 @@ class Bag:
             except (ValueError, OverflowError) as error:
                 table.broken, table.problem = table.broken + 1, str(error)
                 continue
-            table.frame = table.frame or header.frame_id.lstrip("/")
+            frame = header.frame_id.lstrip("/")
+            table.frame = table.frame or frame
+            table.others |= {frame} - {table.frame}
             table.child = table.child or getattr(message, "child_frame_id", "").lstrip("/")
             table.flat.extend(row)
             table.numbers.extend(numbers)

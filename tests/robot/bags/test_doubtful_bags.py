@@ -168,6 +168,13 @@ def test_scans_published_twice_are_dropped_before_anything_is_made_of_their_stam
     assert recording.lidar.time_increment == pytest.approx(0.005)
 
 
+def test_scans_of_two_lidars_on_one_topic_are_refused(tmp_path: Path):
+    events = [scan(0.1 * i, [1.0, 2.0], frame="rear" if i % 2 else "front") for i in range(30)]
+    with pytest.raises(InputError, match="front, rear") as caught:
+        open_recording(make_bag(tmp_path, events))
+    assert caught.value.field == "/scan"
+
+
 def test_scans_of_a_robot_that_stands_are_no_doubles(tmp_path: Path) -> None:
     events = [scan(0.12 * i, [1.0 + max(i - 20, 0), 2.0, 3.0]) for i in range(40)]
     assert len(open_recording(make_bag(tmp_path, events)).lidar) == 40

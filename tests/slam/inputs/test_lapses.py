@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.step import steps
 from moteslam.slam.inputs.synchronise import Inputs, synchronise
+from moteslam.slam.registration import localisation, search
 
 SCANS = 100
 CORNERS = [(-3, -2), (12, -2), (12, 2), (4, 2), (4, 1), (3, 1), (3, 2), (-3, 2), (-3, -2)]
@@ -126,6 +128,24 @@ def test_after_a_gap_into_a_new_place_the_robot_is_lost_until_it_is_found(counte
     assert (state[(since > 64.5) & (since < 75)] == LocalisationState.LOST).all()
     assert state[-1] == LocalisationState.SURE
     assert {"gap", "lost"} <= {issue.code for issue in estimate.warnings}
+
+
+@pytest.mark.usefixtures("taichi")
+def test_after_a_lapse_of_an_hour_the_robot_is_searched_for_where_the_map_is(monkeypatch: pytest.MonkeyPatch):
+    widest = 0.0
+
+    def candidates(*args: Any) -> np.ndarray:
+        nonlocal widest
+        widest = max(widest, *args[4].half[:2])
+        assert widest < 100.0  # else it takes gigabytes
+        return search.candidates(*args)
+
+    monkeypatch.setattr(localisation, "candidates", candidates)
+    recording = recorded(corridor(along_it()), along_it())
+    stamps = recording.lidar.stamps + np.where(np.arange(TAKEN) < 40, 0.0, 3600.0)
+    estimate = run(recording.replace(lidar=replace(recording.lidar, stamps=stamps)))
+    assert widest > 10.0
+    assert "gap" in {issue.code for issue in estimate.warnings}
 
 
 TAKEN = 80
