@@ -19,8 +19,9 @@ import numpy as np
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.files import open_regular
 from moteslam.robot.formats.bags.bag import Bag, is_bag
+from moteslam.robot.formats.bags.definitions import decode
 from moteslam.robot.formats.bags.motion import TRANSFORMS
-from moteslam.robot.formats.bags.storage import Topic, decode
+from moteslam.robot.formats.bags.storage import Topic
 from moteslam.robot.trajectories import text
 from moteslam.robot.trajectories.columns import columns_of, decoded, finite_numbers, numbered
 from moteslam.robot.trajectory import UNIT, Array, Trajectory, interpolated, trajectory_of

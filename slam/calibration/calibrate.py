@@ -164,7 +164,6 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
             shared, late, best = False, "gyro", alone
             best.values[Parameter.OFFSET] = offset
     fits = read is not None and min(best.cost, clocks.cost) < UNFIT
-    clocks_or_none = None if logged else clocks
     return Calibration(
         angle_scale=angle_scale,
         angle_deviation=deviation,
@@ -174,7 +173,7 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
         quarter=quarter,
         fit=best,
         correlation=correlation,
-        clocks=clocks_or_none,
+        clocks=None if logged else clocks,
         shared_clock=shared,
         late=late,
         fits=fits,

@@ -98,7 +98,7 @@ def assert_no_circle(graph: dict[str, set[str]] | dict[str, frozenset[str]]) -> 
 def test_the_robot_is_few_files_that_need_few_others():
     graph = {module(file): {name for name in imported(file) if ".robot" in name} for file in files("robot")}
     assert len(graph) <= 31
-    assert sum(map(len, graph.values())) <= 134
+    assert sum(map(len, graph.values())) <= 123
 
 
 @pytest.mark.parametrize("package", QUIET)

@@ -17,7 +17,8 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot.formats import Format, Robot, Topics
 from moteslam.robot.formats.bags import motion, scans, write
 from moteslam.robot.formats.bags.bag import Bag, Table, is_bag
-from moteslam.robot.formats.bags.storage import Topic, is_readable
+from moteslam.robot.formats.bags.definitions import is_readable
+from moteslam.robot.formats.bags.storage import Topic
 from moteslam.robot.formats.streams import Fan
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import GivenRobot, platform_of

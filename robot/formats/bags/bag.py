@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.files import open_regular, read_yaml
+from moteslam.robot.formats.bags.definitions import decode
 from moteslam.robot.formats.bags.storage import (
     ZSTD,
     Database,
@@ -24,7 +25,6 @@ from moteslam.robot.formats.bags.storage import (
     Rosbag1,
     Topic,
     damage_in_one_line,
-    decode,
     temporary_folder,
     zstd,
 )

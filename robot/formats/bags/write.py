@@ -29,8 +29,8 @@ from moteslam.files import make_folder
 from moteslam.robot import rgbd, se2
 from moteslam.robot.formats.bags import motion
 from moteslam.robot.formats.bags.bag import SECOND
+from moteslam.robot.formats.bags.definitions import full_name, store
 from moteslam.robot.formats.bags.scans import LASER_SCAN
-from moteslam.robot.formats.bags.storage import full_name, store
 from moteslam.robot.formats.written import SCAN_POSES, WrittenOdometry, not_written, odometry_of
 from moteslam.robot.platform import CameraSpec
 from moteslam.robot.platforms import platform_table
