@@ -34,9 +34,6 @@ from moteslam.robot.values import Issue, counted
 SECOND = 1_000_000_000
 """Nanoseconds."""
 MAX_MESSAGES = 20_000_000  # an hour of twenty streams at 250 Hz
-BACK = 1.0
-"""A stamp further behind the latest before it [s], with all that follow, is of a clock that was set back: what waits
-in a queue is less late, or is followed by others that are not."""
 GAP = 10  # a first stamp of 0 this many times the usual step before the next one is no time
 MAX_RATIO = 1000  # no file of a recording is packed tighter
 MAX_FILES = 10_000
@@ -113,7 +110,7 @@ class Table:
     def cuts(self) -> list[int]:
         """The rows before which the clock was set."""
         rows = np.flatnonzero(~self.unset)
-        return [int(rows[cut]) for cut in clock_cuts(seconds(self.stamps[rows]), BACK)]
+        return [int(rows[cut]) for cut in clock_cuts(seconds(self.stamps[rows]))]
 
 
 class Bag:
@@ -216,7 +213,7 @@ class Bag:
             used = int(np.argmax(spans)) if session is None else int(session) - 1
             lengths = ", ".join(f"{index} ({span:.1f} s)" for index, span in enumerate(spans[:8], 1))
             text = f"the clock was set {counted(len(edges), 'time')} in between: the sessions are {lengths}; session "
-            text += f"{used + 1} is read{', the longest' if session is None else ''}"
+            text += f"{used + 1} is read{', the longest: --sequence reads another' if session is None else ''}"
             self.issues.append(Issue("sessions", f"{self.path.name}: {text}", len(edges)))
         for table, rows in zip(tables, parts, strict=True):
             table.rows = rows[used]

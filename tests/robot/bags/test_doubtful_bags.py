@@ -92,6 +92,17 @@ def test_a_clock_that_is_set_back_cuts_the_recording(
     np.testing.assert_allclose(recording.odometry.poses[:, 0], 0.1 * np.arange(scans), atol=1e-12)
 
 
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_a_clock_that_is_set_back_by_less_than_a_second_cuts_all_streams(tmp_path: Path, kind: str) -> None:
+    moves = [odometry(0.02 * i, (0.01 * i, 0.0, 0.0)) for i in range(1000)]
+    events = sorted((*moves, *(scan(0.4 * i, [1.0 + i / 8, 2.0]) for i in range(50))), key=lambda event: event.time)
+    back = [stamped(each, each.time / SECOND - (0.8 if each.time >= START + 8 * SECOND else 0.0)) for each in events]
+    recording = open_recording(make_bag(tmp_path, back, kind, received=[event.time for event in events]))
+    assert codes(recording) == ["sessions", "no-mount"]
+    np.testing.assert_array_equal(recording.lidar.ranges[:, 0], 1 + np.arange(20, 50) / 8)
+    np.testing.assert_allclose(recording.odometry.poses[:, 0], 0.01 * np.arange(400, 1000))
+
+
 def test_a_stream_that_the_session_has_not_is_left_out(tmp_path: Path) -> None:
     events, received = zip(*reset(4.0, 6.0), strict=True)
     early = [imu(0.1 * i, (0.0, 0.0, 0.1)) for i in range(9)]
