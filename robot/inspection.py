@@ -14,6 +14,7 @@ from moteslam.robot.recording import EncoderStream, ImuStream, Recording
 from moteslam.robot.rgbd import FrameCount, camera_frames, has_images
 from moteslam.robot.sensor_reports import ClockReport, LidarReport, Spans, clock_reports, lidar_report, odometry_of
 from moteslam.robot.values import Issue, counted, expect_type
+from moteslam.robot.wheel_odometry import wheel_path
 
 Array = NDArray[np.float64]
 
@@ -27,6 +28,10 @@ LATE = 0.1
 """Streams may be early or late by this much [s]; drivers, filters and wheels that slip make up some of it."""
 SAME_MOTION = 0.9
 """Two yaw rates that correlate less do not show an offset clearly."""
+UNMAPPED = 1.0
+"""A robot that drives farther than this before its first scan or after its last [m] leaves a part without a map."""
+COARSE = 0.5
+"""Where more than this share of the readings have the stamp of the one before, the clock is too coarse for them."""
 REST = 1.0
 """Wheels that stand still at least this long are at rest [s]."""
 
@@ -110,7 +115,8 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
     if recording.lidar is not None and recording.lidar.ranges.size:
         read = deep or isinstance(recording.lidar.ranges, np.ndarray)
         lidar = lidar_report(recording.lidar, rests, read_ranges=read)
-    problems = [*recording.warnings, *_missing(recording), *_of_stamps(streams, clocks), *other_units(recording)]
+    problems = [*recording.warnings, *_missing(recording), *_of_stamps(streams, clocks)]
+    problems += [*other_units(recording), *doubtful_stamps(recording)]
     if lidar is not None and lidar.blind_scans:
         text = f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint"
         problems.append(Issue("blind-scans", text, lidar.blind_scans))
@@ -197,7 +203,7 @@ def _of_stamps(streams: tuple[StreamReport, ...], clocks: tuple[ClockReport, ...
             many, longest = counted(stream.gaps, "gap"), f"{stream.largest_gap:.2f} s after {stream.largest_gap_at:.6f}"
             text = f"{stream.name}: {many} of more than 5 median intervals, the longest {longest}"
             yield Issue("gaps", text, stream.gaps)
-        if stream.equal_stamps:
+        if 0 < stream.equal_stamps <= COARSE * stream.readings:
             text = f"{stream.name}: {stream.equal_stamps} readings share the stamp of the one before"
             yield Issue("equal-stamps", text, stream.equal_stamps)
     by_name = {stream.name: stream for stream in streams}
@@ -245,6 +251,43 @@ def other_units(recording: Recording) -> list[Issue]:
         if len(ranges) and (middle := float(np.median(ranges))) > MOST_RANGE:
             text = f"lidar: half of its ranges are beyond {middle:.3g} m, expected below {MOST_RANGE:g}: are they in m?"
             issues.append(Issue("range-units", text))
+    return issues
+
+
+def is_coarse(stamps: Array) -> bool:
+    """Whether stamps [n] are of a clock too coarse for their readings."""
+    return bool((np.diff(stamps) == 0).sum() > COARSE * len(stamps))
+
+
+def doubtful_stamps(recording: Recording) -> list[Issue]:
+    """Clocks that are too coarse to say what is measured between two readings, and ways that are driven without scans.
+
+    Poses that are logged with the scans need no stamps.
+    """
+    issues, lidar, found = [], recording.lidar, odometry_of(recording)
+    if lidar is not None and lidar.odometry is not None:
+        return issues
+    for name, stamps in recording.stamps().items():
+        if name in ("lidar", "odometry", "encoders", "imu") and is_coarse(stamps):
+            equal, whole = int((np.diff(stamps) == 0).sum()), bool((stamps == np.rint(stamps)).all())
+            text = f"{equal} of {len(stamps)} readings share the stamp of the one before: their clock "
+            text += f"{'counts whole seconds' if whole else 'is too coarse'}, and motion between scans is guessed"
+            issues.append(Issue("equal-stamps", f"{name}: {text}", equal))
+    if recording.encoders is not None and len(recording.encoders) and recording.platform.wheels is not None:
+        found = recording.encoders.stamps, wheel_path(recording)
+    if lidar is None or not len(lidar) or found is None:
+        return issues
+    stamps, driven = found[0][1:], np.hypot(*np.diff(found[1][:, :2], axis=0).T)
+    for code, outside, where in (
+        ("begins-late", stamps < lidar.stamps[0], "before the first"),
+        ("ends-early", stamps > lidar.stamps[-1], "after the last"),
+    ):
+        if (way := float(driven[outside].sum())) > UNMAPPED:
+            seconds = (
+                max(lidar.stamps[0] - found[0][0], 0) if code == "begins-late" else found[0][-1] - lidar.stamps[-1]
+            )
+            text = f"lidar: {seconds:.1f} s and {way:.1f} m are driven {where} scan: path and map have nothing of them"
+            issues.append(Issue(code, text))
     return issues
 
 

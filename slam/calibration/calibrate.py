@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
+from moteslam.robot.inspection import doubtful_stamps
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Fit, Pairs, Parameter, Path, clock, fit
@@ -101,6 +102,8 @@ def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
+        return None
+    if any(one.code == "equal-stamps" for one in doubtful_stamps(recording)):
         return None
     try:
         with np.errstate(all="ignore"):

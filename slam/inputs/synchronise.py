@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.recording import LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
+from moteslam.robot.recording import LATEST, LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
 from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.lapses import CLOSED, Lapses, Open, lapses
@@ -110,6 +110,8 @@ def synchronise(
     elif path is not None:
         missing = lapses(path, odometry, lidar, recording.platform.lidar, config, counted=counted)
         unmeasured, jumped = missing.unmeasured, missing.jumped
+        if lidar.odometry is None:
+            unmeasured = unmeasured | _without(recording, path)
     if path is not None and config.travelling:
         travels = travelling(lidar, recording.platform.lidar, odometry, unmeasured)
         odometry = odometry if travels is None else travels.odometry
@@ -164,6 +166,18 @@ def in_order(lidar: LidarStream) -> LidarStream:
         odometry=None if lidar.odometry is None else lidar.odometry[order],
         sequence=None,
     )
+
+
+def _without(recording: Recording, path: OdometryPath) -> NDArray[np.bool_]:
+    """Which scans [n] come after the last reading of the odometry or, of wheels, before the first, by a gap.
+
+    Before poses move, the scans say whether the robot stands.
+    """
+    stamps = require_lidar(recording).stamps
+    late = (stamps > path.stamps[-1]) & gaps(np.append(path.stamps, stamps[-1]))[-1]
+    if recording.encoders is None:
+        return np.asarray(late)
+    return np.asarray(late | ((stamps < path.stamps[0]) & gaps(np.append(-path.stamps[LATEST::-1], -stamps[0]))[-1]))
 
 
 def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, name: str) -> Array:
@@ -224,8 +238,6 @@ def _sweeps(recording: Recording, lidar: LidarStream, path: OdometryPath | None,
 
 GYRO_MARGIN = 3.0
 """Encoder readings this far outside the gyro's time count as covered [s]: a real robot's encoders run on for 1.5 s."""
-ENCODER_MARGIN = 0.1
-"""Scans this far outside the encoders' time count as covered [s]."""
 
 
 def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
@@ -235,25 +247,22 @@ def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
     n, told = len(lidar), []
     blind = sum(int((~np.isfinite(scans).any(axis=1)).sum()) for scans in chunks(lidar.ranges))
     told.append(("blind-scans", blind, f"{blind} of {n} scans without an endpoint: odometry alone there"))
-    if n > 2 and lidar.stamps[0] == lidar.stamps[-1] and lidar.odometry is None:
-        told.append(("equal-stamps", n, f"all {n} scans have the same stamp: there is no motion between them"))
     if encoders is not None and len(encoders):
-        without, first, last = len(encoders), encoders.stamps[0], encoders.stamps[-1]
+        without = len(encoders)
         if imu is not None and len(imu) > 1:
             early, late = imu.stamps[0] - GYRO_MARGIN, imu.stamps[-1] + GYRO_MARGIN
             without = int(((encoders.stamps <= early) | (encoders.stamps >= late)).sum())
         text = f"{without} of {len(encoders)} encoder readings without a gyro: turns from the wheels alone there"
         told.append(("no-gyro", without, text))
-        outside = {
-            "before the first": int((lidar.stamps < first - ENCODER_MARGIN).sum()),
-            "after the last": int((lidar.stamps > last + ENCODER_MARGIN).sum()),
-        }
-        for where, count in outside.items() if lidar.odometry is None else ():
-            told.append(("no-encoders", count, f"{count} scans {where} encoder reading: taken to stand still"))
     if inputs.path is None:
         text = f"no odometry: constant velocity over {n} scans; dead reckoning stands still"
         told.append(("no-odometry", n, text))
-    elif not inputs.moves:
+    elif lidar.odometry is None and (count := int(_without(recording, inputs.path).sum())):
+        text = (
+            f"{count} of {n} scans before or after all odometry: constant velocity there, dead reckoning stands still"
+        )
+        told.append(("no-odometry", count, text))
+    if inputs.path is not None and not inputs.moves:
         scans = int((~inputs.measured).sum())
         told.append(("still-odometry", scans, f"odometry that never moves: constant velocity over {scans} scans"))
     return (*(Issue(code, text, count) for code, count, text in told if count), *inputs.issues)

@@ -70,8 +70,19 @@ LATE = np.concatenate((RUN[:50], RUN[30:35], RUN[50:]))
         (np.concatenate((RUN, RUN[40:42])), None),
         (RUN + 0.4 * np.sin(np.arange(100)), None),
     ],
-    ids="looped;looped just now;catches up;two runs and back;a little;rising;late;a burst;less than a step;in the end;"
-    "jitter".split(";"),
+    ids=[
+        "looped",
+        "looped just now",
+        "catches up",
+        "two runs and back",
+        "a little",
+        "rising",
+        "late",
+        "a burst",
+        "less than a step",
+        "in the end",
+        "jitter",
+    ],
 )
 def test_a_clock_that_is_set_back_is_no_late_message(stamps: np.ndarray, first: int | None) -> None:
     assert clock_cuts(stamps)[:1] == ([] if first is None else [first])

@@ -201,9 +201,7 @@ def test_stamps_of_whole_seconds_are_not_taken_for_another_clock() -> None:
     recording = poses_of(driven("ucsd"))
     whole = replace(recording.odometry, stamps=np.floor(recording.odometry.stamps))
     recording = lidar(stamps=lambda s: np.floor(s.stamps))(recording.replace(odometry=whole))
-    found = calibrate(recording)
-    assert found.shared_clock
-    assert not findings(found, recording).decided
+    assert calibrate(recording) is None
 
 
 @pytest.mark.parametrize("fault", [NARROW, LONG, REVERSED, DRIFTS, mount(x=0.2, y=0.2, yaw=0.2)])
