@@ -264,7 +264,7 @@ def doubtful_stamps(recording: Recording) -> list[Issue]:
 
     Poses that are logged with the scans need no stamps.
     """
-    issues, lidar, found = [], recording.lidar, odometry_of(recording)
+    issues, lidar, found = list[Issue](), recording.lidar, odometry_of(recording)
     if lidar is not None and lidar.odometry is not None:
         return issues
     for name, stamps in recording.stamps().items():

@@ -246,7 +246,7 @@ def _hops(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> int:
 
     def far(apart: int) -> NDArray[np.float64]:
         x, y, turn = (poses[apart:] - poses[:-apart]).T
-        return np.hypot(x, y) + np.abs(se2.wrap(turn))
+        return np.asarray(np.hypot(x, y) + np.abs(se2.wrap(turn)))
 
     if len(poses) < 4:
         return 0
