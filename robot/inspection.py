@@ -119,7 +119,7 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
     problems += [*other_units(recording), *doubtful_stamps(recording)]
     if lidar is not None and lidar.blind_scans:
         text = f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint"
-        problems.append(Issue("blind-scans", text, lidar.blind_scans))
+        problems.append(Issue("blind-scans", text + blind_cause(recording, lidar.blind_scans), lidar.blind_scans))
     if deep and recording.rgbd is not None and has_images(recording.rgbd):
         count = FrameCount()
         deque(camera_frames(recording.rgbd, count=count), maxlen=0)
@@ -260,18 +260,13 @@ def is_coarse(stamps: Array) -> bool:
 
 
 def doubtful_stamps(recording: Recording) -> list[Issue]:
-    """Clocks that are too coarse to say what is measured between two readings, and ways that are driven without scans.
-
-    Poses that are logged with the scans need no stamps.
-    """
+    """Clocks that are too coarse for their readings, and ways that are driven without scans."""
     issues, lidar, found = list[Issue](), recording.lidar, odometry_of(recording)
-    if lidar is not None and lidar.odometry is not None:
-        return issues
     for name, stamps in recording.stamps().items():
         if name in ("lidar", "odometry", "encoders", "imu") and is_coarse(stamps):
             equal, whole = int((np.diff(stamps) == 0).sum()), bool((stamps == np.rint(stamps)).all())
             text = f"{equal} of {len(stamps)} readings share the stamp of the one before: their clock "
-            text += f"{'counts whole seconds' if whole else 'is too coarse'}, and motion between scans is guessed"
+            text += f"{'counts whole seconds' if whole else 'is too coarse'}, so that speeds and turns by it are wrong"
             issues.append(Issue("equal-stamps", f"{name}: {text}", equal))
     if recording.encoders is not None and len(recording.encoders) and recording.platform.wheels is not None:
         found = recording.encoders.stamps, wheel_path(recording)
@@ -289,6 +284,14 @@ def doubtful_stamps(recording: Recording) -> list[Issue]:
             text = f"lidar: {seconds:.1f} s and {way:.1f} m are driven {where} scan: path and map have nothing of them"
             issues.append(Issue(code, text))
     return issues
+
+
+def blind_cause(recording: Recording, blind: int) -> str:
+    """What scans without an endpoint are asked for, if most are."""
+    lidar = recording.lidar
+    if lidar is None or blind <= len(lidar) / 2:
+        return ""
+    return f": are its ranges in m, and do its limits of {lidar.range_min:g} and {lidar.range_max:g} m hold?"
 
 
 def _speed(stamps: Array, poses: Array) -> float | None:

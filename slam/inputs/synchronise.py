@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
+from moteslam.robot.inspection import blind_cause, is_coarse
 from moteslam.robot.recording import LATEST, LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
 from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.config import SyncConfig
@@ -23,6 +24,8 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.travelling import travelling
 
 Array = NDArray[np.float64]
+SAME = 1e-5
+"""Poses that differ by less are one: logs have six digits."""
 APART = 1.0
 """Scans and odometry whose times are this far apart [s] are of different recordings, or on different clocks."""
 
@@ -105,7 +108,7 @@ def synchronise(
     counted = recording.encoders is not None and len(recording.encoders) > 0 and lidar.odometry is None
     travels = missing = None
     unmeasured = jumped = np.zeros(n, np.bool_)
-    if path is not None and logged is not None:  # lapses are seen by stamps, and these are wrong
+    if path is not None and (logged is not None or is_coarse(lidar.stamps)):  # stamps do not show lapses
         unmeasured = jumped = jumps(lidar.stamps, odometry, config)
     elif path is not None:
         missing = lapses(path, odometry, lidar, recording.platform.lidar, config, counted=counted)
@@ -185,7 +188,7 @@ def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, nam
     if lidar.odometry is not None:
         if lidar.sequence is not None:  # by its stamp a scan may lie in a gap that it was not taken in
             return lidar.odometry
-        stale = _stale(lidar.stamps, path.stamps)
+        stale = _stale(lidar.stamps, lidar.odometry, path)
         return np.where(stale[:, None], path.at(lidar.stamps), lidar.odometry) if stale.any() else lidar.odometry
     if lidar.stamps[-1] < path.stamps[0] - APART or lidar.stamps[0] > path.stamps[-1] + APART:
         raise InputError(
@@ -199,18 +202,15 @@ def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, nam
     return path.poses[nearest_stamp(path.stamps, lidar.stamps)]
 
 
-def _stale(scans: Array, readings: Array) -> NDArray[np.bool_]:
-    """Which scans [n] lie in a gap of the odometry: between readings that are much farther apart than usual.
-
-    The pose logged with such a scan is that of the reading before the gap.
-
-    Args:
-        scans: [n] stamps [s].
-        readings: [m] stamps of the odometry [s].
+def _stale(scans: Array, logged: Array, path: OdometryPath) -> NDArray[np.bool_]:
+    """Which scans [n] lie in a gap of the odometry, between readings that are much farther apart than usual, with the
+    pose [n, 3] of the reading before it.
     """
+    readings = path.stamps
     gap = np.append(gaps(readings), False)  # before each reading, and after the last
     following = np.searchsorted(readings, scans, side="left")
-    return np.asarray(gap[following] & ~np.isin(scans, readings))
+    held = np.abs(logged - path.poses[np.maximum(following - 1, 0)]).max(axis=1) < SAME
+    return np.asarray(gap[following] & held & ~np.isin(scans, readings))
 
 
 def sweep_seconds(recording: Recording, lidar: LidarStream) -> float:
@@ -246,7 +246,8 @@ def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
     assert lidar is not None
     n, told = len(lidar), []
     blind = sum(int((~np.isfinite(scans).any(axis=1)).sum()) for scans in chunks(lidar.ranges))
-    told.append(("blind-scans", blind, f"{blind} of {n} scans without an endpoint: odometry alone there"))
+    text = f"{blind} of {n} scans without an endpoint: odometry alone there{blind_cause(recording, blind)}"
+    told.append(("blind-scans", blind, text))
     if encoders is not None and len(encoders):
         without = len(encoders)
         if imu is not None and len(imu) > 1:

@@ -73,7 +73,7 @@ def test_a_clock_that_is_too_coarse_is_named(step: float, words: str) -> None:
     )
     assert [one.code for one in found] == (["equal-stamps"] * 2 if words else [])
     assert all(words in one.message for one in found)
-    assert doubtful_stamps(Recording("x", CARMEN, lidar=logged)) == []
+    assert len(doubtful_stamps(Recording("x", CARMEN, lidar=logged))) == len(words[:1])
 
 
 @pytest.mark.parametrize("motion", ["encoders", "odometry", "imu"])

@@ -77,6 +77,26 @@ def test_odometry_that_stops_dead_while_the_robot_drives_is_stale_whatever_comes
     np.testing.assert_allclose(se2.between(part.odometry, whole.odometry[:60]), 0, atol=1e-12)
 
 
+@pytest.mark.parametrize("held", [True, False])
+def test_a_pose_from_before_a_gap_is_named(held: bool):
+    recording = driven()
+    there = np.r_[0:50, 80:SCANS]
+    lidar, poses = recording.lidar, recording.lidar.odometry[there].copy()
+    if held:
+        poses[50] = poses[49]
+    cut = replace(lidar, stamps=lidar.stamps[there], ranges=np.asarray(lidar.ranges[there]), odometry=poses)
+    (issue, *_) = synchronise(recording.replace(lidar=cut)).issues
+    assert issue.code == "gap"
+    assert ("carries an odometry pose from before" in issue.message) == held
+
+
+def test_stamps_of_whole_seconds_show_no_lapses():
+    lidar = driven().lidar
+    inputs = synchronise(driven().replace(lidar=replace(lidar, stamps=np.floor(lidar.stamps))))
+    assert codes(inputs) == []
+    assert inputs.measured[1:].all()
+
+
 def test_a_robot_that_stops_is_not_stale():
     """It brakes at 2.5 m/s^2 and stands for 3 s."""
     going = GOING.copy()

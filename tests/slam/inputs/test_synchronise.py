@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,9 @@ def test_the_pose_logged_with_a_scan_after_a_gap_of_the_odometry_is_stale():
     np.testing.assert_allclose(synchronise(recording).odometry[:, 0], [1.0, 1.9, 2.03, 4.9, 5.0], atol=1e-9)
     alone = Recording("c", CARMEN, lidar=lidar)
     np.testing.assert_array_equal(synchronise(alone).odometry, latest)
+    own = np.column_stack((scans + 0.01, np.zeros((5, 2))))  # of each scan itself
+    fresh = recording.replace(lidar=replace(lidar, odometry=own))
+    np.testing.assert_array_equal(synchronise(fresh).odometry, own)
 
 
 def test_scans_are_taken_in_the_order_in_which_they_were_taken():
