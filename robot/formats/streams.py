@@ -164,7 +164,9 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
     used = stamps[kept]
     if cuts := [at for at in clock_cuts(used) if used[at] < used[at - 1]]:
         back = f"{used[: cuts[0]].max() - used[cuts[0]]:.6g} s at reading {kept[cuts[0]]}"
-        several = "several recordings in one, expected one; cut the file there"
+        several = (
+            "it was set, begins again when it is full, or these are several recordings: expected one; cut them there"
+        )
         refuse(f"the clock goes back by {back} and goes on from there: {several}")
     order = kept[np.argsort(used, kind="stable")]
     rising = stamps[order]

@@ -93,9 +93,12 @@ class Table:
 
     @cached_property
     def stamps(self) -> NDArray[np.int64]:
-        """[n] [ns] of the headers, of reception where these have none."""
-        stamps = self.heads["stamp"]
-        return stamps if stamps.any() else self.heads["received"]
+        """[n] [ns] of the headers, of reception where these have none or, on the same clock, whole seconds alone."""
+        stamps, received = self.heads["stamp"], self.heads["received"]
+        if stamps.any() and ((stamps % SECOND).any() or (np.diff(stamps) != 0).all()):
+            return stamps
+        is_finer = (received % SECOND).any() and (np.abs(received - stamps) < 2 * SECOND).all()
+        return received if is_finer or not stamps.any() else stamps
 
     @cached_property
     def unset(self) -> NDArray[np.bool_]:
@@ -235,9 +238,13 @@ class Bag:
         stamps, marks = table.stamps[rows], table.heads["mark"][rows]
         twice = np.ones(len(rows), np.bool_)
         twice[np.unique(np.column_stack((stamps, marks)), axis=0, return_index=True)[1]] = False
-        is_unstamped = not table.heads["stamp"].any()
+        is_own = (table.stamps == table.heads["stamp"]).all()
         for code, count, what in (
-            ("no-header-stamps", len(table) * is_unstamped, "without a stamp: the times of reception are taken"),
+            (
+                "no-header-stamps",
+                len(table) * is_unstamped,
+                "stamped by none or whole seconds: times of reception are taken",
+            ),
             ("broken-messages", bad, "broken: dropped"),
             ("unset-stamps", int(table.unset[table.rows].sum()), "without a stamp (0) dropped"),
             ("doubles", int(twice.sum()), "recorded twice: the second is dropped"),

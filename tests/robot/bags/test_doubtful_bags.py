@@ -136,6 +136,19 @@ def test_stamps_that_jitter_are_sorted(tmp_path: Path) -> None:
     assert len(recording.lidar) == 40
 
 
+@pytest.mark.parametrize(("late", "told"), [(0.01, ["no-header-stamps"]), (3600.0, [])])
+def test_stamps_of_whole_seconds_are_those_of_reception_on_the_same_clock(
+    tmp_path: Path, late: float, told: list[str]
+) -> None:
+    events = [stamped(scan(0.1 * i, [1.0 + i / 50, 2.0], frame="base_link"), 1.6e9 + i // 10) for i in range(40)]
+    moves = [odometry(0.1 * i, (0.1 * i, 0.0, 0.0)) for i in range(40)]
+    received = [START + round((0.1 * i + late) * SECOND) for i in range(40)]
+    recording = open_recording(make_bag(tmp_path, [*events, *moves], received=2 * received))
+    assert codes(recording) == told
+    expected = 0.1 * np.arange(40) + late if told else np.arange(40) // 10
+    np.testing.assert_allclose(recording.lidar.stamps - 1.6e9, expected, atol=1e-6)
+
+
 @pytest.mark.parametrize("count", [1, 3, 9])
 def test_first_stamps_of_zero_are_dropped(tmp_path: Path, count: int) -> None:
     events = [
