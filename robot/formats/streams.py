@@ -129,7 +129,7 @@ def _passed_twice(stamps: Stamps) -> NDArray[np.bool_]:
     for here, first, last in np.column_stack((at, begin, end))[some][:MOST_TWICE].tolist():
         passes = stamps[max(first - 1, 0) : here], stamps[here : last + 1]
         most = OF_TWICE * (peak[here - 1] - stamps[here])
-        found[here] = all(np.abs(np.diff(one)).max() < most for one in passes)
+        found[here] = all(np.abs(np.diff(one)).max() < most < np.ptp(one) for one in passes)
     return found
 
 
@@ -164,10 +164,8 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
     used = stamps[kept]
     if cuts := [at for at in clock_cuts(used) if used[at] < used[at - 1]]:
         back = f"{used[: cuts[0]].max() - used[cuts[0]]:.6g} s at reading {kept[cuts[0]]}"
-        several = (
-            "it was set, begins again when it is full, or these are several recordings: expected one; cut them there"
-        )
-        refuse(f"the clock goes back by {back} and goes on from there: {several}")
+        cause = "it was set, or is full and begins again, or these are several recordings: cut the file there"
+        refuse(f"the clock goes back by {back} and goes on from there, expected one that rises: {cause}")
     order = kept[np.argsort(used, kind="stable")]
     rising = stamps[order]
     steps = np.diff(rising)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from issues import messages
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ RUN = np.arange(100) / 5 + 1.4e9
 @given(st.lists(st.integers(0, 19).map(lambda tenths: tenths / 10), min_size=1, max_size=50))
 def test_sorting_is_stable_and_told(stamps: list[float]) -> None:
     values = np.array(stamps)
+    assume(not clock_cuts(values))
     order, warnings = stamp_order(values, file=FILE, field="time_stamps")
     if order is None:
         assert (np.diff(values) >= 0).all()

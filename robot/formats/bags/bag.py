@@ -238,13 +238,9 @@ class Bag:
         stamps, marks = table.stamps[rows], table.heads["mark"][rows]
         twice = np.ones(len(rows), np.bool_)
         twice[np.unique(np.column_stack((stamps, marks)), axis=0, return_index=True)[1]] = False
-        is_own = (table.stamps == table.heads["stamp"]).all()
+        unstamped = 0 if (table.stamps == table.heads["stamp"]).all() else len(table)
         for code, count, what in (
-            (
-                "no-header-stamps",
-                len(table) * is_unstamped,
-                "stamped by none or whole seconds: times of reception are taken",
-            ),
+            ("no-header-stamps", unstamped, "stamped by none or whole seconds: times of reception are taken"),
             ("broken-messages", bad, "broken: dropped"),
             ("unset-stamps", int(table.unset[table.rows].sum()), "without a stamp (0) dropped"),
             ("doubles", int(twice.sum()), "recorded twice: the second is dropped"),
