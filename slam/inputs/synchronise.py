@@ -24,6 +24,8 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.travelling import travelling
 
 Array = NDArray[np.float64]
+ALIKE = 0.1
+"""Jumps whose sizes differ by less than this share are of one cause."""
 SAME = 1e-5
 """Poses that differ by less are one: logs have six digits."""
 APART = 1.0
@@ -276,4 +278,7 @@ def about_jumps(inputs: Inputs, scans: int) -> tuple[Issue, ...]:
         return ()
     spans = [(float(inputs.stamps[scan - 1]), float(inputs.stamps[scan])) for scan in at]
     text = f"odometry jumps at {len(at)} of {scans} scans: constant velocity there; {when(spans)}"
+    sizes = np.abs(np.diff(inputs.odometry[:, :2], axis=0))[np.array(at) - 1].max(axis=1)
+    if len(at) > 1 and np.ptp(sizes) < ALIKE * sizes.min():
+        text += f". Each is by {np.median(sizes):.4g} m along x or y, as of a counter that is full and begins again"
     return (Issue("odometry-jumps", text, len(at)),)

@@ -19,7 +19,7 @@ from moteslam.sim.simulate import simulate
 from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.step import steps
-from moteslam.slam.inputs.synchronise import Inputs, synchronise
+from moteslam.slam.inputs.synchronise import Inputs, about_jumps, synchronise
 from moteslam.slam.registration import localisation, search
 
 SCANS = 100
@@ -88,6 +88,17 @@ def test_a_pose_from_before_a_gap_is_named(held: bool):
     (issue, *_) = synchronise(recording.replace(lidar=cut)).issues
     assert issue.code == "gap"
     assert ("carries an odometry pose from before" in issue.message) == held
+
+
+@pytest.mark.parametrize("full", [4.0, None])
+def test_a_counter_that_is_full_is_named_as_the_cause_of_jumps(full: float | None):
+    recording = driven()
+    poses = recording.lidar.odometry.copy()
+    poses[40:, 0] -= full or 3.0
+    poses[80:, 0] -= full or 8.0
+    (issue,) = about_jumps(synchronise(recording.replace(lidar=replace(recording.lidar, odometry=poses))), SCANS)
+    assert issue.count == 2
+    assert ("a counter that is full" in issue.message) == (full is not None)
 
 
 def test_stamps_of_whole_seconds_show_no_lapses():
