@@ -10,11 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.recording import EncoderStream, ImuStream, Recording
+from moteslam.robot.recording import STREAMS, EncoderStream, ImuStream, LidarStream, Recording
 from moteslam.robot.rgbd import FrameCount, camera_frames, has_images
-from moteslam.robot.sensor_reports import ClockReport, LidarReport, Spans, clock_reports, lidar_report, odometry_of
+from moteslam.robot.sensor_reports import (
+    ClockReport,
+    LidarReport,
+    Spans,
+    clock_reports,
+    lidar_report,
+    odometry_of,
+    path_of,
+)
 from moteslam.robot.values import Issue, counted, expect_type
-from moteslam.robot.wheel_odometry import wheel_path
 
 Array = NDArray[np.float64]
 
@@ -117,9 +124,9 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
         lidar = lidar_report(recording.lidar, rests, read_ranges=read)
     problems = [*recording.warnings, *_missing(recording), *_of_stamps(streams, clocks)]
     problems += [*other_units(recording), *doubtful_stamps(recording)]
-    if lidar is not None and lidar.blind_scans:
+    if recording.lidar is not None and lidar is not None and lidar.blind_scans:
         text = f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint"
-        problems.append(Issue("blind-scans", text + blind_cause(recording, lidar.blind_scans), lidar.blind_scans))
+        problems.append(Issue("blind-scans", text + blind_cause(recording.lidar, lidar.blind_scans), lidar.blind_scans))
     if deep and recording.rgbd is not None and has_images(recording.rgbd):
         count = FrameCount()
         deque(camera_frames(recording.rgbd, count=count), maxlen=0)
@@ -261,37 +268,31 @@ def is_coarse(stamps: Array) -> bool:
 
 def doubtful_stamps(recording: Recording) -> list[Issue]:
     """Clocks that are too coarse for their readings, and ways that are driven without scans."""
-    issues, lidar, found = list[Issue](), recording.lidar, odometry_of(recording)
+    issues, lidar, path = list[Issue](), recording.lidar, path_of(recording)
     for name, stamps in recording.stamps().items():
-        if name in ("lidar", "odometry", "encoders", "imu") and is_coarse(stamps):
-            equal, whole = int((np.diff(stamps) == 0).sum()), bool((stamps == np.rint(stamps)).all())
-            text = f"{equal} of {len(stamps)} readings share the stamp of the one before: their clock "
-            text += f"{'counts whole seconds' if whole else 'is too coarse'}, so that speeds and turns by it are wrong"
-            issues.append(Issue("equal-stamps", f"{name}: {text}", equal))
-    if recording.encoders is not None and len(recording.encoders) and recording.platform.wheels is not None:
-        found = recording.encoders.stamps, wheel_path(recording)
-    if lidar is None or not len(lidar) or found is None:
+        if name in STREAMS[:4] and is_coarse(stamps):
+            equal = int((np.diff(stamps) == 0).sum())
+            text = f"{name}: {equal} of {len(stamps)} readings share the stamp of the one before: their clock "
+            text += "counts whole seconds" if (stamps == np.rint(stamps)).all() else "is too coarse"
+            issues.append(Issue("equal-stamps", f"{text}, so that speeds and turns by it are wrong", equal))
+    if lidar is None or not len(lidar) or path is None:
         return issues
-    stamps, driven = found[0][1:], np.hypot(*np.diff(found[1][:, :2], axis=0).T)
-    for code, outside, where in (
-        ("begins-late", stamps < lidar.stamps[0], "before the first"),
-        ("ends-early", stamps > lidar.stamps[-1], "after the last"),
+    stamps, driven = path[0][1:], np.hypot(*np.diff(path[1][:, :2], axis=0).T)
+    early, late = lidar.stamps[0] - path[0][0], path[0][-1] - lidar.stamps[-1]
+    for code, seconds, outside, where in (
+        ("begins-late", early, stamps < lidar.stamps[0], "before the first"),
+        ("ends-early", late, stamps > lidar.stamps[-1], "after the last"),
     ):
-        if (way := float(driven[outside].sum())) > UNMAPPED:
-            seconds = (
-                max(lidar.stamps[0] - found[0][0], 0) if code == "begins-late" else found[0][-1] - lidar.stamps[-1]
-            )
+        if (way := float(driven[outside].sum())) > UNMAPPED and seconds > ENDS_EARLY:
             text = f"lidar: {seconds:.1f} s and {way:.1f} m are driven {where} scan: path and map have nothing of them"
             issues.append(Issue(code, text))
     return issues
 
 
-def blind_cause(recording: Recording, blind: int) -> str:
-    """What scans without an endpoint are asked for, if most are."""
-    lidar = recording.lidar
-    if lidar is None or blind <= len(lidar) / 2:
-        return ""
-    return f": are its ranges in m, and do its limits of {lidar.range_min:g} and {lidar.range_max:g} m hold?"
+def blind_cause(lidar: LidarStream, blind: int) -> str:
+    """What is asked of scans without an endpoint, if most are."""
+    limits = f"{lidar.range_min:g} and {lidar.range_max:g} m"
+    return f": are its ranges in m, and do its limits of {limits} hold?" if blind > len(lidar) / 2 else ""
 
 
 def _speed(stamps: Array, poses: Array) -> float | None:

@@ -248,7 +248,7 @@ def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
     assert lidar is not None
     n, told = len(lidar), []
     blind = sum(int((~np.isfinite(scans).any(axis=1)).sum()) for scans in chunks(lidar.ranges))
-    text = f"{blind} of {n} scans without an endpoint: odometry alone there{blind_cause(recording, blind)}"
+    text = f"{blind} of {n} scans without an endpoint: odometry alone there{blind_cause(lidar, blind)}"
     told.append(("blind-scans", blind, text))
     if encoders is not None and len(encoders):
         without = len(encoders)

@@ -216,7 +216,7 @@ class Bag:
             used = int(np.argmax(spans)) if session is None else int(session) - 1
             lengths = ", ".join(f"{index} ({span:.1f} s)" for index, span in enumerate(spans[:8], 1))
             text = f"the clock was set {counted(len(edges), 'time')} in between: the sessions are {lengths}; session "
-            text += f"{used + 1} is read{', the longest: --sequence reads another' if session is None else ''}"
+            text += f"{used + 1} is read{', the longest of them' if session is None else ''}"
             self.issues.append(Issue("sessions", f"{self.path.name}: {text}", len(edges)))
         for table, rows in zip(tables, parts, strict=True):
             table.rows = rows[used]

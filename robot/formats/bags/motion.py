@@ -243,16 +243,14 @@ def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
 
 def _hops(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> int:
     """How often a path [n, 3] leaves a place and is back a reading or two later, faster than a robot can."""
-
-    def far(apart: int) -> NDArray[np.float64]:
-        x, y, turn = (poses[apart:] - poses[:-apart]).T
-        return np.asarray(np.hypot(x, y) + np.abs(se2.wrap(turn)))
-
     if len(poses) < 4:
         return 0
-    step, back = far(1)[:-2], np.minimum(far(2)[:-1], far(3))
+    first, second, third = (poses[k:] - poses[:-k] for k in (1, 2, 3))
+    step, *back = (
+        np.hypot(one[:, 0], one[:, 1]) + np.abs(se2.wrap(one[:, 2])) for one in (first[:-2], second[:-1], third)
+    )
     least = np.maximum(HOP, HARDEST * (stamps[3:] - stamps[:-3]) ** 2 / 16)  # half the time there, half of it braking
-    return int(((step > least) & (back < step / 2)).sum())
+    return int(((step > least) & (np.minimum(*back) < step / 2)).sum())
 
 
 def _no_headings(
