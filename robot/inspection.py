@@ -10,17 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.recording import STREAMS, EncoderStream, ImuStream, LidarStream, Recording
+from moteslam.robot.recording import EncoderStream, ImuStream, Recording
 from moteslam.robot.rgbd import FrameCount, camera_frames, has_images
-from moteslam.robot.sensor_reports import (
-    ClockReport,
-    LidarReport,
-    Spans,
-    clock_reports,
-    lidar_report,
-    odometry_of,
-    path_of,
-)
+from moteslam.robot.sensor_reports import ClockReport, LidarReport, Spans, clock_reports, lidar_report, odometry_of
 from moteslam.robot.values import Issue, counted, expect_type
 
 Array = NDArray[np.float64]
@@ -35,10 +27,6 @@ LATE = 0.1
 """Streams may be early or late by this much [s]; drivers, filters and wheels that slip make up some of it."""
 SAME_MOTION = 0.9
 """Two yaw rates that correlate less do not show an offset clearly."""
-UNMAPPED = 1.0
-"""A robot that drives farther than this before its first scan or after its last [m] leaves a part without a map."""
-COARSE = 0.5
-"""Where more than this share of the readings have the stamp of the one before, the clock is too coarse for them."""
 REST = 1.0
 """Wheels that stand still at least this long are at rest [s]."""
 
@@ -122,11 +110,10 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
     if recording.lidar is not None and recording.lidar.ranges.size:
         read = deep or isinstance(recording.lidar.ranges, np.ndarray)
         lidar = lidar_report(recording.lidar, rests, read_ranges=read)
-    problems = [*recording.warnings, *_missing(recording), *_of_stamps(streams, clocks)]
-    problems += [*other_units(recording), *doubtful_stamps(recording)]
-    if recording.lidar is not None and lidar is not None and lidar.blind_scans:
+    problems = [*recording.warnings, *_missing(recording), *_of_stamps(streams, clocks), *other_units(recording)]
+    if lidar is not None and lidar.blind_scans:
         text = f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint"
-        problems.append(Issue("blind-scans", text + blind_cause(recording.lidar, lidar.blind_scans), lidar.blind_scans))
+        problems.append(Issue("blind-scans", text, lidar.blind_scans))
     if deep and recording.rgbd is not None and has_images(recording.rgbd):
         count = FrameCount()
         deque(camera_frames(recording.rgbd, count=count), maxlen=0)
@@ -210,7 +197,7 @@ def _of_stamps(streams: tuple[StreamReport, ...], clocks: tuple[ClockReport, ...
             many, longest = counted(stream.gaps, "gap"), f"{stream.largest_gap:.2f} s after {stream.largest_gap_at:.6f}"
             text = f"{stream.name}: {many} of more than 5 median intervals, the longest {longest}"
             yield Issue("gaps", text, stream.gaps)
-        if 0 < stream.equal_stamps <= COARSE * stream.readings:
+        if stream.equal_stamps:
             text = f"{stream.name}: {stream.equal_stamps} readings share the stamp of the one before"
             yield Issue("equal-stamps", text, stream.equal_stamps)
     by_name = {stream.name: stream for stream in streams}
@@ -259,40 +246,6 @@ def other_units(recording: Recording) -> list[Issue]:
             text = f"lidar: half of its ranges are beyond {middle:.3g} m, expected below {MOST_RANGE:g}: are they in m?"
             issues.append(Issue("range-units", text))
     return issues
-
-
-def is_coarse(stamps: Array) -> bool:
-    """Whether stamps [n] are of a clock too coarse for their readings."""
-    return bool((np.diff(stamps) == 0).sum() > COARSE * len(stamps))
-
-
-def doubtful_stamps(recording: Recording) -> list[Issue]:
-    """Clocks that are too coarse for their readings, and ways that are driven without scans."""
-    issues, lidar, path = list[Issue](), recording.lidar, path_of(recording)
-    for name, stamps in recording.stamps().items():
-        if name in STREAMS[:4] and is_coarse(stamps):
-            equal = int((np.diff(stamps) == 0).sum())
-            text = f"{name}: {equal} of {len(stamps)} readings share the stamp of the one before: their clock "
-            text += "counts whole seconds" if (stamps == np.rint(stamps)).all() else "is too coarse"
-            issues.append(Issue("equal-stamps", f"{text}, so that speeds and turns by it are wrong", equal))
-    if lidar is None or not len(lidar) or path is None:
-        return issues
-    stamps, driven = path[0][1:], np.hypot(*np.diff(path[1][:, :2], axis=0).T)
-    early, late = lidar.stamps[0] - path[0][0], path[0][-1] - lidar.stamps[-1]
-    for code, seconds, outside, where in (
-        ("begins-late", early, stamps < lidar.stamps[0], "before the first"),
-        ("ends-early", late, stamps > lidar.stamps[-1], "after the last"),
-    ):
-        if (way := float(driven[outside].sum())) > UNMAPPED and seconds > ENDS_EARLY:
-            text = f"lidar: {seconds:.1f} s and {way:.1f} m are driven {where} scan: path and map have nothing of them"
-            issues.append(Issue(code, text))
-    return issues
-
-
-def blind_cause(lidar: LidarStream, blind: int) -> str:
-    """What is asked of scans without an endpoint, if most are."""
-    limits = f"{lidar.range_min:g} and {lidar.range_max:g} m"
-    return f": are its ranges in m, and do its limits of {limits} hold?" if blind > len(lidar) / 2 else ""
 
 
 def _speed(stamps: Array, poses: Array) -> float | None:

@@ -168,14 +168,6 @@ def odometry_of(recording: Recording) -> tuple[Array, Array] | None:
     return None
 
 
-def path_of(recording: Recording) -> tuple[Array, Array] | None:
-    """The same of the wheels where they are counted, with the gyro's turns."""
-    encoders = recording.encoders
-    if encoders is None or not len(encoders) or recording.platform.wheels is None:
-        return odometry_of(recording)
-    return encoders.stamps, wheel_path(recording)
-
-
 def turns(recording: Recording) -> dict[str, tuple[Array, Array]]:
     """The stamps [n] [s] and unwrapped headings [n] [rad] that ``imu``, ``encoders`` and ``odometry`` measure."""
     imu, encoders, odometry = recording.imu, recording.encoders, odometry_of(recording)

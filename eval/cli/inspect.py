@@ -71,8 +71,7 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
     if recording.lidar is not None:
         calibration = calibrate(recording)
         about = None if calibration is None else findings(calibration, recording)
-        if deep or isinstance(recording.lidar.ranges, np.ndarray):
-            stale = _stale(recording)
+        stale = _stale(recording, read=deep or isinstance(recording.lidar.ranges, np.ndarray))
     more = stale if about is None else (*stale, *about.issues)
     found = replace(found, problems=(*found.problems, *more))
     if plot is not None:
@@ -83,17 +82,20 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
     return whole, _lines(found, recording.platform, about)
 
 
-def _stale(recording: Recording) -> tuple[Issue, ...]:
-    """Where the odometry stood still while the robot drove."""
+def _stale(recording: Recording, *, read: bool) -> tuple[Issue, ...]:
+    """Doubtful stamps and, where ranges are read, where the odometry stood still while the robot drove."""
     from moteslam.errors import InputError
     from moteslam.slam.inputs.config import SyncConfig
-    from moteslam.slam.inputs.synchronise import synchronise
+    from moteslam.slam.inputs.odometry_path import odometry_path
+    from moteslam.slam.inputs.synchronise import doubtful_stamps, synchronise
 
+    config = SyncConfig(travelling=False, deskew=False)
     try:
-        issues = synchronise(recording, SyncConfig(travelling=False, deskew=False)).issues
+        doubts = doubtful_stamps(recording, odometry_path(recording, config))
+        issues = synchronise(recording, config).issues if read else ()
     except InputError:  # no scans, or no odometry at their time: said elsewhere
         return ()
-    return tuple(issue for issue in issues if issue.code == "stale-odometry")
+    return (*doubts, *(issue for issue in issues if issue.code == "stale-odometry"))
 
 
 def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Iterator[str]:

@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.inspection import doubtful_stamps
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Fit, Pairs, Parameter, Path, clock, fit
 from moteslam.slam.calibration.registered import FEWEST, GOOD, TURNING, RegisteredPairs, choose_pairs
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
-from moteslam.slam.inputs.synchronise import in_order
+from moteslam.slam.inputs.synchronise import in_order, is_coarse
 
 Array = NDArray[np.float64]
 
@@ -103,7 +102,7 @@ def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None
     lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
         return None
-    if any(one.code == "equal-stamps" for one in doubtful_stamps(recording)):
+    if any(map(is_coarse, recording.stamps().values())):
         return None
     try:
         with np.errstate(all="ignore"):

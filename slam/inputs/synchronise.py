@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.inspection import blind_cause, is_coarse
-from moteslam.robot.recording import LATEST, LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
+from moteslam.robot.recording import LATEST, STREAMS, LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
 from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.lapses import CLOSED, Lapses, Open, lapses
@@ -24,6 +23,10 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.travelling import travelling
 
 Array = NDArray[np.float64]
+COARSE = 0.5
+"""Where more than this share of the readings have the stamp of the one before, the clock is too coarse for them."""
+UNMAPPED, BESIDE = 1.0, 0.1
+"""A robot that drives farther [m] and longer [s] before its first scan or after its last has a part without a map."""
 ALIKE = 0.1
 """Jumps whose sizes differ by less than this share are of one cause."""
 SAME = 1e-5
@@ -248,7 +251,9 @@ def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
     assert lidar is not None
     n, told = len(lidar), []
     blind = sum(int((~np.isfinite(scans).any(axis=1)).sum()) for scans in chunks(lidar.ranges))
-    text = f"{blind} of {n} scans without an endpoint: odometry alone there{blind_cause(lidar, blind)}"
+    text = f"{blind} of {n} scans without an endpoint: odometry alone there"
+    if blind > n / 2:
+        text += f": are its ranges in m, and do its limits of {lidar.range_min:g} and {lidar.range_max:g} m hold?"
     told.append(("blind-scans", blind, text))
     if encoders is not None and len(encoders):
         without = len(encoders)
@@ -268,7 +273,35 @@ def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
     if inputs.path is not None and not inputs.moves:
         scans = int((~inputs.measured).sum())
         told.append(("still-odometry", scans, f"odometry that never moves: constant velocity over {scans} scans"))
-    return (*(Issue(code, text, count) for code, count, text in told if count), *inputs.issues)
+    issues = (Issue(code, text, count) for code, count, text in told if count)
+    return (*doubtful_stamps(recording, inputs.path), *issues, *inputs.issues)
+
+
+def is_coarse(stamps: Array) -> bool:
+    """Whether stamps [n] are of a clock too coarse for their readings."""
+    return bool((np.diff(stamps) == 0).sum() > COARSE * len(stamps))
+
+
+def doubtful_stamps(recording: Recording, path: OdometryPath | None) -> list[Issue]:
+    """Clocks that are too coarse for their readings, and ways that are driven without scans, by a path."""
+    issues, scans = list[Issue](), require_lidar(recording).stamps
+    for name, stamps in recording.stamps().items():
+        if name in STREAMS[:4] and is_coarse(stamps):
+            equal = int((np.diff(stamps) == 0).sum())
+            text = f"{name}: {equal} of {len(stamps)} readings share the stamp of the one before: their clock "
+            text += "counts whole seconds" if (stamps == np.rint(stamps)).all() else "is too coarse"
+            issues.append(Issue("equal-stamps", f"{text}, so that speeds and turns by it are wrong", equal))
+    if path is None:
+        return issues
+    stamps, driven = path.stamps[1:], np.hypot(*np.diff(path.poses[:, :2], axis=0).T)
+    for code, seconds, outside, where in (
+        ("begins-late", scans[0] - path.stamps[0], stamps < scans[0], "before the first"),
+        ("ends-early", path.stamps[-1] - scans[-1], stamps > scans[-1], "after the last"),
+    ):
+        if (way := float(driven[outside].sum())) > UNMAPPED and seconds > BESIDE:
+            text = f"lidar: {seconds:.1f} s and {way:.1f} m are driven {where} scan: path and map have nothing of them"
+            issues.append(Issue(code, text))
+    return issues
 
 
 def about_jumps(inputs: Inputs, scans: int) -> tuple[Issue, ...]:

@@ -9,7 +9,7 @@ import pytest
 
 from moteslam.errors import InputError
 from moteslam.robot.formats import open_recording
-from moteslam.robot.inspection import doubtful_stamps, inspect_recording
+from moteslam.robot.inspection import inspect_recording
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.robot.sensor_reports import LidarReport
@@ -47,33 +47,6 @@ def test_shares_of_the_beams() -> None:
     assert report.lidar.field_of_view == pytest.approx(np.degrees(3.0))
     assert [(one.code, one.count) for one in report.problems] == [("blind-scans", 1)]
     assert report.odometry_distance == 0.0
-
-
-@pytest.mark.parametrize(
-    ("first", "last", "told"), [(0, 100, []), (4, 97, []), (30, 100, ["begins-late"]), (0, 20, ["ends-early"])]
-)
-def test_a_way_that_is_driven_without_scans_is_told(first: int, last: int, told: list[str]) -> None:
-    stamps = np.arange(100) / 5
-    moves = OdometryStream(stamps, np.column_stack((0.1 * np.arange(100), np.zeros((100, 2)))))
-    recording = Recording("x", CARMEN, lidar=scans(stamps[first:last]), odometry=moves)
-    assert [(one.code, "of them" in one.message) for one in doubtful_stamps(recording)] == [
-        (code, True) for code in told
-    ]
-    if told:
-        assert {*doubtful_stamps(recording)} <= {*inspect_recording(recording).problems}
-    assert doubtful_stamps(recording.replace(odometry=None)) == []
-
-
-@pytest.mark.parametrize(("step", "words"), [(1.0, "whole seconds"), (0.5, "too coarse"), (0.1, "")])
-def test_a_clock_that_is_too_coarse_is_named(step: float, words: str) -> None:
-    stamps = np.floor(np.arange(100) / 10 / step) * step
-    logged = scans(stamps, odometry=np.zeros((100, 3)))
-    (*found,) = doubtful_stamps(
-        Recording("x", CARMEN, lidar=scans(stamps), odometry=OdometryStream(stamps, np.zeros((100, 3))))
-    )
-    assert [one.code for one in found] == (["equal-stamps"] * 2 if words else [])
-    assert all(words in one.message for one in found)
-    assert len(doubtful_stamps(Recording("x", CARMEN, lidar=logged))) == len(words[:1])
 
 
 @pytest.mark.parametrize("motion", ["encoders", "odometry", "imu"])

@@ -15,9 +15,9 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.odometry_path import low_pass
+from moteslam.slam.inputs.odometry_path import OdometryPath, low_pass
 from moteslam.slam.inputs.step import steps
-from moteslam.slam.inputs.synchronise import synchronise, warnings
+from moteslam.slam.inputs.synchronise import doubtful_stamps, synchronise, warnings
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 from moteslam.slam.settings import load_preset
 
@@ -139,6 +139,30 @@ def test_poses_that_end_before_the_lidar_do_not_say_that_the_robot_stands(last: 
     recording = circle().replace(encoders=None, imu=None, odometry=OdometryStream(stamps[:last], poses[:last]))
     assert int((~synchronise(recording).measured).sum()) == without
     assert any("before or after all odometry" in line for line in made_do(recording)) == (without > 0)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "told"), [(0, 100, []), (4, 97, []), (30, 100, ["begins-late"]), (0, 20, ["ends-early"])]
+)
+def test_a_way_that_is_driven_without_scans_is_told(first: int, last: int, told: list[str]):
+    stamps = np.arange(100) / 5
+    path = OdometryPath(stamps, np.column_stack((0.1 * np.arange(100), np.zeros((100, 2)))))
+    scans = LidarStream(stamps[first:last], np.ones((last - first, 4), np.float32), -1.5, 1.0, 0.1, 30.0)
+    recording = Recording("x", CARMEN, lidar=scans)
+    found = doubtful_stamps(recording, path)
+    assert [one.code for one in found] == told
+    assert all("have nothing of them" in one.message for one in found)
+    assert doubtful_stamps(recording, None) == []
+
+
+@pytest.mark.parametrize(("step", "words"), [(1.0, "whole seconds"), (0.5, "too coarse"), (0.1, "")])
+def test_a_clock_that_is_too_coarse_is_named(step: float, words: str):
+    stamps = np.floor(np.arange(100) / 10 / step) * step
+    scans = LidarStream(stamps, np.ones((100, 4), np.float32), -1.5, 1.0, 0.1, 30.0)
+    moves = OdometryStream(stamps, np.zeros((100, 3)))
+    found = doubtful_stamps(Recording("x", CARMEN, lidar=scans, odometry=moves), None)
+    assert [one.code for one in found] == (["equal-stamps"] * 2 if words else [])
+    assert all(words in one.message for one in found)
 
 
 def test_streams_that_do_not_overlap_are_refused_and_blind_ones_told():
