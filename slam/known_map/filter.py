@@ -19,27 +19,28 @@ from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import as_pose, compose_one
 from moteslam.robot.values import Issue
-from moteslam.slam.filter.certainty import Certainty, certainty_of
+from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of
 from moteslam.slam.filter.protocol import StepResult
-from moteslam.slam.filter.resampling import Draws, generator_for
+from moteslam.slam.filter.resampling import Draws, choose_parents, generator_for
 from moteslam.slam.filter.update_policy import update_due
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step, thin
 from moteslam.slam.known_map.config import KnownMapConfig
-from moteslam.slam.known_map.hypotheses import (
+from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares, within
+from moteslam.slam.known_map.maps import KnownMaps, as_log_odds
+from moteslam.slam.known_map.search import (
+    APART,
     CROSSING,
-    LEAST,
+    ELSEWHERE,
+    IN_MAP,
     ON_SURFACE,
     OUTLIER,
-    best_of,
+    POINTS,
+    Hypotheses,
+    WholeMapSearch,
     contradictions,
-    resample,
-    shares,
-    within,
 )
-from moteslam.slam.known_map.maps import KnownMaps, as_log_odds
-from moteslam.slam.known_map.search import APART, ELSEWHERE, IN_MAP, POINTS, Hypotheses, WholeMapSearch
 from moteslam.slam.mapping.config import RESOLVED
 from moteslam.slam.registration.evidence import CORRELATION
 from moteslam.slam.registration.registrar import register, subsample
@@ -109,10 +110,12 @@ class KnownMapFilter(TsdfFilter):
         maps = KnownMaps(read_map(config.known_map), config.tsdf)
         self._maps = self._particles.maps = maps
         self._search: WholeMapSearch | None = None if config.start else WholeMapSearch(maps, config.registration)
-        self._doubt = Presence()
+        self._doubt: Presence = Presence()
         self._driven, self._next, self._pause = 0.0, 0.0, SEARCHES_APART
+        self._divided = True  # the particles may be more than one place needs
         self._unweighed = 0.0  # path since the hypotheses were weighed [m]
         self._begin = 0  # the first update since which the robot is searched for
+        self._was_sure = False  # that the robot is in the map
         self._losses: list[tuple[float, float | None]] = []  # from when to when it was [s]
 
     @property
@@ -128,13 +131,19 @@ class KnownMapFilter(TsdfFilter):
     @property
     def issues(self) -> tuple[Issue, ...]:
         """When it was not known where the robot is."""
+        if self._losses and not self._was_sure:
+            text = (
+                "nowhere in the map do the scans fit for long: the robot is not in this map, or the map is not of this "
+            )
+            text += "place or scale; the poses mean nothing in it"
+            return (Issue("not-in-this-map", text),)
         issues = []
         for begin, end in self._losses:
-            text = f"from {begin:.2f} s on the scans do not say where in the map the robot is"
-            text += ": it is searched for to the end, and not found: the poses from there on mean nothing in this map"
+            text = f"from {begin:.2f} s on to the end the scans do not say where in the map the robot is: there the "
+            text += "trajectory is that of its odometry"
             if end is not None:
                 text = f"from {begin:.2f} to {end:.2f} s the robot was searched for in the whole map"
-            issues.append(Issue("not-in-this-map" if end is None else "searched-for", text))
+            issues.append(Issue("searched-for", text))
         return tuple(issues)
 
     def occupancy(self) -> Raster:
@@ -147,6 +156,7 @@ class KnownMapFilter(TsdfFilter):
     def step(self, step: Step) -> StepResult:
         """Take in one scan and the motion since the scan before."""
         if self._search is None:
+            self._was_sure |= self._doubt.state is LocalisationState.SURE and self._doubt.proved
             return super().step(step)
         return self._look(step, step.scan or thin(step.points, step.origin, self._config.thinning), self._search)
 
@@ -228,6 +238,13 @@ class KnownMapFilter(TsdfFilter):
     def _resample(self, step: Step, proposal: Proposal) -> tuple[Proposal, bool]:
         """Draw the particles anew; of each hypothesis some stay while there are several."""
         numbers, weight = shares(self._particles)
+        if len(numbers) == 1 and self._divided and proposal.registered:  # from here on few particles do
+            self._divided, c, n = False, self._config, len(self._particles)
+            parents = choose_parents(
+                *(c.resampling, c.kld, n, proposal.means, self.weights.values), seed=self._seed, step=step.index
+            )
+            self._particles.resample(parents)
+            return proposal.of(parents), True
         if len(numbers) == 1:
             return super()._resample(step, proposal)
         if not proposal.registered or weight.min() >= LEAST:
@@ -261,13 +278,13 @@ class KnownMapFilter(TsdfFilter):
         self._tracker.pose = as_pose(places[0])
         self._covariance, self._doubt = PoseCovariance(self._config.registration), Presence()
         self._losses[-1] = (self._losses[-1][0], stamp)
-        self._search = None
+        self._search, self._divided = None, True
 
     def _certainty(self) -> Certainty:
         """How sure the online pose is: while several places are open, by the weight of the others, too."""
         if self._search is not None:
             return certainty_of(self._covariance.value, self._covariance.degenerate, WRONG_WHILE_LOST)
-        new = NEW if isinstance(self._doubt, Presence) and not self._doubt.proved else 0.0
+        new = 0.0 if self._doubt.proved else NEW
         others = self._particles.hypotheses != self._particles.hypotheses[self.best_particle]
         wrong = max(self._doubt.probability, float(self.weights.values[others].sum()), new)
         return certainty_of(self._covariance.value, self._covariance.degenerate, wrong)

@@ -12,38 +12,20 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from moteslam.slam.filter.weights import Weights
-from moteslam.slam.registration.evidence import CORRELATION
-from moteslam.slam.registration.registrar import Registration
 from moteslam.slam.tsdf.particles import Particles
 
 Array = NDArray[np.float64]
 
-OUTLIER, CROSSING = 4.0, 1.0
-"""Cost of an endpoint that contradicts the map, ``LOST_DISTANCE`` and more from any surface, or lies where it knows
-nothing; and of a ray through a surface [nats]."""
-ON_SURFACE = 0.5
-"""Mean cost of any other endpoint [nats], as of a normal error."""
 LEAST = 0.001
 """Hypotheses of a smaller probability are given up."""
 CHANGED = 2.0
 """Another hypothesis is the best one from so many times the probability on: the pose does not jump to and fro."""
 
 
-def contradictions(found: Registration, points: int) -> Array:
-    """What of a scan contradicts each place [m], counted as far as it errs independently [nats].
-
-    Args:
-        found: its registrations.
-        points: how many it has.
-    """
-    against = found.far + points - found.known
-    return np.asarray(((OUTLIER - ON_SURFACE) * against + CROSSING * found.crossed) / CORRELATION)
-
-
 def shares(particles: Particles) -> tuple[NDArray[np.int64], Array]:
     """The numbers [h] of the hypotheses, and the weight [h] of each."""
     numbers, which = np.unique(particles.hypotheses, return_inverse=True)
-    return numbers, np.bincount(which, particles.weights.values)
+    return numbers, np.bincount(which, particles.weights.values).astype(np.float64)
 
 
 def within(particles: Particles, log_likelihood: Array) -> Array:

@@ -129,7 +129,7 @@ class _Surface:
     def is_free(self, x: Array, y: Array) -> NDArray[np.bool_]:
         """Which places [n] are free."""
         row, column, within = self._index(x, y)
-        return within & self._free[row, column]
+        return np.asarray(within & self._free[row, column])
 
 
 def upright(occupancy: Raster) -> Raster:

@@ -5,9 +5,9 @@ are registered with all scans of the latest metres. The log-odds of a place agai
 
     sum over scans of (u m - c) / rho - mean over scans of f / rho - log N
 
-where m endpoints cost u = ``ELSEWHERE`` each of a robot elsewhere, c by what contradicts the map (``hypotheses``), and
-f by their distances to the surface beyond that, in standard deviations; one in rho = ``CORRELATION`` errs
-independently, and N is the number of places. f is the same error of the map at every scan, so that it does not add up.
+where m endpoints cost u = ``ELSEWHERE`` each of a robot elsewhere, c by what contradicts the map, and f by their
+distances to the surface beyond that, in standard deviations; one in rho = ``CORRELATION`` errs independently, and N is
+the number of places. f is the same error of the map at every scan, so that it does not add up.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
 from moteslam.robot import se2
-from moteslam.slam.known_map.hypotheses import LEAST, ON_SURFACE, OUTLIER, contradictions
+from moteslam.slam.known_map.hypotheses import LEAST
 from moteslam.slam.known_map.maps import KnownMaps
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.evidence import CORRELATION
-from moteslam.slam.registration.registrar import prior_spread, register, subsample
+from moteslam.slam.registration.registrar import Registration, prior_spread, register, subsample
 from moteslam.slam.registration.search import apart
 
 Array = NDArray[np.float64]
@@ -43,6 +43,11 @@ SAME = np.array([0.3, 0.3, 0.1])
 """Starts, and hypotheses, are farther apart than this in one component at least [m, m, rad]."""
 WINDOW, APART = 10.0, 0.5
 """Scans of the latest so many metres count together; one is taken in every so many [m]."""
+OUTLIER, CROSSING = 4.0, 1.0
+"""Cost of an endpoint that contradicts the map, ``LOST_DISTANCE`` and more from any surface, or lies where it knows
+nothing; and of a ray through a surface [nats]."""
+ON_SURFACE = 0.5
+"""Mean cost of any other endpoint [nats], as of a normal error."""
 ELSEWHERE = 2.0
 """Cost of an endpoint of a robot that is not in the map [nats]: of half of what contradicts it, as in the open. At a
 place in the map one of which the map knows nothing costs as much as one where it is free: most of what a robot sees in
@@ -51,6 +56,17 @@ CROWDED = 0.5
 """Where a larger share of the places that were registered fit about as well as the best one, others may, too."""
 IN_MAP = 0.5
 """The robot is in the map, at one of the places found, from this probability on."""
+
+
+def contradictions(found: Registration, points: int) -> Array:
+    """What of a scan contradicts each place [m], counted as far as it errs independently [nats].
+
+    Args:
+        found: its registrations.
+        points: how many it has.
+    """
+    against = found.far + points - found.known
+    return np.asarray(((OUTLIER - ON_SURFACE) * against + CROSSING * found.crossed) / CORRELATION)
 
 
 class Hypotheses(NamedTuple):
