@@ -131,7 +131,7 @@ def replay(
 @options.with_options(part=options.RecordingOptions, run=options.SlamOptions)
 def localize(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.")],
-    known: Annotated[Path, typer.Option("--map", help="A map_server .yaml file, or a result folder.")],
+    known: Annotated[Path, typer.Option("--map", metavar="MAP", help="A map_server .yaml file, or a result folder.")],
     out: Annotated[Path, typer.Option(help=options.OUT)],
     near: Annotated[
         tuple[float, float, float, float] | None,

@@ -3,7 +3,7 @@
 All places of a lattice of Gauss-Newton's basin are scored by the coarse level (Olson 2009), none is left out; the best
 are registered with all scans of the latest metres. The log-odds of a place against a robot that is not in this map:
 
-    sum over scans of (u m - c) / rho - mean over scans of f / rho - log N
+    sum over scans of (u m - c) / rho - FINE mean over scans of f / rho - log N
 
 where m endpoints cost u = ``ELSEWHERE`` each of a robot elsewhere, c by what contradicts the map, and f by their
 distances to the surface beyond that, in standard deviations; one in rho = ``CORRELATION`` errs independently, and N is
@@ -41,8 +41,8 @@ START_POINTS, POINTS = 120, 250
 """Endpoints of a scan that are registered from every start; from every finalist."""
 SAME = np.array([0.3, 0.3, 0.1])
 """Starts, and hypotheses, are farther apart than this in one component at least [m, m, rad]."""
-WINDOW, APART = 10.0, 0.5
-"""Scans of the latest so many metres count together; one is taken in every so many [m]."""
+WINDOW, APART, TURNED = 10.0, 0.5, 1.0
+"""Scans of the latest so many metres count together; one is taken in every so many [m], or after such a turn [rad]."""
 OUTLIER, CROSSING = 4.0, 1.0
 """Cost of an endpoint that contradicts the map, ``LOST_DISTANCE`` and more from any surface, or lies where it knows
 nothing; and of a ray through a surface [nats]."""
@@ -52,6 +52,9 @@ ELSEWHERE = 2.0
 """Cost of an endpoint of a robot that is not in the map [nats]: of half of what contradicts it, as in the open. At a
 place in the map one of which the map knows nothing costs as much as one where it is free: most of what a robot sees in
 a map that it drove in is known."""
+FINE = 0.3
+"""Share of the fine costs that counts: half a cell by which a wall is drawn aside is the same at all of its endpoints.
+"""
 CROWDED = 0.5
 """Where a larger share of the places that were registered fit about as well as the best one, others may, too."""
 IN_MAP = 0.5
@@ -87,7 +90,11 @@ class _Seen(NamedTuple):
     pose: Array
     points: Points
     origin: Array
-    share: float
+
+    def apart(self, pose: Array) -> float:
+        """How far off another pose is, as a multiple of what makes scans err independently."""
+        x, y, theta = se2.between(self.pose, pose)
+        return float(max(np.hypot(x, y) / APART, abs(theta) / TURNED))
 
 
 class WholeMapSearch:
@@ -98,7 +105,6 @@ class WholeMapSearch:
         self._places = maps.free_places(STEP)
         self._turns = np.arange(-np.pi, np.pi - TURN / 2, TURN)
         self._seen: list[_Seen] = []
-        self._driven = 0.0
 
     @property
     def places(self) -> int:
@@ -107,22 +113,12 @@ class WholeMapSearch:
 
     def see(self, pose: Array, points: Points, origin: Array) -> None:
         """Take in a scan [k, 2] from a pose [3] by the odometry; ``origin`` [2] is where its rays start [m]."""
-        share = 1.0
-        if self._seen:
-            step = se2.between(self._seen[-1].pose, pose)
-            driven = float(np.hypot(*step[:2]))
-            share = min(max(driven / APART, abs(float(step[2])) / (2 * APART)), 1.0)
-            if share < 1.0:
-                self._seen[-1] = self._seen[-1]._replace()
-                return
-            self._driven += driven
-        self._seen.append(_Seen(pose, points, origin, share))
-        most = int(WINDOW / APART)
-        self._seen = self._seen[-most:]
+        if not self._seen or self._seen[-1].apart(pose) >= 1:
+            self._seen = [*self._seen, _Seen(pose, points, origin)][-int(WINDOW / APART) :]
 
     def find(self, pose: Array, points: Points, origin: Array) -> Hypotheses:
         """Where the robot may be at a scan; arguments as of ``see``."""
-        some = [_Seen(pose, points, origin, 1.0), *(seen for seen in self._seen if seen.pose is not pose)]
+        some = [_Seen(pose, points, origin), *(seen for seen in self._seen if seen.apart(pose) >= 1)]
         together = np.concatenate([_seen_from(pose, seen) for seen in some])
         starts = self._starts(subsample(together, MAX_SEARCH_POINTS))
         tried, odds = self._odds(starts, some[:1], subsample(together, START_POINTS))
@@ -183,9 +179,9 @@ class WholeMapSearch:
             fit = register(view, there, drift, some, seen.origin, zeros, self._config, coarse=False)
             against = fit.far + len(some) - fit.known
             here = (ELSEWHERE - ON_SURFACE) * len(some) / CORRELATION - contradictions(fit, len(some))
-            odds += seen.share * here
+            odds += here
             fine += (fit.costs - OUTLIER * against - ON_SURFACE * (len(some) - against)) / CORRELATION
-        return places, odds - fine / len(scans)
+        return places, odds - FINE * fine / len(scans)
 
 
 def _seen_from(pose: Array, seen: _Seen) -> Points:
