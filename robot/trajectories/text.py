@@ -109,16 +109,19 @@ def _read_poses(path: Path, what: str) -> Trajectory:
             is_tum = not columns.names and columns.unit is None
             separator = separator_of(line)
             separator = None if is_tum and separator == "," else separator  # commas of TUM count as blanks
+            width = len(split(line, separator))
             if is_header:
                 continue
         words = split(line, separator)
-        row = stamp = None
-        if len(words) > max(columns.at.values()) and (not is_tum or len(words) == 8):
-            row = finite_numbers([words[columns.at[name]] for name in names])
-            stamp = _stamp(words, columns)
+        if len(words) < width or any(words[width:]):
+            problem = f"{counted(len(words), 'column')}, expected {width}, as above (decimal commas need semicolons)"
+            raise InputError(problem, file=path, line=number)
+        row, stamp = finite_numbers([words[columns.at[name]] for name in names]), _stamp(words, columns)
         if row is None or stamp is None:
-            numbers = "finite numbers, stamps in whole nanoseconds" if columns.unit == "ns" else "finite numbers"
-            raise InputError(f"expected {numbers}: {', '.join(columns.at)}", file=path, line=number)
+            name = next((name for name in names if stamp and finite_numbers([words[columns.at[name]]]) is None), "t")
+            numbers = "whole nanoseconds" if name == "t" and columns.unit == "ns" else "a finite number"
+            problem = f"{words[columns.at[name]][:40]!r}, expected {numbers}"
+            raise InputError(problem, file=path, line=number, field=name)
         stamps.append(stamp)
         rows.extend(row)
         lines.append(number)
@@ -127,24 +130,31 @@ def _read_poses(path: Path, what: str) -> Trajectory:
     times, issues = seconds(stamps, path, lines, columns.unit)
     values = np.array(rows).reshape(len(lines), -1).T
     table = {name: some * columns.scale.get(name, 1.0) for name, some in zip(names, values, strict=True)}
-    z, roll, pitch, yaw = (table.get(name, np.zeros(len(lines))) for name in ("z", "roll", "pitch", "yaw"))
-    positions, quaternions = np.column_stack((table["x"], table["y"], z)), None
+    quaternions, else_turned = None, dict[str, Array]()
     if "qw" in table:
         quaternions = np.column_stack([table[name] for name in ("qx", "qy", "qz", "qw")])
-        # those that turn about x alone are of a robot whose w stands first
-        about_x = (np.abs(quaternions[:, 1:3]) < 1e-6).all() and np.ptp(np.abs(quaternions[:, 0])) > 0.05
-        if not columns.names and (not is_tum or about_x):
-            order = " ".join(name for name in names if name[0] == "q")
-            text = f"{path}: no names of columns: its orientations are taken for {order}; a header would say so"
-            issues += (Issue("orientation-order", text, len(lines)),)
+        if not columns.names:
+            read, other = ("qx qy qz qw", "qw qx qy qz")[:: 1 if is_tum else -1]
+            else_turned[f"{other} (a header would say so)"] = np.roll(quaternions, -1 if is_tum else 1, axis=1)
+            if not is_tum:
+                text = f"{path}: no names of columns: its orientations are taken for {read}; a header would say so"
+                issues += (Issue("orientation-order", text, len(lines)),)
     elif "yaw" in table:
-        if "yaw" not in columns.scale and np.abs(yaw).max() > MAX_TURN:
+        if "yaw" not in columns.scale and np.abs(table["yaw"]).max() > MAX_TURN:
             raise InputError("angles beyond 6.3, expected a unit in the header: yaw [rad] or yaw [deg]", file=path)
-        # about the fixed axes x, y, z, in this order (ROS REP 103)
-        (a, b, c), (i, j, k) = np.cos([roll / 2, pitch / 2, yaw / 2]), np.sin([roll / 2, pitch / 2, yaw / 2])
-        turns = (i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k)
-        quaternions = np.column_stack(turns)
-    return trajectory_of(path, times, positions, quaternions, lines=lines, warnings=issues)
+        angles = [table.get(name, np.zeros(len(lines))) for name in ("roll", "pitch", "yaw")]
+        quaternions = _turned(*angles)
+        unit, factor = ("degrees", np.pi / 180) if columns.scale.get("yaw", 1.0) == 1.0 else ("radians", 180 / np.pi)
+        else_turned[unit] = _turned(*(factor * some for some in angles))
+    positions = np.column_stack((table["x"], table["y"], table.get("z", np.zeros(len(lines)))))
+    return trajectory_of(path, times, positions, quaternions, lines=lines, warnings=issues, else_turned=else_turned)
+
+
+def _turned(roll: Array, pitch: Array, yaw: Array) -> Array:
+    """The quaternions [n, 4] (x, y, z, w) of angles [n] about the fixed axes x, y, z, in this order (ROS REP 103)."""
+    (a, b, c), (i, j, k) = np.cos([roll / 2, pitch / 2, yaw / 2]), np.sin([roll / 2, pitch / 2, yaw / 2])
+    turns = (i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k)
+    return np.column_stack(turns)
 
 
 def _stamp(words: Sequence[str], columns: Columns) -> str | None:
