@@ -101,7 +101,7 @@ def between(begin: float, end: float) -> Callable[[Table], Table]:
         (twice, twice, []),
         (same, changed(lambda t: t[::200]), []),
         (scaled(2, -1.0), scaled(2, -1.0), ["orientation-order"] * 2),  # mirrored alike, but for the headings
-        (rounded(16), same, ["equal-stamps"]),
+        (rounded(16), same, ["equal-stamps", "few-matched"]),
         (same, rounded(1.0), ["equal-stamps"]),
         (rounded(1.0), same, ["equal-stamps"]),
         (same, put(slice(3000, 3500), slice(1, 4), 0.0), ["poses-held"]),
