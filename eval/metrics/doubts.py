@@ -137,10 +137,11 @@ def doubts(estimate: Trajectory, reference: Trajectory, ate: AteResult, *, align
     issues = [issue for issue in (*estimate.warnings, *reference.warnings) if issue.code != left_out]
     reasons = [*_shapes(ate), *(_lever_arm(ate) if align else ())]
     if align and (offset := clock_offset(estimate, reference)) is not None:
-        reasons.append((offset.rmse, Issue("clocks-differ", str(offset))))
+        reasons.append((offset.rmse, Issue("clocks-differ", str(replace(offset, before=ate.rmse)))))
     best = [min(reasons, key=lambda reason: reason[0])[1]] if reasons else []
+    turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate)
     parts = _parts(estimate, reference, ate)
-    return (*dict.fromkeys(issues), *_of_space(estimate, reference), *best, *_of_turns(ate), *parts)
+    return (*dict.fromkeys(issues), *_of_space(estimate, reference), *best, *turns, *parts)
 
 
 def few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:
