@@ -20,7 +20,7 @@ from pydantic import BaseModel, BeforeValidator, Field, Strict, ValidationError
 
 from moteslam.errors import InputError, MoteslamWarning, OutputError
 from moteslam.files import read_bytes, read_yaml, write_atomically
-from moteslam.robot.raster import FULL, Raster, decode_channels, encode_png, picture_size
+from moteslam.robot.raster import FULL, MAX_PLACE, Raster, decode_channels, encode_png, picture_size
 from moteslam.robot.values import expect_type, first_complaint
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
@@ -40,8 +40,6 @@ MAX_YAML_BYTES = 100_000
 MAX_PIXELS = 64_000_000
 MAX_EXTENT = 2000.0
 """Of a map's longer side [m]."""
-MAX_PLACE = 1e6
-"""No map lies farther from its frame's origin [m]."""
 _BAND = 1 << 20
 """Pixels that are worked on at once."""
 

@@ -174,14 +174,16 @@ def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
     rows, received = array("d"), array("d")
     frames: dict[str, None] = {}
     path = None
-    for topic, time, message in _messages(bag, lambda topic: _is_named(topic, name) and topic.kind in (*POSES, PATH)):
+    name = name.strip("/")
+    wanted = (*POSES, PATH)
+    for topic, time, message in _messages(bag, lambda topic: topic.name.strip("/") == name and topic.kind in wanted):
         received.append(time / 1e9)
         if topic.kind == PATH:
             path = message
             continue
         rows.extend(_row(message.header.stamp, attrgetter(POSES[topic.kind])(message)))
         frames[f"{getattr(message, 'child_frame_id', '') or 'poses'} in {message.header.frame_id}"] = None
-    kinds = {topic.kind for topic in bag.topics if _is_named(topic, name)}
+    kinds = {topic.kind for topic in bag.topics if topic.name.strip("/") == name}
     if len(kinds) != 1 or not kinds <= {*POSES, PATH}:
         what = f"is of {', '.join(sorted(kinds))}" if kinds else "is not there"
         raise InputError(f"the topic {what}; {_topics(bag)}")
@@ -205,10 +207,6 @@ def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
         table = table[~unset]
         issues += (Issue("zero-stamps", f"{counted(count, 'message')} without a stamp left out", count),)
     return table, issues
-
-
-def _is_named(topic: Topic, name: str) -> bool:
-    return topic.name.strip("/") == name.strip("/")
 
 
 def _row(stamp: Any, pose: Any) -> tuple[float, ...]:

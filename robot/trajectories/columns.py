@@ -62,12 +62,8 @@ ROLES = (
 """What the words of a name say: the first pattern that fits them all."""
 LONGEST_NAME, MOST_NAMES = 200, 1000
 """Characters of a name, and names of columns, that are looked at."""
-SECONDS = {
-    **dict.fromkeys(("s", "sec", "secs", "seconds"), "s"),
-    **dict.fromkeys(("ms", "msec", "milliseconds"), "ms"),
-    **dict.fromkeys(("us", "usec", "microseconds"), "us"),
-    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), "ns"),
-}
+SECONDS = {"sec": "s", "secs": "s", "seconds": "s", "nsecs": "ns", "nanosec": "ns", **{unit: unit for unit in UNITS}}
+SECONDS |= {"msec": "ms", "milliseconds": "ms", "usec": "us", "microseconds": "us", "nsec": "ns", "nanoseconds": "ns"}
 METRES, RADIANS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}, {"rad": 1.0, "deg": np.pi / 180}
 """Units by the names that they have in headers."""
 

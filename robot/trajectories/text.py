@@ -52,16 +52,6 @@ LARGEST_ID = 2**63 - 1
 """Some programs keep a robot's letter in the upper bits of an id: of 64, one for the sign."""
 
 
-def read_tum(path: str | PathLike[str]) -> Trajectory:
-    """Read a TUM trajectory, projected to the plane (x, y and the rotation about z); commas count as blanks."""
-    return _read_poses(Path(path), "a TUM trajectory")
-
-
-def read_euroc(path: str | PathLike[str]) -> Trajectory:
-    """Read a CSV of poses, projected to the plane. Stamps are the float64 next to the whole number of nanoseconds."""
-    return _read_poses(Path(path), "EuRoC lines")
-
-
 def write_tum(path: str | PathLike[str], trajectory: Trajectory) -> None:
     """Write ``stamp x y z qx qy qz qw`` lines. Headings read back to an ulp or two, all else bit for bit."""
     lines = ["# timestamp tx ty tz qx qy qz qw"]
@@ -90,8 +80,14 @@ def _rows(trajectory: Trajectory) -> list[list[float]]:
     return rows
 
 
-def _read_poses(path: Path, what: str) -> Trajectory:
-    """Read a table of poses; ``what`` it should be: ``a TUM trajectory``."""
+def read_tum(path: str | PathLike[str]) -> Trajectory:
+    """Read a table of TUM, EuRoC or named columns, projected to the plane (x, y and the rotation about z).
+
+    Commas of TUM count as blanks. Stamps are the float64 next to a whole number of nanoseconds.
+    """
+    from scipy.spatial.transform import Rotation
+
+    path, what = Path(path), "a trajectory of TUM, EuRoC or named columns"
     columns: Columns | None = None
     comments: list[str] = []
     stamps: list[str] = []
@@ -142,19 +138,12 @@ def _read_poses(path: Path, what: str) -> Trajectory:
     elif "yaw" in table:
         if "yaw" not in columns.scale and np.abs(table["yaw"]).max() > MAX_TURN:
             raise InputError("angles beyond 6.3, expected a unit in the header: yaw [rad] or yaw [deg]", file=path)
-        angles = [table.get(name, np.zeros(len(lines))) for name in ("roll", "pitch", "yaw")]
-        quaternions = _turned(*angles)
+        # about the fixed axes x, y, z, in this order (ROS REP 103)
+        angles = np.column_stack([table.get(name, np.zeros(len(lines))) for name in ("roll", "pitch", "yaw")])
         unit, factor = ("degrees", np.pi / 180) if columns.scale.get("yaw", 1.0) == 1.0 else ("radians", 180 / np.pi)
-        else_turned[unit] = _turned(*(factor * some for some in angles))
+        quaternions, else_turned[unit] = (Rotation.from_euler("xyz", by * angles).as_quat() for by in (1, factor))
     positions = np.column_stack((table["x"], table["y"], table.get("z", np.zeros(len(lines)))))
     return trajectory_of(path, times, positions, quaternions, lines=lines, warnings=issues, else_turned=else_turned)
-
-
-def _turned(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """The quaternions [n, 4] (x, y, z, w) of angles [n] about the fixed axes x, y, z, in this order (ROS REP 103)."""
-    (a, b, c), (i, j, k) = np.cos([roll / 2, pitch / 2, yaw / 2]), np.sin([roll / 2, pitch / 2, yaw / 2])
-    turns = (i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k)
-    return np.column_stack(turns)
 
 
 def _stamp(words: Sequence[str], columns: Columns) -> str | None:
@@ -212,14 +201,9 @@ def write_kitti(path: str | PathLike[str], trajectory: Trajectory) -> None:
     rows[:, :2, 3] = trajectory.poses[:, :2]
     cos, sin = np.cos(trajectory.poses[:, 2]), np.sin(trajectory.poses[:, 2])
     rows[:, 0, 0], rows[:, 0, 1], rows[:, 1, 0], rows[:, 1, 1], rows[:, 2, 2] = cos, -sin, sin, cos, 1.0
-    words = (map(_shortest, row) for row in (rows.reshape(-1, 12) + 0.0).tolist())  # + 0.0: no -0
+    words = (map(repr, row) for row in (rows.reshape(-1, 12) + 0.0).tolist())  # + 0.0: no -0
     write_atomically(times_file(Path(path)), "".join(f"{stamp!r}\n" for stamp in trajectory.stamps.tolist()))
     write_atomically(path, "\n".join(map(" ".join, words)) + "\n")
-
-
-def _shortest(number: float) -> str:
-    """The fewest digits that read back the same."""
-    return str(int(number)) if number in (0.0, 1.0) else repr(number)
 
 
 def read_g2o(path: str | PathLike[str]) -> PoseGraph:
