@@ -178,7 +178,7 @@ def against(
     except InputError as error:
         causes = [one.message for one in (*estimate.warnings, *reference.warnings) if one.code == "equal-stamps"]
         if not causes and (offset := clock_offset(estimate, reference)) is not None:
-            causes = [str(offset)]
+            causes = [offset[1]]
         raise InputError("; ".join((error.problem, *causes)), file=error.file, field=error.field) from None
     issues = doubts(estimate, reference, ate, align=align)
     rpe = None

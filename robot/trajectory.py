@@ -30,12 +30,9 @@ FEW = 3
 """Poses of which fewer say nothing of it, either."""
 TILT = np.deg2rad(10.0)
 """A plane of motion tilted by more than this is not that of x and y."""
-FASTEST = 100.0
-"""No robot on wheels, and no car, is faster in the mean [m/s]."""
-MANY, ROUNDED = 0.1, 0.01
-"""More than this share of the stamps are not those of the pose before, with more path between [m], unless rounded."""
-JUMP = 5
-"""After poses that repeat each other a step that is this many times the usual one is a jump."""
+FASTEST, MANY, ROUNDED, JUMP = 100.0, 0.1, 0.01, 5
+"""No robot is faster in the mean [m/s]; stamps of which a larger share are those of the pose before, with more path
+between [m], were rounded; after poses that repeat each other so many times the usual step is a jump."""
 STRIDE, ACROSS, FITS = 0.2, np.sin(np.deg2rad(10.0)) ** 2, 0.2
 """Directions of travel over some path [m] that are off a fixed direction of the body by more than the second, in the
 mean squared sine, do not follow it; other orientations that leave less than this share of it are what was meant."""
@@ -215,9 +212,8 @@ def _doubts(
         text = f"{path}: moves at {speed:.3g} m/s in the mean: positions in mm, or other stamps? Errors have that unit"
         yield Issue("implausible-speed", text, n)
     still = (np.diff(there, axis=0) == 0).all(axis=1) | (zero[1:] & zero[:-1])
-    run = np.cumsum(np.append(0, ~still))  # of poses that are all the same
-    begins = np.flatnonzero(np.append(True, ~still))
-    counts = np.bincount(run)
+    begins = np.flatnonzero(np.append(True, ~still))  # of runs of poses that are all the same
+    counts = np.diff(np.append(begins, len(there)))
     repeats = (counts > (1 if np.median(counts) > 1 else 2)) | zero[begins]  # a few doubles are none
     repeats[0] &= counts[0] > 1  # many begin at 0 0 0
     moves = steps[~still]  # from one run to the next
@@ -225,7 +221,7 @@ def _doubts(
     jumps = np.maximum(np.append(0, moves), np.append(moves, 0))
     held = repeats & (jumps > max(STANDS, JUMP * float(np.median(usual)) if len(usual) else 0.0))
     if held.any():
-        number, first = int(held[run].sum()), stamps[kept][begins[np.argmax(held)]]
+        number, first = int(counts[held].sum()), stamps[kept][begins[np.argmax(held)]]
         text = f"{path}: {number} of {n} poses, from {first:.3f} s on, repeat others to the last bit or are 0 0 0, and"
         text += f" the next is up to {jumps[held].max():.2f} m away: tracking lost, or poses held? Errors hold that"
         yield Issue("poses-held", text, number)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
@@ -44,31 +43,9 @@ UNLIKE, FEW, ALL_FIT = 0.5, 0.5, 3
 of a part where less than the second share is compared; fewer poses than the third always fit each other."""
 
 
-@dataclass(frozen=True)
-class ClockOffset:
-    """An offset to add to the estimate's stamps [s] that fits much better than none, the RMSE after alignment with it
-    [m], the one before, without it: None where the two have no time in common; and by what share the clock is slow.
-    """
-
-    seconds: float
-    rmse: float
-    before: float | None
-    slow: float = 0.0
-
-    def __str__(self) -> str:
-        instead = "" if self.before is None else f" in place of {self.before:.4f} m"
-        fits = f"the estimate fits with an ATE of {self.rmse:.4f} m{instead}"
-        if self.slow:
-            rate = f"{100 * abs(self.slow):.2f} % {'slow' if self.slow > 0 else 'fast'}"
-            return f"{fits} if its clock runs {rate}: its stamps, or those of the reference, are to be scaled"
-        option = f"(--time-offset {self.seconds:.3f})"
-        return f"moved by {self.seconds:+.3f} s {fits}: its clock seems to be another one {option}"
-
-
-def clock_offset(estimate: Trajectory, reference: Trajectory) -> ClockOffset | None:
-    """The offset of the estimate's clock that lays it on its reference best, where it helps much: see ``GAIN``.
-
-    The RMSE after rigid alignment is least there, among offsets that leave most of the shorter drive in common.
+def clock_offset(estimate: Trajectory, reference: Trajectory, before: float | None = None) -> tuple[float, str] | None:
+    """What is said of an offset or a rate of the estimate's clock that fits much better (``GAIN``, ``SHAPE``), and
+    the RMSE [m] after alignment with it; ``before`` is the error to be named, of clocks with a time in common.
     """
     if min(len(estimate), len(reference)) < LEAST:
         return None
@@ -77,13 +54,22 @@ def clock_offset(estimate: Trajectory, reference: Trajectory) -> ClockOffset | N
     if any(np.ptp(stamps) <= 0 or np.abs(path).max() > FARTHEST for stamps, path in drives):
         return None
     swapped = float(np.median(np.diff(drives[0][0]))) > float(np.median(np.diff(drives[1][0])))
-    found = _offset(_Search(*drives[swapped], *drives[not swapped]))
-    return replace(found, seconds=-found.seconds, slow=-found.slow) if found is not None and swapped else found
+    if (found := _offset(_Search(*drives[swapped], *drives[not swapped]))) is None:
+        return None
+    seconds, slow, rmse = found if not swapped else (-found[0], -found[1], found[2])
+    fits = f"the estimate fits with an ATE of {rmse:.4f} m{'' if before is None else f' in place of {before:.4f} m'}"
+    if slow:
+        rate = f"{100 * abs(slow):.2f} % {'slow' if slow > 0 else 'fast'}"
+        return rmse, f"{fits} if its clock runs {rate}: its stamps, or those of the reference, are to be scaled"
+    option = f"(--time-offset {seconds:.3f})"
+    return rmse, f"moved by {seconds:+.3f} s {fits}: its clock seems to be another one {option}"
 
 
-def _offset(search: _Search) -> ClockOffset | None:
+def _offset(search: _Search) -> tuple[float, float, float] | None:
+    """The offset [s] to add, by what share the clock is slow, and the RMSE [m]."""
     common = search.common(0.0) > 0
-    if common and search.rmse(0.0, FINE) < GAIN_METRES:
+    before = search.rmse(0.0, FINE) if common else float("nan")
+    if before < GAIN_METRES:
         return None
     middle = 0.0 if common else float(search.times[0] - search.stamps[0])
     reach = min(LONGEST, search.shorter) if common else search.shorter
@@ -98,14 +84,14 @@ def _offset(search: _Search) -> ClockOffset | None:
     nearest = np.abs(offsets - good[np.argmin(np.abs(good - middle))]) <= 5 * step
     best = float(offsets[nearest][np.nanargmin(errors[nearest])])
     best, _, rmse = search.fitted(best, drifts=False)
-    before, share = search.rmse(0.0, FINE), (search.common(best) / search.shorter - OVERLAP) / (1 - OVERLAP)
+    share = (search.common(best) / search.shorter - OVERLAP) / (1 - OVERLAP)
     if np.isnan(before):  # hardly a time in common
         fits = rmse < FITS * search.spread * share and rmse + GAIN_METRES < search.spread
-        return ClockOffset(best, rmse, None) if fits else None
+        return (best, 0.0, rmse) if fits else None
     start, slow, left = search.fitted(0.0 if before < rmse else best, drifts=True)
     if left < min(GAIN * rmse, SHAPE * before) and rmse - left > GAIN_METRES and abs(slow) < DRIFTS:
-        return ClockOffset(start, left, before, slow)
-    return ClockOffset(best, rmse, before) if rmse < GAIN * before * share and before - rmse > GAIN_METRES else None
+        return start, slow, left
+    return (best, 0.0, rmse) if rmse < GAIN * before * share and before - rmse > GAIN_METRES else None
 
 
 def _lever_arm(ate: AteResult) -> Iterator[tuple[float, Issue]]:
@@ -136,8 +122,8 @@ def doubts(estimate: Trajectory, reference: Trajectory, ate: AteResult, *, align
     left_out = "out-of-plane" if in_space(estimate, reference) else ""  # it matters in x and y
     issues = [issue for issue in (*estimate.warnings, *reference.warnings) if issue.code != left_out]
     reasons = [*_shapes(ate), *(_lever_arm(ate) if align else ())]
-    if align and (offset := clock_offset(estimate, reference)) is not None:
-        reasons.append((offset.rmse, Issue("clocks-differ", str(replace(offset, before=ate.rmse)))))
+    if align and (found := clock_offset(estimate, reference, ate.rmse)) is not None:
+        reasons.append((found[0], Issue("clocks-differ", found[1])))
     best = [min(reasons, key=lambda reason: reason[0])[1]] if reasons else []
     turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate)
     parts = _parts(estimate, reference, ate)
@@ -190,8 +176,7 @@ def _of_space(estimate: Trajectory, reference: Trajectory) -> Iterator[Issue]:
 
 def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
     """What is said of the shapes of two paths, with the error in the plane that it leaves; points are complex."""
-    there, true = ((one[:, 0] + 1j * one[:, 1]) for one in (ate.aligned, ate.reference))
-    there, true = there - there.mean(), true - true.mean()
+    there, true = ((one[:, :2] - one[:, :2].mean(axis=0)) @ (1, 1j) for one in (ate.aligned, ate.reference))
     own, spread = float(np.square(np.abs(there)).mean()), float(np.sqrt(np.square(np.abs(true)).mean()))
     straight, mirror = (float(np.abs((one * true).mean())) for one in (there.conj(), there))
     rigid, mirrored = (float(np.sqrt(max(0.0, own + spread**2 - 2 * cross))) for cross in (straight, mirror))
