@@ -209,8 +209,7 @@ def _doubts(
         text = f"{path}: {shared.sum()} of {n} poses have the stamp of the one before, with up to {apart:.2f} m between"
         yield Issue("equal-stamps", f"{text}: stamps were rounded; errors are wrong by that much", int(shared.sum()))
     if times.max(initial=0) > 1e-3 and (speed := float(steps.sum() / times.sum())) > FASTEST:  # or no seconds at all
-        text = f"{path}: moves at {speed:.3g} m/s in the mean: positions in mm, or other stamps? Errors have that unit"
-        yield Issue("implausible-speed", text, n)
+        yield Issue("implausible-speed", f"{path}: moves at {speed:.3g} m/s: positions in mm? Errors are, too", n)
     still = (np.diff(there, axis=0) == 0).all(axis=1) | (zero[1:] & zero[:-1])
     begins = np.flatnonzero(np.append(True, ~still))  # of runs of poses that are all the same
     counts = np.diff(np.append(begins, len(there)))
@@ -229,8 +228,8 @@ def _doubts(
         return
     for what, others in (*else_turned.items(), ("turns, or y, of the other sign", quaternions * (-1, -1, -1, 1))):
         if _across(positions, others) < FITS * off:
-            text = f"{path}: orientations do not follow the path, but would as {what}: errors of rotation and relative"
-            yield Issue("orientation-order", f"{text} errors mean nothing", n)
+            text = f"{path}: orientations would follow the path as {what}: errors of rotation and RPE are wrong"
+            yield Issue("orientation-order", text, n)
             return
 
 

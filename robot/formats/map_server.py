@@ -224,7 +224,8 @@ def _warn_of_greys(path: Path, about: MapFile, pixels: NDArray[np.uint16]) -> No
         plain = ~(clear | coloured)
         for which, what in ((clear, "transparent"), (coloured, "coloured")):
             if which.any() and about.mode != "raw":
-                read = int(np.bincount(_of(flat[which], about, False) + 1).argmax()) - 1
+                some = flat[which][:: 1 + which.sum() // _BAND]
+                read = int(np.bincount(_of(some, about, False) + 1).argmax()) - 1
                 if which is coloured or read != UNKNOWN_PERCENT:
                     said.append(f"{which.sum()} of {n} cells are {what}, most are read as {names[read]}")
     if 0 < flat.max(initial=0) < FULL // 255:
@@ -243,12 +244,10 @@ def _warn_of_greys(path: Path, about: MapFile, pixels: NDArray[np.uint16]) -> No
 
 def _of_levels(counts: NDArray[np.int64], read: Percent, about: MapFile) -> Iterator[str]:
     """What is doubtful of greys [256], by how often they stand in the image and what they are read as."""
-    there = np.flatnonzero(counts)
     thresholds = f"free_thresh {about.free_thresh:g}, occupied_thresh {about.occupied_thresh:g}"
-    ends = [] if not len(there) else [there[0], there[-1]]
-    if ends and ends[0] < BLACK and ends[1] > WHITE and UNKNOWN_PERCENT in read[ends]:
-        mend = f"map_saver's are {FREE_THRESHOLD:g} and {OCCUPIED_THRESHOLD:g}"
-        yield f"{thresholds}: its black or its white cells count as unknown; {mend}"
+    ends = np.flatnonzero(counts)[[0, -1]] if counts.any() else np.full(2, UNKNOWN_GREY)
+    if ends[0] < BLACK and ends[1] > WHITE and UNKNOWN_PERCENT in read[ends]:
+        yield f"{thresholds}: its black or its white cells count as unknown"
         return
     grey = 255 - UNKNOWN_GREY if about.negate and counts[255 - UNKNOWN_GREY] else UNKNOWN_GREY  # a negative of its maps
     level = np.arange(256)

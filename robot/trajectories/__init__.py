@@ -39,7 +39,6 @@ WRITERS: dict[str, tuple[str, Callable[[Path, Trajectory], None]]] = {
 
 HEAD = 1 << 18
 """Bytes of a file that are looked at to know its format."""
-NO_TURN = (0.0, 0.0, 0.0, 0.0)
 POSES = {
     "geometry_msgs/PoseStamped": "pose",
     "geometry_msgs/PoseWithCovarianceStamped": "pose.pose",
@@ -213,7 +212,7 @@ def _row(stamp: Any, pose: Any) -> tuple[float, ...]:
     """Stamp, position and quaternion of a pose, a transform or a point."""
     place = getattr(pose, "position", getattr(pose, "translation", pose))
     turn = getattr(pose, "orientation", getattr(pose, "rotation", None))
-    quaternion = NO_TURN if turn is None else (turn.x, turn.y, turn.z, turn.w)
+    quaternion = 4 * (0.0,) if turn is None else (turn.x, turn.y, turn.z, turn.w)
     return ((stamp.sec * 10**9 + stamp.nanosec) / 10**9, place.x, place.y, place.z, *quaternion)
 
 

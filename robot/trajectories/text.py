@@ -1,13 +1,10 @@
 """Text files of poses: TUM, EuRoC and other CSV, KITTI.
 
-TUM: the RGB-D benchmark of TU Munich (Sturm et al. 2012). EuRoC: the ground truth of the EuRoC MAV data sets (Burri et
-al. 2016). KITTI: its odometry benchmark (Geiger, Lenz and Urtasun 2012), the upper three rows of a pose's matrix a
-line, the stamps in a file beside. Its poses are of a camera (x right, y down, z ahead), those of others of a robot, and
-nothing in a file says which: as evo does, the axes are taken as they are.
-
-g2o: the type SE2 of g2o (Kuemmerle et al. 2011), a vertex or an edge a line. An information matrix is written by the
-rows of its upper triangle; the error that it weighs is x, y and heading in the frame of the measured pose. g2o has no
-stamps. Here a comment ``# STAMP id seconds`` gives that of a vertex; other programs pass it over.
+TUM: Sturm et al. 2012. EuRoC: Burri et al. 2016. KITTI: Geiger, Lenz and Urtasun 2012, the upper three rows of a pose's
+matrix a line, the stamps in a file beside. Nothing in a file says whether poses are of a camera: as evo does, the axes
+are taken as they are. g2o: its type SE2 (Kuemmerle et al. 2011), an information matrix by the rows of its upper
+triangle; the error that it weighs is x, y and heading in the frame of the measured pose. g2o has no stamps. Here a
+comment ``# STAMP id seconds`` gives that of a vertex; other programs pass it over.
 """
 
 from __future__ import annotations
@@ -201,9 +198,9 @@ def write_kitti(path: str | PathLike[str], trajectory: Trajectory) -> None:
     rows[:, :2, 3] = trajectory.poses[:, :2]
     cos, sin = np.cos(trajectory.poses[:, 2]), np.sin(trajectory.poses[:, 2])
     rows[:, 0, 0], rows[:, 0, 1], rows[:, 1, 0], rows[:, 1, 1], rows[:, 2, 2] = cos, -sin, sin, cos, 1.0
-    words = (map(repr, row) for row in (rows.reshape(-1, 12) + 0.0).tolist())  # + 0.0: no -0
     write_atomically(times_file(Path(path)), "".join(f"{stamp!r}\n" for stamp in trajectory.stamps.tolist()))
-    write_atomically(path, "\n".join(map(" ".join, words)) + "\n")
+    words = (" ".join(map(repr, row)) for row in (rows.reshape(-1, 12) + 0.0).tolist())  # + 0.0: no -0
+    write_atomically(path, "\n".join(words) + "\n")
 
 
 def read_g2o(path: str | PathLike[str]) -> PoseGraph:

@@ -194,7 +194,7 @@ def test_euroc_without_names_says_which_order_follows_the_path(tmp_path: Path, o
     Path(path).write_text("\n".join(line.replace(".", "", 1) for line in text) + "\n")  # nanoseconds
     messages = [issue.message for issue in read_trajectory(path).warnings]
     assert "taken for qw qx qy qz" in messages[0]
-    assert [("would as qx qy qz qw" in message) for message in messages[1:]] == ([] if order[4] == 7 else [True])
+    assert [("path as qx qy qz qw" in message) for message in messages[1:]] == ([] if order[4] == 7 else [True])
 
 
 @pytest.mark.parametrize(
