@@ -58,9 +58,8 @@ def compare(
     for other, rows in found.items():
         of, counts = values_of(found[first], "scans"), values_of(rows, "scans")
         if unlike := [case for case in of if of[case] and (counts.get(case) or of[case]) != of[case]]:
-            note(
-                f"warning: {other}: {len(unlike)} runs have other numbers of scans: other recordings of the same name?"
-            )
+            text = f"warning: {other}: other numbers of scans in {len(unlike)} of its runs"
+            note(f"{text}: another recording of that name, whose errors cannot be compared?")
     compared = {
         name: {
             other: asdict(statistics.compare(values_of(found[first], name), values_of(rows, name), better=better(name)))
