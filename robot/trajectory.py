@@ -18,18 +18,12 @@ from moteslam.robot.values import Issue, Summarised, counted, frozen
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-UNIT = 0.05
-"""Lengths of quaternions, and of rows of rotation matrices, are off 1 by less, however they were rounded."""
-FARTHEST = 1e9
-"""No position is farther away [m]."""
-SAME = 1e-6
-"""Orientations and heights that differ by less are the same."""
-STANDS = 0.05
-"""A path that is spread by less [m] says nothing of orientations."""
-FEW = 3
-"""Poses of which fewer say nothing of it, either."""
-TILT = np.deg2rad(10.0)
-"""A plane of motion tilted by more than this is not that of x and y."""
+UNIT, FARTHEST, TILT = 0.05, 1e9, np.deg2rad(10.0)
+"""Lengths of quaternions, and of rows of rotation matrices, are off 1 by less, however they were rounded; no position
+is farther away [m]; a plane of motion that is tilted by more is not that of x and y."""
+SAME, STANDS, FEW = 1e-6, 0.05, 3
+"""Orientations and heights that differ by less are the same; a path that is spread by less [m], or of fewer poses, says
+nothing of orientations."""
 FASTEST, MANY, ROUNDED, JUMP = 100.0, 0.1, 0.01, 5
 """No robot is faster in the mean [m/s]; stamps of which a larger share are those of the pose before, with more path
 between [m], were rounded; after poses that repeat each other so many times the usual step is a jump."""

@@ -30,10 +30,9 @@ OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 UNKNOWN_PERCENT, FREE_PERCENT, OCCUPIED_PERCENT = -1, 0, 100
 FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY = 254, 0, 205
 """The greys that map_saver writes for them in the mode trinary."""
-BLACK, WHITE, BLUR = 26, 229, 10
-"""Greys beyond the first two are meant to be known; a lossy picture changes greys by less than the third."""
-MANY = 0.01
-"""Of the cells may be read otherwise than they were meant."""
+BLACK, WHITE, BLUR, MANY = 26, 229, 10, 0.01
+"""Greys beyond the first two are meant to be known; a lossy picture changes greys by less than the third; and a larger
+share of the cells than the last may not be read otherwise than they were meant."""
 
 MAX_IMAGE_BYTES = 256_000_000
 MAX_YAML_BYTES = 100_000

@@ -43,10 +43,8 @@ EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w []
 MAX_TURN = 6.3
 """Angles beyond this must have a unit."""
 KITTI = "r11 r12 r13 x r21 r22 r23 y r31 r32 r33 z"
-G2O = {"VERTEX_SE2": (1, 3), "EDGE_SE2": (2, 9), "# STAMP": (1, 1)}
-"""How many ids and then numbers follow."""
-LARGEST_ID = 2**63 - 1
-"""Some programs keep a robot's letter in the upper bits of an id: of 64, one for the sign."""
+G2O, LARGEST_ID = {"VERTEX_SE2": (1, 3), "EDGE_SE2": (2, 9), "# STAMP": (1, 1)}, 2**63 - 1
+"""How many ids and then numbers follow; some programs keep a robot's letter in the upper of the 63 bits of an id."""
 
 
 def write_tum(path: str | PathLike[str], trajectory: Trajectory) -> None:
