@@ -180,7 +180,7 @@ def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
     own, spread = float(np.square(np.abs(there)).mean()), float(np.sqrt(np.square(np.abs(true)).mean()))
     straight, mirror = (float(np.abs((one * true).mean())) for one in (there.conj(), there))
     rigid, mirrored = (float(np.sqrt(max(0.0, own + spread**2 - 2 * cross))) for cross in (straight, mirror))
-    if rigid < SAME and spread > SMALL and len(there) >= ALL_FIT:
+    if max(rigid, 0.0 if ate.motion is None else ate.rmse) < SAME and spread > SMALL and len(there) >= ALL_FIT:
         text = f"agrees with the reference to {1000 * SAME:g} mm, as no measurement does: is it the reference itself,"
         yield rigid, Issue("same-path", f"{text} or made from it? Then its errors say nothing", len(there))
     if rigid <= SMALL or own == 0:
@@ -210,7 +210,7 @@ class _Search:
     """Positions [n, d] and [m, d] of two drives at stamps [n] and, sparser, [m]; an offset is added to the former."""
 
     def __init__(self, stamps: Array, positions: Array, times: Array, goal: Array) -> None:
-        self.stamps, self.positions, self.times, self.goal = stamps, positions, times, goal
+        self.stamps, self.positions, self.times = stamps, positions, times
         self.shorter = float(min(np.ptp(stamps), np.ptp(times)))
         self.spread = float(np.linalg.norm(goal.std(axis=0)))
         self.at, self.there = times, goal
