@@ -94,8 +94,7 @@ def mount_rotation(mount: CameraSpec) -> NDArray[np.float64]:
     """
     from scipy.spatial.transform import Rotation
 
-    turn = Rotation.from_euler("ZYX", (mount.yaw, mount.pitch, mount.roll))
-    return np.asarray(turn.as_matrix() @ OPTICAL_TO_BODY)
+    return np.asarray(Rotation.from_euler("ZYX", (mount.yaw, mount.pitch, mount.roll)).as_matrix() @ OPTICAL_TO_BODY)
 
 
 def optical_rays(*, colour: bool) -> NDArray[np.float64]:

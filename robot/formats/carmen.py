@@ -96,10 +96,8 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
         lidar = sensors.lidar(path, laser.line, stamps, ranges, fan, poses, laser.interlace)
         beams = ranges.shape[1]
         if laser.line == "FLASER" and beams not in CLASSIC_STEPS and "angle_increment" not in given.lidar_figures:
-            text = (
-                f"{path.name}: FLASER lines state no angles: {beams} beams are assumed to span 180 degrees. Of "
-                "another lidar the map is wrong: give [lidar] angle_min and angle_increment by --platform"
-            )
+            text = f"{path.name}: FLASER lines state no angles: {beams} beams are assumed to span 180 degrees. Of "
+            text += "another lidar the map is wrong: give [lidar] angle_min and angle_increment by --platform"
             issues.append(Issue("assumed-angles", text, len(lidar)))
     return Recording(
         name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
@@ -121,7 +119,7 @@ class _Lines:
         self.rear: Counter[str] = Counter()  # by kind of line
         self.tails: dict[str, int] = {}  # words after the ranges of the first whole line of a kind, and so of all
         parsers: dict[str, Any] = {"ODOM": self._odom, "PARAM": self._param, **dict.fromkeys(TAILS, self._scan)}
-        parsers |= dict.fromkeys(REAR_LASERS, self._rear)
+        parsers |= dict.fromkeys(REAR_LASERS, lambda words, _: self.rear.update([words[0].decode()]))
         known = {kind.encode(): parse for kind, parse in parsers.items()}
         starts = {kind[:1] for kind in known} | {b" ", b"\t"}
         for number, line in lines:
@@ -157,9 +155,6 @@ class _Lines:
         all_ranges, rows = self.scans.setdefault(line, (array("f"), array("d")))
         all_ranges.extend(ranges)
         rows.extend(row)
-
-    def _rear(self, words: list[bytes], number: int) -> None:
-        self.rear[words[0].decode()] += 1
 
     def _odom(self, words: list[bytes], number: int) -> None:
         _expect_words(words, 10, "odometry")

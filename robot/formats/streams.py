@@ -209,11 +209,6 @@ def sort_by_stamp(
     return (stamps, values) if order is None else (stamps[order], tuple(value[order] for value in values))
 
 
-def plausible_rates(angular_velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Which readings [n] of a gyro [n, 3] [rad/s] can be a robot's: at most 100 rad/s about any axis."""
-    return np.asarray((np.abs(angular_velocity) <= MAX_RATE).all(axis=1))
-
-
 def clean_ranges(ranges: NDArray[np.float32], fan: Fan, issues: list[Issue], head: str) -> NDArray[np.float32]:
     """Ranges [n, beams] [m] as endpoints, no return and invalid.
 
@@ -306,7 +301,7 @@ class Sensors:
     def imu(self, file: Path, fields: tuple[str, str], stamps: Array, angular: Array, linear: Array) -> ImuStream:
         """Turn rates [n, 3] [rad/s], without those beyond 100 rad/s, and accelerations [n, 3] [g]."""
         stamps, values = sort_by_stamp(file, fields[0], stamps, self.issues, angular, linear)
-        plausible = plausible_rates(values[0])
+        plausible = np.asarray((np.abs(values[0]) <= MAX_RATE).all(axis=1))
         stamps, angular, linear = self._keep(file, fields[1], plausible, "beyond 100 rad/s", stamps, *values)
         return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))
 

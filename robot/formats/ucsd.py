@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from os import PathLike
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,8 +109,7 @@ def _lidar(path: Path, sensors: Sensors) -> LidarStream:
         sensors.issues.append(Issue("angle-max", text))
     with np.errstate(over="ignore"):  # beyond float32 is infinite: no return
         ranges = np.ascontiguousarray(arrays["ranges"].T, np.float32)
-    fan = Fan(angle_min, increment, range_min, range_max)
-    return sensors.lidar(path, "ranges", arrays["time_stamps"], ranges, fan)
+    return sensors.lidar(path, "ranges", arrays["time_stamps"], ranges, Fan(angle_min, increment, range_min, range_max))
 
 
 def _encoders(path: Path, sensors: Sensors) -> EncoderStream:
@@ -183,11 +182,8 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
         raise ConfigError(f"{number!r}, expected letters, digits, - and _", field="sequence")
     write_platform(folder / "platform.toml", recording.platform)
 
-    def write(name: str, **arrays: Array | np.float64) -> None:
-        def content(file: IO[bytes]) -> None:
-            np.savez(file, **arrays)  # type: ignore[arg-type]  # allow_pickle is no array
-
-        write_atomically(folder / f"{name}{number}.npz", content)
+    def write(name: str, **arrays: Any) -> None:
+        write_atomically(folder / f"{name}{number}.npz", lambda file: np.savez(file, **arrays))
 
     if (lidar := recording.lidar) is not None and len(lidar):
         far, invalid = lidar.range_max, NO_ECHO if lidar.range_min > NO_ECHO else np.nan
@@ -210,7 +206,6 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
 
 def _write_only(folder: Path, recording: Recording) -> tuple[Issue, ...]:
     """Write the one sequence of a folder, which is made."""
-    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     make_folder(folder)
     write_ucsd(folder, recording, sequence=ONLY)
     rgbd = recording.rgbd

@@ -111,14 +111,7 @@ def write_platform(path: str | PathLike[str], platform: Platform) -> None:
 
 def platform_table(platform: Platform) -> Table:
     """Every key of a platform, ``False`` for what it has not: TOML has no other word for it."""
-    return _without_none(platform.model_dump())
-
-
-def _without_none(table: Table) -> Table:
-    return {
-        key: _without_none(value) if isinstance(value, dict) else False if value is None else value
-        for key, value in table.items()
-    }
+    return platform.model_dump()
 
 
 @dataclass(frozen=True)

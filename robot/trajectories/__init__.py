@@ -193,8 +193,7 @@ def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
         for one in path.poses:
             rows.extend(_row(one.header.stamp, one.pose))
         if len(received) > 1:
-            text = f"the last of {len(received)} paths counts, of {len(path.poses)} poses"
-            issues = (Issue("last-path", text, 1),)
+            issues = (Issue("last-path", f"the last of {len(received)} paths counts, of {len(path.poses)} poses"),)
     table = np.array(rows).reshape(-1, 8)
     unset = table[:, 0] == 0
     if path is not None and len(table) and unset.all():

@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import Bag, Rows, Table
-from moteslam.robot.formats.bags.motion import Mount
 from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, given_again, no_return_limit
-from moteslam.robot.platform import MAX_BEAMS, too_wide
+from moteslam.robot.platform import MAX_BEAMS, LidarSpec, too_wide
 from moteslam.robot.recording import RgbdStream, nearest_stamp
 from moteslam.robot.rgbd import decode_disparity, decode_rgb, disparity_of
 from moteslam.robot.values import counted
@@ -105,8 +104,7 @@ def laser_scans(bag: Bag, table: Table) -> Scans:
         for row, index, message in zip(rows, indices.tolist(), bag.messages(table, kept[indices]), strict=True):
             ranges = message.ranges
             if table.topic.kind == MULTI_ECHO:  # the first echo of each beam; one without has no return
-                firsts = [beam.echoes[0] if len(beam.echoes) else np.inf for beam in ranges]
-                ranges = np.array(firsts, np.float32)
+                ranges = np.array([beam.echoes[0] if len(beam.echoes) else np.inf for beam in ranges], np.float32)
             if others:
                 _lay(row, ranges, figures[index, 0] + steps[index] * np.arange(len(ranges)), fan)
             else:
@@ -190,10 +188,10 @@ def _most_frequent(values: NDArray[np.float64]) -> float:
     return float(np.nan_to_num(numbers[np.argmax(counts)], posinf=np.inf, neginf=-np.inf))
 
 
-def merged_scans(path: Path, lidars: list[tuple[Scans, Mount]]) -> Scans:
+def merged_scans(path: Path, lidars: list[tuple[Scans, LidarSpec]]) -> Scans:
     """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps."""
     first, names = lidars[0][0], ", ".join(scans.topic for scans, _ in lidars)
-    if len({mount for _, mount in lidars}) < len(lidars):
+    if len({(mount.pose, mount.z) for _, mount in lidars}) < len(lidars):
         table = f'[lidars."{first.topic}"] with x, y, yaw for each in the platform\'s file'
         problem = f"two lidars at one place, expected a transform to each, or a table {table}"
         raise InputError(problem, file=path, field=names)
