@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.files import Shape, read_arrays, write_atomically
+from moteslam.robot import se2
 from moteslam.robot.values import Summarised, expect_type, given_up
 
 Array = NDArray[np.float64]
@@ -80,10 +81,7 @@ class Raster(Summarised):
 
     def to_world(self, places: ArrayLike) -> Array:
         """Places [n, 2] in columns and rows (cell [0, 0] from (0, 0) to (1, 1)) as points [n, 2] [m]."""
-        x, y, yaw = self.origin
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        scaled = np.asarray(places, np.float64).reshape(-1, 2) * self.cell_size
-        return np.asarray(scaled @ np.array([(cos, sin), (-sin, cos)]) + (x, y))
+        return se2.transform_points(self.origin, np.asarray(places, np.float64).reshape(-1, 2) * self.cell_size)
 
     def centres(self, cells: ArrayLike) -> Array:
         """The centres [n, 2] [m] of cells [n, 2] (row, column)."""
@@ -91,10 +89,8 @@ class Raster(Summarised):
 
     def values_at(self, points: ArrayLike, *, outside: Any) -> NDArray[Any]:
         """The values [n] or [n, C] of the cells that points [n, 2] [m] lie in; beyond the edges ``outside``."""
-        x, y, yaw = self.origin
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        away = np.asarray(points, np.float64).reshape(-1, 2) - (x, y)
-        at = np.floor(away @ np.array([(cos, -sin), (sin, cos)]) / self.cell_size)
+        points = np.asarray(points, np.float64).reshape(-1, 2)
+        at = np.floor(se2.transform_points(se2.inverse(self.origin), points) / self.cell_size)
         rows, columns = self.shape
         inside = (at >= 0).all(1) & (at[:, 0] < columns) & (at[:, 1] < rows)
         found = np.full((len(at), *self.values.shape[2:]), outside, self.values.dtype)

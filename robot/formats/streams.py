@@ -90,9 +90,8 @@ class Fan(NamedTuple):
 
     def reversed(self) -> Fan:
         """The fan with its last beam first."""
-        last = self.angle_min + (self.beams - 1) * self.angle_increment
-        step, time = -self.angle_increment, -self.time_increment
-        return self._replace(angle_min=last, angle_increment=step, time_increment=time)
+        last, step = self.angle_min + (self.beams - 1) * self.angle_increment, -self.angle_increment
+        return self._replace(angle_min=last, angle_increment=step, time_increment=-self.time_increment)
 
 
 def clock_cuts(stamps: Stamps) -> list[int]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, replace
 from functools import cache
 from os import PathLike
@@ -42,8 +41,7 @@ def bundled_platform(name: str) -> Platform:
     if name not in _names():
         expected = f"expected one of {', '.join(_names())}, or a .toml file"
         raise ConfigError(f"no robot of this name, {expected}", field=name)
-    table = tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
-    return Platform.model_validate({"name": name, **table})
+    return Platform.model_validate({"name": name, **read_toml(FOLDER / f"{name}.toml", "a robot")})
 
 
 def load_platform(name_or_path: str | PathLike[str]) -> Platform:

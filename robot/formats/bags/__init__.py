@@ -288,10 +288,8 @@ def left_aside(bag: Bag, what: str, tables: Sequence[Table]) -> None:
     names = [f"{table.topic.name} ({counted(table.count, 'message')})" for table in tables[:9]]
     if len(names) > 1:
         text = f"{bag.path.name}: {what} of {names[0]} used; left aside: {', '.join(names[1:])}"
-        if what == "odometry":
-            text += (
-                ". Is it where a simulator knows the robot to be, SLAM's errors mean nothing: name another by --topics"
-            )
+        doubt = ". Is it where a simulator knows the robot to be, SLAM's errors mean nothing: name another by --topics"
+        text += doubt if what == "odometry" else ""
         bag.issues.append(Issue("topics-left", text, len(tables) - 1))
 
 
