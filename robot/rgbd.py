@@ -140,11 +140,7 @@ class FrameCount:
             ("frames-incomplete", self.missing, "an image of theirs is missing"),
             ("frames-unreadable", self.unreadable, f"unreadable; the first: {self.first_unreadable}"),
         )
-        return [
-            Issue(code, f"{reader}: {counted(count, 'frame')} left out, {why}", count)
-            for code, count, why in lost
-            if count
-        ]
+        return [Issue(code, f"{reader}: {counted(n, 'frame')} left out, {why}", n) for code, n, why in lost if n]
 
     def issues(self) -> tuple[Issue, ...]:
         """One for each kind of loss that happened, and where no frame is left."""

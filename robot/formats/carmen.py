@@ -99,13 +99,9 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
             text = f"{path.name}: FLASER lines state no angles: {beams} beams are assumed to span 180 degrees. Of "
             text += "another lidar the map is wrong: give [lidar] angle_min and angle_increment by --platform"
             issues.append(Issue("assumed-angles", text, len(lidar)))
-    return Recording(
-        name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
-        platform=robot,
-        lidar=lidar,
-        odometry=sensors.odometry(path, "ODOM", odometry[:, 3 if is_ipc else 4], odometry[:, :3]),
-        warnings=tuple(issues),
-    )
+    name = re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name
+    moves = sensors.odometry(path, "ODOM", odometry[:, 3 if is_ipc else 4], odometry[:, :3])
+    return Recording(name, robot, lidar, odometry=moves, warnings=tuple(issues))
 
 
 class _Lines:

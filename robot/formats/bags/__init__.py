@@ -239,9 +239,7 @@ class _Reading:
     def _lidar(self, lidar: scans.Scans, robot: Platform) -> LidarStream:
         fan = self.manifest.sharpened(lidar.fan) if self.manifest is not None else lidar.fan
         fan = fan.over(self.given.lidar_figures, fan.beams, file=self.bag.path, field=f"{lidar.topic}: angle_increment")
-        ranges = ChunkedRanges(
-            lambda first, last: lidar.cleaned(np.arange(first, last), fan), len(lidar.stamps), fan.beams
-        )
+        ranges = ChunkedRanges(lambda a, b: lidar.cleaned(np.arange(a, b), fan), len(lidar.stamps), fan.beams)
         return LidarStream(lidar.stamps, ranges, *fan[:4], robot.lidar.time_increment)
 
 

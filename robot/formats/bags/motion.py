@@ -25,6 +25,8 @@ from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream
 from moteslam.robot.trajectory import rotations_of
 from moteslam.robot.values import counted
 
+Array = NDArray[np.float64]
+
 TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
 ODOMETRY, IMU, JOINT_STATE = "nav_msgs/Odometry", "sensor_msgs/Imu", "sensor_msgs/JointState"
 BASES = ("base_footprint", "base_link")
@@ -143,7 +145,7 @@ class Frames:
         tables = sorted(self.odometry.values(), key=len, reverse=True)
         return [table for table in tables if self.place(frame, table.child) is not None] or tables
 
-    def place(self, frame: str, base: str | None) -> tuple[NDArray[np.float64], list[_Edge], bool] | None:
+    def place(self, frame: str, base: str | None) -> tuple[Array, list[_Edge], bool] | None:
         """Where a frame stands in another, the transforms on the way, and whether another way up leads elsewhere; None
         where none connect them.
         """
@@ -156,11 +158,11 @@ class Frames:
         (pose, way), (other, rest) = ours[shared], theirs[shared]
         return np.linalg.inv(other) @ pose, way + rest, shared in apart
 
-    def _above(self, frame: str) -> tuple[dict[str, tuple[NDArray[np.float64], list[_Edge]]], set[str]]:
+    def _above(self, frame: str) -> tuple[dict[str, tuple[Array, list[_Edge]]], set[str]]:
         """The frame and all above it, with its pose in each; of two parents both are gone up to, and those frames are
         named in which it has two poses.
         """
-        found: dict[str, tuple[NDArray[np.float64], list[_Edge]]] = {frame: (np.eye(4), [])}
+        found: dict[str, tuple[Array, list[_Edge]]] = {frame: (np.eye(4), [])}
         waiting, apart = [frame], set[str]()
         while waiting:
             below = waiting.pop(0)
@@ -232,7 +234,7 @@ def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
     return OdometryStream(stamps[~none], poses[~none])
 
 
-def _hops(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> int:
+def _hops(stamps: Array, poses: Array) -> int:
     """How often a path [n, 3] leaves a place and is back a reading or two later, faster than a robot can."""
     if len(poses) < 4:
         return 0
@@ -244,9 +246,7 @@ def _hops(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> int:
     return int(((step > least) & (np.minimum(*back) < step / 2)).sum())
 
 
-def _no_headings(
-    lengths: NDArray[np.float64], headings: NDArray[np.float64], along: NDArray[np.float64] | None
-) -> str | None:
+def _no_headings(lengths: Array, headings: Array, along: Array | None) -> str | None:
     """Why quaternions of some lengths [n], as headings [n], say no headings beside those along the path; else None."""
     many = 0.1 * len(lengths)
     if (zero := int((lengths == 0).sum())) > many:
@@ -261,7 +261,7 @@ def _no_headings(
     return f"headings that do not follow the path (agreement {off:.2f} of 1)" if off < FOLLOWS else None
 
 
-def _path_headings(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _path_headings(places: Array) -> Array | None:
     """The directions [n] [rad] in which places [n, 2] follow each other, over twice `REACH`; None of a short path.
 
     A robot that turns by more than 120 degrees on the spot is taken to drive backward from there on.
