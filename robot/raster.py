@@ -184,23 +184,18 @@ def decode_picture(data: bytes, how: int) -> NDArray[Any] | None:
     """A picture as OpenCV decodes it with an ``IMREAD_`` flag; None if that fails, or it is cut short or damaged."""
     import cv2
 
-    if data.startswith(PNG):  # on many threads at once: nothing of all the process is touched
-        return _decoded(data, how) if _is_complete_png(data) else None
-    log = cv2.utils.logging
-    level = log.setLogLevel(log.LOG_LEVEL_SILENT)
+    is_png, log = data.startswith(PNG), cv2.utils.logging
+    if not data or (is_png and not _is_complete_png(data)):
+        return None
+    # PNG comes on many threads at once: nothing of all the process is touched
+    level = None if is_png else log.setLogLevel(log.LOG_LEVEL_SILENT)
     try:
-        return _decoded(data, how)
-    finally:
-        log.setLogLevel(level)
-
-
-def _decoded(data: bytes, how: int) -> NDArray[Any] | None:
-    import cv2
-
-    try:
-        return cv2.imdecode(np.frombuffer(data, np.uint8), how) if data else None
+        return cv2.imdecode(np.frombuffer(data, np.uint8), how)
     except cv2.error:
         return None
+    finally:
+        if level is not None:
+            log.setLogLevel(level)
 
 
 def _is_complete_png(data: bytes) -> bool:

@@ -20,6 +20,7 @@ from moteslam.robot.values import Issue, counted, given_up
 
 Array = NDArray[Any]
 Stamps = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 MAX_STAMP = 1e11
 """Seconds beyond this (the year 5138) are milliseconds or garbage."""
@@ -119,7 +120,7 @@ def clock_cuts(stamps: Stamps) -> list[int]:
     return found
 
 
-def _passed_twice(stamps: Stamps) -> NDArray[np.bool_]:
+def _passed_twice(stamps: Stamps) -> Mask:
     """Before which readings [n] the time goes back over what it passes in small steps both before and after."""
     peak, found = np.maximum.accumulate(stamps), np.zeros(len(stamps), np.bool_)
     at = np.flatnonzero(np.diff(stamps) < 0) + 1
@@ -179,9 +180,7 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
     return (order if issues else None), tuple(issues)
 
 
-def given_again(
-    path: Path, field: str, stamps: Stamps, same: NDArray[np.bool_], issues: list[Issue]
-) -> NDArray[np.bool_]:
+def given_again(path: Path, field: str, stamps: Stamps, same: Mask, issues: list[Issue]) -> Mask:
     """Which scans [n] a driver published again, sooner than its lidar measures, under a later stamp; told.
 
     ``same`` [n] says which equal the one before. A lidar that stands may measure the same again, a period later.
@@ -304,9 +303,7 @@ class Sensors:
         stamps, angular, linear = self._keep(file, fields[1], plausible, "beyond 100 rad/s", stamps, *values)
         return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))
 
-    def _keep(
-        self, file: Path, field: str, plausible: NDArray[np.bool_], what: str, *values: Array
-    ) -> tuple[Array, ...]:
+    def _keep(self, file: Path, field: str, plausible: Mask, what: str, *values: Array) -> tuple[Array, ...]:
         """The plausible readings [k, ...] of values [n, ...]; a few others are dropped and counted."""
         dropped = int((~plausible).sum())
         if dropped and (dropped == len(plausible) or dropped > max(MAX_DROPPED, len(plausible) // 10)):

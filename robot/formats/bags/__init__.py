@@ -77,17 +77,6 @@ class Manifest(BaseModel):
         return fan._replace(**{name: value for name, value in figures.items() if rounded[name]})
 
 
-def read_manifest(text: str, *, file: Path) -> Manifest:
-    """What a bag says about its recording."""
-    try:
-        if len(text) > MAX_LETTERS:
-            raise ValueError(f"{len(text)} letters")
-        return validated(Manifest, tomllib.loads(text))
-    except (ValueError, RecursionError, ConfigError) as error:
-        problem = f"{' '.join(str(error).split())[:200]}, expected the description of a recording"
-        raise InputError(problem, file=file, field=write.MANIFEST[0]) from error
-
-
 class _Reading:
     """A bag between its topics and its streams.
 
@@ -169,7 +158,13 @@ class _Reading:
         return Table(topic, take, width) if take is not None and is_read else None
 
     def _read_manifest(self, message: Any) -> tuple[float, ...]:
-        self.manifest = self.manifest or read_manifest(message.data, file=self.bag.path)
+        try:
+            if len(message.data) > MAX_LETTERS:
+                raise ValueError(f"{len(message.data)} letters")
+            self.manifest = self.manifest or validated(Manifest, tomllib.loads(message.data))
+        except (ValueError, RecursionError, ConfigError) as error:
+            problem = f"{' '.join(str(error).split())[:200]}, expected the description of a recording"
+            raise InputError(problem, file=self.bag.path, field=write.MANIFEST[0]) from error
         return ()
 
     def _of(self, stream: str) -> list[Table]:

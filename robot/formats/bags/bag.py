@@ -28,7 +28,7 @@ from moteslam.robot.formats.bags.storage import (
     temporary_folder,
     zstd,
 )
-from moteslam.robot.formats.streams import MAX_DROPPED, Stamps, clock_cuts, stamp_order
+from moteslam.robot.formats.streams import MAX_DROPPED, Stamps, clock_cuts, sort_by_stamp
 from moteslam.robot.values import Issue, counted
 
 SECOND = 1_000_000_000
@@ -245,10 +245,8 @@ class Bag:
         ):
             if count:
                 self.tell(code, topic, f"{counted(count, 'message')} {what}", count)
-        rows, times = rows[~twice], seconds(stamps[~twice])
-        order, found = stamp_order(times, file=self.path, field=topic.name)
-        self.issues.extend(found)
-        return (rows, times) if order is None else (rows[order], times[order])
+        times, (rows,) = sort_by_stamp(self.path, topic.name, seconds(stamps[~twice]), self.issues, rows[~twice])
+        return rows, times
 
 
 def seconds(nanoseconds: NDArray[np.int64]) -> NDArray[np.float64]:
