@@ -163,9 +163,6 @@ def localize(
         config = run.resolved("localize", [f"known_map={json.dumps(str(file.absolute()))}", *start])
         if not isinstance(config, KnownMapConfig):
             raise ConfigError(f'method "{config.method}", expected one that takes a known map', field="--preset")
-        from moteslam.robot.formats.map_server import read_map
-
-        read_map(file)  # it is refused before the recording is read
     _run_over(path, config, out, part, run, calibrate=calibrate)
 
 

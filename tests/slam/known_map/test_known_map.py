@@ -91,9 +91,8 @@ def test_a_turned_map_is_read_upright() -> None:
 
 @pytest.mark.parametrize("value", [FREE, OCCUPIED])
 def test_a_map_without_walls_or_without_room_is_refused(value: int) -> None:
-    with pytest.raises(InputError, match="cell") as refused:
+    with pytest.raises(InputError, match="cell"):
         KnownMaps(Raster(np.full((40, 40), value, np.int8), CELL), CONFIG.tsdf).free_places(0.2)
-    assert refused.value.field == "known_map"
 
 
 @pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (-1.7, 1.1, 2.5), (2.2, 1.7, -1.9)])
