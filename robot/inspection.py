@@ -14,6 +14,7 @@ from moteslam.robot.recording import EncoderStream, ImuStream, Recording
 from moteslam.robot.rgbd import FrameCount, camera_frames, has_images
 from moteslam.robot.sensor_reports import ClockReport, LidarReport, Spans, clock_reports, lidar_report, odometry_of
 from moteslam.robot.values import Issue, counted, expect_type
+from moteslam.robot.wheel_odometry import wheel_motion
 
 Array = NDArray[np.float64]
 
@@ -34,8 +35,8 @@ SPEEDS = 0.005, 20.0
 """Between these a robot that moves is fast [m/s]: a slower or faster one has stamps or lengths in other units,"""
 MOST_RATE = 15.0
 """and so has one that turns faster than this [rad/s],"""
-MOST_RANGE = 200.0
-"""and a planar lidar, half of whose ranges are longer than this [m]."""
+RANGES = 0.05, 200.0
+"""and a planar lidar, half of whose ranges are shorter or longer than these [m]."""
 WINDOWS, SAMPLE = 1000, 12
 """Speeds are looked at over this many seconds or longer spans, ranges in this many scans."""
 
@@ -227,12 +228,18 @@ def other_units(recording: Recording) -> list[Issue]:
     All but ``implausible-speed`` leave nothing to make a map of.
     """
     issues = []
-    imu, lidar = recording.imu, recording.lidar
-    if (found := odometry_of(recording)) is not None and (speed := _speed(*found)) is not None:
-        code = "odometry-units" if speed > SPEEDS[1] else "implausible-speed"
-        text = f"moves at {speed:.3g} m/s, expected a robot's speed: are its stamps in s and its lengths in m?"
-        if not SPEEDS[0] <= speed <= SPEEDS[1]:
-            issues.append(Issue(code, f"odometry: {text}"))
+    imu, lidar, encoders = recording.imu, recording.lidar, recording.encoders
+    by_wheels = None
+    if encoders is not None and len(encoders) and (wheels := recording.platform.wheels) is not None:
+        driven = np.cumsum(wheel_motion(encoders.counts, wheels)[0])
+        by_wheels = encoders.stamps, np.stack((driven, np.zeros_like(driven)), axis=1)
+    for name, found, what in (
+        ("odometry", odometry_of(recording), "are its stamps in s and its lengths in m?"),
+        ("encoders", by_wheels, "are its counts those since the reading before, and its metres per count right?"),
+    ):
+        if found is not None and (speed := _speed(*found)) is not None and not SPEEDS[0] <= speed <= SPEEDS[1]:
+            code = "odometry-units" if speed > SPEEDS[1] else "implausible-speed"
+            issues.append(Issue(code, f"{name}: moves at {speed:.3g} m/s, expected a robot's speed: {what}"))
     if imu is not None and len(imu):
         rate = float(np.quantile(np.abs(imu.angular_velocity[:, 2]), 0.99))
         text = f"imu: turns at {rate:.3g} rad/s, expected at most {MOST_RATE:g}: is its rate in rad/s?"
@@ -242,8 +249,9 @@ def other_units(recording: Recording) -> list[Issue]:
         some = np.linspace(0, len(lidar) - 1, SAMPLE).astype(np.intp)
         ranges = np.concatenate([lidar.ranges[scan : scan + 1] for scan in some.tolist()])
         ranges = ranges[np.isfinite(ranges)]
-        if len(ranges) and (middle := float(np.median(ranges))) > MOST_RANGE:
-            text = f"lidar: half of its ranges are beyond {middle:.3g} m, expected below {MOST_RANGE:g}: are they in m?"
+        if len(ranges) and not RANGES[0] < (middle := float(np.median(ranges))) < RANGES[1]:
+            expected = " to ".join(f"{limit:g}" for limit in RANGES)
+            text = f"lidar: the median of its ranges is {middle:.3g} m, expected {expected}: are they in m?"
             issues.append(Issue("range-units", text))
     return issues
 
