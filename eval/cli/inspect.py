@@ -42,8 +42,9 @@ def inspect(
     """Print what a recording holds, what is measured of its sensors, and what is wrong with it.
 
     The column "platform" has what the recording's robot is known for. Scans are held against each other and against
-    the odometry: what of lidar and odometry is certainly not as stated is a problem, with what mends it. Of a bag some
-    hundred scans are read for it; with --deep all are measured, and images looked at; --plot reads all to draw them.
+    the odometry: what of lidar and odometry is certainly not as stated is a problem, with what mends it, and so is all
+    that SLAM would do without. Of a bag some hundred scans are read; with --deep all are measured, what travels with
+    the robot is found, and images are looked at; --plot reads all to draw them.
 
     \b
     Examples:
@@ -69,6 +70,7 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
 
     found, about = inspect_recording(recording, deep=deep), checked(recording)[1]
     more = () if about is None else about.issues
+    about = about if about is not None and about.figures else None
     if recording.lidar is not None:  # what a replay says of it
         read = deep or isinstance(recording.lidar.ranges, np.ndarray)
         try:

@@ -45,8 +45,8 @@ MAX_PLACE = 1e7
 SLACK = 1.0
 """Travel [m] that a reading may give beyond that, for stamps jitter: a late one leaves the next no time."""
 
-CLIPPED, SAME = 0.03, 1e-4
-"""From this share of all endpoints on, in most scans, the longest range is no return; to the second [m]."""
+CLIPPED, SAME = (0.03, 0.95), 1e-4
+"""Where so many of all endpoints, and some of most scans, are the longest range, to the second [m], it is no return."""
 SAMPLE = 64
 """Scans that limits are looked for in."""
 SICK_REACH, SICK_CODES = 80.0, 82.0
@@ -87,10 +87,11 @@ class Fan(NamedTuple):
         """
         ends = (ranges >= np.float32(self.range_min)) & (ranges < np.float32(self.range_max)) & (ranges > 0)
         at = ends & (ranges > ranges.max(initial=0.0, where=ends) - SAME)
-        if at.sum() <= CLIPPED * ends.sum() or at.any(axis=1).mean() <= 0.5:
+        share = at.sum() / max(ends.sum(), 1)
+        if len(ranges) < FOLLOWING or not CLIPPED[0] < share < CLIPPED[1] or at.any(axis=1).mean() <= 0.5:
             return self
         limit = float(ranges.min(initial=np.inf, where=at))
-        text = f"{100 * at.sum() / ends.sum():.0f} % of the endpoints are {limit:g} m away, the longest range: taken for "
+        text = f"{100 * share:.0f} % of the endpoints are {limit:g} m away, the longest range: taken for "
         issues.append(Issue("range-max", f"{head}: {text}no return, as if range_max were {limit:g} m"))
         return self._replace(range_max=limit)
 

@@ -19,7 +19,7 @@ from moteslam.slam.calibration.registered import (
     GOOD,
     TURNING,
     RegisteredPairs,
-    ScansUnfit,
+    UnfitScansError,
     best_scale,
     choose_pairs,
 )
@@ -112,12 +112,12 @@ def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None
     """
     try:
         return estimate(recording, pairs)
-    except ScansUnfit:
+    except UnfitScansError:
         return None
 
 
 def estimate(recording: Recording, pairs: int) -> Calibration | None:
-    """The same; scans that could be registered and do not fit raise ``ScansUnfit``."""
+    """The same; scans that could be registered and do not fit raise ``UnfitScansError``."""
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
@@ -145,7 +145,7 @@ def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Ca
         stated = stated or scans
         try:
             found = _calibrate(recording, lidar, path, scans)
-        except ScansUnfit as error:
+        except UnfitScansError as error:
             unfit = unfit or error
             continue
         if found is None:
@@ -159,7 +159,7 @@ def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Ca
     scans = RegisteredPairs(recording, scaled, *chosen)
     try:
         again = None if scale == 1 else _calibrate(recording, scaled, path, scans)
-    except ScansUnfit:
+    except UnfitScansError:
         again = None
     if again is not None and stated is not None and scans.fits_better(stated):
         deviation = scale * again.angle_deviation

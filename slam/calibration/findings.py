@@ -16,7 +16,7 @@ from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recordi
 from moteslam.robot.values import Issue
 from moteslam.slam.calibration.calibrate import PAIRS, SIGMAS, Calibration, estimate
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
-from moteslam.slam.calibration.registered import ScansUnfit
+from moteslam.slam.calibration.registered import UnfitScansError
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ def checked(recording: Recording, pairs: int = PAIRS) -> tuple[Calibration | Non
     """
     try:
         calibration = estimate(recording, pairs)
-    except ScansUnfit as unfit:
+    except UnfitScansError as unfit:
         good, total = unfit.args
         text = f"lidar: {good} of {total} pairs of scans fit each other, at no scale of their angles more: the angles, "
         text += "the unit of ranges or what stands for no return are not as stated, or scans are too far apart. "

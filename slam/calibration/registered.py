@@ -43,7 +43,7 @@ TURNING = 0.05
 """Scans whose turns deviate by less show nothing of odometry [rad]."""
 
 
-class ScansUnfit(Exception):
+class UnfitScansError(Exception):
     """Scans do not fit each other: how many pairs do, and of how many."""
 
 
@@ -78,10 +78,10 @@ class RegisteredPairs:
         return bool(better.mean() > 0) if certain else None
 
     def expect(self, share: float) -> None:
-        """Raise ``ScansUnfit`` unless enough pairs are registered, and this share of all."""
+        """Raise ``UnfitScansError`` unless enough pairs are registered, and this share of all."""
         good, total = int(self._found.good.sum()), len(self._seconds)
         if good < FEWEST or good < share * total:
-            raise ScansUnfit(good, total)
+            raise UnfitScansError(good, total)
 
     @property
     def pairs(self) -> Pairs:
@@ -170,11 +170,11 @@ def best_scale(recording: Recording, lidar: LidarStream, before: Indices, after:
     """
     some = np.unique(np.linspace(0, len(before) - 1, SOME).astype(np.intp))
     whole = abs(lidar.angle_increment) * (lidar.ranges.shape[1] - 1.5)  # round once at most
-    costs = {}
+    costs: dict[float, float] = {}
     for scale in SCALES[(SCALES * whole < 2 * np.pi) | (SCALES == 1)].tolist():
         scaled = replace(lidar, angle_increment=scale * lidar.angle_increment)
         costs[scale] = RegisteredPairs(recording, scaled, before[some], after[some]).costs.mean()
-    return min(costs, key=costs.__getitem__)
+    return min(costs, key=lambda scale: costs[scale])
 
 
 def choose_pairs(lidar: LidarStream, odometry: Array, count: int, far: float = 1.0) -> tuple[Indices, Indices]:
