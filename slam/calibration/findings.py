@@ -115,7 +115,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = (
             f"odometry: it turns as the scans do (correlation {c.correlation:.2f}), but the motions do not fit: stamps "
         )
-        text += "of either are rounded or out of order, or its lengths or turns are in other units"
+        text += "of either are rounded or out of order, its lengths or turns are in other units, or its wheels slip"
         told.append(("odometry-unfit", text, True))
     x, y, yaw = mount_of(c, recording, certain)
     toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"
