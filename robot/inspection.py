@@ -14,7 +14,6 @@ from moteslam.robot.recording import EncoderStream, ImuStream, Recording
 from moteslam.robot.rgbd import FrameCount, camera_frames, has_images
 from moteslam.robot.sensor_reports import ClockReport, LidarReport, Spans, clock_reports, lidar_report, odometry_of
 from moteslam.robot.values import Issue, counted, expect_type
-from moteslam.robot.wheel_odometry import wheel_motion
 
 Array = NDArray[np.float64]
 
@@ -234,8 +233,8 @@ def other_units(recording: Recording) -> list[Issue]:
         text = f"moves at {speed:.3g} m/s, expected a robot's speed: are its stamps in s and its lengths in m?"
         if not SPEEDS[0] <= speed <= SPEEDS[1]:
             issues.append(Issue(code, f"odometry: {text}"))
-    if encoders is not None and len(encoders) and recording.platform.wheels is not None:
-        way = np.cumsum(wheel_motion(encoders.counts, recording.platform.wheels)[0])
+    if encoders is not None and len(encoders) and (wheels := recording.platform.wheels) is not None:
+        way = np.cumsum(encoders.counts.mean(axis=1) * wheels.metres_per_count)
         if (speed := _speed(encoders.stamps, np.column_stack((way, way * 0))) or 0.0) > SPEEDS[1]:
             text = f"encoders: move at {speed:.3g} m/s, expected a robot's speed: are counts since the reading before?"
             issues.append(Issue("odometry-units", text))

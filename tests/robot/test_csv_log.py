@@ -179,7 +179,7 @@ def test_ticks_of_the_other_kind_are_refused(given: bool, tmp_path: Path) -> Non
 
 
 def test_the_longest_range_of_many_beams_is_no_return(tmp_path: Path) -> None:
-    near = np.random.default_rng(0).uniform(0.5, 2.9, (30, 4))
+    near = np.random.default_rng(0).uniform(0.5, 2.9, (40, 4))
     rows = "\n".join(f"{k},3.0,{a:.3f},{b:.3f}" for k, (a, b, *_) in enumerate(near))
     recording = open_recording(write(tmp_path, scans=f"t,r0,r1,r2\n{rows}\n"))
     assert [issue.code for issue in recording.warnings] == ["range-max"]
