@@ -58,7 +58,7 @@ def is_right(true: Array, poses: Array) -> NDArray[np.bool_]:
 def true_at(simulation: Simulation, stamps: Array) -> Array:
     """The true poses [n, 3] at stamps, of the nearest of 100 a second."""
     truth = simulation.truth
-    return truth.poses[np.searchsorted(truth.stamps, stamps - 0.005).clip(max=len(truth) - 1)]
+    return np.asarray(truth.poses[np.searchsorted(truth.stamps, stamps - 0.005).clip(max=len(truth) - 1)])
 
 
 def drives(recording: Recording, occupancy: Raster, seed: int) -> Iterator[Any]:
@@ -146,9 +146,8 @@ def measure(task: str, scenario: str, platform: str, noise: str, seed: int) -> R
     from moteslam.kernels import runtime
 
     runtime.init("cpu", 1)
-    about = {"platform": platform, "noise": noise}
     settings = (CARRIED,) if task == "carried" else ()
-    simulation = simulate(scenario_of(scenario, seed, **about, settings=settings), seed)
+    simulation = simulate(scenario_of(scenario, seed, platform=platform, noise=noise, settings=settings), seed)
     if task == "one scan":
         return one_scan(simulation, seed)
     if task == "driving":
@@ -156,7 +155,7 @@ def measure(task: str, scenario: str, platform: str, noise: str, seed: int) -> R
     if task == "carried":
         found = _followed(simulation, drives(simulation.recording, simulation.true_map(0.05), seed), after=60)
         return {**found, "right": float(found["found_after"] <= 5), "wrongly_sure": float(found["sure_wrong"] > 0.01)}
-    other = simulate(scenario_of(OTHER.get(scenario, "office"), seed, **about), seed)
+    other = simulate(scenario_of(OTHER.get(scenario, "office"), seed, platform=platform, noise=noise), seed)
     states = [update.state for update in drives(simulation.recording, other.true_map(0.05), seed)]
     sure = float(np.mean([state is LocalisationState.SURE for state in states]))
     return {"wrongly_sure": float(sure > 0.01), "sure": sure}
