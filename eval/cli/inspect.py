@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from moteslam.robot.sensor_reports import LidarReport
     from moteslam.slam.calibration.findings import Findings
 
+DOUBLES = {"blind-scans", "no-odometry"}
+"""Codes of problems that SLAM has the same to say of."""
 NONE = "-"
 """Stands for what cannot be measured, or what the platform has not."""
 Row = tuple[str, str, str]
@@ -78,7 +80,7 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
             more += (*warnings(recording, inputs, read_ranges=read), *about_jumps(inputs, len(inputs)))
         except InputError as error:
             more += (Issue("refused", f"SLAM refuses it: {error}"),)
-    told = {problem.code for problem in found.problems}
+    told = DOUBLES & {problem.code for problem in found.problems}
     found = replace(found, problems=(*found.problems, *(issue for issue in more if issue.code not in told)))
     if plot is not None:
         from moteslam.eval.report.streams import draw_streams

@@ -282,6 +282,10 @@ def _read(
     span, metres = range(0), 1.0
     if isinstance(table, LidarTable):
         span, metres = _span(path, table.ranges, header, file), UNITS[table.range_unit]
+        for key, index in zip(named, finite, strict=True):
+            if index in span:
+                problem = f"column {index + 1} is the {key}, too, expected beams alone in {table.ranges!r}"
+                raise ConfigError(problem, file=path, field="lidar.ranges")
     last = max(*finite, *span, 0)
     for number, cells in rows:
         try:

@@ -28,9 +28,12 @@ MAX_JUMP = 86400.0
 MAX_SPAN = 10 * 365.25 * 86400.0
 """No recording is longer [s]: ten years."""
 SET_BACK = 2.0
-"""Readings of a log that are late by less [s] are those of a busy logger, whose processes are up to 1 s apart."""
+"""Readings that are late by less [s] are those of a busy logger, whose processes are up to 1 s apart."""
 FOLLOWING, FEWEST = 10, 3
 """Readings that all stay behind after a clock was set back; near the end of the recording the second."""
+OF_TWICE, MOST_TWICE = 0.4, 4000
+"""Time that is passed twice is so in steps of less than this share of it, both times, and in fewer of them than this
+(`SET_BACK` at 1000 Hz, twice). As many places are looked at: stamps that go back more often are of no clock."""
 AGAIN = 0.75
 """Scans that equal the one before within this share of the time between new ones, ten of them, are given again."""
 MAX_DROPPED = 3
@@ -112,26 +115,41 @@ class Fan(NamedTuple):
         return self._replace(angle_min=last, angle_increment=step, time_increment=time)
 
 
-def clock_cuts(stamps: Stamps, back: float) -> list[int]:
-    """The readings before which a clock was set back by more than ``back`` [s] or, on and on, ahead by more than a day.
+def clock_cuts(stamps: Stamps) -> list[int]:
+    """The readings before which a clock was set back or, on and on, ahead by more than a day.
 
-    So it is in a log of two runs, of a simulator that was reset, or of a recording that was played in a loop. A few
-    messages that come late, after which the stamps return to where they were, are no such thing.
+    So it is in a log of two runs, of a simulator that was reset, or of a recording that was played in a loop: those
+    that follow stay behind by more than `SET_BACK`, or the time that the clock went back by is passed twice, step by
+    step. A late message is neither: it fills a hole, and the stamp after it leaps to where they were.
     """
     found, start, last = list[int](), 0, len(stamps) - FEWEST
     if last <= 0:
         return found
     highest = _window(stamps, -np.inf).max(axis=1)
     lowest = _window(stamps, np.inf).min(axis=1)
+    twice = _passed_twice(stamps)
     while start < last and len(found) < 1000:
         peak = np.maximum.accumulate(stamps[start:last])
         after = slice(start + 1, last + 1)
-        is_back = (stamps[after] < peak - back) & (highest[after] < peak)
-        at = np.flatnonzero(is_back | (lowest[after] - peak > MAX_JUMP))
+        is_back = (stamps[after] < peak - SET_BACK) & (highest[after] < peak)
+        at = np.flatnonzero(is_back | twice[after] | (lowest[after] - peak > MAX_JUMP))
         if not len(at):
             break
         start += 1 + int(at[0])
         found.append(start)
+    return found
+
+
+def _passed_twice(stamps: Stamps) -> NDArray[np.bool_]:
+    """Before which readings [n] the time goes back over what it passes in small steps both before and after."""
+    peak, found = np.maximum.accumulate(stamps), np.zeros(len(stamps), np.bool_)
+    at = np.flatnonzero(np.diff(stamps) < 0) + 1
+    begin, end = (np.searchsorted(peak, edge, side="right") for edge in (stamps[at], peak[at - 1]))
+    some = (at - begin >= FEWEST) & (end - at >= FEWEST) & (end - begin < MOST_TWICE)
+    for here, first, last in np.column_stack((at, begin, end))[some][:MOST_TWICE].tolist():
+        passes = stamps[max(first - 1, 0) : here], stamps[here : last + 1]
+        most = OF_TWICE * (peak[here - 1] - stamps[here])
+        found[here] = all(np.abs(np.diff(one)).max() < most < np.ptp(one) for one in passes)
     return found
 
 
@@ -164,10 +182,10 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
         issues.append(Issue("unset-stamps", text, count))
         kept = np.flatnonzero(~unset)
     used = stamps[kept]
-    if cuts := [at for at in clock_cuts(used, SET_BACK) if used[at] < used[at - 1]]:
+    if cuts := [at for at in clock_cuts(used) if used[at] < used[at - 1]]:
         back = f"{used[: cuts[0]].max() - used[cuts[0]]:.6g} s at reading {kept[cuts[0]]}"
-        several = "several recordings in one, expected one; cut the file there"
-        refuse(f"the clock goes back by {back} and goes on from there: {several}")
+        cause = "it was set, or is full and begins again, or these are several recordings: cut the file there"
+        refuse(f"the clock goes back by {back} and goes on from there, expected one that rises: {cause}")
     order = kept[np.argsort(used, kind="stable")]
     rising = stamps[order]
     steps = np.diff(rising)

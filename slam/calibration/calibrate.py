@@ -25,7 +25,7 @@ from moteslam.slam.calibration.registered import (
 )
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
-from moteslam.slam.inputs.synchronise import in_order
+from moteslam.slam.inputs.synchronise import in_order, is_coarse
 
 Array = NDArray[np.float64]
 
@@ -121,6 +121,8 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
+        return None
+    if any(map(is_coarse, recording.stamps().values())):
         return None
     try:
         with np.errstate(all="ignore"):

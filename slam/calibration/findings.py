@@ -17,6 +17,7 @@ from moteslam.robot.values import Issue
 from moteslam.slam.calibration.calibrate import PAIRS, SIGMAS, Calibration, estimate
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
 from moteslam.slam.calibration.registered import UnfitScansError
+from moteslam.slam.inputs.synchronise import sweep_seconds
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,8 @@ TURNS = 0.15
 """Likewise of turns by scans over the odometry's."""
 FAR, TURNED, LONG = 0.15, 0.14, 0.06
 """From here on a mount [m], [rad] and a scale move the result by a tenth of a metre or more."""
+NEAR_SWEEP = 0.02
+"""A lag of the scans is that of a sweep where it is as near [s], besides its interval: drivers take so long."""
 WITHIN = 1.96
 """Standard deviations to either side of a value that it lies within, in 95 of 100 cases."""
 WRONG = {
@@ -154,6 +157,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"lidar: scans are stamped {abs(late.value):.2f} s ({_interval(late)}) {side} than the odometry of them"
         if c.late == "gyro":
             text = f"imu: stamped {abs(late.value):.2f} s ({_interval(late)}) {side} than scans and wheels"
+        if stamped_at_end(c, recording):
+            text += f", by about the {sweep_seconds(recording, lidar):.2f} s of a sweep, as if stamped at its end"
         told.append(("clock-offset", f"{text}: every turn is smeared", True))
     if (drift := certain.get("drift")) is not None:
         text = f"lidar: its clock runs {1000 * -drift.value:+.2f} ms a second against the odometry's, 95 %: "
@@ -166,6 +171,15 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     issues = tuple(Issue(code, text) for code, text, _ in told)
     moves = tuple(Issue(code, text) for code, text, much in told if much)
     return Findings(figures, issues, moves, frozenset(decided & {issue.code for issue in issues}))
+
+
+def stamped_at_end(c: Calibration, recording: Recording) -> bool:
+    """Whether scans are late by as much as a sweep takes: the driver stamps the last beam, or when it has a scan."""
+    if c.clocks is None or c.shared_clock or c.late or recording.lidar is None:
+        return False
+    late, about = -float(c.fit.values[Parameter.OFFSET]), float(c.fit.deviations[Parameter.OFFSET])
+    sweep = abs(sweep_seconds(recording, recording.lidar))
+    return bool(sweep > 0 and abs(late - sweep) < WITHIN * about + NEAR_SWEEP)
 
 
 def _mirrored(c: Calibration, toml: str) -> str:

@@ -227,6 +227,7 @@ REFUSED = [
     (LIDAR.replace("r0..r2", "r0.."), "lidar.ranges"),
     (LIDAR.replace("r0..r2", "r2..r0"), "lidar.ranges"),
     (LIDAR.replace("r0..r2", "r0..r9"), "lidar.ranges"),
+    (LIDAR.replace("r0..r2", "t..r2"), "lidar.ranges"),
     (LIDAR + "header = false\n", "lidar.stamp"),
     (LIDAR.replace("angle_increment = 0.5", ""), "lidar.angle_increment"),
     (LIDAR.replace("angle_increment = 0.5", "angle_increment = 0.0"), "lidar.angle_increment"),
