@@ -91,7 +91,7 @@ class Fan(NamedTuple):
         ends = (ranges >= np.float32(self.range_min)) & (ranges < np.float32(self.range_max)) & (ranges > 0)
         at = ends & (ranges > ranges.max(initial=0.0, where=ends) - SAME)
         share = at.sum() / max(ends.sum(), 1)
-        stood = len(ranges) < SAMPLE / 2 or (ranges == ranges[:1]).all()
+        stood = len(ranges) < SAMPLE / 2 or (at == at[:1]).all()
         if stood or not CLIPPED[0] < share < CLIPPED[1] or at.any(axis=1).mean() <= 0.5:
             return self
         limit = float(ranges.min(initial=np.inf, where=at))
