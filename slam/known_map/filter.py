@@ -93,7 +93,8 @@ class Presence(Doubt):
         if scan is None:
             return
         seen = scan.known if self.proved else scan.points
-        nats = (OUTLIER - ON_SURFACE) * scan.matched - ELSEWHERE * seen - CROSSING * scan.crossed
+        against = (OUTLIER - ON_SURFACE) * (scan.far + seen - scan.known) + CROSSING * scan.crossed
+        nats = (ELSEWHERE - ON_SURFACE) * seen - against
         share = min(max(driven / APART, LEAST_DRIVEN), 1.0)
         self._here = min(self._here + share * min(max(nats / CORRELATION, -MOST), MOST), LARGEST)
         self.proved |= self._here == LARGEST
