@@ -17,7 +17,6 @@ SAMPLES = {
     "not_as_stated.py": ("--platforms", "rplidar_a1", "--worlds", "office", "--faults", "narrow", "--seeds", "100-100"),
     "formats.py": ("--robots", "lms200", "--seeds", "1", "--duration", "6"),
     "soak.py": ("--hours", "0.02"),
-    "worlds.py": ("--seeds", "1"),
 }
 
 
