@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from floor import registration, score_texture, seen_cells
+from floor_scores import registration, score_texture, seen_cells
 from issues import messages
 from slam_rooms import tiled_room
 
