@@ -14,7 +14,7 @@ from PIL import Image
 from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.report.film import CODECS, MAX_FRAMES, Pace, video_codec, write_film
 from moteslam.eval.report.scenarios import draw_scenario
-from moteslam.sim.scenario import Scenario, load_scenario
+from moteslam.sim.scenario import load_scenario
 
 
 def test_free_space_is_white_and_the_rest_grey(tmp_path: Path, drawn: list[Figure]) -> None:
@@ -32,20 +32,6 @@ def test_free_space_is_white_and_the_rest_grey(tmp_path: Path, drawn: list[Figur
     assert not grey_at(*scenario.start[:2])
     assert not grey_at(11.0, 17.0)  # a room behind an open door, at the top
     assert grey_at(11.0, 7.0)  # inside the loop
-
-
-def test_arrows_point_along_the_route_on_its_right(tmp_path: Path, drawn: list[Figure]) -> None:
-    there_and_back = {"route": {"waypoints": [[1.0, 1.0], [9.0, 1.0], [1.0, 1.0]]}}
-    room = {"world": {"rooms": [{"corner": [0.0, 0.0], "size": [10.0, 2.0]}]}}
-    draw_scenario(tmp_path / "x.png", Scenario.model_validate({**room, **there_and_back}))
-    (axes,) = drawn[0].axes
-    (arrows,) = [c for c in axes.collections if c.get_zorder() == 3]
-    np.testing.assert_allclose(arrows.V, 0, atol=1e-9)
-    there = arrows.U > 0
-    assert 0 < there.sum() < len(there)
-    assert (arrows.Y[there] < 1).all()
-    assert (arrows.Y[~there] > 1).all()
-    assert "route, 16 m" in legend_of(drawn[0])
 
 
 def test_the_legend_names_what_is_there(tmp_path: Path, drawn: list[Figure]) -> None:
