@@ -181,8 +181,7 @@ def test_the_top_speed_is_driven_and_kept(run: Run) -> None:
 
 
 NARROW = ("doors", "office")
-"""Where the width of a robot matters most: driven by all of them. The others are driven by the widest; `campus` and `mile`,
-which take long, below."""
+"""Driven by all robots. The others are driven by the widest; `campus` and `mile`, which take long, below."""
 
 
 @pytest.mark.slow
