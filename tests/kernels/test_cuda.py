@@ -95,11 +95,12 @@ def test_a_run_with_its_maps_on_the_gpu_finds_the_same_path(tmp_path: Path) -> N
     from moteslam.robot.trajectories import read_trajectory
 
     drive, program = tmp_path / "drive", (sys.executable, "-m", "moteslam")
-    subprocess.run([*program, "simulate", "corridor", "--out", drive, "--duration", "20"], check=True)
+    subprocess.run([*program, "simulate", "corridor", "--out", drive], check=True)
     paths = []
     for arch in ("cpu", "cuda"):
         out = tmp_path / arch
-        subprocess.run([*program, "replay", drive, "--out", out, "--arch", arch, "--no-figures"], check=True)
+        words = ("--end", "20", "--arch", arch, "--no-figures")
+        subprocess.run([*program, "replay", drive, "--out", out, *words], check=True)
         paths.append(read_trajectory(out / "trajectory_final.tum").poses)
     assert np.abs(paths[1] - paths[0])[:, :2].max() < 0.02
 
