@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.matching import match_poses
-from moteslam.kernels.motion import sample_motion
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.slam.filter.certainty import Certainty, certainty_of
-from moteslam.slam.filter.covariance import Symmetric, moved, plus_diagonal, symmetric
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.misfit import Misfit
 from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
@@ -20,8 +18,8 @@ from moteslam.slam.filter.resampling import choose_parents
 from moteslam.slam.filter.update_policy import Travelled, magnitude, update_due
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.mapping.occupancy import OccupancyGrid
-from moteslam.slam.odometry.noise import MotionNoise, prediction_noise
-from moteslam.slam.paper.config import MatchConfig, PaperFilterConfig
+from moteslam.slam.paper.config import PaperFilterConfig
+from moteslam.slam.paper.prediction import ParticleCovariance, predict
 
 Array = NDArray[np.float64]
 
@@ -99,8 +97,7 @@ class PaperFilter(FilterDefaults):
 
     def _predict(self, step: Step) -> None:
         """III.3: every particle moves by the control, with noise."""
-        spread = prediction_noise(self._config.motion, *self._travelled)
-        sample_motion(self.poses, self._motion, spread, seed=self._seed, step=step.index)
+        predict(self.poses, self._motion, self._travelled, self._config.motion, seed=self._seed, step=step.index)
         self._motion, self._travelled = np.zeros(3), Travelled()
 
     def _match(self, step: Step) -> NDArray[np.int32]:
@@ -137,37 +134,3 @@ class PaperFilter(FilterDefaults):
     def _map(self, pose: Array, points: NDArray[np.float32], origin: Array) -> None:
         """III.2: the best particle's scan goes into the map."""
         self.grid.add_scan(se2.transform_points(pose, origin), se2.transform_points(pose, points))
-
-
-class ParticleCovariance:
-    """The covariance of the pose as the prediction moves it, from scan to scan.
-
-    Args:
-        motion: noise of the odometry; its variance grows in proportion to distance and turn.
-        search: offsets that each particle is tried at: no pose is known better than the steps between them.
-
-    Attributes:
-        value: at the last scan.
-    """
-
-    def __init__(self, motion: MotionNoise, search: MatchConfig) -> None:
-        self._a_metre, self._a_radian, self._a_second = (
-            np.square(prediction_noise(motion, *amount)) for amount in np.eye(3).tolist()
-        )
-        self._step, self._turn = (
-            float(np.max(np.diff(offsets), initial=0.0)) ** 2 / 12
-            for offsets in (search.offsets_xy, search.offsets_theta)
-        )
-        self.value: Symmetric = (self._step, 0.0, 0.0, self._step, 0.0, self._turn)
-
-    def move(self, motion: se2.Pose, dt: float) -> None:
-        """Take in a motion that took ``dt`` [s]."""
-        distance, turn = magnitude(motion)
-        x, y, theta = (distance * self._a_metre + turn * self._a_radian + dt * self._a_second).tolist()
-        self.value = plus_diagonal(moved(self.value, motion), x, y, theta)
-
-    def update(self, poses: Array, weights: Array, pose: Array) -> None:
-        """Take in an update: the particles [N, 3], their weights [N], and the pose [3] that was chosen."""
-        off = se2.between(pose, poses)
-        spread = symmetric((off * weights[:, None]).T @ off)
-        self.value = plus_diagonal(spread, self._step, self._step, self._turn)

@@ -1,0 +1,55 @@
+"""The paper's prediction: every particle moves by the control with noise, and so does the covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.kernels.motion import sample_motion
+from moteslam.robot import se2
+from moteslam.slam.filter.covariance import Symmetric, moved, plus_diagonal, symmetric
+from moteslam.slam.filter.update_policy import Travelled, magnitude
+from moteslam.slam.odometry.noise import MotionNoise, prediction_noise
+from moteslam.slam.paper.config import MatchConfig
+
+Array = NDArray[np.float64]
+
+
+def predict(poses: Array, motion: Array, travelled: Travelled, noise: MotionNoise, *, seed: int, step: int) -> None:
+    """Move the particles [N, 3] in place by the motion [3] since the last update."""
+    spread = prediction_noise(noise, *travelled)
+    sample_motion(poses, motion, spread, seed=seed, step=step)
+
+
+class ParticleCovariance:
+    """Follows the covariance from scan to scan.
+
+    Args:
+        motion: noise of the odometry; its variance grows in proportion to distance and turn.
+        search: offsets that each particle is tried at: no pose is known better than the steps between them.
+
+    Attributes:
+        value: at the last scan.
+    """
+
+    def __init__(self, motion: MotionNoise, search: MatchConfig) -> None:
+        self._a_metre, self._a_radian, self._a_second = (
+            np.square(prediction_noise(motion, *amount)) for amount in np.eye(3).tolist()
+        )
+        self._step, self._turn = (
+            float(np.max(np.diff(offsets), initial=0.0)) ** 2 / 12
+            for offsets in (search.offsets_xy, search.offsets_theta)
+        )
+        self.value: Symmetric = (self._step, 0.0, 0.0, self._step, 0.0, self._turn)
+
+    def move(self, motion: se2.Pose, dt: float) -> None:
+        """Take in a motion that took ``dt`` [s]."""
+        distance, turn = magnitude(motion)
+        x, y, theta = (distance * self._a_metre + turn * self._a_radian + dt * self._a_second).tolist()
+        self.value = plus_diagonal(moved(self.value, motion), x, y, theta)
+
+    def update(self, poses: Array, weights: Array, pose: Array) -> None:
+        """Take in an update: the particles [N, 3], their weights [N], and the pose [3] that was chosen."""
+        off = se2.between(pose, poses)
+        spread = symmetric((off * weights[:, None]).T @ off)
+        self.value = plus_diagonal(spread, self._step, self._step, self._turn)
