@@ -51,6 +51,9 @@ def configuration() -> str:
     for name, config in defaults.items():
         lines += [f"## Of the method `{name}`", ""]
         lines += _block(config, "", [k for k in type(config).model_fields if k not in shared | {"backend"}])
+    lines += ["## Of the method `known_map`", "", "The keys of `tsdf`, some with other defaults, and:", ""]
+    known = METHODS["known_map"].config.model_validate({})
+    lines += _block(known, "", [k for k in type(known).model_fields if k not in type(default).model_fields])
     lines += ["## Of the back end", ""]
     lines += [
         f"`backend.method` is `{graph.method}` with `tsdf`, `{paper.backend.method}` with `paper`. Of `graph`:",

@@ -222,6 +222,11 @@ class TileStore:
         tables[:, up : up + t.rows, right : right + t.columns] = self._tables().reshape(t.maps, t.rows, t.columns)
         self.tiles = t._replace(table=self._put(tables.reshape(-1)), rows=rows, columns=columns)
 
+    def fill(self, pool: NDArray[np.int16], table: NDArray[np.int32]) -> None:
+        """One map of these tiles; arguments as of ``Tiles``."""
+        self.tiles = self.tiles._replace(pool=self._put(pool), table=self._put(table), maps=1)
+        self.count()
+
     def enlarge(self) -> None:
         """Twice the room for tiles."""
         pool = np.zeros(2 * self.capacity * CELLS, np.int16)  # takes no memory until it is written to

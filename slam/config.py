@@ -115,6 +115,7 @@ METHODS: Plugins[Method] = Plugins(
     bundled={
         "tsdf": "moteslam.slam.tsdf.config:METHOD",
         "paper": "moteslam.slam.paper.config:METHOD",
+        "known_map": "moteslam.slam.known_map.config:METHOD",
     },
 )
 """By name; the configuration key ``method`` chooses one."""

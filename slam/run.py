@@ -269,6 +269,7 @@ class SlamSession:
         if self._views is not None:
             issues += self._views.issues()
         issues += self._losses.issues()
+        issues += self._filter.issues
         issues += getattr(self._backend, "issues", ())  # back ends of other packages may have none
         return tuple(issues)
 

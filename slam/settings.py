@@ -13,8 +13,8 @@ from moteslam.slam.config import METHODS, SlamConfig
 
 DEFAULT_PRESET = "default"
 """The best preset that exists."""
-PRESETS = {DEFAULT_PRESET: "tsdf", "paper": "paper"}
-"""The method of each preset: a TSDF for every particle, and the paper's filter."""
+PRESETS = {DEFAULT_PRESET: "tsdf", "paper": "paper", "localize": "known_map"}
+"""The method of each preset: a TSDF for every particle, the paper's filter, and localisation in a known map."""
 
 
 def preset_names() -> list[str]:

@@ -25,6 +25,7 @@ HELP = """Simulate a robot, run particle-filter SLAM over what its sensors saw, 
 \b
   moteslam demo                                 a corridor, from nothing to a score
   moteslam replay robot.log.gz --out result     a map of a real building from a real log
+  moteslam localize tomorrow.log.gz --map result --out found
   moteslam evaluate result/trajectory.tum truth.tum
 
 Every command has its own --help, with examples.
@@ -59,7 +60,7 @@ def _root(
 
 
 for command in (
-    *(replay.demo, simulate.simulate, replay.replay, evaluate.evaluate),
+    *(replay.demo, simulate.simulate, replay.replay, replay.localize, evaluate.evaluate),
     *(compare.compare, report.report, inspect.inspect, convert.convert, catalogue.platforms, catalogue.metrics),
 ):
     app.command()(command)

@@ -129,13 +129,17 @@ class SlamOptions:
     ] = False
     as_json: Json = False
 
-    def resolved(self) -> SlamConfig:
-        """The configuration: flag over file over preset. With ``--print-config`` it is printed and the command ends."""
+    def resolved(self, preset: str | None = None, given: Iterable[str] = ()) -> SlamConfig:
+        """The configuration: flag over file over preset. With ``--print-config`` it is printed and the command ends.
+
+        A command has a preset of its own where none is chosen, and settings that other options than ``--set`` stand
+        for.
+        """
         from moteslam.slam.settings import DEFAULT_PRESET, resolve_config
 
-        preset = DEFAULT_PRESET if self.preset is None else self.preset
+        preset = self.preset or preset or DEFAULT_PRESET
         with named("--set {}", **{"settings": "--set", repr(preset)[1:-1]: "--preset {}"}):
-            config = resolve_config(preset, self.settings or [], self.config)
+            config = resolve_config(preset, [*(self.settings or []), *given], self.config)
         if self.print_config:
             answer(config.model_dump(mode="json"), [config.to_toml().rstrip("\n")], as_json=self.as_json)
             raise typer.Exit

@@ -1,7 +1,8 @@
-"""``moteslam demo`` and ``moteslam replay``: SLAM, or dead reckoning, over a simulated drive or a recording."""
+"""``moteslam demo``, ``replay`` and ``localize``: SLAM, or dead reckoning, or localisation, over what a robot saw."""
 
 from __future__ import annotations
 
+import json
 from itertools import chain
 from math import degrees
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from moteslam.errors import InputError
+from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import answer, simulation_bar, warn
 from moteslam.eval.tables import literal
@@ -23,6 +24,13 @@ if TYPE_CHECKING:
     from moteslam.robot.values import Issue
     from moteslam.slam.config import SlamConfig
 
+Calibrate = Annotated[
+    Literal["lidar", "odometry"] | None,
+    typer.Option(
+        metavar="lidar|odometry",
+        help="Mend what is certainly not as stated; where the two contradict each other, this one is wrong.",
+    ),
+]
 FEW_PAIRS = 150
 """Of scans: enough to see what moves a result by a tenth of a metre, in half a second."""
 
@@ -85,13 +93,7 @@ def replay(
     dead_reckoning: Annotated[
         bool, typer.Option("--dead-reckoning", help="Odometry alone: no lidar needed, --out optional.")
     ] = False,
-    calibrate: Annotated[
-        Literal["lidar", "odometry"] | None,
-        typer.Option(
-            metavar="lidar|odometry",
-            help="Mend what is certainly not as stated; where the two contradict each other, this one is wrong.",
-        ),
-    ] = None,
+    calibrate: Calibrate = None,
     *,
     part: options.RecordingOptions,
     run: options.SlamOptions,
@@ -123,6 +125,60 @@ def replay(
     if out is None:
         raise typer.BadParameter("missing, expected a folder for the result", param_hint="'--out'")
 
+    _run_over(path, config, out, part, run, calibrate=calibrate)
+
+
+@options.with_options(part=options.RecordingOptions, run=options.SlamOptions)
+def localize(
+    path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.")],
+    known: Annotated[Path, typer.Option("--map", metavar="MAP", help="A map_server .yaml file, or a result folder.")],
+    out: Annotated[Path, typer.Option(help=options.OUT)],
+    near: Annotated[
+        tuple[float, float, float, float] | None,
+        typer.Option(
+            metavar="X Y THETA SPREAD",
+            help="Where the robot starts [m, m, rad], and the standard deviation of x and y [m].",
+        ),
+    ] = None,
+    calibrate: Calibrate = None,
+    *,
+    part: options.RecordingOptions,
+    run: options.SlamOptions,
+) -> None:
+    """Find the robot in a known map and track it there; the map never changes.
+
+    The whole map is searched, in all headings, until one place is left; poses are in the frame of the map. Until then,
+    and where the scans contradict the map, the state is `lost`. A recording of another place is told as such.
+
+    \b
+    Examples:
+      moteslam localize robot.log.gz --map building/map.yaml --out found
+      moteslam localize tomorrow.bag --map result --near 2.0 -1.5 0.1 0.5 --out found
+    """  # noqa: D301
+    from moteslam.slam.known_map.config import KnownMapConfig
+
+    file = known / "map.yaml" if known.is_dir() else known
+    start = [] if near is None else [f"start=[{', '.join(map(repr, near))}]"]
+    with options.named(known_map="--map", start="--near"):
+        config = run.resolved("localize", [f"known_map={json.dumps(str(file.absolute()))}", *start])
+        if not isinstance(config, KnownMapConfig):
+            raise ConfigError(f'method "{config.method}", expected one that takes a known map', field="--preset")
+        from moteslam.robot.formats.map_server import read_map
+
+        read_map(file)  # it is refused before the recording is read
+    _run_over(path, config, out, part, run, calibrate=calibrate)
+
+
+def _run_over(
+    path: Path,
+    config: SlamConfig,
+    out: Path,
+    part: options.RecordingOptions,
+    run: options.SlamOptions,
+    *,
+    calibrate: Literal["lidar", "odometry"] | None,
+) -> None:
+    """Fill a result folder with a run over a recording."""
     from moteslam.eval.cli.running import run_into, run_lines
     from moteslam.eval.scores import true_map_beside
     from moteslam.files import result_folder

@@ -132,6 +132,7 @@ def _endpoints(recording: Recording, trajectory: Trajectory) -> Array:
     scans = evenly(np.arange(len(lidar)), SCANS_DRAWN)
     beams = slice(None, None, max(1, -(-lidar.ranges.shape[1] // BEAMS_DRAWN)))
     ranges = lidar.ranges[scans, beams].astype(np.float64)
+    ranges[np.isinf(ranges)] = np.nan  # infinity times zero is a warning
     x, y, heading = compose(trajectory.poses[scans], recording.platform.lidar.pose).T[..., None]
     directions = heading + lidar.angles[beams]
     ends = np.stack((x + ranges * np.cos(directions), y + ranges * np.sin(directions)), axis=-1)

@@ -84,6 +84,11 @@ class History:
         """The path [updates from the first on, 3] that ends in one particle of the last update."""
         return np.asarray(self.paths(np.array([particle]), first)[0])
 
+    def move(self, first: int, frames: Array) -> None:
+        """Move the poses of all updates from the first on by frames [N, 3], one of each particle."""
+        for update in range(first, len(self)):
+            self._poses[update] = np.asarray(se2.compose(frames, self._poses[update]))
+
     def revise(self, path: Array, revised: Array) -> None:
         """Move all particles' poses by the correction of one path: each keeps its place relative to that path.
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.raster import Raster
+from moteslam.robot.values import Issue
 from moteslam.slam.filter.certainty import Certainty
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.weights import Weights
@@ -65,6 +66,11 @@ class FilterDefaults(Protocol):
     def lost(self) -> bool:
         """Whether the robot is lost, and what it sees goes into a map apart until it is found."""
         return False
+
+    @property
+    def issues(self) -> tuple[Issue, ...]:
+        """What it could not do, for the warnings of the run."""
+        return ()
 
     def occupancy(self) -> Raster | None:
         """The filter's own occupancy map; None to have it drawn along the best particle's path."""

@@ -15,7 +15,10 @@ FOLDERS = ("kernels", "robot", "sim", "slam", "eval")
 COMPOSERS = {
     "eval": set(),
     "sim": {"simulate.py", "scenario.py"},
-    "slam": {"run.py", "config.py", "tsdf/config.py", "paper/config.py", "backend/graph/config.py"},
+    "slam": {
+        *("run.py", "config.py", "tsdf/config.py", "paper/config.py", "backend/graph/config.py"),
+        *("known_map/config.py", "known_map/filter.py"),
+    },
 }
 """The packages that are held to this, and the files that compose a simulation, a run, or the configuration of a run and
 may import from every subfolder."""

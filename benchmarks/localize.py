@@ -1,0 +1,217 @@
+"""How well a robot is found in a known map: by one scan, by driving, after it was carried, and where it is not at all.
+
+    python benchmarks/localize.py --out localize.csv
+    python benchmarks/localize.py --tasks "one scan" --scenarios office lab --platforms turtlebot3 --seeds 300-300
+
+| task | a row is | what counts |
+|---|---|---|
+| one scan | STARTS scans of a drive, each searched for alone | the most probable place is right; the truth is listed |
+| driving | STARTS starts in a drive, 15 m each | path until it is rightly `sure`; scans that are wrongly so |
+| carried | a drive on which the robot is carried 6 m in 20 s | the same from where it stands again |
+| elsewhere | a drive in another building's map | scans that are `sure` of a place |
+
+Right is within 0.3 m and 5 degrees of the truth. The map is the true one in cells of 5 cm; in symmetric worlds several
+places are right for a while. On one thread; milliseconds are processor time of a search.
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from parts.harness import Row, arguments, benchmark, by_run, expect_known, status
+
+from moteslam.eval.cli.simulate import scenario_of
+from moteslam.eval.tables import aligned
+from moteslam.robot import se2
+from moteslam.robot.formats import Cut, cut
+from moteslam.robot.formats.map_server import write_map
+from moteslam.robot.platforms import bundled_platforms
+from moteslam.robot.raster import Raster
+from moteslam.robot.recording import Recording
+from moteslam.sim.scenario import bundled_scenarios
+from moteslam.sim.simulate import Simulation, simulate
+from moteslam.slam.filter.certainty import LocalisationState
+
+STARTS = 10
+METRES = 15.0
+SCENARIOS = ("office", "lab", "warehouse", "corridor", "random-corridors")
+PLATFORMS = ("ucsd", "rplidar_a1", "turtlebot3")
+OTHER = {"office": "warehouse", "warehouse": "lab", "lab": "corridor"}
+CARRIED = 'faults=[{kind="carried", start=40, duration=20, along=6, lidar="off"}]'
+Array = NDArray[np.float64]
+
+
+def is_right(true: Array, poses: Array) -> NDArray[np.bool_]:
+    """Which poses [..., 3] are those of a robot at the true one."""
+    off = se2.between(true, poses)
+    return np.asarray((np.hypot(off[..., 0], off[..., 1]) < 0.3) & (np.abs(off[..., 2]) < np.radians(5)))
+
+
+def true_at(simulation: Simulation, stamps: Array) -> Array:
+    """The true poses [n, 3] at stamps, of the nearest of 100 a second."""
+    truth = simulation.truth
+    return np.asarray(truth.poses[np.searchsorted(truth.stamps, stamps - 0.005).clip(max=len(truth) - 1)])
+
+
+def drives(recording: Recording, occupancy: Raster, seed: int) -> Iterator[Any]:
+    """The updates of a run in a known map."""
+    from moteslam.slam.run import SlamSession
+    from moteslam.slam.settings import resolve_config
+
+    with tempfile.TemporaryDirectory() as folder:
+        write_map(Path(folder) / "map.pgm", occupancy)
+        session = SlamSession(recording, resolve_config("localize", [f"known_map={folder}/map.yaml"]), seed=seed)
+        yield from session
+
+
+def one_scan(simulation: Simulation, seed: int) -> Row:
+    """Scans searched for alone."""
+    from moteslam.slam.inputs.step import thin
+    from moteslam.slam.inputs.synchronise import synchronise
+    from moteslam.slam.known_map.config import KnownMapConfig
+    from moteslam.slam.known_map.maps import KnownMaps
+    from moteslam.slam.known_map.search import WholeMapSearch
+
+    config = KnownMapConfig()
+    maps = KnownMaps(simulation.true_map(0.05), config.tsdf)
+    search, inputs = WholeMapSearch(maps, config.registration), synchronise(simulation.recording, config.sync)
+    chosen = np.random.default_rng(seed).choice(len(inputs), 4 * STARTS, replace=False)
+    rows, cost = [], []
+    for scan, true in zip(chosen, true_at(simulation, inputs.stamps[chosen]), strict=True):
+        thinned, origin = (
+            thin(inputs.scans.points(int(scan)), inputs.scans.origin, config.thinning),
+            inputs.scans.origin,
+        )
+        began = time.process_time()
+        found = search.find(np.zeros(3), thinned.points, origin)
+        cost.append(1000 * (time.process_time() - began))
+        right, said = is_right(true, found.poses), found.probabilities
+        rows.append((right[0], right[said > 0.001].any(), said[0]))
+    best, listed, said = np.array(rows, float).T
+    sure = said > 0.99
+    area = float((maps.occupancy.values == 0).sum()) * maps.occupancy.cell_size**2
+    return {
+        "right": best.mean(), "listed": listed.mean(), "said": said.mean(), "sure": sure.mean(),
+        "sure_wrong": float(sure @ (1 - best)), "ms": statistics.median(cost), "area": area,
+    }  # fmt: skip
+
+
+def _followed(simulation: Simulation, updates: Iterator[Any], *, after: float = 0.0, most: float = np.inf) -> Row:
+    """Path until the pose is rightly ``sure``, and the share of the sure scans that are wrong."""
+    found, driven, last, states, errors = np.nan, 0.0, None, [], []
+    for update in updates:
+        true = true_at(simulation, np.array([update.stamp]))[0]
+        if update.stamp - simulation.truth.stamps[0] < after:
+            continue
+        driven += 0.0 if last is None else float(np.hypot(*(true - last)[:2]))
+        last, right = true, bool(is_right(true, update.pose))
+        if update.state is LocalisationState.SURE:
+            states.append(right)
+            errors.append(float(np.hypot(*(update.pose - true)[:2])))
+            found = driven if right and np.isnan(found) else found
+        if driven > most:
+            break
+    wrong = 1 - float(np.mean(states)) if states else 0.0
+    return {"found_after": found, "sure_wrong": wrong, "off": float(np.median(errors)) if errors else np.nan}
+
+
+def driving(simulation: Simulation, seed: int) -> Row:
+    """Starts along a drive."""
+    stamps = simulation.recording.lidar.stamps  # type: ignore[union-attr]
+    starts = np.random.default_rng(seed).uniform(0, 0.85 * (stamps[-1] - stamps[0]), STARTS)
+    rows = []
+    for start in starts.tolist():
+        part = cut(simulation.recording, Cut(start))
+        rows.append(_followed(simulation, drives(part, simulation.true_map(0.05), seed), most=METRES))
+    found = np.array([row["found_after"] for row in rows])
+    return {
+        "right": float(np.isfinite(found).mean()),
+        "within_10_m": float((found <= 10).mean()),
+        "found_after": float(np.nanmedian(found)) if np.isfinite(found).any() else np.nan,
+        "wrongly_sure": float(np.mean([row["sure_wrong"] > 0.01 for row in rows])),
+        "off": float(np.nanmedian([row["off"] for row in rows])),
+    }
+
+
+def measure(task: str, scenario: str, platform: str, noise: str, seed: int) -> Row:
+    """One row."""
+    from moteslam.kernels import runtime
+
+    runtime.init("cpu", 1)
+    settings = (CARRIED,) if task == "carried" else ()
+    simulation = simulate(scenario_of(scenario, seed, platform=platform, noise=noise, settings=settings), seed)
+    if task == "one scan":
+        return one_scan(simulation, seed)
+    if task == "driving":
+        return driving(simulation, seed)
+    if task == "carried":
+        found = _followed(simulation, drives(simulation.recording, simulation.true_map(0.05), seed), after=60)
+        return {**found, "right": float(found["found_after"] <= 5), "wrongly_sure": float(found["sure_wrong"] > 0.01)}
+    other = simulate(scenario_of(OTHER.get(scenario, "office"), seed, platform=platform, noise=noise), seed)
+    states = [update.state for update in drives(simulation.recording, other.true_map(0.05), seed)]
+    sure = float(np.mean([state is LocalisationState.SURE for state in states]))
+    return {"wrongly_sure": float(sure > 0.01), "sure": sure}
+
+
+TASKS = ("one scan", "driving", "carried", "elsewhere")
+
+
+def summary(rows: Sequence[Row]) -> str:
+    """A line a task and world."""
+    keys = (
+        "right",
+        "listed",
+        "said",
+        "sure_wrong",
+        "within_10_m",
+        "found_after",
+        "wrongly_sure",
+        "error",
+        "ms",
+        "area",
+    )
+    lines: list[tuple[str, ...]] = [("", "rows", *keys)]
+    for run, mine in by_run(rows).items():
+        good = [row for row in mine if "error" not in row]
+        cells = []
+        for key in keys:
+            values = [float(row[key]) for row in good if row.get(key) is not None and row[key] == row[key]]
+            cells.append(f"{statistics.mean(values):.3f}" if values else "-")
+        lines.append((run, str(len(mine)), *cells))
+    return aligned(lines)
+
+
+def main() -> int:
+    """Run and print a table; 1 where a run crashed."""
+    parser = arguments(__doc__)
+    parser.add_argument("--tasks", nargs="+", metavar="NAME", choices=TASKS, default=TASKS)
+    parser.add_argument("--scenarios", nargs="+", metavar="NAME", default=SCENARIOS)
+    parser.add_argument("--platforms", nargs="+", metavar="NAME", default=PLATFORMS)
+    parser.add_argument("--noise", nargs="+", metavar="CLASS", default=("datasheet", "as_recorded"))
+    options = parser.parse_args()
+    expect_known(parser, "--scenarios", options.scenarios, (*bundled_scenarios(), "random-corridors"))
+    expect_known(parser, "--platforms", options.platforms, bundled_platforms())
+    cases = [
+        (
+            {"run": f"{task}: {scenario}", "platform": platform, "noise": noise, "seed": seed},
+            (task, scenario, platform, noise, seed),
+        )
+        for task in options.tasks
+        for scenario in options.scenarios
+        for platform in options.platforms
+        for noise in options.noise
+        for seed in options.seeds or range(300, 301)
+    ]
+    return status(benchmark(measure, cases, options, summary=summary))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

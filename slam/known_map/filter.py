@@ -1,0 +1,290 @@
+"""The filter of the method ``tsdf`` in a map that is known: the whole of it is searched, then the robot is tracked.
+
+Monte Carlo localisation (Thrun, Burgard and Fox 2005, Probabilistic Robotics, chapter 8.3) with the improved proposal
+of that filter: while several places are open the particles are divided among them by their probabilities, and KLD
+sampling keeps few once one is left. A robot that its scans contradict is searched for again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import ConfigError
+from moteslam.kernels.scans import ThinnedScan
+from moteslam.robot import se2
+from moteslam.robot.formats.map_server import read_map
+from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import as_pose, compose_one
+from moteslam.robot.values import Issue
+from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of
+from moteslam.slam.filter.protocol import StepResult
+from moteslam.slam.filter.resampling import Draws, choose_parents, generator_for
+from moteslam.slam.filter.update_policy import update_due
+from moteslam.slam.filter.weights import Weights
+from moteslam.slam.inputs.scans import Scans
+from moteslam.slam.inputs.step import Step, thin
+from moteslam.slam.known_map.config import KnownMapConfig
+from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares, within
+from moteslam.slam.known_map.maps import KnownMaps, as_log_odds
+from moteslam.slam.known_map.search import (
+    APART,
+    CROSSING,
+    ELSEWHERE,
+    IN_MAP,
+    ON_SURFACE,
+    OUTLIER,
+    POINTS,
+    Hypotheses,
+    WholeMapSearch,
+    contradictions,
+)
+from moteslam.slam.mapping.config import RESOLVED
+from moteslam.slam.registration.evidence import CORRELATION
+from moteslam.slam.registration.registrar import register, subsample
+from moteslam.slam.tsdf.doubt import Doubt, ScanFit
+from moteslam.slam.tsdf.filter import WRONG_WHILE_LOST, TsdfFilter
+from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate
+from moteslam.slam.tsdf.pose_covariance import PoseCovariance
+from moteslam.slam.tsdf.proposal import Proposal
+from moteslam.slam.tsdf.tracking import Tracked
+
+Array = NDArray[np.float64]
+
+DECIDED = 0.99
+"""Probability of one place from which on the others are given up."""
+SEARCHES_APART = 1.0
+"""A robot that is not found is searched for again after this path [m], ..."""
+FIRST, LARGEST, MOST = 3.0, 7.0, 2.0
+"""The log-odds of the place where a robot was found are at most the first, and at most the second after a drive; scans
+of ``APART`` metres change them by at most the third [nats]."""
+NEW = 0.1
+"""Probability of a wrong pose, at least, until then: a single scan does not make it sure."""
+LEAST_DRIVEN = 0.02
+"""A scan counts at least by this share of ``APART``: a robot that is carried has not driven."""
+SLOWER = 1.3
+"""... and then after a path that is longer by this factor each time."""
+
+
+class Presence(Doubt):
+    """Doubts a pose also by whether its scans are those of a place in the map at all, however they fitted before.
+
+    The log-odds of a place against a robot elsewhere, as the search has them, add up along the path. Once they are at
+    their largest what the map does not know no longer counts: from there a robot may drive on beyond the map.
+
+    Attributes:
+        proved: they have been at their largest.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._here, self.proved = FIRST, False
+
+    @property
+    def probability(self) -> float:
+        """That the pose is wrong, by the scans until now."""
+        return max(super().probability, 1 / (1 + float(np.exp(self._here))))
+
+    def observe(self, driven: float, scan: ScanFit | None, *, carried: bool = False) -> None:
+        """Take in a scan: see ``Doubt``."""
+        super().observe(driven, scan, carried=carried)
+        if scan is None:
+            return
+        seen = scan.known if self.proved else scan.points
+        nats = (OUTLIER - ON_SURFACE) * scan.matched - ELSEWHERE * seen - CROSSING * scan.crossed
+        share = min(max(driven / APART, LEAST_DRIVEN), 1.0)
+        self._here = min(self._here + share * min(max(nats / CORRELATION, -MOST), MOST), LARGEST)
+        self.proved |= self._here == LARGEST
+
+
+class KnownMapFilter(TsdfFilter):
+    """Localise in a known map; the first pose is unknown, or ``config.start``."""
+
+    def __init__(self, config: KnownMapConfig, seed: int) -> None:
+        super().__init__(config, seed)
+        if not config.known_map:
+            raise ConfigError("missing, expected the .yaml file of a map", field="known_map")
+        self._known = config
+        maps = KnownMaps(read_map(config.known_map), config.tsdf)
+        self._maps = self._particles.maps = maps
+        self._search: WholeMapSearch | None = None if config.start else WholeMapSearch(maps, config.registration)
+        self._doubt: Presence = Presence()
+        self._driven, self._next, self._pause = 0.0, 0.0, SEARCHES_APART
+        self._divided = True  # the particles may be more than one place needs
+        self._unweighed = 0.0  # path since the hypotheses were weighed [m]
+        self._begin = 0  # the first update since which the robot is searched for
+        self._was_sure = False  # that the robot is in the map
+        self._losses: list[tuple[float, float | None]] = []  # from when to when it was [s]
+
+    @property
+    def lost(self) -> bool:
+        """Never: no map apart is drawn of what it sees."""
+        return False
+
+    @property
+    def settled(self) -> bool:
+        """Whether it is at one place of the map."""
+        return self._search is None and super().settled
+
+    @property
+    def issues(self) -> tuple[Issue, ...]:
+        """When it was not known where the robot is."""
+        if self._losses and not self._was_sure:
+            text = (
+                "nowhere in the map do the scans fit for long: the robot is not in this map, or the map is not of this "
+            )
+            text += "place or scale; the poses mean nothing in it"
+            return (Issue("not-in-this-map", text),)
+        issues = []
+        for begin, end in self._losses:
+            text = f"from {begin:.2f} s on to the end the scans do not say where in the map the robot is: there the "
+            text += "trajectory is that of its odometry"
+            if end is not None:
+                text = f"from {begin:.2f} to {end:.2f} s the robot was searched for in the whole map"
+            issues.append(Issue("searched-for", text))
+        return tuple(issues)
+
+    def occupancy(self) -> Raster:
+        """The map, as it was given."""
+        return as_log_odds(self._maps.occupancy, self._config.map)
+
+    def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
+        """The history was revised when the robot was found."""
+
+    def step(self, step: Step) -> StepResult:
+        """Take in one scan and the motion since the scan before."""
+        if self._search is None:
+            self._was_sure |= self._doubt.state is LocalisationState.SURE and self._doubt.proved
+            return super().step(step)
+        return self._look(step, step.scan or thin(step.points, step.origin, self._config.thinning), self._search)
+
+    def _start(self, scan: ThinnedScan) -> StepResult:
+        """The first scan of a robot whose start is known."""
+        x, y, theta, deviation = (*self._known.start, *(0.0,) * 4)[:4]
+        spread = np.array((deviation, deviation, self._known.start_heading if deviation else 0.0))
+        n = len(self._particles)
+        normals = generator_for(self._seed, 0, Draws.PROPOSAL).standard_normal((n, 3))
+        normals[0] = 0.0
+        self._particles.poses = np.array((x, y, theta)) + normals * spread
+        self._tracker.pose = as_pose(self._particles.poses[0])
+        return super()._start(scan)
+
+    def _begin_anew(self, scan: ThinnedScan, tracked: Tracked) -> StepResult:
+        """The robot is lost: from here on it is searched for in the whole map."""
+        self._search = WholeMapSearch(self._maps, self._config.registration)
+        self._driven, self._next, self._pause = 0.0, SEARCHES_APART, SEARCHES_APART
+        self._begin = len(self.history)
+        pose = np.array(self._tracker.pose)
+        return StepResult(pose, np.array(tracked.motion), 1.0, 0.0, False, False, self._certainty())
+
+    def _look(self, step: Step, scan: ThinnedScan, search: WholeMapSearch) -> StepResult:
+        """A scan of a robot that is searched for: its odometry moves it."""
+        first = not len(self.history)
+        motion = self._tracker.predict(as_pose(step.motion), step.dt, measured=step.measured, left=step.open)
+        moved = STILL if first else motion.corrected
+        self._tracker.pose = compose_one(self._tracker.pose, moved)
+        self._since = self._since.plus(motion, moved, slipped=False)
+        self._driven += 0.0 if first else motion.distance + motion.rotation
+        if not self._losses or self._losses[-1][1] is not None:
+            self._losses.append((step.stamp, None))
+        pose = np.array(self._tracker.pose)
+        if not (first or update_due(self._config.update, self._since.travelled)):
+            return StepResult(pose, np.array(moved), 1.0, 0.0, False, False, self._certainty())
+        self._gather(pose)
+        search.see(pose, scan.points, step.origin)
+        if self._driven >= self._next and len(scan.points) >= self._config.tracking.min_points:
+            self._next, self._pause = self._driven + self._pause, self._pause * SLOWER
+            found = search.find(pose, scan.points, step.origin)
+            if found.all_found and found.probabilities.sum() > IN_MAP:
+                self._place(found, pose, step.stamp)
+        return StepResult(self._pose(), np.array(moved), 1.0, 0.0, True, False, self._certainty())
+
+    def _register(self, step: Step, scan: ThinnedScan, places: Array) -> Proposal:
+        """Register the scan from every particle; hypotheses are weighed against each other by what contradicts them."""
+        proposal = super()._register(step, scan, places)
+        particles = self._particles
+        if not proposal.registered or super().settled:
+            return proposal
+        log_likelihood = within(particles, proposal.log_likelihood)
+        self._unweighed += self._since.travelled.distance
+        if self._unweighed >= APART:
+            self._unweighed = 0.0
+            points, still = subsample(scan.points, POINTS), np.zeros((len(particles), 3))
+            tight = np.array((*RESOLVED[:1], *RESOLVED))
+            fit = register(
+                self._maps.of(0),
+                proposal.means,
+                tight,
+                points,
+                step.origin,
+                still,
+                self._config.registration,
+                coarse=False,
+            )
+            log_likelihood -= contradictions(fit, len(points))
+        return replace(proposal, log_likelihood=log_likelihood)
+
+    def _weigh(self, step: Step, proposal: Proposal) -> Proposal:
+        """Weigh the particles; where another hypothesis becomes the best one, it is doubted anew."""
+        before = int(self._particles.hypotheses[self.best_particle])
+        proposal = super()._weigh(step, proposal)
+        self._particles.best = best_of(self._particles, before)
+        if self._particles.hypotheses[self.best_particle] != before:
+            self._doubt = Presence()
+        return proposal
+
+    def _resample(self, step: Step, proposal: Proposal) -> tuple[Proposal, bool]:
+        """Draw the particles anew; of each hypothesis some stay while there are several."""
+        numbers, weight = shares(self._particles)
+        if len(numbers) == 1 and self._divided and proposal.registered:  # from here on few particles do
+            self._divided, c, n = False, self._config, len(self._particles)
+            parents = choose_parents(
+                *(c.resampling, c.kld, n, proposal.means, self.weights.values), seed=self._seed, step=step.index
+            )
+            self._particles.resample(parents)
+            return proposal.of(parents), True
+        if len(numbers) == 1:
+            return super()._resample(step, proposal)
+        if not proposal.registered or weight.min() >= LEAST:
+            return proposal, False
+        return proposal.of(resample(self._particles, self._config.particles)), True
+
+    def _gather(self, pose: Array) -> None:
+        """All particles at one pose, as many as there may be: an update of the history."""
+        particles, n = self._particles, self._config.particles
+        if len(self.history) and len(particles) != n:
+            self.history.resampled(np.zeros(n, np.int64))
+            self._maps.resample(np.zeros(n, np.int64))
+        particles.poses, particles.hypotheses = np.repeat(pose[None], n, axis=0), np.zeros(n, np.int64)
+        particles.weights, particles.best = Weights.uniform(n), 0
+        self.history.append(particles.poses)
+        if len(self._maps) != n:
+            self._maps.resample(np.zeros(n, np.int64))
+        self._since, self._mode_mean = MotionSinceUpdate(), STILL
+
+    def _place(self, found: Hypotheses, pose: Array, stamp: float) -> None:
+        """Divide the particles among the places where the robot may be; each takes its path since the loss along."""
+        share = found.probabilities / found.probabilities.sum()
+        share = np.where((share >= LEAST) & (share[0] < DECIDED), share, 0.0)
+        share[0] = max(share[0], LEAST)
+        n = len(self._particles)
+        chosen = np.searchsorted(np.cumsum(share) / share.sum(), (np.arange(n) + 0.5) / n)
+        places = found.poses[chosen]
+        self.history.move(self._begin, se2.compose(places, se2.between(pose, np.zeros(3))))
+        self._particles.poses, self._particles.hypotheses = places, chosen
+        self._relocated = self.history.path(0)
+        self._tracker.pose = as_pose(places[0])
+        self._covariance, self._doubt = PoseCovariance(self._config.registration), Presence()
+        self._losses[-1] = (self._losses[-1][0], stamp)
+        self._search, self._divided = None, True
+
+    def _certainty(self) -> Certainty:
+        """How sure the online pose is: while several places are open, by the weight of the others, too."""
+        if self._search is not None:
+            return certainty_of(self._covariance.value, self._covariance.degenerate, WRONG_WHILE_LOST)
+        new = 0.0 if self._doubt.proved else NEW
+        others = self._particles.hypotheses != self._particles.hypotheses[self.best_particle]
+        wrong = max(self._doubt.probability, float(self.weights.values[others].sum()), new)
+        return certainty_of(self._covariance.value, self._covariance.degenerate, wrong)

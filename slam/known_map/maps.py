@@ -1,0 +1,156 @@
+"""A map's cells as the distance field that all particles share, and the places that are free in it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.kernels.tiles import CELLS, EMPTY, FINE_CELLS, MAX_WEIGHT, SIDE, STEPS, WEIGHT_BITS, tile_store
+from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
+from moteslam.robot.raster import Raster
+from moteslam.slam.mapping.config import MapConfig, TsdfConfig
+from moteslam.slam.mapping.tsdf import TsdfMaps
+
+Array = NDArray[np.float64]
+
+CLEARANCE = 0.1
+"""A robot's lidar stands no nearer to a surface [m]."""
+
+
+class KnownMaps(TsdfMaps):
+    """The one map of all particles; scans change nothing in it.
+
+    A cell's distance is that to the middle of the nearest occupied cell that has a neighbour which is not: known in all
+    free cells, and as far as the truncation behind surfaces; what lies deeper in walls, or is unknown to the map, is
+    unknown.
+
+    Args:
+        occupancy: trinary [H, W].
+        config: cell size and truncations of the field.
+
+    Raises:
+        InputError: no cell is occupied, or none is free.
+    """
+
+    def __init__(self, occupancy: Raster, config: TsdfConfig) -> None:
+        super().__init__(config)
+        self.occupancy = occupancy = upright(occupancy)
+        self._surface = _Surface(occupancy)
+        self._fill(config)
+
+    def _write(self, poses: Array, scans: object) -> None:
+        """The map is known: nothing is written into it."""
+
+    def _fill(self, config: TsdfConfig) -> None:
+        left, right, bottom, top = self.occupancy.extent
+        margin = config.coarse_truncation + self._tile_size
+        low = np.floor((np.array((left, bottom)) - margin) / self._tile_size).astype(int)
+        columns, rows = (np.ceil((np.array((right, top)) + margin) / self._tile_size).astype(int) - low).tolist()
+        self._corner = low
+        self._check_entries(1, rows, columns)
+        fine, coarse = (
+            self._cells(low * self._tile_size, rows, columns, level, truncation)
+            for level, truncation in ((0, config.truncation), (1, config.coarse_truncation))
+        )
+        tiles = np.concatenate((fine, coarse), axis=1)
+        used = np.flatnonzero((tiles & MAX_WEIGHT).any(axis=1))
+        table = np.full(rows * columns, EMPTY, np.int32)
+        table[used] = np.arange(1, len(used) + 1)
+        pool = np.zeros((len(used) + 1, CELLS), np.int16)
+        pool[1:] = tiles[used]
+        self._store = tile_store(rows, columns, len(pool))
+        self._store.fill(pool.reshape(-1), table)
+
+    def _cells(self, corner: Array, rows: int, columns: int, level: int, truncation: float) -> NDArray[np.int16]:
+        """The cells of a level, [tiles, cells of one]."""
+        side, size = SIDE >> level, self.config.cell_size * (1 << level)
+        x = corner[0] + (np.arange(columns * side) + 0.5) * size
+        words = np.empty((rows * side, columns * side), np.int16)
+        for row in range(rows * side):
+            y = corner[1] + (row + 0.5) * size
+            distance, known = self._surface.at(x, np.full_like(x, y))
+            steps = np.rint(np.minimum(distance / truncation, 1.0) * STEPS).astype(np.int16)
+            words[row] = np.where(known | (distance < truncation), (steps << WEIGHT_BITS) + MAX_WEIGHT, 0)
+        tiles = words.reshape(rows, side, columns, side).swapaxes(1, 2)
+        assert side * side == (FINE_CELLS >> (2 * level))
+        return tiles.reshape(rows * columns, side * side)
+
+    def free_places(self, step: float) -> Array:
+        """The places [n, 2] of a square lattice that are free, with ``CLEARANCE`` from surfaces; neighbours in turn."""
+        left, right, bottom, top = self.occupancy.extent
+        x, y = np.meshgrid(np.arange(left + step / 2, right, step), np.arange(bottom + step / 2, top, step))
+        x, y = x.ravel(), y.ravel()
+        distance, _ = self._surface.at(x, y)
+        free = self._surface.is_free(x, y) & (distance > CLEARANCE)
+        places = np.column_stack((x[free], y[free]))
+        if not len(places):
+            raise InputError("no free cell, expected a map in which a robot can stand", field="known_map")
+        block = np.floor(places / (8 * step))
+        return np.asarray(places[np.lexsort((places[:, 0], places[:, 1], block[:, 0], block[:, 1]))])
+
+
+class _Surface:
+    """Where the surfaces of a map are: the middles of occupied cells that have a neighbour which is not occupied."""
+
+    def __init__(self, occupancy: Raster) -> None:
+        from scipy.ndimage import binary_erosion, distance_transform_edt
+
+        values, self._size = occupancy.values, occupancy.cell_size
+        self._corner = np.array(occupancy.origin[:2])
+        occupied = values == OCCUPIED
+        inside = binary_erosion(occupied, np.ones((3, 3), bool), border_value=1)
+        surface = occupied & ~inside
+        if not surface.any():
+            raise InputError("no occupied cell, expected a map with walls", field="known_map")
+        self._known = (values != UNKNOWN) & ~inside
+        self._free = values == FREE
+        self._nearest = distance_transform_edt(~surface, return_distances=False, return_indices=True).astype(np.int32)
+
+    def _index(self, x: Array, y: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+        """Rows and columns of the cells at places, moved into the map, and which were in it."""
+        rows, columns = self._known.shape
+        column, row = (
+            np.floor((a - b) / self._size).astype(np.intp) for a, b in zip((x, y), self._corner, strict=True)
+        )
+        within = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        return np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1), within
+
+    def at(self, x: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """The distances [n] from places to the surface [m], and whether they are known."""
+        row, column, within = self._index(x, y)
+        near_row, near_column = self._nearest[:, row, column]
+        left, below = self._corner
+        distance = np.hypot(left + (near_column + 0.5) * self._size - x, below + (near_row + 0.5) * self._size - y)
+        return distance, within & self._known[row, column]
+
+    def is_free(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """Which places [n] are free."""
+        row, column, within = self._index(x, y)
+        return np.asarray(within & self._free[row, column])
+
+
+def upright(occupancy: Raster) -> Raster:
+    """A trinary map whose rows run along x, of the same cells: one that is turned is read anew, cell by cell."""
+    x, y, yaw = occupancy.origin
+    if yaw == 0:
+        return occupancy
+    (rows, columns), size = occupancy.shape, occupancy.cell_size
+    c, s = math.cos(yaw), math.sin(yaw)
+    ends = np.array(((0, 0), (columns, 0), (0, rows), (columns, rows))) * size @ np.array(((c, s), (-s, c))) + (x, y)
+    low, high = np.floor(ends.min(axis=0) / size), np.ceil(ends.max(axis=0) / size)
+    wide, tall = (high - low).astype(int).tolist()
+    u, v = np.meshgrid((low[0] + np.arange(wide) + 0.5) * size - x, (low[1] + np.arange(tall) + 0.5) * size - y)
+    column, row = np.floor((c * u + s * v) / size).astype(int), np.floor((c * v - s * u) / size).astype(int)
+    within = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    values = np.where(within, occupancy.values[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)], UNKNOWN)
+    return Raster(values.astype(np.int8), size, (float(low[0] * size), float(low[1] * size), 0.0))
+
+
+def as_log_odds(occupancy: Raster, config: MapConfig) -> Raster:
+    """A trinary map as an occupancy grid has it after one ray a cell."""
+    values = np.zeros(occupancy.shape, np.float32)
+    values[occupancy.values == OCCUPIED], values[occupancy.values == FREE] = 1.0, -1.0
+    return Raster(values * np.float32(config.limit), occupancy.cell_size, occupancy.origin)

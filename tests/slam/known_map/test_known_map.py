@@ -1,0 +1,234 @@
+"""Localisation in a known map: the field, the search of the whole map, open hypotheses, and whole runs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from slam_rooms import ANGLES, carried_into_another_room, circled_room, seen_from
+
+from moteslam.errors import ConfigError, InputError
+from moteslam.kernels.correlative import MAX_SEARCH_POINTS
+from moteslam.robot import se2
+from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
+from moteslam.robot.raster import Raster
+from moteslam.robot.recording import Recording
+from moteslam.slam.estimate import Estimate
+from moteslam.slam.filter.certainty import LocalisationState
+from moteslam.slam.filter.weights import Weights
+from moteslam.slam.known_map import hypotheses, search
+from moteslam.slam.known_map.config import KnownMapConfig
+from moteslam.slam.known_map.filter import Presence
+from moteslam.slam.known_map.maps import KnownMaps, upright
+from moteslam.slam.known_map.search import WholeMapSearch
+from moteslam.slam.run import run_slam
+from moteslam.slam.settings import resolve_config
+from moteslam.slam.tsdf.doubt import ScanFit
+from moteslam.slam.tsdf.particles import Particles
+
+CELL = 0.05
+CONFIG = KnownMapConfig()
+WALLS = [((-3, -1.5), (3, -1.5)), ((3, -1.5), (3, 2.5)), ((3, 2.5), (-3, 2.5)), ((-3, 2.5), (-3, -1.5))]
+BOX = [((1.5, -0.8), (2.2, -0.8)), ((1.5, -0.8), (1.5, -0.2))]
+"""Of ``circled_room``."""
+
+
+def drawn(walls: list, *, low: tuple[float, float] = (-3.5, -2.0), high: tuple[float, float] = (3.5, 3.0)) -> Raster:
+    """A map of walls, free inside their box and unknown beyond."""
+    columns, rows = np.round((np.array(high) - low) / CELL).astype(int)
+    values = np.full((rows, columns), UNKNOWN, np.int8)
+    x, y = np.meshgrid(low[0] + (np.arange(columns) + 0.5) * CELL, low[1] + (np.arange(rows) + 0.5) * CELL)
+    ends = np.array(walls, float).reshape(-1, 2)
+    values[(x > ends[:, 0].min()) & (x < ends[:, 0].max()) & (y > ends[:, 1].min()) & (y < ends[:, 1].max())] = FREE
+    for a, b in np.array(walls, float):
+        along = a + np.linspace(0, 1, 4000)[:, None] * (b - a)
+        column, row = np.floor((along - low + 1e-6) / CELL).astype(int).T
+        values[row, column] = OCCUPIED
+    return Raster(values, CELL, (*low, 0.0))
+
+
+def endpoints(pose: np.ndarray, walls: list) -> np.ndarray:
+    """The endpoints [k, 2] that a robot at a pose sees."""
+    ranges = seen_from(pose[None], walls)[0]
+    return np.stack((ranges * np.cos(ANGLES), ranges * np.sin(ANGLES)), axis=1)[np.isfinite(ranges)].astype(np.float32)
+
+
+def localized(tmp_path: Path, recording: Recording, occupancy: Raster, *settings: str) -> Estimate:
+    write_map(tmp_path / "map.pgm", occupancy)
+    return run_slam(recording, resolve_config("localize", [f"known_map={tmp_path / 'map.yaml'}", *settings]))
+
+
+def test_the_field_is_the_distance_to_the_middle_of_wall_cells() -> None:
+    maps = KnownMaps(drawn(WALLS), CONFIG.tsdf)
+    x = np.array((-2.0, -2.975, -2.9, -3.4))
+    distance, known = maps._surface.at(x, np.full(4, CELL / 2))
+    np.testing.assert_allclose(distance, np.abs(x + 2.975), atol=1e-9)
+    assert known.tolist() == [True, True, True, False]
+    places = maps.free_places(0.2)
+    assert (np.abs(places[:, 0]) < 2.9).all()
+    assert len(places) == pytest.approx(6 * 4 / 0.2**2, rel=0.1)
+
+
+def test_what_lies_inside_of_a_solid_is_no_surface() -> None:
+    occupancy = drawn(WALLS)
+    values = occupancy.values.copy()
+    values[60:80, 60:80] = OCCUPIED
+    surface = KnownMaps(Raster(values, CELL, occupancy.origin), CONFIG.tsdf)._surface
+    middle = np.array(occupancy.origin[:2]) + 70.5 * CELL
+    distance, known = surface.at(*(middle[:, None]))
+    assert (distance[0] > 0.4, known[0]) == (True, False)
+
+
+def test_a_turned_map_is_read_upright() -> None:
+    occupancy = drawn([*WALLS, *BOX])
+    yaw = np.radians(90.0)
+    x, y, _ = occupancy.origin
+    turned = Raster(np.ascontiguousarray(np.rot90(occupancy.values)), CELL, (y - 1, x, yaw))  # anywhere
+    back = upright(turned)
+    assert back.origin[2] == 0
+    counts = [np.bincount(raster.values.ravel() + 1, minlength=3)[1:] for raster in (occupancy, back)]
+    np.testing.assert_array_equal(*counts)
+
+
+@pytest.mark.parametrize("value", [FREE, OCCUPIED])
+def test_a_map_without_walls_or_without_room_is_refused(value: int) -> None:
+    with pytest.raises(InputError, match="cell") as refused:
+        KnownMaps(Raster(np.full((40, 40), value, np.int8), CELL), CONFIG.tsdf).free_places(0.2)
+    assert refused.value.field == "known_map"
+
+
+@pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (-1.7, 1.1, 2.5), (2.2, 1.7, -1.9)])
+def test_one_scan_is_found_in_the_whole_map(pose: tuple[float, float, float]) -> None:
+    maps = KnownMaps(drawn([*WALLS, *BOX]), CONFIG.tsdf)
+    true = np.array(pose)
+    found = WholeMapSearch(maps, CONFIG.registration).find(np.zeros(3), endpoints(true, [*WALLS, *BOX]), np.zeros(2))
+    off = se2.between(true, found.poses[0])
+    assert np.hypot(*off[:2]) < CELL
+    assert abs(off[2]) < 0.01
+    assert found.probabilities[0] > 0.99
+
+
+def test_the_search_finds_what_an_exhaustive_one_finds() -> None:
+    """The first start scores as much as the best place by NumPy, over all places and turns."""
+    maps = KnownMaps(drawn([*WALLS, *BOX]), CONFIG.tsdf)
+    looked_for = WholeMapSearch(maps, CONFIG.registration)
+    points = endpoints(np.array((-1.7, 1.1, 2.5)), [*WALLS, *BOX])[::3][:MAX_SEARCH_POINTS]
+    size, reach = 2 * CONFIG.tsdf.cell_size, CONFIG.tsdf.coarse_truncation
+
+    def scores(turn: float, places: np.ndarray) -> np.ndarray:
+        c, s = np.cos(turn), np.sin(turn)
+        ends = places[:, None] + points @ np.array([[c, s], [-s, c]])
+        x, y = ((np.floor(ends[..., k] / size) + 0.5) * size for k in (0, 1))  # the middles of the coarse cells
+        distance, known = maps._surface.at(x.ravel(), y.ravel())
+        score = np.maximum(search.NEAR - np.minimum(distance, reach), -search.NEAR / 2)
+        return np.where(known | (distance < reach), score, 0).reshape(x.shape).sum(axis=1)
+
+    best = max(scores(turn, looked_for._places).max() for turn in looked_for._turns)
+    found = looked_for._starts(points)[0]
+    assert scores(found[2], found[None, :2])[0] == pytest.approx(best, rel=0.01)  # in whole steps, a cell to and fro
+
+
+def test_both_places_of_a_symmetric_room_are_listed() -> None:
+    walls = [((-3, -2), (3, -2)), ((3, -2), (3, 2)), ((3, 2), (-3, 2)), ((-3, 2), (-3, -2))]
+    maps = KnownMaps(drawn(walls, low=(-3.5, -2.5), high=(3.5, 2.5)), CONFIG.tsdf)
+    true = np.array((1.2, 0.7, 0.3))
+    found = WholeMapSearch(maps, CONFIG.registration).find(np.zeros(3), endpoints(true, walls), np.zeros(2))
+    mirrored = np.array((-1.2, -0.7, 0.3 - np.pi))
+    for place in (true, mirrored):
+        off = se2.between(place, found.poses[:2])
+        assert np.abs(off).min(axis=0).max() < 0.1
+    assert found.probabilities[:2].min() > 0.1
+    assert found.probabilities[:2].sum() == pytest.approx(1, abs=0.01)
+
+
+def test_another_room_is_not_in_this_map() -> None:
+    maps = KnownMaps(drawn([*WALLS, *BOX]), CONFIG.tsdf)
+    other = [((-9, -1), (9, -1)), ((9, -1), (9, 6)), ((9, 6), (-9, 6)), ((-9, 6), (-9, -1))]
+    points = endpoints(np.array((0.0, 2.0, 0.3)), other)
+    found = WholeMapSearch(maps, CONFIG.registration).find(np.zeros(3), points, np.zeros(2))
+    assert found.probabilities.sum() < 0.01
+
+
+def some_particles(numbers: list[int], log: list[float]) -> Particles:
+    particles = Particles(len(numbers), CONFIG.tsdf)
+    particles.history.append(particles.poses)
+    particles.maps.resample(np.zeros(len(numbers), np.int64))
+    particles.hypotheses = np.array(numbers)
+    particles.weights = Weights(np.log(np.exp(log) / np.exp(log).sum()))
+    return particles
+
+
+def test_evidence_within_hypotheses_leaves_their_own_weights() -> None:
+    particles = some_particles([0, 0, 1, 1], [0.0, 1.0, -1.0, 0.5])
+    _, before = hypotheses.shares(particles)
+    particles.weights = particles.weights.times_log(hypotheses.within(particles, np.array((3.0, 0.0, -7.0, 2.0))))
+    np.testing.assert_allclose(hypotheses.shares(particles)[1], before)
+    assert particles.weights.values[0] > particles.weights.values[1]
+
+
+def test_every_likely_hypothesis_survives_resampling_with_its_weight() -> None:
+    particles = some_particles([0] * 10 + [1] * 10 + [2], [0.0] * 10 + [-1.0] * 10 + [-9.0])
+    _, before = hypotheses.shares(particles)
+    parents = hypotheses.resample(particles, 40)
+    numbers, after = hypotheses.shares(particles)
+    assert numbers.tolist() == [0, 1]  # the third has less than a thousandth
+    np.testing.assert_allclose(after, before[:2] / before[:2].sum())
+    assert len(parents) == len(particles.weights.values) <= 40
+
+
+def test_the_best_hypothesis_changes_only_for_one_of_twice_its_weight() -> None:
+    for log, best in ((0.5, 0), (1.0, 1)):
+        particles = some_particles([0, 1], [0.0, log])
+        assert hypotheses.best_of(particles, 0) == best
+
+
+def test_a_place_that_the_scans_contradict_is_given_up() -> None:
+    fits, contradicts = ScanFit(1.0, 200, 200, 0, 0, matched=180.0), ScanFit(0.2, 200, 200, 80, 30, matched=60.0)
+    beyond = ScanFit(1.0, 200, 20, 0, 0, matched=18.0)  # in a part that the map does not show
+    presence = Presence()
+    for _ in range(30):
+        presence.observe(0.1, fits)
+    assert (presence.proved, presence.probability < 0.01) == (True, True)
+    for _ in range(30):
+        presence.observe(0.1, beyond)
+    assert presence._here == pytest.approx(7.0)
+    for _ in range(30):
+        presence.observe(0.1, contradicts)
+    assert presence.probability > 0.5
+
+
+def test_a_robot_is_found_and_tracked_in_a_known_map(tmp_path: Path) -> None:
+    recording, true = circled_room(scans=60)
+    estimate = localized(tmp_path, recording, drawn([*WALLS, *BOX]))
+    off = se2.between(true, estimate.trajectory.poses)
+    assert np.hypot(off[:, 0], off[:, 1]).max() < CELL
+    assert (estimate.diagnostics["state"][30:] == LocalisationState.SURE).all()
+    np.testing.assert_array_equal(estimate.map.values > 0, drawn([*WALLS, *BOX]).values == OCCUPIED)
+
+
+def test_a_known_start_needs_no_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(WholeMapSearch, "find", None)
+    recording, true = circled_room(scans=30)
+    estimate = localized(tmp_path, recording, drawn([*WALLS, *BOX]), "start=[0.1, -0.1, 0.05, 0.2]")
+    off = se2.between(true, estimate.trajectory.poses)
+    assert np.hypot(off[5:, 0], off[5:, 1]).max() < CELL
+
+
+def test_a_robot_elsewhere_is_lost_to_the_end_and_told(tmp_path: Path) -> None:
+    recording, _ = circled_room(scans=60)
+    walls = [((-9, -1), (9, -1)), ((9, -1), (9, 6)), ((9, 6), (-9, 6)), ((-9, 6), (-9, -1))]
+    estimate = localized(tmp_path, recording, drawn(walls, low=(-10, -2), high=(10, 7)))
+    assert (estimate.diagnostics["state"] == LocalisationState.LOST).all()
+    assert "not-in-this-map" in {issue.code for issue in estimate.warnings}
+
+
+def test_a_robot_that_is_carried_out_of_the_map_is_lost(tmp_path: Path) -> None:
+    estimate = localized(tmp_path, carried_into_another_room(), drawn([*WALLS, *BOX]))
+    states = estimate.diagnostics["state"]
+    assert (states[30:60] == LocalisationState.SURE).all()
+    assert (states[90:] == LocalisationState.LOST).mean() > 0.9
+
+
+def test_a_missing_map_is_refused() -> None:
+    with pytest.raises(ConfigError) as refused:
+        run_slam(circled_room(scans=5)[0], resolve_config("localize"))
+    assert refused.value.field == "known_map"
