@@ -39,7 +39,6 @@ PUBLIC = {
     "moteslam.robot.trajectory": ("PoseGraph", "Trajectory"),
     "moteslam.robot.trajectories": ("read_trajectory", "write_trajectory"),
     "moteslam.robot.trajectories.text": (
-        "read_euroc",
         "read_g2o",
         "read_kitti",
         "read_tum",

@@ -36,6 +36,7 @@ class _Score(BaseModel):
 
 class _Scores(BaseModel):
     metrics: dict[str, _Score]
+    scans: int | None = None
 
 
 class _About(BaseModel):
@@ -54,14 +55,15 @@ def is_result_folder(folder: Path) -> bool:
 
 def read_result_folder(folder: Path) -> Row:
     """Read ``metrics.json`` and ``run.json``; the configuration is named by the folder."""
-    found = _read(_Scores, folder / "metrics.json").metrics
+    found = _read(_Scores, folder / "metrics.json")
     about = _read(_About, folder / "run.json")
     run = PlannedRun(
         scenario=about.scenario or about.recording or folder.absolute().name,
         seed=about.seed,
         configuration=str(folder),
     )
-    scores = {name: one.model_dump(exclude_none=True) for name, one in found.items()}
+    scores = {name: one.model_dump(exclude_none=True) for name, one in found.metrics.items()}
+    scores |= {} if found.scans is None else {"scans": {"value": found.scans}}
     facts = {"versions": _texts(about.versions), "hardware": _texts(about.hardware)}
     return Row(run, "ok", "", scores, about.warnings, within(scores), folder, facts)
 

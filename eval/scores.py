@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from math import inf, isnan
+from dataclasses import dataclass
+from math import isnan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from moteslam.errors import InputError
+from moteslam.errors import InputError, MoteslamWarning
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, in_plane, match, oriented, spatial
 from moteslam.eval.metrics.ate import AteResult, PoseErrors, absolute_trajectory_error
-from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, lever_arm
+from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched
 from moteslam.eval.metrics.evidence import FINAL, TRACKS, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import TOLERANCE, RelationResult, Relations, evaluate_relations
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import Unit, relative_pose_error
-from moteslam.robot.formats.map_server import read_map, trinary
+from moteslam.robot.formats.map_server import OCCUPIED, UNKNOWN, read_map, trinary
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import TILT, Trajectory, tilt_of
@@ -37,6 +38,9 @@ Truth = Trajectory | None
 
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
+OUTSIDE, ASTRAY, ALIKE = 2, 10.0, 0.5
+"""A value for beyond the edges of a map; fewer per cent of a robot's path than the second are there or in walls, and
+more are known; and of two maps of one place more than the third of one's walls are at those of the other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,14 +176,11 @@ def against(
     try:
         ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
     except InputError as error:
-        if (offset := clock_offset(estimate, reference)) is None:
-            raise
-        raise InputError(f"{error.problem}; {offset}", file=error.file, field=error.field) from None
-    issues = doubts(estimate, reference, ate)
-    question = "are these the same drive, on the same clock?"
-    issues += few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
-    if align:
-        issues += _explained(estimate, reference, ate, scale=scale, max_difference=apart)
+        causes = [one.message for one in (*estimate.warnings, *reference.warnings) if one.code == "equal-stamps"]
+        if not causes and (offset := clock_offset(estimate, reference)) is not None:
+            causes = [offset[1]]
+        raise InputError("; ".join((error.problem, *causes)), file=error.file, field=error.field) from None
+    issues = doubts(estimate, reference, ate, align=align)
     rpe = None
     try:
         rpe = relative_pose_error(
@@ -204,22 +205,6 @@ def against(
 def _by_stamp(errors: PoseErrors) -> dict[str, Any]:
     turns = None if errors.rotation_errors is None else errors.rotation_errors.tolist()
     return {"stamps": errors.stamps.tolist(), "translation_m": errors.errors.tolist(), "rotation_rad": turns}
-
-
-def _explained(
-    estimate: Trajectory, reference: Trajectory, ate: AteResult, *, scale: bool, max_difference: float
-) -> tuple[Issue, ...]:
-    """The issue that an offset of the clocks, or one on the robot, explains the error, whichever leaves less of it."""
-    arm, after = lever_arm(ate), inf
-    if (offset := clock_offset(estimate, reference)) is not None:
-        moved = replace(estimate, stamps=estimate.stamps + offset.seconds)
-        after = absolute_trajectory_error(moved, reference, scale=scale, max_difference=max_difference).rmse
-    if arm is not None and arm.rmse < after:
-        text = f"an offset of x {arm.x:.3f} m, y {arm.y:.3f} m on the robot explains the ATE but for {arm.rmse:.4f} m: "
-        return (Issue("lever-arm", f"{text}the two are paths of different points of it, of lidar and base, say"),)
-    if offset is None:
-        return ()
-    return (Issue("clocks-differ", str(replace(offset, rmse=after, before=ate.rmse))),)
 
 
 def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> Evaluation:
@@ -255,12 +240,33 @@ def measured(
         motion = absolute_trajectory_error(estimate, truth).motion
         assert motion is not None  # in space
         estimate, truth = in_plane(estimate, truth, *motion)
+    maps = [None if file is None else read_map(file) for file in (occupancy, true_map)]
+    for raster, file, one in zip(maps, (occupancy, true_map), (estimate, truth), strict=True):
+        if raster is not None and file is not None and one is not None:
+            _warn_if_elsewhere(raster, file, one)
     evidence = Evidence(
         {FINAL: estimate},
         truth=truth,
         relations=reference if isinstance(reference, Relations) else None,
         recording=recording,
-        occupancy=None if occupancy is None else read_map(occupancy),
-        true_map=None if true_map is None else read_map(true_map),
+        occupancy=maps[0],
+        true_map=maps[1],
     )
-    return measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))
+    found = measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))
+    alike = found["map_precision"].number if "map_precision" in found else None
+    if alike is not None and alike < ALIKE:
+        text = (
+            f"{true_map}: {100 * alike:.0f} % of the walls of {occupancy} are at its walls: another building or frame, "
+        )
+        warnings.warn(MoteslamWarning(f"{text}a flipped image, or a map that is wrong"), stacklevel=2)
+    return found
+
+
+def _warn_if_elsewhere(raster: Raster, file: Path, path: Trajectory) -> None:
+    """Warn where much of the path of a robot is in the walls of a map, or most of it not where that is free."""
+    there = raster.values_at(path.poses[:, :2], outside=OUTSIDE)
+    walls, unknown, outside = (100 * float((there == value).mean()) for value in (OCCUPIED, UNKNOWN, OUTSIDE))
+    if walls + outside > ASTRAY or unknown > 100 - ASTRAY:
+        shares = f"{walls:.0f} % in its walls, {unknown:.0f} % where it is unknown, {outside:.0f} % outside"
+        why = "of another building, or its resolution, origin, turn, rows or sign of greys are other ones"
+        warnings.warn(MoteslamWarning(f"{file}: of the path {shares}: {why}; its scores mean nothing"), stacklevel=3)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
@@ -18,18 +18,18 @@ from moteslam.robot.values import Issue, Summarised, counted, frozen
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-UNIT = 0.05
-"""Lengths of quaternions, and of rows of rotation matrices, are off 1 by less, however they were rounded."""
-FARTHEST = 1e9
-"""No position is farther away [m]."""
-SAME = 1e-6
-"""Orientations and heights that differ by less are the same."""
-STANDS = 0.05
-"""A path that is spread by less [m] says nothing of orientations."""
-FEW = 3
-"""Poses of which fewer say nothing of it, either."""
-TILT = np.deg2rad(10.0)
-"""A plane of motion tilted by more than this is not that of x and y."""
+UNIT, FARTHEST, TILT = 0.05, 1e9, np.deg2rad(10.0)
+"""Lengths of quaternions, and of rows of rotation matrices, are off 1 by less, however they were rounded; no position
+is farther away [m]; a plane of motion that is tilted by more is not that of x and y."""
+SAME, STANDS, FEW = 1e-6, 0.05, 3
+"""Orientations and heights that differ by less are the same; a path that is spread by less [m], or of fewer poses, says
+nothing of orientations."""
+FASTEST, MANY, ROUNDED, JUMP = 100.0, 0.1, 0.01, 5
+"""No robot is faster in the mean [m/s]; stamps of which a larger share are those of the pose before, with more path
+between [m], were rounded; after poses that repeat each other so many times the usual step is a jump."""
+STRIDE, ACROSS, FITS = 0.2, np.sin(np.deg2rad(10.0)) ** 2, 0.2
+"""Directions of travel over some path [m] that are off a fixed direction of the body by more than the second, in the
+mean squared sine, do not follow it; other orientations that leave less than this share of it are what was meant."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,10 +146,12 @@ def trajectory_of(
     *,
     lines: Sequence[int] = (),
     warnings: tuple[Issue, ...] = (),
+    else_turned: Mapping[str, Array] | None = None,
 ) -> Trajectory:
     """The trajectory of poses in space: stamps [n] [s], positions [n, 3] [m], quaternions [n, 4] (x, y, z, w) if any.
 
-    ``lines`` say where in the file each pose stands; ``warnings`` what was assumed so far.
+    ``lines`` say where in the file each pose stands; ``warnings`` what was assumed so far; ``else_turned`` has
+    quaternions that may be meant instead, by what they are.
     """
 
     def refuse(wrong: ArrayLike, problem: str) -> None:
@@ -168,6 +170,7 @@ def trajectory_of(
         elif _contradicts(positions, quaternions):
             shown = " ".join(f"{value:g}" for value in quaternions[0].tolist())
             why = f"has the orientation {shown} throughout, whichever way it goes"
+    warnings += tuple(_doubts(path, stamps, positions, None if why else quaternions, else_turned or {}))
     if quaternions is None:
         quaternions = np.tile((0.0, 0.0, 0.0, 1.0), (len(stamps), 1))
     if why:
@@ -182,6 +185,60 @@ def trajectory_of(
         text = f"{path}: moves in a plane {tilt:.0f} degrees out of x and y, as in a camera's axes: {left_out}"
         warnings += (Issue("out-of-plane", text, len(stamps)),)
     return Trajectory(stamps, poses, not why, space, warnings)
+
+
+def _doubts(
+    path: Path, stamps: Array, positions: Array, quaternions: Array | None, else_turned: Mapping[str, Array]
+) -> Iterator[Issue]:
+    """What no robot does: is at two places at once, jumps after standing, moves at 100 m/s, turns unlike its path."""
+    if (n := len(stamps)) < FEW:
+        return
+    there = positions if quaternions is None else np.column_stack((positions, quaternions))
+    kept = np.append(True, (np.diff(there, axis=0) != 0).any(axis=1) | (np.diff(stamps) > 0))  # no line twice
+    there, places, zero = there[kept], positions[kept], (positions[kept] == 0).all(axis=1)
+    steps, times = np.linalg.norm(np.diff(places, axis=0), axis=1), np.diff(stamps[kept])
+    shared = times == 0
+    apart = float(np.bincount(np.cumsum(~shared), steps * shared).max(initial=0))
+    if shared.sum() > MANY * len(there) and apart > ROUNDED:
+        text = f"{path}: {shared.sum()} of {n} poses have the stamp of the one before, with up to {apart:.2f} m between"
+        yield Issue("equal-stamps", f"{text}: stamps were rounded; errors are wrong by that much", int(shared.sum()))
+    if times.max(initial=0) > 1e-3 and (speed := float(steps.sum() / times.sum())) > FASTEST:  # or no seconds at all
+        yield Issue("implausible-speed", f"{path}: moves at {speed:.3g} m/s: positions in mm? Errors are, too", n)
+    still = (np.diff(there, axis=0) == 0).all(axis=1) | (zero[1:] & zero[:-1])
+    begins = np.flatnonzero(np.append(True, ~still))  # of runs of poses that are all the same
+    counts = np.diff(np.append(begins, len(there)))
+    repeats = (counts > (1 if np.median(counts) > 1 else 2)) | zero[begins]  # a few doubles are none
+    repeats[0] &= counts[0] > 1  # many begin at 0 0 0
+    moves = steps[~still]  # from one run to the next
+    usual = moves[~(repeats[1:] | repeats[:-1])]
+    jumps = np.maximum(np.append(0, moves), np.append(moves, 0))
+    held = repeats & (jumps > max(STANDS, JUMP * float(np.median(usual)) if len(usual) else 0.0))
+    if held.any():
+        number, first = int(counts[held].sum()), stamps[kept][begins[np.argmax(held)]]
+        text = f"{path}: {number} of {n} poses, from {first:.3f} s on, repeat others to the last bit or are 0 0 0, and"
+        text += f" the next is up to {jumps[held].max():.2f} m away: tracking lost, or poses held? Errors hold that"
+        yield Issue("poses-held", text, number)
+    if quaternions is None or (off := _across(positions, quaternions)) < ACROSS:
+        return
+    for what, others in (*else_turned.items(), ("turns, or y, of the other sign", quaternions * (-1, -1, -1, 1))):
+        if _across(positions, others) < FITS * off:
+            text = f"{path}: orientations would follow the path as {what}: errors of rotation and RPE are wrong"
+            yield Issue("orientation-order", text, n)
+            return
+
+
+def _across(positions: Array, quaternions: Array) -> float:
+    """How far directions of travel are off a fixed one of the body: the mean squared sine; 0 where few are known."""
+    path = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1)))
+    some = np.unique(np.searchsorted(path, np.arange(0.0, min(path[-1], 1e5), STRIDE)))
+    moved = np.diff(positions[some], axis=0)
+    size = np.linalg.norm(moved, axis=1)
+    far = np.flatnonzero(size > STRIDE / 2)
+    if len(far) < 10:
+        return 0.0
+    ways = np.tile((moved[far] / size[far, None])[:, :, None], (2, 1, 1))  # at both ends of a move
+    seen = np.swapaxes(rotations_of(quaternions[some[np.concatenate((far, far + 1))]]), 1, 2) @ ways
+    return 1 - float(np.linalg.eigvalsh((seen @ np.swapaxes(seen, 1, 2)).mean(axis=0))[-1])
 
 
 def rotations_of(quaternions: Array) -> Array:

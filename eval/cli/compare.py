@@ -12,7 +12,7 @@ import typer
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import answer
+from moteslam.eval.cli.text import answer, note
 from moteslam.eval.tables import FORMATS, literal
 
 if TYPE_CHECKING:
@@ -55,6 +55,11 @@ def compare(
     first = next(iter(found)) if baseline is None else baseline
     if first not in found:
         raise ConfigError(f"{first!r}, expected one of {', '.join(map(repr, found))}", field="--baseline")
+    for other, rows in found.items():
+        of, counts = values_of(found[first], "scans"), values_of(rows, "scans")
+        if unlike := [case for case in of if of[case] and (counts.get(case) or of[case]) != of[case]]:
+            text = f"warning: {other}: other numbers of scans in {len(unlike)} of its runs"
+            note(f"{text}: another recording of that name, whose errors cannot be compared?")
     compared = {
         name: {
             other: asdict(statistics.compare(values_of(found[first], name), values_of(rows, name), better=better(name)))

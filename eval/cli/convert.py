@@ -102,17 +102,14 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     from moteslam.robot.trajectories.text import read_g2o, read_vertices
     from moteslam.robot.values import Issue, counted
 
-    if is_g2o(path):
-        graph = read_g2o(path)
-        trajectory, edges = read_vertices(path, graph), len(graph.first)
-    else:
-        trajectory, edges = read_trajectory(path), 0
+    graph = read_g2o(path) if is_g2o(path) else None
+    trajectory = read_trajectory(path) if graph is None else read_vertices(path, graph)
     issues = trajectory.warnings
     if trajectory.space is not None:
         span = float(np.ptp(trajectory.space.positions[:, 2]))
         text = f"{path.name}: z, which spans {span:.2f} m, roll and pitch not written: poses are those in x and y"
         issues += (Issue("not-written", text, len(trajectory)),)
-    if edges:
+    if graph is not None and (edges := len(graph.first)):
         text = f"{path.name}: {counted(edges, 'edge')} not written, no part of a trajectory"
         issues += (Issue("not-written", text, edges),)
     return trajectory, issues

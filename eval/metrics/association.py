@@ -127,16 +127,18 @@ def within(stamps: Array, among: Array, max_difference: float) -> tuple[Indices,
     return near, nearest[near]
 
 
-def covered(stamps: Array, reference: Array, max_difference: float = MAX_DIFFERENCE) -> NDArray[np.bool_]:
+def covered(
+    stamps: Array, reference: Array, max_difference: float = MAX_DIFFERENCE, *, gap: float = MAX_GAP
+) -> NDArray[np.bool_]:
     """Which stamps [...] a reference [m] can be interpolated at.
 
-    Those that two of its stamps at most ``MAX_GAP`` apart enclose, and those within ``max_difference`` of one [s].
+    Those that two of its stamps at most ``gap`` apart enclose, and those within ``max_difference`` of one [s].
     """
     if not len(reference):
         return np.zeros(np.shape(stamps), np.bool_)
     after = np.searchsorted(reference, stamps, side="left")
     upper, lower = reference[np.minimum(after, len(reference) - 1)], reference[np.maximum(after - 1, 0)]
-    enclosed = (lower <= stamps) & (stamps <= upper) & (upper - lower <= MAX_GAP)
+    enclosed = (lower <= stamps) & (stamps <= upper) & (upper - lower <= gap)
     near = np.minimum(np.abs(upper - stamps), np.abs(stamps - lower)) <= max_difference
     return np.asarray(enclosed | near)
 

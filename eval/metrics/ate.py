@@ -162,11 +162,7 @@ def _in_space(matched: Matched, *, align: bool, from_start: bool, scale: bool) -
 
 
 def _scale(source: Array, target: Array) -> float:
-    """The factor that lays points [n, 2] on others with the least squared distance (Umeyama 1991); 1 for a point.
-
-    In the plane it is the length of the summed dot and cross products of the centred points, over the sum of squares.
-    """
-    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    size = float((a * a).sum())
-    dot, cross = float((a * b).sum()), float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
-    return float(np.hypot(dot, cross)) / size if size > 0 else 1.0
+    """The factor that lays points [n, 2] on others with the least squared distance (Umeyama 1991); 1 for a point."""
+    a, b = ((one - one.mean(axis=0)) @ (1, 1j) for one in (source, target))
+    size = float(np.vdot(a, a).real)
+    return float(abs(np.vdot(a, b))) / size if size > 0 else 1.0

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.eval.metrics.association import evenly, in_space, spatial
+from moteslam.eval.metrics.association import MAX_GAP, covered, evenly, in_space, spatial
 from moteslam.eval.metrics.ate import AteResult
-from moteslam.robot.se2 import transform_points, umeyama
 from moteslam.robot.trajectory import FARTHEST, TILT, Trajectory, tilt_of
 from moteslam.robot.values import Issue
 
@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 
 LONGEST, TRIES = 120.0, 1200
 """Offsets up to this are tried [s], of clocks without a common time all, and so many at most."""
-STEP, PRECISION = 0.1, 1e-4
-"""The search begins with offsets the first apart [s], and ends with the second."""
+STEP, ROUNDS = 0.1, 20
+"""The search begins with offsets so far apart [s], and ends with so many steps of Gauss-Newton."""
 LEAST, COARSE, FINE = 10, 200, 5000
 """Positions of the reference that are compared at least, in the search, and at its end."""
 DENSE = 0.5
@@ -26,45 +26,26 @@ DENSE = 0.5
 GAIN, GAIN_METRES, FITS = 0.5, 0.01, 0.1
 """The error must fall to less than this share of itself, the less the less of the drives is left in common, and by more
 than this [m]; without a common time to less than this share of the spread of the reference."""
+SHAPE, DRIFTS = 0.3, 0.1
+"""By another scale, sign or rate of the clock the error must fall to less than this share; clocks drift by less."""
 OVERLAP = 0.6
 """Share of the shorter drive that they must have in common."""
-WINDOW, CHORDS = 3.0, 0.7
-"""Over this much path [m] the distances moved must differ less, by this factor."""
 ALIKE = 1.2
 """Of offsets whose errors differ by less than this factor the smallest is taken."""
-SMALL, LARGER = 0.1, 50.0
-"""Errors and sizes below this [m], and ratios of sizes below that, are no other unit."""
+SMALL, SAME = 0.1, 1e-4
+"""Errors and sizes below the first [m] are no other unit; no measurement is as near to the truth as the second [m]."""
 AXES = np.deg2rad(30.0)
-"""Orientations that differ by more than this throughout [rad] are of other axes."""
+"""Orientations that differ by more than this [rad] are of other axes, or another order, unit or sign."""
 HEIGHTS = 0.05
 """Heights that are left out are reported where they are spread by more [m]."""
-UNLIKE, FEW = 0.5, 0.5
-"""Two paths have nothing in common where the error is more than this share of the spread of the reference, and may not
-belong together where less than this share of the shorter one's poses has a partner."""
+UNLIKE, FEW, ALL_FIT = 0.5, 0.5, 3
+"""Two paths have nothing in common where the error is more than this share of the spread of the reference; errors are
+of a part where less than the second share is compared; fewer poses than the third always fit each other."""
 
 
-@dataclass(frozen=True)
-class ClockOffset:
-    """An offset to add to the estimate's stamps [s] that fits much better than none, the RMSE after alignment with it
-    [m], and the one before, without it: None where the two have no time in common.
-    """
-
-    seconds: float
-    rmse: float
-    before: float | None
-
-    def __str__(self) -> str:
-        instead = "" if self.before is None else f" in place of {self.before:.4f} m"
-        fits = f"moved by {self.seconds:+.3f} s the estimate fits with an ATE of {self.rmse:.4f} m{instead}"
-        return f"{fits}: its clock seems to be another one (--time-offset {self.seconds:.3f})"
-
-
-def clock_offset(estimate: Trajectory, reference: Trajectory) -> ClockOffset | None:
-    """The offset of the estimate's clock that lays it on its reference best, where it helps much: see ``GAIN``.
-
-    The RMSE after rigid alignment is least there, among offsets that leave most of the shorter drive in common; with
-    and without the offset the same positions are compared. The distances moved in some metres of path must fit
-    better, too.
+def clock_offset(estimate: Trajectory, reference: Trajectory, before: float | None = None) -> tuple[float, str] | None:
+    """What is said of an offset or a rate of the estimate's clock that fits much better (``GAIN``, ``SHAPE``), and
+    the RMSE [m] after alignment with it; ``before`` is the error to be named, of clocks with a time in common.
     """
     if min(len(estimate), len(reference)) < LEAST:
         return None
@@ -73,13 +54,22 @@ def clock_offset(estimate: Trajectory, reference: Trajectory) -> ClockOffset | N
     if any(np.ptp(stamps) <= 0 or np.abs(path).max() > FARTHEST for stamps, path in drives):
         return None
     swapped = float(np.median(np.diff(drives[0][0]))) > float(np.median(np.diff(drives[1][0])))
-    found = _offset(_Search(*drives[swapped], *drives[not swapped]))
-    return replace(found, seconds=-found.seconds) if found is not None and swapped else found
+    if (found := _offset(_Search(*drives[swapped], *drives[not swapped]))) is None:
+        return None
+    seconds, slow, rmse = found if not swapped else (-found[0], -found[1], found[2])
+    fits = f"the estimate fits with an ATE of {rmse:.4f} m{'' if before is None else f' in place of {before:.4f} m'}"
+    if slow:
+        rate = f"{100 * abs(slow):.2f} % {'slow' if slow > 0 else 'fast'}"
+        return rmse, f"{fits} if its clock runs {rate}: its stamps, or those of the reference, are to be scaled"
+    option = f"(--time-offset {seconds:.3f})"
+    return rmse, f"moved by {seconds:+.3f} s {fits}: its clock seems to be another one {option}"
 
 
-def _offset(search: _Search) -> ClockOffset | None:
+def _offset(search: _Search) -> tuple[float, float, float] | None:
+    """The offset [s] to add, by what share the clock is slow, and the RMSE [m]."""
     common = search.common(0.0) > 0
-    if common and search.rmse(0.0, FINE) < GAIN_METRES:
+    before = search.rmse(0.0, FINE) if common else float("nan")
+    if before < GAIN_METRES:
         return None
     middle = 0.0 if common else float(search.times[0] - search.stamps[0])
     reach = min(LONGEST, search.shorter) if common else search.shorter
@@ -87,46 +77,30 @@ def _offset(search: _Search) -> ClockOffset | None:
         reach += abs(float(np.ptp(search.times) - np.ptp(search.stamps)))
     step = max(STEP, 2 * reach / TRIES)
     offsets = middle + step * np.arange(-np.floor(reach / step), np.floor(reach / step) + 1)
-    errors = search.errors(offsets, COARSE)
+    errors = np.array([search.rmse(float(offset), COARSE) for offset in offsets])
     if not np.isfinite(errors).any():
         return None
     good = offsets[errors <= ALIKE * np.nanmin(errors) + 1e-9]
     nearest = np.abs(offsets - good[np.argmin(np.abs(good - middle))]) <= 5 * step
     best = float(offsets[nearest][np.nanargmin(errors[nearest])])
-    while step > PRECISION:
-        around = best + np.linspace(-step, step, 11)
-        errors = search.errors(around, FINE)
-        if not np.isfinite(errors).any():
-            return None
-        best, step = float(around[np.nanargmin(errors)]), step / 5
-    rmse, before, after = (search.rmse(at, FINE, also=also) for at, also in ((best, None), (0.0, best), (best, 0.0)))
+    best, _, rmse = search.fitted(best, drifts=False)
     share = (search.common(best) / search.shorter - OVERLAP) / (1 - OVERLAP)
     if np.isnan(before):  # hardly a time in common
         fits = rmse < FITS * search.spread * share and rmse + GAIN_METRES < search.spread
-        return ClockOffset(best, rmse, None) if fits else None
-    much = after < GAIN * before * share and before - after > GAIN_METRES
-    # else it is a fit of another shape, not of another time
-    if not much or not search.chords(best, also=0.0) < CHORDS * search.chords(0.0, also=best):
-        return None
-    return ClockOffset(best, rmse, search.rmse(0.0, FINE))
+        return (best, 0.0, rmse) if fits else None
+    start, slow, left = search.fitted(0.0 if before < rmse else best, drifts=True)
+    if left < min(GAIN * rmse, SHAPE * before) and rmse - left > GAIN_METRES and abs(slow) < DRIFTS:
+        return start, slow, left
+    return (best, 0.0, rmse) if rmse < GAIN * before * share and before - rmse > GAIN_METRES else None
 
 
-@dataclass(frozen=True)
-class LeverArm:
-    """Where the reference's point is on the estimate's body, x ahead and y to the left, and the RMSE left [m]."""
-
-    x: float
-    y: float
-    rmse: float
-
-
-def lever_arm(ate: AteResult) -> LeverArm | None:
+def _lever_arm(ate: AteResult) -> Iterator[tuple[float, Issue]]:
     """The fixed offset on the robot that explains much of the error in the plane, by as much as ``clock_offset``.
 
     Least squares of ``true - there = e J there + R(theta) arm + t`` over ``e``, ``arm`` and ``t``; J is a quarter turn.
     """
     if ate.motion is not None or ate.rotation_errors is None or ate.rmse < GAIN_METRES:
-        return None
+        return
     there, true, n = ate.aligned[:, :2], ate.reference[:, :2], len(ate.aligned)
     c, s, one, none = np.cos(ate.aligned[:, 2]), np.sin(ate.aligned[:, 2]), np.ones(n), np.zeros(n)
     x = np.column_stack((-there[:, 1], c, -s, one, none))
@@ -134,70 +108,109 @@ def lever_arm(ate: AteResult) -> LeverArm | None:
     design, goal = np.vstack((x, y)), (true - there).T.ravel()
     found, _, rank, _ = np.linalg.lstsq(design, goal, rcond=None)
     rmse = float(np.linalg.norm(goal - design @ found) / np.sqrt(n))
-    if rank < design.shape[1] or not (rmse < GAIN * ate.rmse and ate.rmse - rmse > GAIN_METRES):
-        return None
-    return LeverArm(float(found[1]), float(found[2]), rmse)
+    if rank == design.shape[1] and rmse < GAIN * ate.rmse and ate.rmse - rmse > GAIN_METRES:
+        text = (
+            f"an offset of x {found[1]:.3f} m, y {found[2]:.3f} m on the robot explains the ATE but for {rmse:.4f} m:"
+        )
+        yield rmse, Issue("lever-arm", f"{text} the two are paths of different points of it, of lidar and base, say")
 
 
-def doubts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> tuple[Issue, ...]:
-    """What was assumed when both were read, the space they are compared in, and units and axes that seem other ones."""
+def doubts(estimate: Trajectory, reference: Trajectory, ate: AteResult, *, align: bool = True) -> tuple[Issue, ...]:
+    """What was assumed when both were read, the space and the part of them that are compared, and what explains errors:
+    units, signs, clocks, another point of the robot, whichever leaves least; where they are aligned, all of these.
+    """
     left_out = "out-of-plane" if in_space(estimate, reference) else ""  # it matters in x and y
     issues = [issue for issue in (*estimate.warnings, *reference.warnings) if issue.code != left_out]
-    found = (*dict.fromkeys(issues), _of_space(estimate, reference), _of_shape(ate))
-    return tuple(issue for issue in found if issue is not None)
+    reasons = [*_shapes(ate), *(_lever_arm(ate) if align else ())]
+    if align and (found := clock_offset(estimate, reference, ate.rmse)) is not None:
+        reasons.append((found[0], Issue("clocks-differ", found[1])))
+    best = [min(reasons, key=lambda reason: reason[0])[1]] if reasons else []
+    turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate)
+    parts = _parts(estimate, reference, ate)
+    return (*dict.fromkeys(issues), *_of_space(estimate, reference), *best, *turns, *parts)
 
 
 def few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:
     """The issue that few of the shorter one's stamps have a partner, if they are few."""
-    if matched >= FEW * shorter:
+    if matched >= max(FEW * shorter, ALL_FIT):
         return ()
-    return (Issue("few-matched", f"{matched} of {shorter} {what} have a partner: {question}", matched),)
+    means = "errors are those of these alone" if matched >= ALL_FIT else "so few always fit, and errors mean nothing"
+    return (Issue("few-matched", f"{matched} of {shorter} {what} have a partner: {means}: {question}", matched),)
 
 
-def _of_space(estimate: Trajectory, reference: Trajectory) -> Issue | None:
+def _parts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> Iterator[Issue]:
+    """Whether much of the path of one is not covered by the other, or few poses have a partner."""
+    found = False
+    for one, whose, other, what in (
+        (estimate, "estimate", reference, "reference"),
+        (reference, "reference", estimate, "estimate"),
+    ):
+        gap = max(MAX_GAP, 3 * float(np.median(np.diff(other.stamps)))) if len(other) > 1 else MAX_GAP
+        there = covered(one.stamps, other.stamps, gap=gap)
+        steps = np.linalg.norm(np.diff(spatial(one).positions, axis=0), axis=1)
+        seen, length = float(steps[there[1:] & there[:-1]].sum()), float(steps.sum())
+        if seen < FEW * length and len(ate.stamps) >= ALL_FIT:
+            found = True
+            text = f"the {what} covers {seen:.1f} m of the {length:.1f} m of the {whose}"
+            yield Issue("few-matched", f"{text}: errors are those of this part alone", len(ate.stamps))
+    if not found:
+        question = "are these the same drive, on the same clock?"
+        yield from few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
+
+
+def _of_space(estimate: Trajectory, reference: Trajectory) -> Iterator[Issue]:
     spaces = [one.space for one in (estimate, reference) if one.space is not None]
     if not spaces:
-        return None
+        return
+    spread = float(spaces[0].positions[:, 2].std())
     if in_space(estimate, reference):
         tilt = np.rad2deg(max(tilt_of(space.positions) for space in spaces))
         why = f"moves in a plane {tilt:.0f} degrees out of x and y" if tilt > np.rad2deg(TILT) else "moves in z, too"
         compared = "aligned and compared in space; errors are those of three coordinates, turns those about any axis"
-        return Issue("in-space", f"{why}: {compared}", len(reference))
-    spread = float(spaces[0].positions[:, 2].std())
-    if spread < HEIGHTS:
-        return None
-    whose = "estimate" if estimate.space is not None else "reference"
-    text = f"heights of the {whose}, spread by {spread:.2f} m, are left out: the other one is in the plane"
-    return Issue("heights-left-out", text, len(reference))
+        yield Issue("in-space", f"{why}: {compared}", len(reference))
+    elif spread >= HEIGHTS:
+        whose = "estimate" if estimate.space is not None else "reference"
+        text = f"heights of the {whose}, spread by {spread:.2f} m, are left out: the other one is in the plane"
+        yield Issue("heights-left-out", text, len(reference))
 
 
-def _of_shape(ate: AteResult) -> Issue | None:
-    there, true, turns = ate.aligned[:, :2], ate.reference[:, :2], ate.rotation_errors
-    spread = float(np.linalg.norm(true.std(axis=0)))
-    if ate.rmse > SMALL:
-        size = float(np.linalg.norm(there.std(axis=0)) / max(spread, SMALL))
-        if not 1 / LARGER < size < LARGER:
-            return Issue("sizes-differ", f"the estimate is {size:.3g} times as large as the reference: other units?")
-        mirrored = there * (1.0, -1.0)
-        off = transform_points(umeyama(mirrored, true), mirrored) - true
-        if ate.motion is None and float(np.sqrt(np.square(off).sum(axis=1).mean())) < ate.rmse / 5:
-            text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
-            return Issue("mirrored", text)
-        if ate.rmse > UNLIKE * spread:
-            text = f"errors of {ate.rmse:.2f} m where the reference itself is spread by {spread:.2f} m"
-            return Issue("unlike", f"{text}: another drive or building, or an estimate that is lost")
-    if turns is None or np.median(turns) < AXES or turns.std() > 0.2 * AXES:
-        return None
-    degrees = np.rad2deg(float(np.median(turns)))
-    why = f"orientations differ by {degrees:.0f} degrees throughout: other axes of the body, or a mirrored path"
-    return Issue("body-axes", f"{why}; errors of rotation and relative errors hold that", len(ate.stamps))
+def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
+    """What is said of the shapes of two paths, with the error in the plane that it leaves; points are complex."""
+    there, true = ((one[:, :2] - one[:, :2].mean(axis=0)) @ (1, 1j) for one in (ate.aligned, ate.reference))
+    own, spread = float(np.square(np.abs(there)).mean()), float(np.sqrt(np.square(np.abs(true)).mean()))
+    straight, mirror = (float(np.abs((one * true).mean())) for one in (there.conj(), there))
+    rigid, mirrored = (float(np.sqrt(max(0.0, own + spread**2 - 2 * cross))) for cross in (straight, mirror))
+    if max(rigid, 0.0 if ate.motion is None else ate.rmse) < SAME and spread > SMALL and len(there) >= ALL_FIT:
+        text = f"agrees with the reference to {1000 * SAME:g} mm, as no measurement does: is it the reference itself,"
+        yield rigid, Issue("same-path", f"{text} or made from it? Then its errors say nothing", len(there))
+    if rigid <= SMALL or own == 0:
+        return
+    factor, scaled = straight / own, float(np.sqrt(max(0.0, spread**2 - straight**2 / own)))
+    if scaled < SHAPE * rigid:
+        text = f"scaled by {factor:.4g} the estimate fits with an ATE of {scaled:.4f} m in place of {rigid:.4f} m"
+        yield scaled, Issue("sizes-differ", f"{text}: positions in another unit, or ranges or wheels that are off?")
+    if ate.motion is None and mirrored < SHAPE * rigid:
+        text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
+        yield mirrored, Issue("mirrored", text)
+    if rigid > UNLIKE * spread:
+        text = f"errors of {rigid:.2f} m where the reference itself is spread by {spread:.2f} m"
+        yield inf, Issue("unlike", f"{text}: another drive or building, or an estimate that is lost")
+
+
+def _of_turns(ate: AteResult) -> Iterator[Issue]:
+    turns, spread = ate.rotation_errors, float(np.linalg.norm(ate.reference[:, :2].std(axis=0)))
+    if turns is None or (middle := float(np.median(turns))) < AXES or ate.rmse > max(SMALL, UNLIKE * spread):
+        return
+    why = "throughout: other axes of the body" if turns.std() <= 0.2 * AXES else "where positions agree: another order"
+    why += ", unit or sign, or a mirrored path; errors of rotation and relative errors hold that"
+    yield Issue("body-axes", f"orientations differ by {np.rad2deg(middle):.0f} degrees {why}", len(turns))
 
 
 class _Search:
     """Positions [n, d] and [m, d] of two drives at stamps [n] and, sparser, [m]; an offset is added to the former."""
 
     def __init__(self, stamps: Array, positions: Array, times: Array, goal: Array) -> None:
-        self.stamps, self.positions, self.times, self.goal = stamps, positions, times, goal
+        self.stamps, self.positions, self.times = stamps, positions, times
         self.shorter = float(min(np.ptp(stamps), np.ptp(times)))
         self.spread = float(np.linalg.norm(goal.std(axis=0)))
         self.at, self.there = times, goal
@@ -206,48 +219,52 @@ class _Search:
             after = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
             self.at = at[times[after] - times[after - 1] < DENSE]
             self.there = _at(self.at, times, goal)
+        self.middle = float(self.at.mean())
 
-    def errors(self, offsets: Array, most: int) -> Array:
-        return np.array([self.rmse(float(offset), most) for offset in offsets])
+    def laid(self, offset: float, rate: float, most: int) -> tuple[NDArray[np.intp], Array, Array] | None:
+        """Which positions are compared, what is left of them [k, d] after rigid alignment, and its rotation.
 
-    def rmse(self, offset: float, most: int, *, also: float | None = None) -> float:
-        """After rigid alignment, of at most this many positions, to be had with the offset ``also``, too.
-
-        NaN where too little of the shorter drive is left, or what is left stands still.
+        None where too little of the shorter drive is left, or what is left stands still.
         """
-        keep = evenly(np.arange(len(self.at)), most)
-        for each in (offset, also):
-            keep = keep if each is None else keep[self._inside(self.at[keep], each)]
+        at = self.at - offset - rate * (self.at - self.middle)
+        keep = evenly(np.flatnonzero((at >= self.stamps[0]) & (at <= self.stamps[-1])), most)
         if len(keep) < LEAST or np.ptp(self.at[keep]) < OVERLAP * self.shorter:
-            return float("nan")
-        a, b = _at(self.at[keep] - offset, self.stamps, self.positions), self.there[keep]
+            return None
+        a, b = _at(at[keep], self.stamps, self.positions), self.there[keep]
         a, b = a - a.mean(axis=0), b - b.mean(axis=0)
         if np.linalg.norm(b.std(axis=0)) < 0.5 * self.spread:
-            return float("nan")
-        cross = b.T @ a
-        size = np.linalg.svd(cross, compute_uv=False)
-        size[-1] *= np.sign(np.linalg.det(cross))
-        return float(np.sqrt(max(0.0, float((a * a).sum() + (b * b).sum()) - 2 * float(size.sum())) / len(a)))
+            return None
+        u, _, v = np.linalg.svd(b.T @ a)
+        u[:, -1] *= np.linalg.det(u) * np.linalg.det(v)
+        return keep, b - a @ (u @ v).T, u @ v
 
-    def chords(self, offset: float, *, also: float) -> float:
-        """How far the distances moved in some ``WINDOW`` of path differ, RMS [m]; they know no frame."""
-        length = float(np.linalg.norm(np.diff(self.goal, axis=0), axis=1).sum())
-        window = min(max(1.0, WINDOW / length * float(np.ptp(self.times))), self.shorter / 10)
-        begin = np.linspace(self.times[0], self.times[-1] - window, 1200)
-        inside = [self._inside(at, one) for at in (begin, begin + window) for one in (offset, also)]
-        begin = begin[np.logical_and.reduce(inside)]
-        drives = ((begin, self.times, self.goal), (begin - offset, self.stamps, self.positions))
-        moved = [_at(at + window, *drive) - _at(at, *drive) for at, *drive in drives]
-        off = np.subtract(*(np.linalg.norm(one, axis=1) for one in moved))
-        return float(np.sqrt(np.square(off).mean())) if len(off) else float("nan")
+    def rmse(self, offset: float, most: int) -> float:
+        """After rigid alignment [m], or NaN."""
+        found = self.laid(offset, 0.0, most)
+        return float("nan") if found is None else float(np.sqrt(np.square(found[1]).sum(axis=1).mean()))
+
+    def fitted(self, offset: float, *, drifts: bool) -> tuple[float, float, float]:
+        """The best offset near one [s], with ``drifts`` the rate of the clock too, and the RMSE [m]; Gauss-Newton."""
+        best, rate = (offset, 0.0, inf), 0.0
+        for _ in range(ROUNDS):
+            if (found := self.laid(offset, rate, FINE)) is None:
+                break
+            keep, off, turn = found
+            best = min(best, (offset, rate, float(np.sqrt(np.square(off).sum(axis=1).mean()))), key=lambda one: one[2])
+            since = self.at[keep] - self.middle
+            times = self.at[keep] - offset - rate * since
+            before, after = (_at(times + by, self.stamps, self.positions) for by in (-STEP / 2, STEP / 2))
+            back = (before - after) / STEP @ turn.T
+            design = np.stack((back, back * since[:, None])[: 1 + drifts])
+            design -= design.mean(axis=1, keepdims=True)
+            step = np.linalg.lstsq(design.reshape(len(design), -1).T, off.ravel(), rcond=None)[0]
+            offset, rate = offset + float(step[0]), rate + (float(step[1]) if drifts else 0.0)
+        return best
 
     def common(self, offset: float) -> float:
         """How long both last at an offset [s]; below 0 the gap between them."""
         end, begin = min(self.stamps[-1] + offset, self.times[-1]), max(self.stamps[0] + offset, self.times[0])
         return float(end - begin)
-
-    def _inside(self, times: Array, offset: float) -> NDArray[np.bool_]:
-        return np.asarray((times - offset >= self.stamps[0]) & (times - offset <= self.stamps[-1]))
 
 
 def _at(times: Array, stamps: Array, positions: Array) -> Array:

@@ -9,7 +9,7 @@ reads maps, in the modes trinary, scale and raw, and how map_saver writes them, 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from os import PathLike
 from pathlib import Path, PureWindowsPath
 from typing import Annotated, Any, Literal
@@ -20,7 +20,7 @@ from pydantic import BaseModel, BeforeValidator, Field, Strict, ValidationError
 
 from moteslam.errors import InputError, MoteslamWarning, OutputError
 from moteslam.files import read_bytes, read_yaml, write_atomically
-from moteslam.robot.raster import FULL, Raster, decode_channels, encode_png, picture_size
+from moteslam.robot.raster import FULL, MAX_PLACE, Raster, decode_channels, encode_png, picture_size
 from moteslam.robot.values import expect_type, first_complaint
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
@@ -30,16 +30,15 @@ OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 UNKNOWN_PERCENT, FREE_PERCENT, OCCUPIED_PERCENT = -1, 0, 100
 FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY = 254, 0, 205
 """The greys that map_saver writes for them in the mode trinary."""
-BLACK, WHITE = 26, 229
-"""Greys beyond these are meant to be known."""
+BLACK, WHITE, BLUR, MANY = 26, 229, 10, 0.01
+"""Greys beyond the first two are meant to be known; a lossy picture changes greys by less than the third; and a larger
+share of the cells than the last may not be read otherwise than they were meant."""
 
 MAX_IMAGE_BYTES = 256_000_000
 MAX_YAML_BYTES = 100_000
 MAX_PIXELS = 64_000_000
 MAX_EXTENT = 2000.0
 """Of a map's longer side [m]."""
-MAX_PLACE = 1e6
-"""No map lies farther from its frame's origin [m]."""
 _BAND = 1 << 20
 """Pixels that are worked on at once."""
 
@@ -54,6 +53,7 @@ def _number(value: object) -> object:
 
 
 Threshold = Annotated[float, BeforeValidator(_number), Field(ge=0, le=1)]
+Yaw = Annotated[float, BeforeValidator(_number), Field(ge=-6.3, le=6.3)]  # radians; degrees are mostly more
 Place = Annotated[float, BeforeValidator(_number), Field(ge=-MAX_PLACE, le=MAX_PLACE)]
 
 
@@ -61,8 +61,10 @@ class MapFile(BaseModel):
     """What the YAML file says; other keys are passed over."""
 
     image: Annotated[str, Strict(), Field(min_length=1)]
-    resolution: Annotated[float, BeforeValidator(_number), Field(ge=1e-4, le=100)]  # side of a cell [m]
-    origin: tuple[Place, Place, Place]  # x, y [m] and yaw [rad] of the lower left corner of the image
+    resolution: Annotated[
+        float, BeforeValidator(_number), Field(ge=1e-4, le=2)
+    ]  # side of a cell [m]; 5 is meant for 0.05
+    origin: tuple[Place, Place, Yaw]  # x, y [m] and yaw [rad] of the lower left corner of the image
     mode: Literal["trinary", "scale", "raw"] = "trinary"
     negate: Annotated[int, Strict()] | bool  # white is occupied
     occupied_thresh: Threshold
@@ -159,7 +161,7 @@ def _read(path: Path) -> tuple[MapFile, NDArray[np.uint16]]:
     if pixels is None:
         problem = "not readable as an image, expected a whole png map, or a pgm of 255 or 65535 greys"
         raise InputError(problem, file=image)
-    _warn_of_thresholds(path, about, pixels)
+    _warn_of_greys(path, about, pixels)
     return about, pixels
 
 
@@ -209,36 +211,54 @@ def _of(pixels: NDArray[np.uint16], about: MapFile, between: bool) -> Percent:
     return found.astype(np.int8)
 
 
-def _warn_of_thresholds(path: Path, about: MapFile, pixels: NDArray[np.uint16]) -> None:
-    """Warn where the thresholds leave neither black nor white known, or only one of them.
-
-    And where all greys are map_saver's and the thresholds, as its 0.25 of years, make its 205 of unknown known.
+def _warn_of_greys(path: Path, about: MapFile, pixels: NDArray[np.uint16]) -> None:
+    """Warn of cells that are hardly meant as they are read: transparent and coloured ones, map_saver's 205 of unknown
+    that is known, of a threshold of 0.25 or a lossy JPEG, black or white that is unknown, and 8 of 16 bits.
     """
-    grey = (pixels[..., 0] >> 8).ravel()
-    if about.mode == "raw" or (pixels[..., :3] != pixels[..., :1]).any():
+    flat, names = pixels.reshape(-1, pixels.shape[2]), {-1: "unknown", 0: "free", 100: "occupied"}
+    n, plain, said = len(flat), np.ones(len(flat), bool), list[str]()
+    if flat.shape[1] > 1:
+        clear = flat[:, -1] < FULL if flat.shape[1] == 4 else ~plain
+        coloured = (np.ptp(flat[:, :3], axis=1) > FULL // 10) & ~clear
+        plain = ~(clear | coloured)
+        for which, what in ((clear, "transparent"), (coloured, "coloured")):
+            if which.any() and about.mode != "raw":
+                some = flat[which][:: 1 + which.sum() // _BAND]
+                read = int(np.bincount(_of(some, about, False) + 1).argmax()) - 1
+                if which is coloured or read != UNKNOWN_PERCENT:
+                    said.append(f"{which.sum()} of {n} cells are {what}, most are read as {names[read]}")
+    if 0 < flat.max(initial=0) < FULL // 255:
+        said.append(f"16 bits a pixel, but none is brighter than {flat.max()} of 65535: all count as black")
+    counts = np.bincount(flat[plain, 0] >> 8, minlength=256)
+    if about.mode == "raw":
+        if (high := counts[OCCUPIED_PERCENT + 1 : 255].sum()) > MANY * n:
+            said.append(f"{high} of {n} cells have greys from 101 to 254, which the mode raw makes unknown")
+    else:
+        levels = np.repeat(np.arange(256, dtype=np.uint16)[:, None] * np.uint16(FULL // 255), flat.shape[1], axis=1)
+        levels[:, 3:] = FULL
+        said += _of_levels(counts, _of(levels, about, False), about)
+    for what in said:
+        warnings.warn(MoteslamWarning(f"{path}: {what}: its walls or free space may be wrong"), stacklevel=4)
+
+
+def _of_levels(counts: NDArray[np.int64], read: Percent, about: MapFile) -> Iterator[str]:
+    """What is doubtful of greys [256], by how often they stand in the image and what they are read as."""
+    thresholds = f"free_thresh {about.free_thresh:g}, occupied_thresh {about.occupied_thresh:g}"
+    ends = np.flatnonzero(counts)[[0, -1]] if counts.any() else np.full(2, UNKNOWN_GREY)
+    if ends[0] < BLACK and ends[1] > WHITE and UNKNOWN_PERCENT in read[ends]:
+        yield f"{thresholds}: its black or its white cells count as unknown"
         return
-    ends = pixels.reshape(-1, pixels.shape[2])[[int(grey.argmin()), int(grey.argmax())]]
-    if grey.min() < BLACK and grey.max() > WHITE and UNKNOWN_PERCENT in _of(ends, about, between=False):
-        says = f"free_thresh {about.free_thresh:g}, occupied_thresh {about.occupied_thresh:g}"
-        what = f"{says}: its black or its white cells count as unknown, and scores of this map mean nothing"
-        mend = f"map_saver's are {FREE_THRESHOLD:g} and {OCCUPIED_THRESHOLD:g}"
-        warnings.warn(MoteslamWarning(f"{path}: {what}; {mend}"), stacklevel=4)
-        return
-    counts = np.bincount(grey, minlength=256)
-    if about.negate and counts[255 - UNKNOWN_GREY]:
-        grey, counts = 255 - grey, counts[::-1]  # a negative of map_saver's
-    there = set(np.flatnonzero(counts).tolist())
-    if not {UNKNOWN_GREY} < there <= {FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY, 255}:
-        return
-    one = pixels.reshape(1, -1, pixels.shape[2])[:, [int(np.argmax(grey == UNKNOWN_GREY))]]
-    read = int(_occupancies(one, about, between=False)[0, 0])
-    if read != UNKNOWN_PERCENT:
-        what = f"grey {int(one[0, 0, 0]) >> 8}, which map_saver writes for unknown"
-        thresholds = f"free_thresh {about.free_thresh:g}, occupied_thresh {about.occupied_thresh:g}"
-        why = f"is read as {'occupied' if read else 'free'} by {thresholds} and negate {int(about.negate)}"
-        cells = f"{counts[UNKNOWN_GREY]} of {counts.sum()} cells count as known, so map_known is too high"
-        mend = "" if read else ": free_thresh: 0.196 would leave them unknown"
-        warnings.warn(MoteslamWarning(f"{path}: {what}, {why}; {cells}{mend}"), stacklevel=4)
+    grey = 255 - UNKNOWN_GREY if about.negate and counts[255 - UNKNOWN_GREY] else UNKNOWN_GREY  # a negative of its maps
+    level = np.arange(256)
+    near = np.abs(level - grey) <= BLUR
+    saved = near | (level <= BLUR) | (level >= 255 - BLUR)
+    known = np.where(near & (read != UNKNOWN_PERCENT), counts, 0)
+    of_map_saver = counts[near].sum() < counts[saved].sum() > 0.9 * counts.sum()
+    if counts[grey] and of_map_saver and known.sum() > MANY * counts[near].sum():
+        which = int(known.argmax())
+        shade = f"grey {which}{'' if which == grey else f', next to {grey}'}, which map_saver writes for unknown"
+        why = f"is read as {'occupied' if read[which] else 'free'} by {thresholds} and negate {about.negate:d}"
+        yield f"{shade}, {why}; {known.sum()} of {counts.sum()} cells count as known, so map_known is too high"
 
 
 def _write_yaml(image: Path, raster: Raster, before: dict[str, Any], after: Mapping[str, Any]) -> None:

@@ -39,7 +39,6 @@ WRITERS: dict[str, tuple[str, Callable[[Path, Trajectory], None]]] = {
 
 HEAD = 1 << 18
 """Bytes of a file that are looked at to know its format."""
-NO_TURN = (0.0, 0.0, 0.0, 0.0)
 POSES = {
     "geometry_msgs/PoseStamped": "pose",
     "geometry_msgs/PoseWithCovarianceStamped": "pose.pose",
@@ -174,14 +173,16 @@ def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
     rows, received = array("d"), array("d")
     frames: dict[str, None] = {}
     path = None
-    for topic, time, message in _messages(bag, lambda topic: _is_named(topic, name) and topic.kind in (*POSES, PATH)):
+    name = name.strip("/")
+    wanted = (*POSES, PATH)
+    for topic, time, message in _messages(bag, lambda topic: topic.name.strip("/") == name and topic.kind in wanted):
         received.append(time / 1e9)
         if topic.kind == PATH:
             path = message
             continue
         rows.extend(_row(message.header.stamp, attrgetter(POSES[topic.kind])(message)))
         frames[f"{getattr(message, 'child_frame_id', '') or 'poses'} in {message.header.frame_id}"] = None
-    kinds = {topic.kind for topic in bag.topics if _is_named(topic, name)}
+    kinds = {topic.kind for topic in bag.topics if topic.name.strip("/") == name}
     if len(kinds) != 1 or not kinds <= {*POSES, PATH}:
         what = f"is of {', '.join(sorted(kinds))}" if kinds else "is not there"
         raise InputError(f"the topic {what}; {_topics(bag)}")
@@ -207,15 +208,11 @@ def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
     return table, issues
 
 
-def _is_named(topic: Topic, name: str) -> bool:
-    return topic.name.strip("/") == name.strip("/")
-
-
 def _row(stamp: Any, pose: Any) -> tuple[float, ...]:
     """Stamp, position and quaternion of a pose, a transform or a point."""
     place = getattr(pose, "position", getattr(pose, "translation", pose))
     turn = getattr(pose, "orientation", getattr(pose, "rotation", None))
-    quaternion = NO_TURN if turn is None else (turn.x, turn.y, turn.z, turn.w)
+    quaternion = 4 * (0.0,) if turn is None else (turn.x, turn.y, turn.z, turn.w)
     return ((stamp.sec * 10**9 + stamp.nanosec) / 10**9, place.x, place.y, place.z, *quaternion)
 
 

@@ -25,6 +25,8 @@ MAX_BYTES = 500_000_000
 """Of a file: some five million poses."""
 UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9}
 """Of stamps, with the power of ten that a second has of them."""
+LATEST = 1e10
+"""Stamps without a stated unit are not farther from 1970 [s]: 20261126142000 is a date."""
 LEAST_STEP, MAX_STEP = 1e-5, 1e4
 """Stamps typically nearer or further apart than this [s] are hardly in the unit that they were taken for."""
 
@@ -60,12 +62,8 @@ ROLES = (
 """What the words of a name say: the first pattern that fits them all."""
 LONGEST_NAME, MOST_NAMES = 200, 1000
 """Characters of a name, and names of columns, that are looked at."""
-SECONDS = {
-    **dict.fromkeys(("s", "sec", "secs", "seconds"), "s"),
-    **dict.fromkeys(("ms", "msec", "milliseconds"), "ms"),
-    **dict.fromkeys(("us", "usec", "microseconds"), "us"),
-    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), "ns"),
-}
+SECONDS = {"sec": "s", "secs": "s", "seconds": "s", "nsecs": "ns", "nanosec": "ns", **{unit: unit for unit in UNITS}}
+SECONDS |= {"msec": "ms", "milliseconds": "ms", "usec": "us", "microseconds": "us", "nsec": "ns", "nanoseconds": "ns"}
 METRES, RADIANS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}, {"rad": 1.0, "deg": np.pi / 180}
 """Units by the names that they have in headers."""
 
@@ -136,6 +134,7 @@ def seconds(
     steps = np.diff(values)
     for wrong, problem in (
         (np.abs(values) > MAX_STAMP, "stamp beyond 1e11 s, expected seconds or whole nanoseconds"),
+        (np.abs(values) > (LATEST if issues else MAX_STAMP), f"stamp taken for {unit} after 2286, expected seconds"),
         (np.append(False, steps < 0), "stamp before the one above it, expected rising stamps"),
     ):
         if wrong.any():
@@ -203,7 +202,8 @@ def columns_of(comments: Sequence[str], line: str) -> tuple[Columns, bool]:
             return Columns({name: k for k, name in enumerate(EUROC.split())}, unit="ns", names=stated), False
     if len(words) == 8:
         return Columns({name: k for k, name in enumerate(TUM.split())}, names=False), False
-    expected = f"expected {TUM}, or a header that names as many columns"
+    commas = "; decimal commas need semicolons between columns" if re.search(r"\d,\d", line) else ""
+    expected = f"expected {TUM}, or a header that names as many columns{commas}"
     raise ValueError(f"{len(words)} columns without names, {expected}")
 
 

@@ -1,13 +1,10 @@
 """Text files of poses: TUM, EuRoC and other CSV, KITTI.
 
-TUM: the RGB-D benchmark of TU Munich (Sturm et al. 2012). EuRoC: the ground truth of the EuRoC MAV data sets (Burri et
-al. 2016). KITTI: its odometry benchmark (Geiger, Lenz and Urtasun 2012), the upper three rows of a pose's matrix a
-line, the stamps in a file beside. Its poses are of a camera (x right, y down, z ahead), those of others of a robot, and
-nothing in a file says which: as evo does, the axes are taken as they are.
-
-g2o: the type SE2 of g2o (Kuemmerle et al. 2011), a vertex or an edge a line. An information matrix is written by the
-rows of its upper triangle; the error that it weighs is x, y and heading in the frame of the measured pose. g2o has no
-stamps. Here a comment ``# STAMP id seconds`` gives that of a vertex; other programs pass it over.
+TUM: Sturm et al. 2012. EuRoC: Burri et al. 2016. KITTI: Geiger, Lenz and Urtasun 2012, the upper three rows of a pose's
+matrix a line, the stamps in a file beside. Nothing in a file says whether poses are of a camera: as evo does, the axes
+are taken as they are. g2o: its type SE2 (Kuemmerle et al. 2011), an information matrix by the rows of its upper
+triangle; the error that it weighs is x, y and heading in the frame of the measured pose. g2o has no stamps. Here a
+comment ``# STAMP id seconds`` gives that of a vertex; other programs pass it over.
 """
 
 from __future__ import annotations
@@ -46,20 +43,8 @@ EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w []
 MAX_TURN = 6.3
 """Angles beyond this must have a unit."""
 KITTI = "r11 r12 r13 x r21 r22 r23 y r31 r32 r33 z"
-G2O = {"VERTEX_SE2": (1, 3), "EDGE_SE2": (2, 9), "# STAMP": (1, 1)}
-"""How many ids and then numbers follow."""
-LARGEST_ID = 2**63 - 1
-"""Some programs keep a robot's letter in the upper bits of an id: of 64, one for the sign."""
-
-
-def read_tum(path: str | PathLike[str]) -> Trajectory:
-    """Read a TUM trajectory, projected to the plane (x, y and the rotation about z); commas count as blanks."""
-    return _read_poses(Path(path), "a TUM trajectory")
-
-
-def read_euroc(path: str | PathLike[str]) -> Trajectory:
-    """Read a CSV of poses, projected to the plane. Stamps are the float64 next to the whole number of nanoseconds."""
-    return _read_poses(Path(path), "EuRoC lines")
+G2O, LARGEST_ID = {"VERTEX_SE2": (1, 3), "EDGE_SE2": (2, 9), "# STAMP": (1, 1)}, 2**63 - 1
+"""How many ids and then numbers follow; some programs keep a robot's letter in the upper of the 63 bits of an id."""
 
 
 def write_tum(path: str | PathLike[str], trajectory: Trajectory) -> None:
@@ -90,8 +75,14 @@ def _rows(trajectory: Trajectory) -> list[list[float]]:
     return rows
 
 
-def _read_poses(path: Path, what: str) -> Trajectory:
-    """Read a table of poses; ``what`` it should be: ``a TUM trajectory``."""
+def read_tum(path: str | PathLike[str]) -> Trajectory:
+    """Read a table of TUM, EuRoC or named columns, projected to the plane (x, y and the rotation about z).
+
+    Commas of TUM count as blanks. Stamps are the float64 next to a whole number of nanoseconds.
+    """
+    from scipy.spatial.transform import Rotation
+
+    path, what = Path(path), "a trajectory of TUM, EuRoC or named columns"
     columns: Columns | None = None
     comments: list[str] = []
     stamps: list[str] = []
@@ -109,16 +100,19 @@ def _read_poses(path: Path, what: str) -> Trajectory:
             is_tum = not columns.names and columns.unit is None
             separator = separator_of(line)
             separator = None if is_tum and separator == "," else separator  # commas of TUM count as blanks
+            width = len(split(line, separator))
             if is_header:
                 continue
         words = split(line, separator)
-        row = stamp = None
-        if len(words) > max(columns.at.values()) and (not is_tum or len(words) == 8):
-            row = finite_numbers([words[columns.at[name]] for name in names])
-            stamp = _stamp(words, columns)
+        if len(words) < width or any(words[width:]):
+            problem = f"{counted(len(words), 'column')}, expected {width}, as above (decimal commas need semicolons)"
+            raise InputError(problem, file=path, line=number)
+        row, stamp = finite_numbers([words[columns.at[name]] for name in names]), _stamp(words, columns)
         if row is None or stamp is None:
-            numbers = "finite numbers, stamps in whole nanoseconds" if columns.unit == "ns" else "finite numbers"
-            raise InputError(f"expected {numbers}: {', '.join(columns.at)}", file=path, line=number)
+            name = next((name for name in names if stamp and finite_numbers([words[columns.at[name]]]) is None), "t")
+            numbers = "whole nanoseconds" if name == "t" and columns.unit == "ns" else "a finite number"
+            problem = f"{words[columns.at[name]][:40]!r}, expected {numbers}"
+            raise InputError(problem, file=path, line=number, field=name)
         stamps.append(stamp)
         rows.extend(row)
         lines.append(number)
@@ -127,24 +121,24 @@ def _read_poses(path: Path, what: str) -> Trajectory:
     times, issues = seconds(stamps, path, lines, columns.unit)
     values = np.array(rows).reshape(len(lines), -1).T
     table = {name: some * columns.scale.get(name, 1.0) for name, some in zip(names, values, strict=True)}
-    z, roll, pitch, yaw = (table.get(name, np.zeros(len(lines))) for name in ("z", "roll", "pitch", "yaw"))
-    positions, quaternions = np.column_stack((table["x"], table["y"], z)), None
+    quaternions, else_turned = None, dict[str, Array]()
     if "qw" in table:
         quaternions = np.column_stack([table[name] for name in ("qx", "qy", "qz", "qw")])
-        # those that turn about x alone are of a robot whose w stands first
-        about_x = (np.abs(quaternions[:, 1:3]) < 1e-6).all() and np.ptp(np.abs(quaternions[:, 0])) > 0.05
-        if not columns.names and (not is_tum or about_x):
-            order = " ".join(name for name in names if name[0] == "q")
-            text = f"{path}: no names of columns: its orientations are taken for {order}; a header would say so"
-            issues += (Issue("orientation-order", text, len(lines)),)
+        if not columns.names:
+            read, other = ("qx qy qz qw", "qw qx qy qz")[:: 1 if is_tum else -1]
+            else_turned[f"{other} (a header would say so)"] = np.roll(quaternions, -1 if is_tum else 1, axis=1)
+            if not is_tum:
+                text = f"{path}: no names of columns: its orientations are taken for {read}; a header would say so"
+                issues += (Issue("orientation-order", text, len(lines)),)
     elif "yaw" in table:
-        if "yaw" not in columns.scale and np.abs(yaw).max() > MAX_TURN:
+        if "yaw" not in columns.scale and np.abs(table["yaw"]).max() > MAX_TURN:
             raise InputError("angles beyond 6.3, expected a unit in the header: yaw [rad] or yaw [deg]", file=path)
         # about the fixed axes x, y, z, in this order (ROS REP 103)
-        (a, b, c), (i, j, k) = np.cos([roll / 2, pitch / 2, yaw / 2]), np.sin([roll / 2, pitch / 2, yaw / 2])
-        turns = (i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k)
-        quaternions = np.column_stack(turns)
-    return trajectory_of(path, times, positions, quaternions, lines=lines, warnings=issues)
+        angles = np.column_stack([table.get(name, np.zeros(len(lines))) for name in ("roll", "pitch", "yaw")])
+        unit, factor = ("degrees", np.pi / 180) if columns.scale.get("yaw", 1.0) == 1.0 else ("radians", 180 / np.pi)
+        quaternions, else_turned[unit] = (Rotation.from_euler("xyz", by * angles).as_quat() for by in (1, factor))
+    positions = np.column_stack((table["x"], table["y"], table.get("z", np.zeros(len(lines)))))
+    return trajectory_of(path, times, positions, quaternions, lines=lines, warnings=issues, else_turned=else_turned)
 
 
 def _stamp(words: Sequence[str], columns: Columns) -> str | None:
@@ -202,14 +196,9 @@ def write_kitti(path: str | PathLike[str], trajectory: Trajectory) -> None:
     rows[:, :2, 3] = trajectory.poses[:, :2]
     cos, sin = np.cos(trajectory.poses[:, 2]), np.sin(trajectory.poses[:, 2])
     rows[:, 0, 0], rows[:, 0, 1], rows[:, 1, 0], rows[:, 1, 1], rows[:, 2, 2] = cos, -sin, sin, cos, 1.0
-    words = (map(_shortest, row) for row in (rows.reshape(-1, 12) + 0.0).tolist())  # + 0.0: no -0
     write_atomically(times_file(Path(path)), "".join(f"{stamp!r}\n" for stamp in trajectory.stamps.tolist()))
-    write_atomically(path, "\n".join(map(" ".join, words)) + "\n")
-
-
-def _shortest(number: float) -> str:
-    """The fewest digits that read back the same."""
-    return str(int(number)) if number in (0.0, 1.0) else repr(number)
+    words = (" ".join(map(repr, row)) for row in (rows.reshape(-1, 12) + 0.0).tolist())  # + 0.0: no -0
+    write_atomically(path, "\n".join(words) + "\n")
 
 
 def read_g2o(path: str | PathLike[str]) -> PoseGraph:

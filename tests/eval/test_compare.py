@@ -70,6 +70,19 @@ def test_result_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert "no run in common" in refused(capsys, "compare", *both)
 
 
+@pytest.mark.parametrize(("scans", "told"), [((100, 100), False), ((100, 60), True), ((100, None), False)])
+def test_two_recordings_of_one_name_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], scans: tuple[int | None, ...], told: bool
+) -> None:
+    for name, count in zip("ab", scans, strict=True):
+        (tmp_path / name).mkdir()
+        figures = {"metrics": {"final.ate": {"value": 0.1, "unit": "m"}}, "scans": count}
+        (tmp_path / name / "metrics.json").write_text(json.dumps(figures))
+        (tmp_path / name / "run.json").write_text(json.dumps({"recording": "drive-20"}))
+    assert main.run(["compare", str(tmp_path / "a"), str(tmp_path / "b")]) == 0
+    assert ("another recording of that name" in capsys.readouterr().err) == told
+
+
 def test_where_two_sweeps_differ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = recorded(tmp_path / "other.sweep", OTHER, lambda _: {"final.ate": (1.0, "m")})
     first, second, table = swept(tmp_path, "a"), swept(tmp_path / "b", "a", failed=(4,)), tmp_path / "a.csv"

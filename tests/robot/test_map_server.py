@@ -1,5 +1,6 @@
 """map_server's files: what is written reads back, greys have map_server's meaning, and nonsense is refused."""
 
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,7 @@ def test_a_picture_lies_the_right_way_up_with_its_colours(tmp_path: Path) -> Non
         ({"mode": "raw"}, [-1, -1, -1, -1, 1, 1, 1, 0]),
     ],
 )
+@pytest.mark.filterwarnings("ignore:.*the mode raw")
 def test_what_the_greys_mean(tmp_path: Path, changes: dict[str, Any], values: list[int]) -> None:
     found = read_map(written(tmp_path, **changes))
     assert found.values.tolist() == [values]
@@ -67,6 +69,8 @@ REFUSED = [
     {"resolution": True},
     {"origin": [0, 0, float("nan")]},
     {"origin": [0, 0]},
+    {"origin": [0, 0, 90]},
+    {"resolution": 5},
     {"image": "nothing.pgm"},
     {"image": "bad\0name"},
     {"image": 7},
@@ -172,7 +176,9 @@ def map_of(folder: Path, greys: list[int], picture: str = "m.png", **changes: An
         ([0, 205, 254], {"free_thresh": 0.0, "occupied_thresh": 1.0, "negate": 1}, "count as unknown"),
         ([205, 254], {"occupied_thresh": 1.0}, ""),  # a map of nothing but free space
         ([0, 100, 205, 254], {"free_thresh": 0.25}, ""),  # other greys: a map of somebody else
-        ([0, 205, 254], {"free_thresh": 0.25, "mode": "raw"}, ""),
+        ([0, 205, 254], {"free_thresh": 0.25, "mode": "raw"}, "6 of 9 cells have greys from 101 to 254"),
+        ([0, 206, 205, 254], {}, "grey 206, next to 205, which map_saver writes for unknown, is read as free"),
+        ([0, 128, 254], {}, ""),
         ([0, 254], {"free_thresh": 0.25}, ""),
     ],
 )
@@ -186,6 +192,33 @@ def test_thresholds_that_make_known_what_map_saver_calls_unknown(
         read_occupancy(path)
     assert len(caught) == (2 if words else 0)
     assert all(words in str(one.message) and issubclass(one.category, MoteslamWarning) for one in caught)
+
+
+PIXELS = {
+    "transparent black": (
+        [(0, 0, 0, 0), (255, 255, 255, 255)],
+        np.uint8,
+        "3 of 6 cells are transparent, most .* occupied",
+    ),
+    "transparent white": ([(255, 255, 255, 0), (255, 255, 255, 255)], np.uint8, ""),
+    "light green": ([(144, 238, 144), (0, 0, 0)], np.uint8, "3 of 6 cells are coloured, most are read as unknown"),
+    "red": ([(0, 0, 255), (255, 255, 255)], np.uint8, "3 of 6 cells are coloured, most are read as occupied"),
+    "grey in three channels": ([(0, 0, 0), (254, 254, 254)], np.uint8, ""),
+    "8 of 16 bits": ([0, 254], np.uint16, "none is brighter than 254 of 65535: all count as black"),
+    "16 bits": ([0, 65278], np.uint16, ""),
+}
+
+
+@pytest.mark.parametrize("name", PIXELS)
+def test_pixels_that_are_hardly_meant_as_they_are_read(tmp_path: Path, name: str) -> None:
+    colours, kind, words = PIXELS[name]
+    path = written(tmp_path)
+    assert cv2.imwrite(str(tmp_path / "m.png"), np.repeat(np.array([colours], kind), 3, axis=1))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read_map(path)
+    assert len(caught) == (1 if words else 0)
+    assert all(re.search(words, str(one.message)) for one in caught)
 
 
 @pytest.mark.parametrize("name", ["/home/somebody/maps/m.png", "C:\\maps\\m.png", "/m.png"])

@@ -17,7 +17,7 @@ from moteslam.errors import InputError, MoteslamError, OutputError
 from moteslam.robot.formats.map_server import read_map, read_occupancy, write_map
 from moteslam.robot.raster import Raster
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*(which map_saver writes for|count as) unknown")
+pytestmark = pytest.mark.filterwarnings("ignore::moteslam.errors.MoteslamWarning")
 
 SIZES = st.tuples(st.integers(1, 5), st.integers(1, 5))
 THRESHOLDS = st.sampled_from((0.0, 0.1, 0.196, 50 / 255, 0.2, 0.25, 0.5, 0.65, 0.8, 1.0))

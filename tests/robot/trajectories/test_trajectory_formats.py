@@ -11,7 +11,7 @@ from trajectory_cases import made, trajectories
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.trajectories import read_trajectory, write_trajectory
-from moteslam.robot.trajectories.text import read_euroc, read_kitti, read_tum, write_euroc
+from moteslam.robot.trajectories.text import read_kitti, read_tum, write_euroc
 from moteslam.robot.trajectory import Trajectory
 
 
@@ -140,7 +140,7 @@ def test_a_tilted_pose_is_projected_and_equal_stamps_are_kept(tmp_path: Path) ->
 def test_a_line_of_the_data_set_is_read(tmp_path: Path) -> None:
     header = "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []\n"
     (tmp_path / "data.csv").write_text(header + EUROC.replace(",", ", "))
-    found = read_euroc(tmp_path / "data.csv")
+    found = read_tum(tmp_path / "data.csv")
     assert found.stamps.tolist() == [1403636580.838555648]
     np.testing.assert_allclose(found.poses, [[4.5, -1.5, 2 * np.arctan2(0.8, 0.6)]])
 

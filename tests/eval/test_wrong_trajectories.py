@@ -1,0 +1,219 @@
+"""Trajectories that are not what they seem: each is told with what it means, or refused; sound ones are silent."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from moteslam.eval.cli import main
+from moteslam.robot.trajectories import read_trajectory
+
+T0 = 1300000000.0
+Table = np.ndarray  # [n, 8] t x y z qx qy qz qw
+
+
+def drive(period: float, noise: float = 0.0, *, length: float = 120.0) -> Table:
+    """A robot that winds its way at 0.3 m/s, stands for a while and goes on."""
+    t = np.arange(0.0, length, period)
+    moved = 0.3 * (t - np.clip(t - 30, 0, 10))
+    fine = np.linspace(0, moved[-1], 20000)
+    heading = 1.1 * np.sin(0.4 * fine) + 0.17 * fine
+    path = np.cumsum(np.column_stack((np.cos(heading), np.sin(heading))) * (fine[1] - fine[0]), axis=0)
+    x, y, h = (np.interp(moved, fine, column) for column in (*path.T, heading))
+    rng, table = np.random.default_rng(0), np.zeros((len(t), 8))
+    table[:, :3] = np.column_stack((T0 + t, x + noise * rng.normal(size=len(t)), y + noise * rng.normal(size=len(t))))
+    table[:, 6:] = np.column_stack((np.sin(h / 2), np.cos(h / 2)))
+    return table
+
+
+def write(path: Path, table: Table, stamps: str = "%.9f", header: str = "", separator: str = " ") -> str:
+    lines = [separator.join((stamps % row[0], *(f"{value:.9f}" for value in row[1:]))) for row in table]
+    path.write_text("\n".join(([header] if header else []) + lines) + "\n")
+    return str(path)
+
+
+def codes(capsys: pytest.CaptureFixture[str], estimate: str, reference: str) -> list[str]:
+    assert main.run(["evaluate", estimate, reference, "--json"]) == 0
+    return [issue["code"] for issue in json.loads(capsys.readouterr().out)["warnings"]]
+
+
+def changed(change: Callable[[Table], object]) -> Callable[[Table], Table]:
+    def made(table: Table) -> Table:
+        table = table.copy()
+        found = change(table)
+        return found if isinstance(found, np.ndarray) else table
+
+    return made
+
+
+def put(rows: slice, columns: slice | int, value: object) -> Callable[[Table], Table]:
+    return changed(lambda table: table.__setitem__((rows, columns), value))
+
+
+def scaled(column: slice | int, factor: float) -> Callable[[Table], Table]:
+    return changed(lambda table: table.__setitem__((slice(None), column), table[:, column] * factor))
+
+
+def held(count: int) -> Callable[[Table], Table]:
+    return changed(lambda t: t.__setitem__((slice(None), slice(1, 8)), t[np.arange(len(t)) // count * count, 1:]))
+
+
+def rounded(step: float) -> Callable[[Table], Table]:
+    return changed(lambda table: table.__setitem__((slice(None), 0), np.floor(table[:, 0] / step) * step))
+
+
+def clocked(rate: float, offset: float = 0.0) -> Callable[[Table], Table]:
+    return changed(lambda t: t.__setitem__((slice(None), 0), T0 + rate * (t[:, 0] - T0) + offset))
+
+
+def frozen(table: Table) -> Table:
+    return put(slice(5000, 5500), slice(1, 8), table[5000, 1:])(table)
+
+
+def same(table: Table) -> Table:
+    return table
+
+
+def twice(table: Table) -> Table:
+    return np.repeat(table, 2, axis=0)
+
+
+def wxyz(table: Table) -> Table:
+    return table[:, [0, 1, 2, 3, 7, 4, 5, 6]]
+
+
+def started(table: Table) -> Table:
+    return table - np.concatenate(([0.0], table[0, 1:4], np.zeros(4)))
+
+
+def between(begin: float, end: float) -> Callable[[Table], Table]:
+    return changed(lambda table: table[(table[:, 0] >= T0 + begin) & (table[:, 0] < T0 + end)])
+
+
+@pytest.mark.parametrize(
+    ("estimate", "reference", "expected"),
+    [
+        (same, same, []),
+        (twice, twice, []),
+        (same, changed(lambda t: t[::200]), []),
+        (scaled(2, -1.0), scaled(2, -1.0), ["orientation-order"] * 2),  # mirrored alike, but for the headings
+        (rounded(16), same, ["equal-stamps", "few-matched"]),
+        (same, rounded(1.0), ["equal-stamps"]),
+        (rounded(1.0), same, ["equal-stamps"]),
+        (same, put(slice(3000, 3500), slice(1, 4), 0.0), ["poses-held"]),
+        (same, put(slice(3000, 3001), slice(1, 4), 0.0), ["poses-held"]),
+        (same, frozen, ["poses-held"]),
+        (held(2), same, ["poses-held"]),
+        (same, held(200), ["poses-held"]),
+        (wxyz, same, ["orientation-order", "body-axes"]),
+        (wxyz, wxyz, ["orientation-order", "orientation-order", "in-space"]),
+        (scaled(6, -1.0), same, ["orientation-order", "body-axes"]),
+        (same, scaled(slice(1, 4), 1000.0), ["implausible-speed", "sizes-differ"]),
+        (scaled(slice(1, 4), 1000.0), scaled(slice(1, 4), 1000.0), ["implausible-speed"] * 2),
+        (scaled(slice(1, 4), 1 / 0.3048), same, ["sizes-differ"]),
+        (scaled(slice(1, 4), 0.95), same, ["sizes-differ"]),
+        (clocked(1.01), same, ["clocks-differ"]),
+        (clocked(0.998), same, ["clocks-differ"]),
+        (clocked(1.0, 18.0), same, ["clocks-differ"]),
+        (same, between(40, 48), ["few-matched"]),
+        (between(40, 48), same, ["few-matched"]),
+        (between(0, 50), same, ["few-matched"]),
+        (between(40, 40.4), same, ["few-matched", "no-relative-error"]),
+    ],
+)
+def test_what_evaluate_says(tmp_path: Path, capsys, estimate, reference, expected: list[str]) -> None:
+    files = (
+        write(tmp_path / "est.tum", estimate(drive(0.2, 0.005))),
+        write(tmp_path / "ref.tum", reference(drive(0.01))),
+    )
+    assert codes(capsys, *files) == expected
+
+
+@pytest.mark.parametrize("change", [same, started, changed(lambda t: t[::7])])
+def test_a_reference_that_is_the_estimate_is_told(tmp_path: Path, capsys, change) -> None:
+    truth = drive(0.01)
+    files = write(tmp_path / "est.tum", change(truth)), write(tmp_path / "ref.tum", truth)
+    assert codes(capsys, *files) == ["same-path"]
+
+
+@pytest.mark.parametrize("rate", [1.01, 0.998])
+@pytest.mark.parametrize("whose", ["estimate", "reference"])
+def test_a_clock_that_runs_fast_or_slow_is_measured(tmp_path: Path, capsys, rate: float, whose: str) -> None:
+    changes = (clocked(rate), same) if whose == "estimate" else (same, clocked(rate))
+    tables = (drive(0.2, 0.005), drive(0.01))
+    files = [
+        write(tmp_path / f"{k}.tum", how(table)) for k, (how, table) in enumerate(zip(changes, tables, strict=True))
+    ]
+    assert main.run(["evaluate", *files]) == 0
+    fast = (rate > 1) == (whose == "estimate")
+    assert f"its clock runs {100 * abs(rate - 1):.1f}" in capsys.readouterr().err.replace("0.99 %", "1.00 %")
+    assert main.run(["evaluate", *files]) == 0
+    assert ("% fast" if fast else "% slow") in capsys.readouterr().err
+
+
+def test_stamps_in_few_digits_are_named_where_nothing_matches(tmp_path: Path, capsys) -> None:
+    """The file whose stamps were rounded, not the other one."""
+    files = write(tmp_path / "est.tum", drive(0.2, 0.005)[1:]), write(tmp_path / "ref.tum", drive(0.01), "%e")
+    assert main.run(["evaluate", *files]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert f"; {files[1]}: " in said
+    assert "of 12000 poses have the stamp of the one before" in said
+    assert main.run(["convert", files[1], str(tmp_path / "out.tum")]) == 0
+    assert "of 12000 poses have the stamp of the one before" in capsys.readouterr().err
+
+
+def angles(table: Table, factor: float) -> Table:
+    return np.column_stack((table[:, :3], factor * 2 * np.arctan2(table[:, 6], table[:, 7])))
+
+
+@pytest.mark.parametrize(
+    ("header", "factor", "expected"),
+    [
+        ("t,x,y,yaw", 1.0, []),
+        ("t,x,y,yaw [deg]", 180 / np.pi, []),
+        ("t,x,y,yaw [rad]", 180 / np.pi, ["orientation-order"]),
+        ("t,x,y,yaw [deg]", 1.0, ["orientation-order"]),
+        ("t,x,y,yaw", -1.0, ["orientation-order"]),
+    ],
+)
+def test_headings_that_do_not_follow_the_path(tmp_path: Path, header: str, factor: float, expected: list[str]) -> None:
+    path = write(tmp_path / "t.csv", angles(drive(0.2), factor), header=header, separator=",")
+    assert [issue.code for issue in read_trajectory(path).warnings] == expected
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2, 3, 7, 4, 5, 6], [0, 1, 2, 3, 4, 5, 6, 7]])
+def test_euroc_without_names_says_which_order_follows_the_path(tmp_path: Path, order: list[int]) -> None:
+    table = np.column_stack((drive(0.2)[:, order], np.zeros((600, 9))))
+    path = write(tmp_path / "data.csv", table, separator=",")
+    text = Path(path).read_text().splitlines()
+    Path(path).write_text("\n".join(line.replace(".", "", 1) for line in text) + "\n")  # nanoseconds
+    messages = [issue.message for issue in read_trajectory(path).warnings]
+    assert "taken for qw qx qy qz" in messages[0]
+    assert [("path as qx qy qz qw" in message) for message in messages[1:]] == ([] if order[4] == 7 else [True])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "time,x,y,yaw\n2011-03-13T07:06:40.1,0,0,0\n",
+            "t.csv:2: t: '2011-03-13T07:06:40.1', expected a finite number",
+        ),
+        ("time,x,y,yaw\n20260101120000,0,0,0\n20260101120001,1,0,0\n", "t.csv:2: stamp taken for ms after 2286"),
+        ("t,x,y,yaw\n0,0,5,0,25,0,1\n", "t.csv:2: 7 columns, expected 4"),
+        ("t x y yaw\n0,0 0,5 0,25 0,1\n", "t.csv:2: 8 columns, expected 4"),
+        ("1,5 0,1 0,2 0,0 0,0 0,0 0,0 1,0\n", "decimal commas need semicolons"),
+        ("t [s] x y yaw std bias\n0 1 2 0 0 0\n", "t.csv:2: 6 columns, expected 7"),
+        ("t,x,y,yaw\n0,0,nan,0\n", "t.csv:2: y: 'nan', expected a finite number"),
+    ],
+)
+def test_what_is_no_table_is_refused_by_its_column(tmp_path: Path, capsys, text: str, said: str) -> None:
+    (tmp_path / "t.csv").write_text(text)
+    assert main.run(["convert", str(tmp_path / "t.csv"), str(tmp_path / "out.tum")]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out.tum").exists()
