@@ -207,15 +207,15 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     Without a side to mend, only that is corrected of which it is known which side is wrong.
     """
     from moteslam.robot.values import Issue
-    from moteslam.slam.calibration.calibrate import PAIRS, calibrate
-    from moteslam.slam.calibration.findings import findings
+    from moteslam.slam.calibration.calibrate import PAIRS
+    from moteslam.slam.calibration.findings import checked
     from moteslam.slam.calibration.mended import calibrated, corrected
 
-    found = calibrate(recording, pairs=PAIRS if side is not None else FEW_PAIRS)
-    if found is None:
+    found, about = checked(recording, PAIRS if side is not None else FEW_PAIRS)
+    if found is None or about is None:
         text = "calibration: too few scans that fit each other, or no odometry that turns as they do: nothing is mended"
-        return recording, () if side is None else (Issue("not-calibrated", text),)
-    about = findings(found, recording)
+        unfit = () if about is None else about.moves
+        return recording, unfit if side is None else (*unfit, Issue("not-calibrated", text))
     if side is None:
         ends = dict.fromkeys(about.decided, "corrected")
         moves = tuple(Issue(one.code, f"{one.message}; {ends.get(one.code, 'see --calibrate')}") for one in about.moves)

@@ -28,9 +28,12 @@ MAX_JUMP = 86400.0
 MAX_SPAN = 10 * 365.25 * 86400.0
 """No recording is longer [s]: ten years."""
 SET_BACK = 2.0
-"""Readings of a log that are late by less [s] are those of a busy logger, whose processes are up to 1 s apart."""
+"""Readings that are late by less [s] are those of a busy logger, whose processes are up to 1 s apart."""
 FOLLOWING, FEWEST = 10, 3
 """Readings that all stay behind after a clock was set back; near the end of the recording the second."""
+OF_TWICE, MOST_TWICE = 0.4, 4000
+"""Time that is passed twice is so in steps of less than this share of it, both times, and in fewer of them than this
+(`SET_BACK` at 1000 Hz, twice). As many places are looked at: stamps that go back more often are of no clock."""
 AGAIN = 0.75
 """Scans that equal the one before within this share of the time between new ones, ten of them, are given again."""
 MAX_DROPPED = 3
@@ -45,6 +48,10 @@ MAX_PLACE = 1e7
 SLACK = 1.0
 """Travel [m] that a reading may give beyond that, for stamps jitter: a late one leaves the next no time."""
 
+CLIPPED, SAME = (0.03, 0.95), 1e-4
+"""Where so many of all endpoints, and some of most scans, are the longest range, to the second [m], it is no return."""
+SAMPLE = 64
+"""Scans that limits are looked for in."""
 SICK_REACH, SICK_CODES = 80.0, 82.0
 """A SICK LMS reaches the first [m]; its codes for no return and errors, 81.83, 81.91 and the like, end below the
 second."""
@@ -76,6 +83,22 @@ class Fan(NamedTuple):
             raise InputError(problem, file=file, field="platform.lidar.range_min")
         return fan
 
+    def below(self, ranges: NDArray[np.float32], issues: list[Issue], head: str) -> Fan:
+        """The same, with the range as its limit that the longest of some scans [n, beams] [m] are clipped at; told.
+
+        A driver that clips ranges says so what did not come back, or is farther away; no walls give so many alike.
+        """
+        ends = (ranges >= np.float32(self.range_min)) & (ranges < np.float32(self.range_max)) & (ranges > 0)
+        at = ends & (ranges > ranges.max(initial=0.0, where=ends) - SAME)
+        share = at.sum() / max(ends.sum(), 1)
+        stood = len(ranges) < SAMPLE / 2 or (at == at[:1]).all()
+        if stood or not CLIPPED[0] < share < CLIPPED[1] or at.any(axis=1).mean() <= 0.5:
+            return self
+        limit = float(ranges.min(initial=np.inf, where=at))
+        text = f"{100 * share:.0f} % of the endpoints are {limit:g} m away, the longest range: taken for "
+        issues.append(Issue("range-max", f"{head}: {text}no return, as if range_max were {limit:g} m"))
+        return self._replace(range_max=limit)
+
     @property
     def angles(self) -> NDArray[np.float64]:
         """Of the beams [beams] [rad]."""
@@ -92,26 +115,41 @@ class Fan(NamedTuple):
         return self._replace(angle_min=last, angle_increment=step, time_increment=time)
 
 
-def clock_cuts(stamps: Stamps, back: float) -> list[int]:
-    """The readings before which a clock was set back by more than ``back`` [s] or, on and on, ahead by more than a day.
+def clock_cuts(stamps: Stamps) -> list[int]:
+    """The readings before which a clock was set back or, on and on, ahead by more than a day.
 
-    So it is in a log of two runs, of a simulator that was reset, or of a recording that was played in a loop. A few
-    messages that come late, after which the stamps return to where they were, are no such thing.
+    So it is in a log of two runs, of a simulator that was reset, or of a recording that was played in a loop: those
+    that follow stay behind by more than `SET_BACK`, or the time that the clock went back by is passed twice, step by
+    step. A late message is neither: it fills a hole, and the stamp after it leaps to where they were.
     """
     found, start, last = list[int](), 0, len(stamps) - FEWEST
     if last <= 0:
         return found
     highest = _window(stamps, -np.inf).max(axis=1)
     lowest = _window(stamps, np.inf).min(axis=1)
+    twice = _passed_twice(stamps)
     while start < last and len(found) < 1000:
         peak = np.maximum.accumulate(stamps[start:last])
         after = slice(start + 1, last + 1)
-        is_back = (stamps[after] < peak - back) & (highest[after] < peak)
-        at = np.flatnonzero(is_back | (lowest[after] - peak > MAX_JUMP))
+        is_back = (stamps[after] < peak - SET_BACK) & (highest[after] < peak)
+        at = np.flatnonzero(is_back | twice[after] | (lowest[after] - peak > MAX_JUMP))
         if not len(at):
             break
         start += 1 + int(at[0])
         found.append(start)
+    return found
+
+
+def _passed_twice(stamps: Stamps) -> NDArray[np.bool_]:
+    """Before which readings [n] the time goes back over what it passes in small steps both before and after."""
+    peak, found = np.maximum.accumulate(stamps), np.zeros(len(stamps), np.bool_)
+    at = np.flatnonzero(np.diff(stamps) < 0) + 1
+    begin, end = (np.searchsorted(peak, edge, side="right") for edge in (stamps[at], peak[at - 1]))
+    some = (at - begin >= FEWEST) & (end - at >= FEWEST) & (end - begin < MOST_TWICE)
+    for here, first, last in np.column_stack((at, begin, end))[some][:MOST_TWICE].tolist():
+        passes = stamps[max(first - 1, 0) : here], stamps[here : last + 1]
+        most = OF_TWICE * (peak[here - 1] - stamps[here])
+        found[here] = all(np.abs(np.diff(one)).max() < most < np.ptp(one) for one in passes)
     return found
 
 
@@ -144,10 +182,10 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
         issues.append(Issue("unset-stamps", text, count))
         kept = np.flatnonzero(~unset)
     used = stamps[kept]
-    if cuts := [at for at in clock_cuts(used, SET_BACK) if used[at] < used[at - 1]]:
+    if cuts := [at for at in clock_cuts(used) if used[at] < used[at - 1]]:
         back = f"{used[: cuts[0]].max() - used[cuts[0]]:.6g} s at reading {kept[cuts[0]]}"
-        several = "several recordings in one, expected one; cut the file there"
-        refuse(f"the clock goes back by {back} and goes on from there: {several}")
+        cause = "it was set, or is full and begins again, or these are several recordings: cut the file there"
+        refuse(f"the clock goes back by {back} and goes on from there, expected one that rises: {cause}")
     order = kept[np.argsort(used, kind="stable")]
     rising = stamps[order]
     steps = np.diff(rising)
@@ -194,6 +232,11 @@ def sort_by_stamp(
 def plausible_rates(angular_velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Which readings [n] of a gyro [n, 3] [rad/s] can be a robot's: at most 100 rad/s about any axis."""
     return np.asarray((np.abs(angular_velocity) <= MAX_RATE).all(axis=1))
+
+
+def sampled(scans: int) -> NDArray[np.intp]:
+    """Some of as many scans, all over them."""
+    return np.unique(np.linspace(0, scans - 1, min(SAMPLE, scans)).astype(np.intp))
 
 
 def clean_ranges(ranges: NDArray[np.float32], fan: Fan, issues: list[Issue], head: str) -> NDArray[np.float32]:
@@ -266,6 +309,7 @@ class Sensors:
         new = ~given_again(file, field, stamps, same, self.issues)
         stamps, order = stamps[new], order[new]
         sequence = None if odometry is None else _sequence(file, field, odometry, order, self.issues)
+        fan = fan.below(ranges[sampled(len(ranges))], self.issues, f"{file.name}: {field}")
         clean = clean_ranges(ranges[order], fan, self.issues, f"{file.name}: {field}")
         poses = None if odometry is None else odometry[order]
         step = self.robot.lidar.time_increment / interlace

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot.recording import Recording
 from moteslam.slam.calibration.calibrate import Calibration, in_form, with_stamps
-from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar_of, mount_of
+from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar_of, mount_of, stamped_at_end
 from moteslam.slam.calibration.hand_eye import CLOCKS, Parameter
 from moteslam.slam.inputs.odometry_path import OdometryPath
 
@@ -47,8 +47,8 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
     certain = {figure.name.split(" ")[0] for figure in figures_of(c, recording) if figure.certain}
     if side is None:
         certain &= {"offset", "drift"}
-    x, y, yaw = mount_of(c, recording, certain)
     scale = float(c.fit.values[Parameter.LENGTHS]) if "lengths" in certain else 1.0
+    x, y, yaw = mount_of(c, recording, certain, scale if side == "lidar" else 1.0)
     offset, drift = c.fit.values[CLOCKS] if not c.shared_clock else (0.0, 0.0)
     mended = recording.replace(
         platform=recording.platform.model_copy(
@@ -64,7 +64,7 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
         mended = _mirror_image(mended, gyro=mirror == "gyro" or not c.wrong, poses=mirror == "odometry")
     if c.late == "gyro":
         mended, offset, drift = with_stamps(mended, ("imu",), lambda stamps: stamps - offset), 0.0, 0.0
-    if side == "lidar":
+    if side == "lidar" or (side is None and stamped_at_end(calibration, recording)):
         return _other_lidar(mended, scale, offset, drift, c.fit.middle)
     return _other_odometry(mended, scale, offset, drift, c.fit.middle)
 

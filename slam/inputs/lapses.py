@@ -56,7 +56,7 @@ CAUGHT_UP = 2.0
 class Lapse(NamedTuple):
     """One of them, from a reading of the odometry to another [s]; ``named`` if it is worth a warning."""
 
-    kind: Literal["gap", "stale", "jump"]
+    kind: Literal["gap", "held", "stale", "jump"]  # held: a gap after which a scan has the pose from before it
     begin: float
     end: float
     named: bool = True
@@ -106,6 +106,12 @@ class Lapses:
         issues = []
         for kind, code, text in (
             ("gap", "gap", "nothing was recorded while the robot drove on: where it is then the scans must say"),
+            (
+                "held",
+                "gap",
+                "nothing was recorded while the robot drove on, and the next scan carries an odometry pose from "
+                "before: where the robot is then the scans must say",
+            ),
             ("stale", "stale-odometry", "the odometry stood still while the robot drove: the scans alone there"),
         ):
             spans = [(s.begin, s.end) for s in self.seen if s.kind == kind and s.named and s.begin < stamps[-1]]
@@ -164,7 +170,12 @@ def lapses(
         longest = int(over[np.argmax(np.diff(stamps)[over - 1])])
         travelled = steps.travelled(k)
         if lost or travelled > CAUGHT_UP * steps.usual(k):
-            seen.append(Lapse("gap", begin, end))
+            poses = lidar.odometry
+            is_held = poses is not None and (
+                np.array_equal(poses[longest], poses[longest - 1])
+                or not np.array_equal(poses[longest], odometry[longest])  # that of a reading before the gap
+            )
+            seen.append(Lapse("held" if is_held else "gap", begin, end))
         jumped[over] = False
         if lost:
             motions[longest], left[longest] = steps.extrapolated(k)

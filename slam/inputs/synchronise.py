@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.recording import LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
+from moteslam.robot.recording import LATEST, STREAMS, LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
 from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.lapses import CLOSED, Lapses, Open, lapses
@@ -23,6 +23,14 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.travelling import travelling
 
 Array = NDArray[np.float64]
+COARSE = 0.5
+"""Where more than this share of the readings have the stamp of the one before, the clock is too coarse for them."""
+UNMAPPED, BESIDE = 1.0, 0.1
+"""A robot that drives farther [m] and longer [s] before its first scan or after its last has a part without a map."""
+ALIKE = 0.1
+"""Jumps whose sizes differ by less than this share are of one cause."""
+SAME = 1e-5
+"""Poses that differ by less are one: logs have six digits."""
 APART = 1.0
 """Scans and odometry whose times are this far apart [s] are of different recordings, or on different clocks."""
 
@@ -105,11 +113,13 @@ def synchronise(
     counted = recording.encoders is not None and len(recording.encoders) > 0 and lidar.odometry is None
     travels = missing = None
     unmeasured = jumped = np.zeros(n, np.bool_)
-    if path is not None and logged is not None:  # lapses are seen by stamps, and these are wrong
+    if path is not None and (logged is not None or is_coarse(lidar.stamps)):  # stamps do not show lapses
         unmeasured = jumped = jumps(lidar.stamps, odometry, config)
     elif path is not None:
         missing = lapses(path, odometry, lidar, recording.platform.lidar, config, counted=counted)
         unmeasured, jumped = missing.unmeasured, missing.jumped
+        if lidar.odometry is None:
+            unmeasured = unmeasured | _without(recording, path)
     if path is not None and config.travelling:
         travels = travelling(lidar, recording.platform.lidar, odometry, unmeasured)
         odometry = odometry if travels is None else travels.odometry
@@ -166,12 +176,24 @@ def in_order(lidar: LidarStream) -> LidarStream:
     )
 
 
+def _without(recording: Recording, path: OdometryPath) -> NDArray[np.bool_]:
+    """Which scans [n] come after the last reading of the odometry or, of wheels, before the first, by a gap.
+
+    Before poses move, the scans say whether the robot stands.
+    """
+    stamps = require_lidar(recording).stamps
+    late = (stamps > path.stamps[-1]) & gaps(np.append(path.stamps, stamps[-1]))[-1]
+    if recording.encoders is None:
+        return np.asarray(late)
+    return np.asarray(late | ((stamps < path.stamps[0]) & gaps(np.append(-path.stamps[LATEST::-1], -stamps[0]))[-1]))
+
+
 def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, name: str) -> Array:
     """The odometry's pose [n, 3] at every scan; the pose logged with a scan where the log has one."""
     if lidar.odometry is not None:
         if lidar.sequence is not None:  # by its stamp a scan may lie in a gap that it was not taken in
             return lidar.odometry
-        stale = _stale(lidar.stamps, path.stamps)
+        stale = _stale(lidar.stamps, lidar.odometry, path)
         return np.where(stale[:, None], path.at(lidar.stamps), lidar.odometry) if stale.any() else lidar.odometry
     if lidar.stamps[-1] < path.stamps[0] - APART or lidar.stamps[0] > path.stamps[-1] + APART:
         raise InputError(
@@ -185,18 +207,15 @@ def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, nam
     return path.poses[nearest_stamp(path.stamps, lidar.stamps)]
 
 
-def _stale(scans: Array, readings: Array) -> NDArray[np.bool_]:
-    """Which scans [n] lie in a gap of the odometry: between readings that are much farther apart than usual.
-
-    The pose logged with such a scan is that of the reading before the gap.
-
-    Args:
-        scans: [n] stamps [s].
-        readings: [m] stamps of the odometry [s].
+def _stale(scans: Array, logged: Array, path: OdometryPath) -> NDArray[np.bool_]:
+    """Which scans [n] lie in a gap of the odometry, between readings that are much farther apart than usual, with the
+    pose [n, 3] of the reading before it.
     """
+    readings = path.stamps
     gap = np.append(gaps(readings), False)  # before each reading, and after the last
     following = np.searchsorted(readings, scans, side="left")
-    return np.asarray(gap[following] & ~np.isin(scans, readings))
+    held = np.abs(logged - path.poses[np.maximum(following - 1, 0)]).max(axis=1) < SAME
+    return np.asarray(gap[following] & held & ~np.isin(scans, readings))
 
 
 def sweep_seconds(recording: Recording, lidar: LidarStream) -> float:
@@ -224,39 +243,66 @@ def _sweeps(recording: Recording, lidar: LidarStream, path: OdometryPath | None,
 
 GYRO_MARGIN = 3.0
 """Encoder readings this far outside the gyro's time count as covered [s]: a real robot's encoders run on for 1.5 s."""
-ENCODER_MARGIN = 0.1
-"""Scans this far outside the encoders' time count as covered [s]."""
 
 
-def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
-    """What SLAM has to do without, or takes as something else."""
+def warnings(recording: Recording, inputs: Inputs, *, read_ranges: bool = True) -> tuple[Issue, ...]:
+    """What SLAM has to do without, or takes as something else; blind scans only where all ranges may be read."""
     lidar, encoders, imu = recording.lidar, recording.encoders, recording.imu
     assert lidar is not None
     n, told = len(lidar), []
-    blind = sum(int((~np.isfinite(scans).any(axis=1)).sum()) for scans in chunks(lidar.ranges))
-    told.append(("blind-scans", blind, f"{blind} of {n} scans without an endpoint: odometry alone there"))
-    if n > 2 and lidar.stamps[0] == lidar.stamps[-1] and lidar.odometry is None:
-        told.append(("equal-stamps", n, f"all {n} scans have the same stamp: there is no motion between them"))
+    parts = chunks(lidar.ranges) if read_ranges else ()
+    blind = sum(int((~np.isfinite(scans).any(axis=1)).sum()) for scans in parts)
+    text = f"{blind} of {n} scans without an endpoint: odometry alone there"
+    if blind > n / 2:
+        text += f": are its ranges in m, and do its limits of {lidar.range_min:g} and {lidar.range_max:g} m hold?"
+    told.append(("blind-scans", blind, text))
     if encoders is not None and len(encoders):
-        without, first, last = len(encoders), encoders.stamps[0], encoders.stamps[-1]
+        without = len(encoders)
         if imu is not None and len(imu) > 1:
             early, late = imu.stamps[0] - GYRO_MARGIN, imu.stamps[-1] + GYRO_MARGIN
             without = int(((encoders.stamps <= early) | (encoders.stamps >= late)).sum())
         text = f"{without} of {len(encoders)} encoder readings without a gyro: turns from the wheels alone there"
         told.append(("no-gyro", without, text))
-        outside = {
-            "before the first": int((lidar.stamps < first - ENCODER_MARGIN).sum()),
-            "after the last": int((lidar.stamps > last + ENCODER_MARGIN).sum()),
-        }
-        for where, count in outside.items() if lidar.odometry is None else ():
-            told.append(("no-encoders", count, f"{count} scans {where} encoder reading: taken to stand still"))
     if inputs.path is None:
         text = f"no odometry: constant velocity over {n} scans; dead reckoning stands still"
         told.append(("no-odometry", n, text))
-    elif not inputs.moves:
+    elif lidar.odometry is None and (count := int(_without(recording, inputs.path).sum())):
+        text = (
+            f"{count} of {n} scans before or after all odometry: constant velocity there, dead reckoning stands still"
+        )
+        told.append(("no-odometry", count, text))
+    if inputs.path is not None and not inputs.moves:
         scans = int((~inputs.measured).sum())
         told.append(("still-odometry", scans, f"odometry that never moves: constant velocity over {scans} scans"))
-    return (*(Issue(code, text, count) for code, count, text in told if count), *inputs.issues)
+    issues = (Issue(code, text, count) for code, count, text in told if count)
+    return (*doubtful_stamps(recording, inputs.path), *issues, *inputs.issues)
+
+
+def is_coarse(stamps: Array) -> bool:
+    """Whether stamps [n] are of a clock too coarse for their readings."""
+    return bool((np.diff(stamps) == 0).sum() > COARSE * len(stamps))
+
+
+def doubtful_stamps(recording: Recording, path: OdometryPath | None) -> list[Issue]:
+    """Clocks that are too coarse for their readings, and ways that are driven without scans, by a path."""
+    issues, scans = list[Issue](), require_lidar(recording).stamps
+    for name, stamps in recording.stamps().items():
+        if name in STREAMS[:4] and is_coarse(stamps):
+            equal = int((np.diff(stamps) == 0).sum())
+            text = f"{name}: {equal} of {len(stamps)} readings share the stamp of the one before: their clock "
+            text += "counts whole seconds" if (stamps == np.rint(stamps)).all() else "is too coarse"
+            issues.append(Issue("equal-stamps", f"{text}, so that speeds and turns by it are wrong", equal))
+    if path is None:
+        return issues
+    stamps, driven = path.stamps[1:], np.hypot(*np.diff(path.poses[:, :2], axis=0).T)
+    for code, seconds, outside, where in (
+        ("begins-late", scans[0] - path.stamps[0], stamps < scans[0], "before the first"),
+        ("ends-early", path.stamps[-1] - scans[-1], stamps > scans[-1], "after the last"),
+    ):
+        if (way := float(driven[outside].sum())) > UNMAPPED and seconds > BESIDE:
+            text = f"lidar: {seconds:.1f} s and {way:.1f} m are driven {where} scan: path and map have nothing of them"
+            issues.append(Issue(code, text))
+    return issues
 
 
 def about_jumps(inputs: Inputs, scans: int) -> tuple[Issue, ...]:
@@ -266,4 +312,7 @@ def about_jumps(inputs: Inputs, scans: int) -> tuple[Issue, ...]:
         return ()
     spans = [(float(inputs.stamps[scan - 1]), float(inputs.stamps[scan])) for scan in at]
     text = f"odometry jumps at {len(at)} of {scans} scans: constant velocity there; {when(spans)}"
+    sizes = np.abs(np.diff(inputs.odometry[:, :2], axis=0))[np.array(at) - 1].max(axis=1)
+    if len(at) > 1 and np.ptp(sizes) < ALIKE * sizes.min():
+        text += f". Each is by {np.median(sizes):.4g} m along x or y, as of a counter that is full and begins again"
     return (Issue("odometry-jumps", text, len(at)),)

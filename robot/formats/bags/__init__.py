@@ -28,7 +28,7 @@ from moteslam.robot.values import Issue, counted
 KINDS: Mapping[str, tuple[str, Callable[[Any], tuple[float, ...]], int]] = {
     scans.LASER_SCAN: ("lidar", scans.figures_of, 7),
     scans.MULTI_ECHO: ("lidar", scans.figures_of, 7),
-    motion.ODOMETRY: ("odometry", motion.POSE, 7),
+    motion.ODOMETRY: ("odometry", motion.pose_of, 8),
     motion.IMU: ("imu", motion.RATES, 6),
     motion.JOINT_STATE: ("encoders", motion.wheel_angles, 4),
     write.COMPRESSED_IMAGE: ("rgbd", lambda _: (), 0),
@@ -131,11 +131,12 @@ class _Reading:
         odometry = [] if is_computed and "odometry" not in self.named else self._of("odometry")
         if not self.named.get("odometry"):
             odometry = choose_odometry(odometry, topic, frame, self.frames)
-        edge = self.frames.odometry_under(frame)
+        edges = self.frames.odometry_under(frame)
         self.odometry = next(iter(odometry), None)
-        self.base = (self.odometry.child if self.odometry else "") or (edge.child if edge else self.frames.base())
+        self.base = (self.odometry.child if self.odometry else "") or (edges[0].child if edges else self.frames.base())
         if self.odometry is None and not is_computed and "odometry" not in self.named:
-            self.odometry = edge
+            self.odometry = next(iter(edges), None)
+            left_aside(bag, "odometry", edges)
         used = [*self.lidars, self.odometry, self.imu, self.encoders, *self.images]
         bag.choose_session([table for table in used if table is not None], session)
 
@@ -258,10 +259,11 @@ def choose_odometry(tables: Sequence[Table], topic: str, frame: str, frames: mot
         apart = table.child in frames and frame in frames and frames.place(frame, table.child) is None
         return apart and not (table.child in motion.BASES and any(frames.place(frame, base) for base in motion.BASES))
 
-    def rank(table: Table) -> tuple[bool, bool, bool, int]:
+    def rank(table: Table) -> tuple[bool, bool, bool, bool, int]:
         is_odom = table.frame.rpartition("/")[2].startswith("odom")
         carries = frames.place(frame, table.child) is not None
-        return carries, beside(table.topic.name, topic), is_odom, len(table)
+        is_uncertain = bool(table.values[:, 7].any())  # what is measured is; a simulator's truth has no covariance
+        return carries, beside(table.topic.name, topic), is_odom, is_uncertain, len(table)
 
     truth = [table for table in tables if is_truth(table)]
     others = [table for table in tables if table not in truth and is_other_robots(table)]
@@ -289,6 +291,10 @@ def left_aside(bag: Bag, what: str, tables: Sequence[Table]) -> None:
     names = [f"{table.topic.name} ({counted(table.count, 'message')})" for table in tables[:9]]
     if len(names) > 1:
         text = f"{bag.path.name}: {what} of {names[0]} used; left aside: {', '.join(names[1:])}"
+        if what == "odometry":
+            text += (
+                ". Is it where a simulator knows the robot to be, SLAM's errors mean nothing: name another by --topics"
+            )
         bag.issues.append(Issue("topics-left", text, len(tables) - 1))
 
 

@@ -34,9 +34,6 @@ from moteslam.robot.values import Issue, counted
 SECOND = 1_000_000_000
 """Nanoseconds."""
 MAX_MESSAGES = 20_000_000  # an hour of twenty streams at 250 Hz
-BACK = 1.0
-"""A stamp further behind the latest before it [s], with all that follow, is of a clock that was set back: what waits
-in a queue is less late, or is followed by others that are not."""
 GAP = 10  # a first stamp of 0 this many times the usual step before the next one is no time
 MAX_RATIO = 1000  # no file of a recording is packed tighter
 MAX_FILES = 10_000
@@ -96,9 +93,12 @@ class Table:
 
     @cached_property
     def stamps(self) -> NDArray[np.int64]:
-        """[n] [ns] of the headers, of reception where these have none."""
-        stamps = self.heads["stamp"]
-        return stamps if stamps.any() else self.heads["received"]
+        """[n] [ns] of the headers, of reception where these have none or, on the same clock, whole seconds alone."""
+        stamps, received = self.heads["stamp"], self.heads["received"]
+        if stamps.any() and ((stamps % SECOND).any() or (np.diff(stamps) != 0).all()):
+            return stamps
+        is_finer = (received % SECOND).any() and (np.abs(received - stamps) < 2 * SECOND).all()
+        return received if is_finer or not stamps.any() else stamps
 
     @cached_property
     def unset(self) -> NDArray[np.bool_]:
@@ -113,7 +113,7 @@ class Table:
     def cuts(self) -> list[int]:
         """The rows before which the clock was set."""
         rows = np.flatnonzero(~self.unset)
-        return [int(rows[cut]) for cut in clock_cuts(seconds(self.stamps[rows]), BACK)]
+        return [int(rows[cut]) for cut in clock_cuts(seconds(self.stamps[rows]))]
 
 
 class Bag:
@@ -216,7 +216,7 @@ class Bag:
             used = int(np.argmax(spans)) if session is None else int(session) - 1
             lengths = ", ".join(f"{index} ({span:.1f} s)" for index, span in enumerate(spans[:8], 1))
             text = f"the clock was set {counted(len(edges), 'time')} in between: the sessions are {lengths}; session "
-            text += f"{used + 1} is read{', the longest' if session is None else ''}"
+            text += f"{used + 1} is read{', the longest of them' if session is None else ''}"
             self.issues.append(Issue("sessions", f"{self.path.name}: {text}", len(edges)))
         for table, rows in zip(tables, parts, strict=True):
             table.rows = rows[used]
@@ -238,9 +238,9 @@ class Bag:
         stamps, marks = table.stamps[rows], table.heads["mark"][rows]
         twice = np.ones(len(rows), np.bool_)
         twice[np.unique(np.column_stack((stamps, marks)), axis=0, return_index=True)[1]] = False
-        is_unstamped = not table.heads["stamp"].any()
+        unstamped = 0 if (table.stamps == table.heads["stamp"]).all() else len(table)
         for code, count, what in (
-            ("no-header-stamps", len(table) * is_unstamped, "without a stamp: the times of reception are taken"),
+            ("no-header-stamps", unstamped, "stamped by none or whole seconds: times of reception are taken"),
             ("broken-messages", bad, "broken: dropped"),
             ("unset-stamps", int(table.unset[table.rows].sum()), "without a stamp (0) dropped"),
             ("doubles", int(twice.sum()), "recorded twice: the second is dropped"),

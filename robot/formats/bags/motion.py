@@ -42,8 +42,12 @@ MIN_TURN, FOLLOWS = math.radians(60), 0.3
 between them, which is 1 for wheels that do not slip) has headings that are none."""
 _SIDES, _REAR = ("right", "left"), ("rear", "back", "hind")
 _LEVEL = 1e-6
-_MOVES = 1e-3
-"""A frame that a later transform puts elsewhere by more than this [m, or of its quaternion] moves."""
+_MOVES, _APART = 1e-3, 0.01
+"""A frame that a later transform puts elsewhere by more than the first [m, or of its quaternion] moves; two ways that
+lead to one by more than the second [m, or of its axes] differ."""
+HOP, HARDEST, MANY_HOPS, SHARE_OF_HOPS = 0.03, 10.0, 10, 0.02
+"""Odometry that goes to and fro by more than this [m], [rad], harder than a robot brakes [m/s^2], [rad/s^2], at so many
+readings and this share of them, is of two that measure apart."""
 _DIGITS = 9
 
 
@@ -53,9 +57,14 @@ def _numbers(*fields: str) -> Callable[[Any], tuple[float, ...]]:
     return attrgetter(*(f"{field}.{axis}" for field, _, axes in parts for axis in axes))
 
 
-POSE = _numbers("pose.pose.position.xyz", "pose.pose.orientation.xyzw")
+_POSE = _numbers("pose.pose.position.xyz", "pose.pose.orientation.xyzw")
 RATES = _numbers("angular_velocity.xyz", "linear_acceleration.xyz")
 _TRANSFORM = _numbers("transform.translation.xyz", "transform.rotation.xyzw")
+
+
+def pose_of(message: Any) -> tuple[float, ...]:
+    """The pose in a message of odometry, and 1 where a covariance is stated, else 0."""
+    return (*_POSE(message), float(np.any(message.pose.covariance)))
 
 
 @dataclass
@@ -138,40 +147,46 @@ class Frames:
                 return found[0] if len(found) == 1 else None
         return None
 
-    def odometry_under(self, frame: str) -> Table | None:
-        """The odometry of transforms whose child carries a frame, else that with most."""
+    def odometry_under(self, frame: str) -> list[Table]:
+        """The odometry of transforms whose child carries a frame, else of all, that with most first."""
         tables = sorted(self.odometry.values(), key=len, reverse=True)
-        carrying = [table for table in tables if self.place(frame, table.child) is not None]
-        return next(iter(carrying or tables), None)
+        return [table for table in tables if self.place(frame, table.child) is not None] or tables
 
-    def place(self, frame: str, base: str | None) -> tuple[NDArray[np.float64], list[_Edge]] | None:
-        """Where a frame stands in another, and the transforms on the way; None where none connect them."""
+    def place(self, frame: str, base: str | None) -> tuple[NDArray[np.float64], list[_Edge], bool] | None:
+        """Where a frame stands in another, the transforms on the way, and whether another way up leads elsewhere; None
+        where none connect them.
+        """
         if base is None:
             return None
-        ours, theirs = self._above(frame), self._above(base)
+        (ours, apart), (theirs, _) = self._above(frame), self._above(base)
         shared = base if base in ours else next((name for name in ours if name in theirs), None)
         if shared is None:
             return None
         (pose, way), (other, rest) = ours[shared], theirs[shared]
-        return np.linalg.inv(other) @ pose, way + rest
+        return np.linalg.inv(other) @ pose, way + rest, shared in apart
 
-    def _above(self, frame: str) -> dict[str, tuple[NDArray[np.float64], list[_Edge]]]:
-        """The frame and all above it, with its pose in each; of two parents both are gone up to."""
+    def _above(self, frame: str) -> tuple[dict[str, tuple[NDArray[np.float64], list[_Edge]]], set[str]]:
+        """The frame and all above it, with its pose in each; of two parents both are gone up to, and those frames are
+        named in which it has two poses.
+        """
         found: dict[str, tuple[NDArray[np.float64], list[_Edge]]] = {frame: (np.eye(4), [])}
-        waiting = [frame]
+        waiting, apart = [frame], set[str]()
         while waiting:
             below = waiting.pop(0)
             parents = [(parent, edge) for (_, parent, child), edge in reversed(self._edges.items()) if child == below]
             for parent, edge in sorted(parents, key=lambda one: (-one[1].static, -one[1].count)):
-                if parent in found or not all(abs(value) <= MAX_PLACE for value in edge.pose):
+                if not all(abs(value) <= MAX_PLACE for value in edge.pose):
                     continue
                 pose, way = found[below]
                 step = np.eye(4)
                 step[:3, :3] = rotations_of(np.array([edge.pose[3:]]))[0]
                 step[:3, 3] = edge.pose[:3]
+                if parent in found:
+                    apart |= {parent} if np.abs(step @ pose - found[parent][0]).max() > _APART else set()
+                    continue
                 found[parent] = (step @ pose, [*way, edge])
                 waiting.append(parent)
-        return found
+        return found, apart
 
     def lidar_mount(self, topic: str, frame: str, base: str | None, *, is_given: bool) -> tuple[Mount, bool]:
         """The mount of the lidar whose scans are in a frame, the robot's centre where no transforms lead there, and
@@ -183,7 +198,7 @@ class Frames:
             if not is_given:
                 self.bag.tell("no-mount", topic, f"{what} stand at the robot's centre")
             return Mount(), False
-        pose, way = placed
+        pose, way, is_apart = placed
         tilt = math.acos(min(1.0, abs(float(pose[2, 2]))))
         if tilt > TILTED and not is_given:
             problem = f"{frame} is tilted by {math.degrees(tilt):.0f} degrees in {base}, expected a level lidar"
@@ -192,6 +207,7 @@ class Frames:
             ("mount-unturned", any(edge.unset for edge in way), "by a quaternion of length 0: taken not to be turned"),
             ("mount-moves", any(edge.moves and not edge.static for edge in way), "changes; the first place is taken"),
             ("mount-corrected", any(edge.moves and edge.static for edge in way), "was given anew; the last is taken"),
+            ("mount-moves", is_apart, f"has two parents that put it apart in {base}; the shorter way is taken"),
             ("lidar-tilted", tilt > LEVEL, f"is tilted by {math.degrees(tilt):.1f} degrees; its scans count as level"),
         ):
             if is_so and not is_given:
@@ -205,11 +221,15 @@ def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
     """The odometry of messages or transforms, projected to the plane; None where it says no headings at all."""
     values, topic = table.values, table.topic
     kept, stamps = bag.used(table, np.asarray((np.abs(values) <= MAX_PLACE).all(axis=1)))
-    places, turns = values[kept, :2], values[kept, 3:]
+    places, turns = values[kept, :2], values[kept, 3:7]
     lengths = np.linalg.norm(turns, axis=1)
     none = lengths == 0
     headings = se2.heading(np.where(none[:, None], (0.0, 0.0, 0.0, 1.0), turns))
-    along = _path_headings(places)
+    poses, along = np.column_stack((places, headings)), _path_headings(places)
+    if (hops := _hops(stamps[~none], poses[~none])) >= max(MANY_HOPS, SHARE_OF_HOPS * len(stamps)):
+        what = f"to and fro {hops} times, as no robot drives: two nodes publish it in turns, or its stamps are out of "
+        bag.tell("odometry-unfit", topic, f"{what}order. SLAM goes without it, unless another is named", hops)
+        return None
     if problem := _no_headings(lengths, headings, along):
         instead = "the direction of the path is taken, which says nothing of turns on the spot"
         if along is None:
@@ -218,7 +238,19 @@ def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
         return None if along is None else OdometryStream(stamps, np.column_stack((places, along)))
     if count := int(none.sum()):
         bag.tell("broken-messages", topic, f"{counted(count, 'pose')} with a quaternion of length 0 dropped", count)
-    return OdometryStream(stamps[~none], np.column_stack((places, headings))[~none])
+    return OdometryStream(stamps[~none], poses[~none])
+
+
+def _hops(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> int:
+    """How often a path [n, 3] leaves a place and is back a reading or two later, faster than a robot can."""
+    if len(poses) < 4:
+        return 0
+    first, second, third = (poses[k:] - poses[:-k] for k in (1, 2, 3))
+    step, *back = (
+        np.hypot(one[:, 0], one[:, 1]) + np.abs(se2.wrap(one[:, 2])) for one in (first[:-2], second[:-1], third)
+    )
+    least = np.maximum(HOP, HARDEST * (stamps[3:] - stamps[:-3]) ** 2 / 16)  # half the time there, half of it braking
+    return int(((step > least) & (np.minimum(*back) < step / 2)).sum())
 
 
 def _no_headings(

@@ -92,6 +92,17 @@ def test_a_clock_that_is_set_back_cuts_the_recording(
     np.testing.assert_allclose(recording.odometry.poses[:, 0], 0.1 * np.arange(scans), atol=1e-12)
 
 
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_a_clock_that_is_set_back_by_less_than_a_second_cuts_all_streams(tmp_path: Path, kind: str) -> None:
+    moves = [odometry(0.02 * i, (0.01 * i, 0.0, 0.0)) for i in range(1000)]
+    events = sorted((*moves, *(scan(0.4 * i, [1.0 + i / 8, 2.0]) for i in range(50))), key=lambda event: event.time)
+    back = [stamped(each, each.time / SECOND - (0.8 if each.time >= START + 8 * SECOND else 0.0)) for each in events]
+    recording = open_recording(make_bag(tmp_path, back, kind, received=[event.time for event in events]))
+    assert codes(recording) == ["sessions", "no-mount"]
+    np.testing.assert_array_equal(recording.lidar.ranges[:, 0], 1 + np.arange(20, 50) / 8)
+    np.testing.assert_allclose(recording.odometry.poses[:, 0], 0.01 * np.arange(400, 1000))
+
+
 def test_a_stream_that_the_session_has_not_is_left_out(tmp_path: Path) -> None:
     events, received = zip(*reset(4.0, 6.0), strict=True)
     early = [imu(0.1 * i, (0.0, 0.0, 0.1)) for i in range(9)]
@@ -123,6 +134,19 @@ def test_stamps_that_jitter_are_sorted(tmp_path: Path) -> None:
     recording = open_recording(make_bag(tmp_path, events))
     assert codes(recording) == ["stamps-go-back", "no-mount"]
     assert len(recording.lidar) == 40
+
+
+@pytest.mark.parametrize(("late", "told"), [(0.01, ["no-header-stamps"]), (3600.0, [])])
+def test_stamps_of_whole_seconds_are_those_of_reception_on_the_same_clock(
+    tmp_path: Path, late: float, told: list[str]
+) -> None:
+    events = [stamped(scan(0.1 * i, [1.0 + i / 50, 2.0], frame="base_link"), 1.6e9 + i // 10) for i in range(40)]
+    moves = [odometry(0.1 * i, (0.1 * i, 0.0, 0.0)) for i in range(40)]
+    received = [START + round((0.1 * i + late) * SECOND) for i in range(40)]
+    recording = open_recording(make_bag(tmp_path, [*events, *moves], received=2 * received))
+    assert codes(recording) == told
+    expected = 0.1 * np.arange(40) + late if told else np.arange(40) // 10
+    np.testing.assert_allclose(recording.lidar.stamps - 1.6e9, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("count", [1, 3, 9])
@@ -214,6 +238,53 @@ def test_the_odometry_is_that_of_the_lidars_robot_and_never_the_truth(
     assert len(recording.odometry) == 20
     named = open_recording(path, topics={"odometry": (topic,)})
     assert (named.odometry.poses[:, 0] == 9.0).all()
+
+
+def test_of_two_odometries_the_one_with_a_covariance_is_read_and_the_choice_told(tmp_path: Path) -> None:
+    measured = list(drive())
+    for event in measured:
+        if event.topic == "/odom":
+            event.values["pose"]["covariance"] = np.full(36, 0.01)
+    true = other_odometry("/carla/ego/odometry", "odom", "base_link", 50)
+    recording = open_recording(make_bag(tmp_path, [*measured, *true]))
+    assert codes(recording) == ["topics-left"]
+    assert "/odom (20 messages) used; left aside: /carla/ego/odometry" in recording.warnings[0].message
+    assert "SLAM's errors mean nothing" in recording.warnings[0].message
+    assert len(recording.odometry) == 20
+
+
+@pytest.mark.parametrize("topic", ["/odom", "/tf"])
+@pytest.mark.parametrize("rate", [1, 2, 5])
+def test_odometry_of_two_nodes_in_turns_is_told_and_not_used(tmp_path: Path, topic: str, rate: int) -> None:
+    events = [scan(0.1 * i, [1.0, 2.0], frame="base_link") for i in range(100)]
+    for i in range(500):
+        places = [(0.01 * i, 0.0, 0.0), (0.0105 * i, 0.1, 0.01)]
+        for late, place in enumerate(places[: 2 if i % rate == 0 else 1]):
+            time = 0.02 * i + 0.005 * late
+            is_tf = topic == "/tf"
+            events.append(placed(time, "odom", "base_link", place) if is_tf else odometry(time, place))
+    events.sort(key=lambda event: event.time)
+    recording = open_recording(make_bag(tmp_path, events))
+    assert [issue.code for issue in recording.warnings] == ["odometry-unfit"]
+    assert topic in recording.warnings[0].message
+    assert recording.odometry is None
+
+
+def test_transforms_from_two_odometry_frames_are_a_choice_that_is_told(tmp_path: Path) -> None:
+    events = [event for event in drive() if event.topic != "/odom"]
+    events += [placed(0.05 * i, "odom_combined", "base_link", (9.0, 0.0, 0.0)) for i in range(50)]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert codes(recording) == ["topics-left"]
+    assert "/tf odom_combined to base_link (50 messages) used" in recording.warnings[0].message
+
+
+@pytest.mark.parametrize(("x", "told"), [(0.0, ["mount-moves"]), (0.15, [])])
+def test_a_lidar_of_two_parents_that_put_it_apart_is_told(tmp_path: Path, x: float, told: list[str]) -> None:
+    mast = [placed(0, "base_link", "mast", (x, 0.1, 0.3), topic="/tf_static")]
+    mast += [placed(0, "mast", "laser", (0.05, 0.0, 0.0), topic="/tf_static")]
+    recording = open_recording(make_bag(tmp_path, [*drive(), *mast]))
+    assert codes(recording) == told
+    assert recording.platform.lidar.x == 0.2
 
 
 def test_of_two_robots_the_lidars_odometry_and_transforms_are_read(tmp_path: Path) -> None:

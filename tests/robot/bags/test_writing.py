@@ -37,7 +37,8 @@ def recording_of(seed: int = 0, scans: int = 300, *, odometry: bool = False) -> 
     ranges[random.uniform(size=ranges.shape) < 0.1] = np.inf
     ranges[random.uniform(size=ranges.shape) < 0.1] = np.nan
     ticks = START + 0.025 * np.arange(800)
-    poses = np.column_stack((random.uniform(-50, 50, (400, 2)), random.uniform(-3.1, 3.1, 400)))
+    x, heading = np.sort(random.uniform((-50, -3.1), (50, 3.1), (400, 2)), axis=0).T
+    poses = np.column_stack((x, -0.7 * x, heading))
     return Recording(
         "made",
         UCSD.model_copy(update={"lidar": LidarSpec(x=0.1, y=-0.2, z=0.3, yaw=0.4, time_increment=1e-5)}),

@@ -19,7 +19,7 @@ from moteslam.sim.simulate import simulate
 from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.step import steps
-from moteslam.slam.inputs.synchronise import Inputs, synchronise
+from moteslam.slam.inputs.synchronise import Inputs, about_jumps, synchronise
 from moteslam.slam.registration import localisation, search
 
 SCANS = 100
@@ -75,6 +75,37 @@ def test_odometry_that_stops_dead_while_the_robot_drives_is_stale_whatever_comes
     part = synchronise(recording.replace(lidar=first))
     np.testing.assert_array_equal(part.measured[:59], whole.measured[:59])
     np.testing.assert_allclose(se2.between(part.odometry, whole.odometry[:60]), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_a_pose_from_before_a_gap_is_named(held: bool):
+    recording = driven()
+    there = np.r_[0:50, 80:SCANS]
+    lidar, poses = recording.lidar, recording.lidar.odometry[there].copy()
+    if held:
+        poses[50] = poses[49]
+    cut = replace(lidar, stamps=lidar.stamps[there], ranges=np.asarray(lidar.ranges[there]), odometry=poses)
+    (issue, *_) = synchronise(recording.replace(lidar=cut)).issues
+    assert issue.code == "gap"
+    assert ("carries an odometry pose from before" in issue.message) == held
+
+
+@pytest.mark.parametrize("full", [4.0, None])
+def test_a_counter_that_is_full_is_named_as_the_cause_of_jumps(full: float | None):
+    recording = driven()
+    poses = recording.lidar.odometry.copy()
+    poses[40:, 0] -= full or 3.0
+    poses[80:, 0] -= full or 8.0
+    (issue,) = about_jumps(synchronise(recording.replace(lidar=replace(recording.lidar, odometry=poses))), SCANS)
+    assert issue.count == 2
+    assert ("a counter that is full" in issue.message) == (full is not None)
+
+
+def test_stamps_of_whole_seconds_show_no_lapses():
+    lidar = driven().lidar
+    inputs = synchronise(driven().replace(lidar=replace(lidar, stamps=np.floor(lidar.stamps))))
+    assert codes(inputs) == []
+    assert inputs.measured[1:].all()
 
 
 def test_a_robot_that_stops_is_not_stale():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,9 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.odometry_path import low_pass
+from moteslam.slam.inputs.odometry_path import OdometryPath, low_pass
 from moteslam.slam.inputs.step import steps
-from moteslam.slam.inputs.synchronise import synchronise, warnings
+from moteslam.slam.inputs.synchronise import doubtful_stamps, synchronise, warnings
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 from moteslam.slam.settings import load_preset
 
@@ -100,6 +101,9 @@ def test_the_pose_logged_with_a_scan_after_a_gap_of_the_odometry_is_stale():
     np.testing.assert_allclose(synchronise(recording).odometry[:, 0], [1.0, 1.9, 2.03, 4.9, 5.0], atol=1e-9)
     alone = Recording("c", CARMEN, lidar=lidar)
     np.testing.assert_array_equal(synchronise(alone).odometry, latest)
+    own = np.column_stack((scans + 0.01, np.zeros((5, 2))))  # of each scan itself
+    fresh = recording.replace(lidar=replace(lidar, odometry=own))
+    np.testing.assert_array_equal(synchronise(fresh).odometry, own)
 
 
 def test_scans_are_taken_in_the_order_in_which_they_were_taken():
@@ -119,10 +123,46 @@ def test_encoders_that_end_before_the_lidar_are_told():
     recording = circle(seconds=4)
     encoders = recording.encoders
     short = recording.replace(encoders=EncoderStream(encoders.stamps[:80], encoders.counts[:80]))
-    assert "after the last encoder reading" in made_do(short)[0]
+    assert "before or after all odometry" in " ".join(made_do(short))
+    measured = synchronise(short).measured
+    assert measured[1:75].all()
+    assert not measured[90:].any()
     path = dead_reckon(short)
     np.testing.assert_array_equal(path.poses[-1], path.poses[-2])
     assert made_do(circle(seconds=4)) == []
+
+
+@pytest.mark.parametrize(("last", "without"), [(400, 0), (385, 0), (100, 297)])
+def test_poses_that_end_before_the_lidar_do_not_say_that_the_robot_stands(last: int, without: int):
+    stamps = np.arange(0, 10, 0.025)
+    poses = np.column_stack((stamps, np.zeros((400, 2))))
+    recording = circle().replace(encoders=None, imu=None, odometry=OdometryStream(stamps[:last], poses[:last]))
+    assert int((~synchronise(recording).measured).sum()) == without
+    assert any("before or after all odometry" in line for line in made_do(recording)) == (without > 0)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "told"), [(0, 100, []), (4, 97, []), (30, 100, ["begins-late"]), (0, 20, ["ends-early"])]
+)
+def test_a_way_that_is_driven_without_scans_is_told(first: int, last: int, told: list[str]):
+    stamps = np.arange(100) / 5
+    path = OdometryPath(stamps, np.column_stack((0.1 * np.arange(100), np.zeros((100, 2)))))
+    scans = LidarStream(stamps[first:last], np.ones((last - first, 4), np.float32), -1.5, 1.0, 0.1, 30.0)
+    recording = Recording("x", CARMEN, lidar=scans)
+    found = doubtful_stamps(recording, path)
+    assert [one.code for one in found] == told
+    assert all("have nothing of them" in one.message for one in found)
+    assert doubtful_stamps(recording, None) == []
+
+
+@pytest.mark.parametrize(("step", "words"), [(1.0, "whole seconds"), (0.5, "too coarse"), (0.1, "")])
+def test_a_clock_that_is_too_coarse_is_named(step: float, words: str):
+    stamps = np.floor(np.arange(100) / 10 / step) * step
+    scans = LidarStream(stamps, np.ones((100, 4), np.float32), -1.5, 1.0, 0.1, 30.0)
+    moves = OdometryStream(stamps, np.zeros((100, 3)))
+    found = doubtful_stamps(Recording("x", CARMEN, lidar=scans, odometry=moves), None)
+    assert [one.code for one in found] == (["equal-stamps"] * 2 if words else [])
+    assert all(words in one.message for one in found)
 
 
 def test_streams_that_do_not_overlap_are_refused_and_blind_ones_told():
@@ -133,8 +173,6 @@ def test_streams_that_do_not_overlap_are_refused_and_blind_ones_told():
         dead_reckon(recording.replace(lidar=later))
     nothing = LidarStream(lidar.stamps, np.full_like(lidar.ranges, np.inf), -1.0, 1.0, 0.1, 30.0)
     assert "without an endpoint" in made_do(recording.replace(lidar=nothing))[0]
-    one = LidarStream(np.full_like(lidar.stamps, 2.0), lidar.ranges, -1.0, 1.0, 0.1, 30.0)
-    assert "the same stamp" in made_do(recording.replace(lidar=one))[0]
     assert "without a gyro" in made_do(recording.replace(imu=None))[0]
 
 
