@@ -95,20 +95,24 @@ def recorded(folder: Path, drives: int) -> Recording:
 
 def trajectory_bytes(session: SlamSession, scans: int) -> int:
     """What the poses of so far are in memory [bytes]: of every scan with its covariance, of every particle's path."""
-    inputs, history, backend = session._inputs, session._filter.history, session._backend
+    inputs, history, backend, records = session._inputs, session._filter.history, session._backend, session._records
     a_scan = [inputs.stamps, inputs.odometry, inputs.motions, inputs.jumped, inputs.measured]
+    a_scan += [records._poses, records._motions, records._covariances, records._diagnostics]
     paths = sum(poses.nbytes + sys.getsizeof(poses) for poses in history._poses)
     keys = sum(sys.getsizeof(pose) + pose.nbytes for pose in getattr(backend, "_path", ()))
-    return int(sum(values.nbytes // len(values) for values in a_scan) * scans + session._records.nbytes + paths + keys)
+    return int(sum(values.nbytes // len(values) for values in a_scan) * scans + paths + keys)
 
 
 def measure(folder: Path, drives: int, hours: float, settings: list[str]) -> Row:
     """Run SLAM over the drives: figures of every hour, printed as they come."""
     from moteslam.kernels.runtime import init
     from moteslam.slam.run import SlamSession
+    from moteslam.slam.tsdf.filter import TsdfFilter
 
     init("cpu", 1)
     session = SlamSession(recorded(folder, drives), resolve_config("default", settings))
+    tsdf = session._filter
+    assert isinstance(tsdf, TsdfFilter)
     first = session._inputs.stamps[0]
     rows: list[Row] = []
     began, before = time.process_time(), 0
@@ -121,7 +125,7 @@ def measure(folder: Path, drives: int, hours: float, settings: list[str]) -> Row
             "scans": scans,
             "resident_mb": memory("VmRSS"),
             "trajectory_mb": trajectory_bytes(session, scans) / 1e6,
-            "maps_mb": session.map_bytes / 1e6,
+            "maps_mb": tsdf._particles.maps.memory / 1e6,
             "nodes": len(getattr(session._backend, "_nodes", ())),
             "cpu_ms_a_scan": 1e3 * (time.process_time() - began) / (scans - before),
         }

@@ -34,8 +34,8 @@ SPEEDS = 0.005, 20.0
 """Between these a robot that moves is fast [m/s]: a slower or faster one has stamps or lengths in other units,"""
 MOST_RATE = 15.0
 """and so has one that turns faster than this [rad/s],"""
-MOST_RANGE = 200.0
-"""and a planar lidar, half of whose ranges are longer than this [m]."""
+RANGES = 0.05, 200.0
+"""and a planar lidar, half of whose ranges are shorter or longer than these [m]."""
 WINDOWS, SAMPLE = 1000, 12
 """Speeds are looked at over this many seconds or longer spans, ranges in this many scans."""
 
@@ -226,12 +226,17 @@ def other_units(recording: Recording) -> list[Issue]:
     All but ``implausible-speed`` leave nothing to make a map of.
     """
     issues = []
-    imu, lidar = recording.imu, recording.lidar
+    imu, lidar, encoders = recording.imu, recording.lidar, recording.encoders
     if (found := odometry_of(recording)) is not None and (speed := _speed(*found)) is not None:
         code = "odometry-units" if speed > SPEEDS[1] else "implausible-speed"
         text = f"moves at {speed:.3g} m/s, expected a robot's speed: are its stamps in s and its lengths in m?"
         if not SPEEDS[0] <= speed <= SPEEDS[1]:
             issues.append(Issue(code, f"odometry: {text}"))
+    if encoders is not None and len(encoders) and (wheels := recording.platform.wheels) is not None:
+        way = np.cumsum(encoders.counts.mean(axis=1) * wheels.metres_per_count)
+        if (speed := _speed(encoders.stamps, np.column_stack((way, way * 0))) or 0.0) > SPEEDS[1]:
+            text = f"encoders: move at {speed:.3g} m/s, expected a robot's speed: are counts since the reading before?"
+            issues.append(Issue("odometry-units", text))
     if imu is not None and len(imu):
         rate = float(np.quantile(np.abs(imu.angular_velocity[:, 2]), 0.99))
         text = f"imu: turns at {rate:.3g} rad/s, expected at most {MOST_RATE:g}: is its rate in rad/s?"
@@ -241,8 +246,9 @@ def other_units(recording: Recording) -> list[Issue]:
         some = np.linspace(0, len(lidar) - 1, SAMPLE).astype(np.intp)
         ranges = np.concatenate([lidar.ranges[scan : scan + 1] for scan in some.tolist()])
         ranges = ranges[np.isfinite(ranges)]
-        if len(ranges) and (middle := float(np.median(ranges))) > MOST_RANGE:
-            text = f"lidar: half of its ranges are beyond {middle:.3g} m, expected below {MOST_RANGE:g}: are they in m?"
+        if len(ranges) and not RANGES[0] < (middle := float(np.median(ranges))) < RANGES[1]:
+            expected = " to ".join(f"{limit:g}" for limit in RANGES)
+            text = f"lidar: the median of its ranges is {middle:.3g} m, expected {expected}: are they in m?"
             issues.append(Issue("range-units", text))
     return issues
 

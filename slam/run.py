@@ -128,11 +128,6 @@ class SlamSession:
             self._drawn = self._done, drawn
         return drawn
 
-    @property
-    def map_bytes(self) -> int:
-        """Memory of the particles' maps."""
-        return self._filter.map_bytes
-
     def preview(self, scans: int) -> Raster:
         """The map as it stands, for a small picture: of at most ``scans`` scans, evenly chosen."""
         own = self._filter.occupancy()

@@ -106,13 +106,6 @@ class ScanRecords:
         return self.done - 1 - int(sure[::-1].argmax()) if sure.any() else -1
 
     @property
-    def nbytes(self) -> int:
-        """Memory of what is recorded."""
-        return sum(
-            kept[: self.done].nbytes for kept in (self._poses, self._motions, self._covariances, self._diagnostics)
-        )
-
-    @property
     def poses(self) -> Array:
         """The filter's pose [k, 3] at each recorded scan."""
         return self._poses[: self.done].copy()

@@ -15,9 +15,7 @@ SAMPLES = {
     "accuracy.py": ("scenarios", "--runs", "lab", "--seeds", "1", "--set", "particles=1"),
     "cost.py": ("--quick", "--cases", "every_scan_1", "solver", "--seeds", "1"),
     "not_as_stated.py": ("--platforms", "rplidar_a1", "--worlds", "office", "--faults", "narrow", "--seeds", "100-100"),
-    "formats.py": ("--robots", "lms200", "--seeds", "1", "--duration", "6"),
     "soak.py": ("--hours", "0.02"),
-    "worlds.py": ("--seeds", "1"),
 }
 
 

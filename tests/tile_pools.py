@@ -54,9 +54,6 @@ class Pool:
         shares[0] = len(tables) + 1
         return cls(pool, tables, shares, np.flatnonzero(shares == 0).astype(np.int32))
 
-    def copy(self) -> Pool:
-        return self.resampled(np.arange(len(self.tables)))
-
     def resampled(self, parents: ArrayLike, *, more_tiles: int = 0) -> Pool:
         """The particles' children, the shares counted again, in a pool of their own."""
         pool = np.concatenate((self.pool, np.zeros(more_tiles * CELLS, np.int16)))
@@ -67,20 +64,20 @@ class Pool:
         """Of all particles, as kernels take them."""
         return tiles_of(self.pool, self.tables)
 
-    def add(self, poses: ArrayLike, scan: ThinnedScan, *, only: int | None = None, **options: Any) -> int | None:
-        """``integrate_scans`` for all particles, or for one alone; tiles that were taken are no longer free."""
+    def add(self, poses: ArrayLike, scan: ThinnedScan, **options: Any) -> int | None:
+        """``integrate_scans`` for all particles; tiles that were taken are no longer free."""
         from moteslam.kernels.tsdf import integrate_scans
 
-        store = self.store(only)
+        store = self.store()
         given = IntegrationOptions(**(OPTIONS | options))  # type: ignore[arg-type]
         enough = integrate_scans(store, frames(poses), [scan], options=given)
         self.free = self.free[: store.left if enough else 0]
         return store.left if enough else None
 
-    def store(self, only: int | None = None) -> TileStore:
-        """Of all particles, or of one alone, in the same arrays."""
+    def store(self) -> TileStore:
+        """Of all particles, in the same arrays."""
         store = TileStore(1, 1, 1)
-        store.tiles = self.tiles if only is None else self.tiles.of(only)
+        store.tiles = self.tiles
         store.shares, store.free, store.left = self.shares, self.free, len(self.free)
         return store
 

@@ -19,9 +19,10 @@ if TYPE_CHECKING:
     from moteslam.robot.platform import Platform
     from moteslam.robot.recording import Recording
     from moteslam.robot.sensor_reports import LidarReport
-    from moteslam.robot.values import Issue
     from moteslam.slam.calibration.findings import Findings
 
+DOUBLES = {"blind-scans", "no-odometry"}
+"""Codes of problems that SLAM has the same to say of."""
 NONE = "-"
 """Stands for what cannot be measured, or what the platform has not."""
 Row = tuple[str, str, str]
@@ -43,8 +44,9 @@ def inspect(
     """Print what a recording holds, what is measured of its sensors, and what is wrong with it.
 
     The column "platform" has what the recording's robot is known for. Scans are held against each other and against
-    the odometry: what of lidar and odometry is certainly not as stated is a problem, with what mends it. Of a bag some
-    hundred scans are read for it; with --deep all are measured, and images looked at; --plot reads all to draw them.
+    the odometry: what of lidar and odometry is certainly not as stated is a problem, with what mends it, and so is all
+    that SLAM would do without. Of a bag some hundred scans are read; with --deep all are measured, what travels with
+    the robot is found, and images are looked at; --plot reads all to draw them.
 
     \b
     Examples:
@@ -61,41 +63,31 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
     """All that is found, as JSON has it and in words."""
     import numpy as np
 
+    from moteslam.errors import InputError
     from moteslam.robot.inspection import inspect_recording
-    from moteslam.slam.calibration.calibrate import calibrate
-    from moteslam.slam.calibration.findings import findings
+    from moteslam.robot.values import Issue
+    from moteslam.slam.calibration.findings import checked
+    from moteslam.slam.inputs.config import SyncConfig
+    from moteslam.slam.inputs.synchronise import about_jumps, synchronise, warnings
 
-    found = inspect_recording(recording, deep=deep)
-    about: Findings | None = None
-    stale: tuple[Issue, ...] = ()
-    if recording.lidar is not None:
-        calibration = calibrate(recording)
-        about = None if calibration is None else findings(calibration, recording)
-        stale = _stale(recording, read=deep or isinstance(recording.lidar.ranges, np.ndarray))
-    more = stale if about is None else (*stale, *about.issues)
-    found = replace(found, problems=(*found.problems, *more))
+    found, about = inspect_recording(recording, deep=deep), checked(recording)[1]
+    more = () if about is None else about.issues
+    about = about if about is not None and about.figures else None
+    if recording.lidar is not None:  # what a replay says of it
+        read = deep or isinstance(recording.lidar.ranges, np.ndarray)
+        try:
+            inputs = synchronise(recording, SyncConfig(travelling=read, deskew=False))
+            more += (*warnings(recording, inputs, read_ranges=read), *about_jumps(inputs, len(inputs)))
+        except InputError as error:
+            more += (Issue("refused", f"SLAM refuses it: {error}"),)
+    told = DOUBLES & {problem.code for problem in found.problems}
+    found = replace(found, problems=(*found.problems, *(issue for issue in more if issue.code not in told)))
     if plot is not None:
         from moteslam.eval.report.streams import draw_streams
 
         draw_streams(plot, recording, found)
     whole = {**found.to_dict(), "calibration": None if about is None else [asdict(one) for one in about.figures]}
     return whole, _lines(found, recording.platform, about)
-
-
-def _stale(recording: Recording, *, read: bool) -> tuple[Issue, ...]:
-    """Doubtful stamps and, where ranges are read, where the odometry stood still while the robot drove."""
-    from moteslam.errors import InputError
-    from moteslam.slam.inputs.config import SyncConfig
-    from moteslam.slam.inputs.odometry_path import odometry_path
-    from moteslam.slam.inputs.synchronise import doubtful_stamps, synchronise
-
-    config = SyncConfig(travelling=False, deskew=False)
-    try:
-        doubts = doubtful_stamps(recording, odometry_path(recording, config))
-        issues = synchronise(recording, config).issues if read else ()
-    except InputError:  # no scans, or no odometry at their time: said elsewhere
-        return ()
-    return (*doubts, *(issue for issue in issues if issue.code == "stale-odometry"))
 
 
 def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Iterator[str]:

@@ -163,9 +163,6 @@ def localize(
         config = run.resolved("localize", [f"known_map={json.dumps(str(file.absolute()))}", *start])
         if not isinstance(config, KnownMapConfig):
             raise ConfigError(f'method "{config.method}", expected one that takes a known map', field="--preset")
-        from moteslam.robot.formats.map_server import read_map
-
-        read_map(file)  # it is refused before the recording is read
     _run_over(path, config, out, part, run, calibrate=calibrate)
 
 
@@ -207,15 +204,15 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     Without a side to mend, only that is corrected of which it is known which side is wrong.
     """
     from moteslam.robot.values import Issue
-    from moteslam.slam.calibration.calibrate import PAIRS, calibrate
-    from moteslam.slam.calibration.findings import findings
+    from moteslam.slam.calibration.calibrate import PAIRS
+    from moteslam.slam.calibration.findings import checked
     from moteslam.slam.calibration.mended import calibrated, corrected
 
-    found = calibrate(recording, pairs=PAIRS if side is not None else FEW_PAIRS)
-    if found is None:
+    found, about = checked(recording, PAIRS if side is not None else FEW_PAIRS)
+    if found is None or about is None:
         text = "calibration: too few scans that fit each other, or no odometry that turns as they do: nothing is mended"
-        return recording, () if side is None else (Issue("not-calibrated", text),)
-    about = findings(found, recording)
+        unfit = () if about is None else about.moves
+        return recording, unfit if side is None else (*unfit, Issue("not-calibrated", text))
     if side is None:
         ends = dict.fromkeys(about.decided, "corrected")
         moves = tuple(Issue(one.code, f"{one.message}; {ends.get(one.code, 'see --calibrate')}") for one in about.moves)

@@ -42,6 +42,8 @@ UNIT_OF = {
 FIGURES = ("angle_min", "angle_increment", "range_min", "range_max")
 STREAMS = ("lidar", "odometry", "encoders", "imu")
 """The tables of a description that are streams."""
+RUNNING, FASTEST, JITTER = "encoders.running", 20.0, 4
+"""A robot drives no faster [m/s]; totals of one that stands may go to and fro by as many ticks."""
 MAX_COUNT = 2**53
 """Ticks stay below it: whole numbers up to there are exact."""
 AT_REST = (0.0, 0.0, 1.0)
@@ -196,8 +198,7 @@ def read_csv_log(path: str | PathLike[str], sequence: str | int | None = None, p
         elif name == "encoders":
             if (values != np.round(values)).any() or (np.abs(values) >= MAX_COUNT).any():
                 raise InputError("not whole numbers, or beyond 2^53, expected ticks", file=file, field=name)
-            counts = values.astype(np.int64)
-            counts = np.diff(counts, axis=0, prepend=counts[:1]) if table.running else counts
+            counts = _counts(path, stamps, values, robot, running=table.running)
             if len(values.T) == len(TWO_WHEELS):
                 counts = counts[:, [1, 0, 1, 0]]  # right and left, in front and behind
             streams[name] = sensors.encoders(file, (at, at), stamps, counts)
@@ -207,6 +208,25 @@ def read_csv_log(path: str | PathLike[str], sequence: str | int | None = None, p
             linear = values[:, -3:] if table.acceleration else np.tile(AT_REST, (len(stamps), 1))
             streams[name] = sensors.imu(file, (at, at), stamps, angular, linear)
     return Recording(description.name or path.stem, robot, warnings=tuple(issues), **streams)
+
+
+def _counts(path: Path, stamps: Array, ticks: Array, robot: Platform, *, running: bool) -> NDArray[np.int64]:
+    """The counts [n, k] since the line before of ticks [n, k]; refused where those of the other kind are given.
+
+    Totals go on and on, in steps that are much like the one before; ticks of lines stay within a range, and as steps of
+    totals they go to and fro; as ticks of lines totals are faster than robots drive.
+    """
+    counts = ticks.astype(np.int64)
+    steps = np.diff(counts, axis=0, prepend=counts[:1])
+    way, unlike, within = np.abs(steps).sum(), np.abs(np.diff(steps, axis=0)).sum(), np.ptp(counts, axis=0)
+    if running and within.sum() < way / 10 and unlike > way / 2 and within.max() > JITTER:
+        raise ConfigError("true, but the ticks stay within a range: expected false", file=path, field=RUNNING)
+    if not running and robot.wheels is not None and len(stamps) > 1 and unlike < way / 2:
+        speed = np.median(np.abs(counts)) * robot.wheels.metres_per_count / max(np.median(np.diff(stamps)), 1e-3)
+        if speed > FASTEST:
+            problem = f"false, but the ticks go on and on, and each line's are {speed:.3g} m/s: expected true"
+            raise ConfigError(problem, file=path, field=RUNNING)
+    return steps if running else counts
 
 
 def _platform(path: Path, description: CsvDescription) -> Platform:

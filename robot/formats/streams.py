@@ -49,6 +49,10 @@ MAX_PLACE = 1e7
 SLACK = 1.0
 """Travel [m] that a reading may give beyond that, for stamps jitter: a late one leaves the next no time."""
 
+CLIPPED, SAME = (0.03, 0.95), 1e-4
+"""Where so many of all endpoints, and some of most scans, are the longest range, to the second [m], it is no return."""
+SAMPLE = 64
+"""Scans that limits are looked for in."""
 SICK_REACH, SICK_CODES = 80.0, 82.0
 """A SICK LMS reaches the first [m]; its codes for no return and errors, 81.83, 81.91 and the like, end below the
 second."""
@@ -79,6 +83,22 @@ class Fan(NamedTuple):
             problem = f"{fan.range_min:g} m, expected less than the {fan.range_max:g} m that are its range_max"
             raise InputError(problem, file=file, field="platform.lidar.range_min")
         return fan
+
+    def below(self, ranges: NDArray[np.float32], issues: list[Issue], head: str) -> Fan:
+        """The same, with the range as its limit that the longest of some scans [n, beams] [m] are clipped at; told.
+
+        A driver that clips ranges says so what did not come back, or is farther away; no walls give so many alike.
+        """
+        ends = (ranges >= np.float32(self.range_min)) & (ranges < np.float32(self.range_max)) & (ranges > 0)
+        at = ends & (ranges > ranges.max(initial=0.0, where=ends) - SAME)
+        share = at.sum() / max(ends.sum(), 1)
+        stood = len(ranges) < SAMPLE / 2 or (at == at[:1]).all()
+        if stood or not CLIPPED[0] < share < CLIPPED[1] or at.any(axis=1).mean() <= 0.5:
+            return self
+        limit = float(ranges.min(initial=np.inf, where=at))
+        text = f"{100 * share:.0f} % of the endpoints are {limit:g} m away, the longest range: taken for "
+        issues.append(Issue("range-max", f"{head}: {text}no return, as if range_max were {limit:g} m"))
+        return self._replace(range_max=limit)
 
     @property
     def angles(self) -> NDArray[np.float64]:
@@ -207,6 +227,11 @@ def sort_by_stamp(
     return (stamps, values) if order is None else (stamps[order], tuple(value[order] for value in values))
 
 
+def sampled(scans: int) -> NDArray[np.intp]:
+    """Some of as many scans, all over them."""
+    return np.unique(np.linspace(0, scans - 1, min(SAMPLE, scans)).astype(np.intp))
+
+
 def clean_ranges(ranges: NDArray[np.float32], fan: Fan, issues: list[Issue], head: str) -> NDArray[np.float32]:
     """Ranges [n, beams] [m] as endpoints, no return and invalid.
 
@@ -277,6 +302,7 @@ class Sensors:
         new = ~given_again(file, field, stamps, same, self.issues)
         stamps, order = stamps[new], order[new]
         sequence = None if odometry is None else _sequence(file, field, odometry, order, self.issues)
+        fan = fan.below(ranges[sampled(len(ranges))], self.issues, f"{file.name}: {field}")
         clean = clean_ranges(ranges[order], fan, self.issues, f"{file.name}: {field}")
         poses = None if odometry is None else odometry[order]
         step = self.robot.lidar.time_increment / interlace

@@ -178,7 +178,7 @@ def columns_of(comments: Sequence[str], line: str) -> tuple[Columns, bool]:
     """The columns of a table by its comments and first other line, and whether this is a header; else ValueError."""
     separator = separator_of(line)
     words = split(line, separator)
-    if finite_numbers(words[:1]) is None:
+    if finite_numbers(words[:1]) in (None, []):
         if (found := named(words, header=True)) is None:
             raise ValueError(f"not a line of a trajectory, expected {TUM}, a header of names, KITTI or g2o")
         return found, True

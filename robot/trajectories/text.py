@@ -101,6 +101,8 @@ def read_tum(path: str | PathLike[str]) -> Trajectory:
             separator = separator_of(line)
             separator = None if is_tum and separator == "," else separator  # commas of TUM count as blanks
             width = len(split(line, separator))
+            if (most := max(columns.at.values()) + 1) > width:
+                raise InputError(f"{counted(width, 'column')}, expected {most}, as named", file=path, line=number)
             if is_header:
                 continue
         words = split(line, separator)

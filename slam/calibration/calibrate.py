@@ -14,7 +14,15 @@ from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Fit, Pairs, Parameter, Path, clock, fit
-from moteslam.slam.calibration.registered import FEWEST, GOOD, TURNING, RegisteredPairs, choose_pairs
+from moteslam.slam.calibration.registered import (
+    FEWEST,
+    GOOD,
+    TURNING,
+    RegisteredPairs,
+    UnfitScansError,
+    best_scale,
+    choose_pairs,
+)
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
 from moteslam.slam.inputs.synchronise import in_order, is_coarse
@@ -23,6 +31,10 @@ Array = NDArray[np.float64]
 
 PAIRS = 300
 """Of a recording."""
+NEARER = 1 / 3
+"""Where scans do not fit, pairs this much nearer are tried: odometry that is too short takes scans too far apart."""
+FAR_OFF, TURNS_OFF = 0.1, 0.2
+"""Angles, or turns by odometry over the scans', that differ by more may be one of several minima: others are tried."""
 AGREES, AGREES_LOGGED = 0.6, 0.35
 """Turns of scans and odometry that correlate less are not of the same motion: with clocks to be found, and without."""
 BETTER, EVIDENCE = 0.4, 60.0
@@ -98,6 +110,14 @@ def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None
     Returns:
         None if too few scans can be registered, the robot hardly turns, or there is no odometry.
     """
+    try:
+        return estimate(recording, pairs)
+    except UnfitScansError:
+        return None
+
+
+def estimate(recording: Recording, pairs: int) -> Calibration | None:
+    """The same; scans that could be registered and do not fit raise ``UnfitScansError``."""
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
@@ -106,21 +126,57 @@ def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None
         return None
     try:
         with np.errstate(all="ignore"):
-            return _calibrate(recording, in_order(lidar), pairs)
+            return _in_some_reading(recording, in_order(lidar), pairs)
     except (InputError, np.linalg.LinAlgError):  # encoders without wheels; values that are not finite
         return None
 
 
-def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibration | None:
-    poses, logged = lidar.odometry, lidar.odometry is not None
+def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Calibration | None:
+    """With the angles as stated; where scans do not fit or the angles are far off, with the scale that fits best."""
+    poses = lidar.odometry
     path = odometry_path(recording, SyncConfig()) if poses is None else OdometryPath(lidar.stamps, poses)
     if path is None:
         return None
-    before, after = choose_pairs(lidar, path.at(lidar.stamps), pairs)
-    if len(before) < FEWEST:
-        return None
-    scans = RegisteredPairs(recording, lidar, before, after)
-    if not scans.enough(GOOD / 2) or scans.pairs.motions[:, 2].std() < TURNING:
+    odometry = path.at(lidar.stamps)
+    chosen = choose_pairs(lidar, odometry, pairs)
+    stated, found, unfit = None, None, None
+    for some in (chosen, choose_pairs(lidar, odometry, pairs, NEARER)):
+        if len(some[0]) < FEWEST:
+            return None
+        scans = RegisteredPairs(recording, lidar, *some)
+        stated = stated or scans
+        try:
+            found = _calibrate(recording, lidar, path, scans)
+        except UnfitScansError as error:
+            unfit = unfit or error
+            continue
+        if found is None:
+            return None
+        turns = found.fit.values[Parameter.TURNS]
+        if found.fits and abs(found.angle_scale - 1) < FAR_OFF and abs(turns - 1) < TURNS_OFF:
+            return found
+        break
+    scale = best_scale(recording, lidar, *chosen)
+    scaled = replace(lidar, angle_increment=scale * lidar.angle_increment)
+    scans = RegisteredPairs(recording, scaled, *chosen)
+    try:
+        again = None if scale == 1 else _calibrate(recording, scaled, path, scans)
+    except UnfitScansError:
+        again = None
+    if again is not None and stated is not None and scans.fits_better(stated):
+        deviation = scale * again.angle_deviation
+        return replace(again, angle_scale=scale * again.angle_scale, angle_deviation=deviation)
+    if found is None and unfit is not None:
+        raise unfit
+    return found
+
+
+def _calibrate(
+    recording: Recording, lidar: LidarStream, path: OdometryPath, scans: RegisteredPairs
+) -> Calibration | None:
+    logged = lidar.odometry is not None
+    scans.expect(GOOD / 2)
+    if scans.pairs.motions[:, 2].std() < TURNING:
         return None
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
     form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
@@ -135,8 +191,7 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
         quarter = _quarter(in_form(path, form).poses, aside)
         at = _at(in_form(path, form, quarter))
     scans.refine(best.expected(scans.first, scans.last, at))
-    if not scans.enough(GOOD):
-        return None
+    scans.expect(GOOD)
     clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged
     if abs(angle_scale - 1) > SIGMAS * deviation and not wheels_alone:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+from itertools import product
 from math import degrees, hypot
 from typing import Any
 
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recording
 from moteslam.robot.values import Issue
-from moteslam.slam.calibration.calibrate import SIGMAS, Calibration
+from moteslam.slam.calibration.calibrate import PAIRS, SIGMAS, Calibration, estimate
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
+from moteslam.slam.calibration.registered import UnfitScansError
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
 Array = NDArray[np.float64]
@@ -85,6 +87,22 @@ class Findings:
     decided: frozenset[str]
 
 
+def checked(recording: Recording, pairs: int = PAIRS) -> tuple[Calibration | None, Findings | None]:
+    """A recording held against itself, and what that says: of scans that do not fit each other that they do not.
+
+    Both are None where too little is there, or the robot hardly turns; ``pairs`` as of ``calibrate``.
+    """
+    try:
+        calibration = estimate(recording, pairs)
+    except UnfitScansError as unfit:
+        good, total = unfit.args
+        text = f"lidar: {good} of {total} pairs of scans fit each other, at no scale of their angles more: the angles, "
+        text += "the unit of ranges or what stands for no return are not as stated, or scans are too far apart. "
+        issue = Issue("scans-unfit", f"{text}They cannot be held against the odometry, and a map of them may be wrong")
+        return None, Findings((), (issue,), (issue,), frozenset())
+    return calibration, None if calibration is None else findings(calibration, recording)
+
+
 def findings(calibration: Calibration, recording: Recording) -> Findings:
     """What a calibration says of the recording that it was made of."""
     lidar, mount = recording.lidar, recording.platform.lidar
@@ -100,7 +118,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = (
             f"odometry: it turns as the scans do (correlation {c.correlation:.2f}), but the motions do not fit: stamps "
         )
-        text += "of either are rounded or out of order, or its lengths or turns are in other units"
+        text += "of either are rounded or out of order, its lengths or turns are in other units, or its wheels slip"
         told.append(("odometry-unfit", text, True))
     x, y, yaw = mount_of(c, recording, certain)
     toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"
@@ -191,12 +209,12 @@ def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
     angles_differ = abs(c.angle_scale - 1) > max(ANGLES, SIGMAS * c.angle_deviation)
     least = [PLACE, PLACE, YAW + (abs(c.angle_scale - 1) * _span(recording.lidar) if angles_differ else 0.0)]
     far = np.full(3, c.fits)
-    for each in (c.fit, clocks):  # with one clock, and with two
-        apart = each.values[MOUNT] - mount.pose
+    scaled = c.fits and abs(lengths - 1) > max(SCALE, SIGMAS * about_lengths)
+    for each, scale in product((c.fit, clocks), (1.0, lengths) if scaled else (1.0,)):  # with one clock, and with two
+        apart = each.values[MOUNT] / (scale, scale, 1.0) - mount.pose  # by ranges, and by the odometry's lengths
         apart[Parameter.YAW] = se2.wrap(apart[Parameter.YAW])
         far &= np.abs(apart) > np.maximum(least, SIGMAS * each.deviations[MOUNT])
-    scaled = c.fits and abs(lengths - 1) > max(SCALE, SIGMAS * about_lengths)
-    turns = c.fits and abs(ratio - 1) > max(TURNS, SIGMAS * about_ratio)
+    turns = c.fits and abs(ratio - 1) > TURNS and abs(turns_over_scans - 1) > SIGMAS * about_turns
     rows = [
         ("angles between beams, over the stated", c.angle_scale, c.angle_deviation, 1.0, angles_differ),
         ("x of the lidar [m]", x, about_x, mount.x, far[0]),
@@ -232,11 +250,13 @@ def lidar_of(lidar: LidarStream, c: Calibration, certain: Collection[str]) -> Li
     return replace(lidar, angle_min=sign * lidar.angle_min, angle_increment=sign * scale * lidar.angle_increment)
 
 
-def mount_of(c: Calibration, recording: Recording, certain: Collection[str]) -> tuple[float, float, float]:
-    """x, y [m] and yaw [rad] of the lidar, as stated but for what is certain."""
+def mount_of(
+    c: Calibration, recording: Recording, certain: Collection[str], scale: float = 1.0
+) -> tuple[float, float, float]:
+    """x, y [m] and yaw [rad] of the lidar, as stated but for what is certain; of ranges that measure ``scale`` m."""
     mount, values = recording.platform.lidar, c.fit.values
-    x = float(values[Parameter.X]) if "x" in certain else mount.x
-    y = float(values[Parameter.Y]) if "y" in certain else mount.y
+    x = float(values[Parameter.X]) / scale if "x" in certain else mount.x
+    y = float(values[Parameter.Y]) / scale if "y" in certain else mount.y
     turned = c.fits and ("yaw" in certain or "angles" in certain or c.mirrored)
     return x, y, float(values[Parameter.YAW]) if turned else mount.yaw
 

@@ -47,8 +47,8 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
     certain = {figure.name.split(" ")[0] for figure in figures_of(c, recording) if figure.certain}
     if side is None:
         certain &= {"offset", "drift"}
-    x, y, yaw = mount_of(c, recording, certain)
     scale = float(c.fit.values[Parameter.LENGTHS]) if "lengths" in certain else 1.0
+    x, y, yaw = mount_of(c, recording, certain, scale if side == "lidar" else 1.0)
     offset, drift = c.fit.values[CLOCKS] if not c.shared_clock else (0.0, 0.0)
     mended = recording.replace(
         platform=recording.platform.model_copy(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,9 +32,19 @@ OFFSET = 0.1
 ANGLE_FLOOR = 0.0015
 """The standard deviation of that scale is no smaller."""
 ORDER = 5.0
-"""Standard errors by which scans fit better with the beams in one order in time than in the other: then that is it."""
+"""Standard errors by which scans fit better in one reading, of the beams in one order in time, say: then that is it."""
+LEAST_COST = 1e-4
+"""A pair costs no less [m]: all endpoints in one place fit, too."""
+SCALES = 1.1 ** np.arange(-8, 9)
+"""Scales of the angles between beams that are tried, from less than half to more than twice, ..."""
+SOME = 60
+"""... with as many pairs."""
 TURNING = 0.05
 """Scans whose turns deviate by less show nothing of odometry [rad]."""
+
+
+class UnfitScansError(Exception):
+    """Scans do not fit each other: how many pairs do, and of how many."""
 
 
 class RegisteredPairs:
@@ -55,9 +66,22 @@ class RegisteredPairs:
         self._ranges = ranges[np.searchsorted(scans, before)], ranges[np.searchsorted(scans, after)]
         self._found = register(*self._ranges, self._beams, self._seconds, TURNS)
 
-    def enough(self, share: float) -> bool:
-        """Whether enough pairs are registered, and this share of all."""
-        return bool(self._found.good.sum() >= FEWEST and self._found.good.mean() >= share)
+    @property
+    def costs(self) -> Array:
+        """[k] Of all pairs the logarithm of what they cost: the less, the better they fit."""
+        return np.asarray(np.log(np.maximum(cost(self._found), LEAST_COST)))
+
+    def fits_better(self, other: RegisteredPairs) -> bool | None:
+        """Whether the pairs clearly fit better than they do in another reading, or clearly worse; None if neither."""
+        better = other.costs - self.costs
+        certain = abs(better.mean()) > ORDER * better.std() / np.sqrt(len(better))
+        return bool(better.mean() > 0) if certain else None
+
+    def expect(self, share: float) -> None:
+        """Raise ``UnfitScansError`` unless enough pairs are registered, and this share of all."""
+        good, total = int(self._found.good.sum()), len(self._seconds)
+        if good < FEWEST or good < share * total:
+            raise UnfitScansError(good, total)
 
     @property
     def pairs(self) -> Pairs:
@@ -139,20 +163,35 @@ class RegisteredPairs:
         return float(scale), deviation
 
 
-def choose_pairs(lidar: LidarStream, odometry: Array, count: int) -> tuple[Indices, Indices]:
+def best_scale(recording: Recording, lidar: LidarStream, before: Indices, after: Indices) -> float:
+    """Of `SCALES` that of the angles at which some of the pairs fit best.
+
+    The cost has a narrow minimum, and others beside it, where Gauss-Newton ends that begins far off.
+    """
+    some = np.unique(np.linspace(0, len(before) - 1, SOME).astype(np.intp))
+    whole = abs(lidar.angle_increment) * (lidar.ranges.shape[1] - 1.5)  # round once at most
+    costs: dict[float, float] = {}
+    for scale in SCALES[(SCALES * whole < 2 * np.pi) | (SCALES == 1)].tolist():
+        scaled = replace(lidar, angle_increment=scale * lidar.angle_increment)
+        costs[scale] = RegisteredPairs(recording, scaled, before[some], after[some]).costs.mean()
+    return min(costs, key=lambda scale: costs[scale])
+
+
+def choose_pairs(lidar: LidarStream, odometry: Array, count: int, far: float = 1.0) -> tuple[Indices, Indices]:
     """Pairs of scans all over a recording: a third of them evenly by scans, by the way, and by turns of the odometry.
 
     Those by odometry begin a scan after the step that they are chosen by, or before: its noise is in none of them.
+    ``far`` is how far apart a pair is, over `MOTION`.
     """
     stamps, n = lidar.stamps, len(lidar)
     motion, seconds = np.abs(se2.between(odometry[:-1], odometry[1:])), np.diff(stamps)
-    size = np.hypot(motion[:, 0], motion[:, 1]) / MOTION[0] + motion[:, 2] / MOTION[1]
+    size = (np.hypot(motion[:, 0], motion[:, 1]) / MOTION[0] + motion[:, 2] / MOTION[1]) / far
     moving = size > 0.1 * np.percentile(size, 90)
     span, usual = LONGEST, 1.0
     if moving.any():
         usual = float(np.median(size[moving]))
         rate = float(np.median(size[moving] / np.maximum(seconds[moving], 1e-3)))
-        span = min(max(1 / rate, SHORTEST), LONGEST)
+        span = min(max(1 / rate, SHORTEST), LONGEST * far)
     evenly = (np.arange(count // 3) + 0.5) / (count // 3)
     beside = np.where(np.arange(count // 3) % 2, 1, -1)
     begins = [evenly * (n - 1)]

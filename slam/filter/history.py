@@ -38,14 +38,10 @@ class History:
         parent = particle if parents is None else int(parents[particle])
         return np.asarray(se2.between(self._poses[-2][parent], self._poses[-1][particle]))
 
-    def append(self, poses: Array, parents: NDArray[np.int64] | None = None) -> None:
-        """Add the poses [N, 3] of an update, and which of them the next update's particles descend from.
-
-        Args:
-            parents: [M] indices into ``poses`` (M particles survive), or None when nothing was resampled.
-        """
+    def append(self, poses: Array) -> None:
+        """Add the poses [N, 3] of an update."""
         self._poses.append(poses.copy())
-        self._parents.append(parents)
+        self._parents.append(None)
 
     def resampled(self, parents: NDArray[np.int64]) -> None:
         """Record that the next update's particles descend from these [M] of the last."""

@@ -117,7 +117,7 @@ class Misfit:
         """That the pose is wrong, by that state."""
         return (0.0, WRONG_IF_DOUBTFUL, WRONG_IF_LOST)[self.state]
 
-    def observe(self, driven: float, score: float | None, *, left_out: bool = False) -> None:
+    def observe(self, driven: float, score: float | None) -> None:
         """Take in a scan.
 
         Args:
@@ -131,7 +131,7 @@ class Misfit:
             if self._doubtful > NEIGHBOURHOOD:
                 self._doubtful = None
         if score is not None:
-            self._compare(driven, score, left_out=left_out)
+            self._compare(driven, score)
 
     def update(self, pose: Pose) -> None:
         """Take in the pose of an update."""
@@ -146,7 +146,7 @@ class Misfit:
         if self._lost is not None:
             self._lost.before, self._lost.looked = poses[: len(self._lost.before), :2].copy(), None
 
-    def _compare(self, driven: float, score: float, *, left_out: bool) -> None:
+    def _compare(self, driven: float, score: float) -> None:
         """Compare a score with those before, and take it in among them."""
         spread, below = self._scores.spread, self._scores.below(score)
         if below > LOST_DROP * spread:
@@ -154,8 +154,6 @@ class Misfit:
             self._lost = _Drop(usual, np.array(self._places).reshape(-1, 2))
         elif below > DOUBTFUL_DROP * spread:
             self._doubtful = 0.0
-        if left_out:
-            return
         self._scores.take_in(driven, score)
         if self._lost is not None:
             self._lost.matched += driven

@@ -63,11 +63,6 @@ class FilterDefaults(Protocol):
         return None
 
     @property
-    def map_bytes(self) -> int:
-        """Memory of the particles' maps."""
-        return 0
-
-    @property
     def lost(self) -> bool:
         """Whether the robot is lost, and what it sees goes into a map apart until it is found."""
         return False

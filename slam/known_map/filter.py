@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, InputError
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import read_map
@@ -93,7 +93,8 @@ class Presence(Doubt):
         if scan is None:
             return
         seen = scan.known if self.proved else scan.points
-        nats = (OUTLIER - ON_SURFACE) * scan.matched - ELSEWHERE * seen - CROSSING * scan.crossed
+        against = (OUTLIER - ON_SURFACE) * (scan.far + seen - scan.known) + CROSSING * scan.crossed
+        nats = (ELSEWHERE - ON_SURFACE) * seen - against
         share = min(max(driven / APART, LEAST_DRIVEN), 1.0)
         self._here = min(self._here + share * min(max(nats / CORRELATION, -MOST), MOST), LARGEST)
         self.proved |= self._here == LARGEST
@@ -107,9 +108,13 @@ class KnownMapFilter(TsdfFilter):
         if not config.known_map:
             raise ConfigError("missing, expected the .yaml file of a map", field="known_map")
         self._known = config
-        maps = KnownMaps(read_map(config.known_map), config.tsdf)
+        try:
+            maps = KnownMaps(read_map(config.known_map), config.tsdf)
+            search = None if config.start else WholeMapSearch(maps, config.registration)
+        except InputError as error:
+            raise InputError(error.problem, file=error.file or config.known_map, field=error.field) from error
         self._maps = self._particles.maps = maps
-        self._search: WholeMapSearch | None = None if config.start else WholeMapSearch(maps, config.registration)
+        self._search: WholeMapSearch | None = search
         self._doubt: Presence = Presence()
         self._driven, self._next, self._pause = 0.0, 0.0, SEARCHES_APART
         self._divided = True  # the particles may be more than one place needs

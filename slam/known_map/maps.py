@@ -87,7 +87,7 @@ class KnownMaps(TsdfMaps):
         free = self._surface.is_free(x, y) & (distance > CLEARANCE)
         places = np.column_stack((x[free], y[free]))
         if not len(places):
-            raise InputError("no free cell, expected a map in which a robot can stand", field="known_map")
+            raise InputError("no free cell, expected a map in which a robot can stand")
         block = np.floor(places / (8 * step))
         return np.asarray(places[np.lexsort((places[:, 0], places[:, 1], block[:, 0], block[:, 1]))])
 
@@ -104,7 +104,7 @@ class _Surface:
         inside = binary_erosion(occupied, np.ones((3, 3), bool), border_value=1)
         surface = occupied & ~inside
         if not surface.any():
-            raise InputError("no occupied cell, expected a map with walls", field="known_map")
+            raise InputError("no occupied cell, expected a map with walls")
         self._known = (values != UNKNOWN) & ~inside
         self._free = values == FREE
         self._nearest = distance_transform_edt(~surface, return_distances=False, return_indices=True).astype(np.int32)

@@ -48,10 +48,10 @@ OUTLIER, CROSSING = 4.0, 1.0
 nothing; and of a ray through a surface [nats]."""
 ON_SURFACE = 0.5
 """Mean cost of any other endpoint [nats], as of a normal error."""
-ELSEWHERE = 2.0
-"""Cost of an endpoint of a robot that is not in the map [nats]: of half of what contradicts it, as in the open. At a
-place in the map one of which the map knows nothing costs as much as one where it is free: most of what a robot sees in
-a map that it drove in is known."""
+ELSEWHERE = 1.4
+"""Cost of an endpoint of a robot that is not in the map [nats]: buildings are alike, and three of four endpoints are
+nearer than ``LOST_DISTANCE`` to surfaces at the best place of another one. At a place in the map one of which the map
+knows nothing contradicts it, too: most of what a robot sees in a map that it drove in is known."""
 FINE = 0.3
 """Share of the fine costs that counts: half a cell by which a wall is drawn aside is the same at all of its endpoints.
 """

@@ -46,7 +46,6 @@ class ScanFit(NamedTuple):
         known: of these lie where the map is known.
         far: of these are ``LOST_DISTANCE`` or more from the surface.
         crossed: rays that pass through a surface of the map.
-        matched: sum of the likelihoods, 0 to 1, of those that are known.
     """
 
     score: float
@@ -54,7 +53,6 @@ class ScanFit(NamedTuple):
     known: float
     far: float
     crossed: float
-    matched: float = 0.0
 
 
 class Doubt:

@@ -87,11 +87,6 @@ class TsdfFilter(FilterDefaults):
         """How scans are thinned before they are registered."""
         return self._config.thinning
 
-    @property
-    def map_bytes(self) -> int:
-        """Memory of the particles' TSDFs."""
-        return self._particles.maps.memory
-
     def step(self, step: Step) -> StepResult:
         """Take in one scan and the motion since the scan before."""
         scan = step.scan or thin(step.points, step.origin, self._config.thinning)

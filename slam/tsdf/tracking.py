@@ -182,8 +182,7 @@ class Tracker:
                 left=self._open,
             )
             share = score / max(fitted.known, 1.0)
-            matched = fitted.known * fitted.likelihood
-            of_scan = ScanFit(share, len(scan.points), fitted.known, fitted.far, fitted.crossed, matched)
+            of_scan = ScanFit(share, len(scan.points), fitted.known, fitted.far, fitted.crossed)
             fit = Fit(fitted.information, fitted.likelihood, spread, of_scan)
             contradicts = self._localiser.contradicts(score, len(scan.points))
             if not decided:

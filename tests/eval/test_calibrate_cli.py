@@ -8,11 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sim_logs import winding
 
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.ate import absolute_trajectory_error
+from moteslam.robot.formats import write_recording
 from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.trajectories.text import read_tum, write_tum
+from moteslam.sim.logged import with_odometry
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
@@ -42,6 +45,33 @@ def test_inspect_prints_estimates_and_what_is_certain(reversed_beams: Path, caps
     shown = json.loads(capsys.readouterr().out)
     assert "mirrored" in [problem["code"] for problem in shown["problems"]]
     assert {"name", "value", "deviation", "stated", "certain"} == shown["calibration"][0].keys()
+
+
+def test_inspect_says_all_that_replay_says_of_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = with_odometry(winding(seconds=12.0)).replace(encoders=None, imu=None)
+    odometry = recording.odometry
+    poses = odometry.poses.copy()
+    frozen = (odometry.stamps > odometry.stamps[0] + 4) & (odometry.stamps < odometry.stamps[0] + 7)
+    poses[frozen] = poses[frozen][0]
+    bag = tmp_path / "drive.mcap"
+    write_recording(bag, recording.replace(odometry=replace(odometry, poses=poses)))
+    assert main.run(["inspect", str(bag), "--json"]) == 0
+    told = {problem["code"] for problem in json.loads(capsys.readouterr().out)["problems"]}
+    assert main.run(["replay", str(bag), "--out", str(tmp_path / "out"), "--no-figures", "--json"]) == 0
+    warnings = {warning["code"] for warning in json.loads(capsys.readouterr().out)["warnings"]}
+    assert "stale-odometry" in warnings
+    assert warnings <= told
+
+
+def test_scans_that_do_not_fit_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = with_odometry(winding(seconds=12.0))
+    lidar = recording.lidar
+    far = replace(lidar, ranges=lidar.ranges[:] * np.float32(30), range_max=lidar.range_max * 30)
+    write_recording(tmp_path / "drive.mcap", recording.replace(lidar=far))
+    assert main.run(["inspect", str(tmp_path / "drive.mcap")]) == 0
+    out = capsys.readouterr().out
+    assert "pairs of scans fit each other" in out
+    assert "replay --calibrate" not in out
 
 
 @pytest.mark.slow

@@ -93,19 +93,6 @@ def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_pa
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["result", "robot"]
 
 
-@pytest.mark.slow
-def test_the_same_bytes_on_one_thread_and_on_two(program, simulated_folder: Path, tmp_path: Path) -> None:
-    for threads in (1, 2):
-        out = f"on{threads}"
-        done = program(
-            *("replay", simulated_folder, "--out", out, "--threads", threads, "--set", "particles=20", "--no-figures"),
-            cwd=tmp_path,
-        )
-        assert done.returncode == 0, done.stderr
-    for name in ("trajectory.tum", "trajectory_final.tum", "map.pgm"):
-        assert (tmp_path / "on1" / name).read_bytes() == (tmp_path / "on2" / name).read_bytes()
-
-
 @pytest.mark.parametrize(("sequence", "distance"), [("20", 95.9), ("21", 91.8)])
 def test_dead_reckoning_of_the_real_encoders(
     sequence: str, distance: float, data_folder: Path, tmp_path: Path, capsys

@@ -30,20 +30,6 @@ def convert(*arguments: object) -> int:
     return main.run(["convert", *map(str, arguments)])
 
 
-@pytest.mark.parametrize("target", ENDINGS)
-@pytest.mark.parametrize("source", ENDINGS)
-def test_every_format_becomes_every_other(source: str, target: str, capsys) -> None:
-    out = f"new/out{ENDINGS[target]}"
-    assert convert(f"{source}{ENDINGS[source]}", out) == 0
-    back = read_trajectory(out)
-    np.testing.assert_array_equal(back.stamps, PATH.stamps)
-    np.testing.assert_array_equal(back.poses[:, :2], PATH.poses[:, :2])
-    np.testing.assert_allclose(back.poses[:, 2], PATH.poses[:, 2], rtol=0, atol=4 * np.spacing(np.pi))
-    printed, err = capsys.readouterr()
-    assert err == ""
-    assert printed == f"{source}{ENDINGS[source]}: 40 poses, {PATH.length:.1f} m\nwrote {out}, {target}\n"
-
-
 def test_a_format_that_is_named_and_json(capsys) -> None:
     assert convert("tum.tum", "path.txt", "--to", "euroc", "--json") == 0
     said = json.loads(capsys.readouterr().out)

@@ -105,14 +105,6 @@ def test_odd_recordings(name: str, tmp_path: Path, drawn: list[Figure]) -> None:
         assert np.isfinite([*axes.get_xlim(), *axes.get_ylim()]).all()
 
 
-def test_a_gap_is_drawn(tmp_path: Path, drawn: list[Figure]) -> None:
-    stamps = np.arange(3200) / 40
-    stamps[1600:] += 20
-    figure = drawn_of(Recording("gap", Platform(), lidar=lidar(stamps, np.full((3200, 40), 2.0))), tmp_path, drawn)
-    bars = [bar.get_paths() for bar in figure.axes[0].collections]
-    assert [len(paths) for paths in bars] == [2, 1]  # what is covered, and the gap
-
-
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
     write_recording(tmp_path / "a.bag", whole().replace(rgbd=None))
@@ -155,14 +147,3 @@ def test_scans_fill_the_time_until_the_next_but_for_gaps(tmp_path: Path, drawn: 
     np.testing.assert_allclose(edges[[gap, gap + 1]], stamps[[99, 100]] - stamps[0])
     (shares,) = (axes for axes in figure.axes if axes.get_ylabel() == "beams [%]")
     np.testing.assert_array_equal(np.isfinite(shares.lines[0].get_ydata()), shown)
-
-
-def test_a_rate_is_that_between_the_first_and_the_last_reading(tmp_path: Path, drawn: list[Figure]) -> None:
-    odometry = OdometryStream(np.arange(3.0, 50.0, 0.1), np.zeros((470, 3)))
-    scans = lidar(np.arange(0.0, 60.0, 0.2), np.full((300, 40), 2.0))
-    figure = drawn_of(Recording("x", WHOLE.platform, lidar=scans, odometry=odometry), tmp_path, drawn)
-    (panel,) = (axes for axes in figure.axes if axes.get_ylabel() == "readings a second [Hz]")
-    rates = {str(each.get_label()): each.get_data() for each in panel.patches}  # type: ignore[attr-defined]
-    assert rates["odometry"].edges[[0, -1]] == pytest.approx((3.0, 49.9))
-    assert rates["odometry"].values == pytest.approx(np.full(47, 10.0), rel=0.11)
-    assert rates["lidar"].values == pytest.approx(np.full(30, 5.0), rel=0.11)

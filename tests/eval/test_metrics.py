@@ -28,12 +28,6 @@ def circle(turns: float, turned: float = 2 * np.pi) -> Trajectory:
     return Trajectory(0.2 * np.arange(n + 1), np.vstack((np.zeros(3), se2.accumulate(np.tile(step, (n, 1))))))
 
 
-def test_alignment_undoes_a_rigid_motion() -> None:
-    points = np.random.default_rng(0).normal(0, 10, (50, 2))
-    pose = np.array([3.0, -200.0, 2.5])
-    np.testing.assert_allclose(umeyama(points, se2.transform_points(pose, points)), pose, atol=1e-9)
-
-
 @pytest.mark.parametrize("count", [1, 2, 30])
 def test_alignment_of_points_in_one_place_is_a_shift(count: int) -> None:
     source, target = np.full((count, 2), 0.1) + 1e6, np.full((count, 2), -7.3)
@@ -49,11 +43,6 @@ def test_where_the_reference_stands_still_the_headings_are_laid_on_each_other() 
     assert max(result.rmse, result.rotation.rmse) < 2e-3
     assert se2.wrap(result.transform[2] + 2.0) == pytest.approx(0.0, abs=1e-3)
     np.testing.assert_allclose(result.aligned[:, :2].mean(axis=0), still[:, :2].mean(axis=0), atol=1e-9)
-
-
-def test_alignment_never_scales_or_mirrors() -> None:
-    stamps, square = np.arange(4.0), np.array([[0, 0, 0], [1, 0, 0], [1, 2, 0], [0, 1.0, 0]])
-    assert ate(Trajectory(stamps, square * (1, -1, 1)), Trajectory(stamps, square)).rmse > 0.1
 
 
 def test_a_dense_reference_is_interpolated_but_not_over_a_hole() -> None:
@@ -97,15 +86,6 @@ def test_the_loop_that_does_not_close() -> None:
     assert result.translation.median == pytest.approx(8 * 0.1, rel=0.1)
     assert (np.diff(result.stamps, axis=1)[:, 0] / 0.2 * 0.1 > 15).all()
     assert loop_closing_error(circle(2.0), circle(2.0)).translation.max < 1e-9
-
-
-def test_laid_on_the_start_the_error_grows_from_there() -> None:
-    estimate, reference = circle(1.0, 2 * np.pi + 0.1), circle(1.0)
-    moved = Trajectory(estimate.stamps, se2.compose((3.0, -2.0, 1.0), estimate.poses))
-    result = ate(moved, reference, from_start=True)
-    assert result.errors[0] < 1e-9
-    assert result.errors[-1] == pytest.approx(0.1 * 8, rel=0.2)
-    assert result.rmse > ate(moved, reference).rmse
 
 
 @pytest.mark.parametrize(

@@ -14,21 +14,17 @@ from made_sweeps import swept
 from matplotlib.figure import Figure
 from PIL import Image
 
-from moteslam.errors import OutputError
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, maps
 from moteslam.eval.report.maps import draw_over_time
-from moteslam.eval.report.particles import Cloud, draw_particles, magnification
-from moteslam.eval.report.style import broken, saved_figure
-from moteslam.eval.report.sweep_curves import axis_unit, draw_sweep, far_apart, places_of
+from moteslam.eval.report.particles import Cloud, draw_particles
+from moteslam.eval.report.style import broken
+from moteslam.eval.report.sweep_curves import draw_sweep, places_of
 from moteslam.eval.results import from_same_start, write_map_files
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.store import Row
-from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, map_image, trinary
-from moteslam.robot.platforms import UCSD
 from moteslam.robot.raster import Raster
-from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.trajectory import Trajectory
 
 
@@ -43,14 +39,6 @@ def opened(path: Path) -> np.ndarray:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     assert image is not None
     return image
-
-
-def test_the_top_of_a_picture_is_the_largest_y(occupancy: Raster) -> None:
-    assert trinary(occupancy.values).tolist() == [[OCCUPIED, FREE, UNKNOWN], [UNKNOWN, UNKNOWN, FREE]]
-    grey = map_image(occupancy.values)
-    assert grey[0, :2].tolist() == [205, 205]
-    assert 205 < grey[0, 2] < 254
-    assert grey[1, :2].tolist() == [0, 254]
 
 
 def test_map_server_files_read_back(occupancy: Raster, tmp_path: Path) -> None:
@@ -116,30 +104,6 @@ def test_legends_name_each_path_its_start_and_its_end(run, simulation, tmp_path:
     ]
 
 
-def test_single_far_endpoints_do_not_shrink_the_plan(tmp_path: Path, drawn: list[Figure]) -> None:
-    ranges = np.full((50, 100), 4.0, np.float32)
-    ranges[7, 50] = 500.0
-    lidar = LidarStream(np.arange(50.0), ranges, -1.5, 0.03, 0.1, 600.0)
-    still = Trajectory(np.arange(50.0), np.zeros((50, 3)))
-    maps.draw_dead_reckoning(tmp_path / "a.png", still, recording=Recording("far", UCSD, lidar=lidar))
-    low, high = drawn[0].axes[0].get_xlim()
-    assert high - low < 20
-
-
-def test_many_updates_are_drawn_as_their_range_and_running_median(tmp_path: Path, drawn: list[Figure]) -> None:
-    rng = np.random.default_rng(0)
-    n_eff = rng.uniform(20.0, 100.0, 5000)
-    curves.draw_effective_particles(
-        tmp_path / "a.png", np.arange(5000.0), n_eff, n_eff < 30, particles=np.full(5000, 100.0)
-    )
-    (axes,) = drawn[0].axes
-    assert legend_of(drawn[0])[:2] == ["effective particles: range in 20 updates", "running median over 200 updates"]
-    trend = axes.lines[0].get_ydata()
-    assert len(trend) == curves.WINDOWS
-    assert abs(trend - 60).max() < 15
-    assert np.ptp(axes.collections[0].get_paths()[0].vertices[:, 1]) == pytest.approx(80, abs=1)
-
-
 def test_a_robot_that_never_moved_can_be_drawn(occupancy: Raster, tmp_path: Path) -> None:
     still = Trajectory(np.array([1.0, 1.0]), np.zeros((2, 3)))
     maps.draw_trajectories(tmp_path / "a.png", occupancy, slam=still)
@@ -149,11 +113,6 @@ def test_a_robot_that_never_moved_can_be_drawn(occupancy: Raster, tmp_path: Path
     curves.draw_error(tmp_path / "d.png", slam=absolute_trajectory_error(still, still))
     curves.draw_effective_particles(tmp_path / "e.png", still.stamps, np.ones(2), np.zeros(2), particles=np.ones(2))
     assert len(list(tmp_path.glob("*.png"))) == 5
-
-
-def test_a_figure_that_cannot_be_written(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="absent"), saved_figure(tmp_path / "absent" / "x.png", size=(3, 3)):
-        pass
 
 
 def test_curves_are_broken_where_nothing_was_measured() -> None:
@@ -217,11 +176,6 @@ def test_ancestors_and_partings_are_drawn(figure: Figure) -> None:
     )
 
 
-@pytest.mark.parametrize(("largest", "factor"), [(0.0, 5000), (0.001, 500), (0.01, 50), (3.0, 1), (50.0, 1)])
-def test_magnification_is_a_round_number(largest: float, factor: int) -> None:
-    assert magnification(largest, 10.0) == factor
-
-
 def made(scenario: str, configuration: str, error: float | None, **varied: bool | float | str) -> Row:
     run = PlannedRun(scenario=scenario, seed=0, configuration=configuration, varied=tuple(varied.items()))
     return Row(run, "failed" if error == inf else "ok", "", {"final.ate": {} if error is None else {"value": error}})
@@ -238,12 +192,6 @@ def made(scenario: str, configuration: str, error: float | None, **varied: bool 
 )
 def test_numbers_lie_where_they_are_and_words_side_by_side(values: list[object], places: dict[object, float]) -> None:
     assert list(places_of(values).items()) == list(places.items())
-
-
-def test_axes_are_logarithmic_where_values_are_far_apart() -> None:
-    assert far_apart([1, 12])
-    assert not far_apart([1, 11])
-    assert not far_apart([0, 100])
 
 
 def test_a_colour_a_scenario_and_dashes_a_configuration(tmp_path: Path, drawn: list[Figure]) -> None:
@@ -272,12 +220,6 @@ def test_whatever_the_values_are_they_are_drawn(errors: tuple[float | None, ...]
     with Image.open(tmp_path / "a.png") as picture:
         assert picture.size[0] > 500
         assert len(picture.convert("RGB").getcolors(1 << 24) or ()) > 10
-
-
-def test_errors_below_a_metre_are_drawn_in_centimetres() -> None:
-    assert axis_unit("m", [0.02, 0.99]) == ("cm", 100.0)
-    assert axis_unit("m", [0.02, 1.0]) == axis_unit("m", []) == ("m", 1.0)
-    assert axis_unit("deg", [0.02]) == ("deg", 1.0)
 
 
 def test_the_command(tmp_path: Path) -> None:

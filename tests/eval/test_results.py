@@ -108,17 +108,6 @@ def _leaves(value: object) -> list[object]:
     return [leaf for below in value for leaf in _leaves(below)] if isinstance(value, list) else [value]
 
 
-def test_an_estimate_holds_the_particles_ancestry_and_spread(run) -> None:
-    estimate, _ = run
-    paths, ancestors, spread = estimate.particle_paths, estimate.particle_ancestors, estimate.particle_spread
-    assert ancestors.shape == paths.shape[:2]
-    assert spread.shape == paths.shape[1:]
-    assert (spread[0] < 1e-9).all()  # all start at the origin
-    assert (spread[-1] > 0).all()
-    shared = ancestors == ancestors[0]
-    assert (paths[shared] == np.broadcast_to(paths[0], paths.shape)[shared]).all()
-
-
 def test_the_paths_of_the_picture_begin_at_one_pose(run, simulation, tmp_path: Path, drawn: list[Figure]) -> None:
     """Also where the back end has moved the first scan."""
     estimate, _ = run

@@ -8,42 +8,13 @@ import cv2
 import numpy as np
 import pytest
 from figures import legend_of
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
 from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.report.film import CODECS, MAX_FRAMES, Pace, video_codec, write_film
-from moteslam.eval.report.scenarios import along, draw_scenario
-from moteslam.sim.scenario import Scenario, load_scenario
-
-
-def boxes_of_texts(axes: Axes) -> np.ndarray:
-    """The corners [n, 4] of all texts in pixels: left, bottom, right, top."""
-    boxes = [text.get_window_extent() for text in axes.texts]
-    return np.array([(box.x0, box.y0, box.x1, box.y1) for box in boxes]).reshape(-1, 4)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["big_loop", "doors", "lab", "office", "people", "slippery", "random-corridors-3"])
-def test_texts_lie_inside_the_plan_and_not_on_each_other(name: str, tmp_path: Path, drawn: list[Figure]) -> None:
-    scenario = load_scenario(name)
-    draw_scenario(tmp_path / "x.png", scenario)
-    (axes,) = drawn[0].axes
-    drawn[0].draw_without_rendering()  # at the resolution that sizes are measured in
-    boxes = boxes_of_texts(axes)
-    expected = len(scenario.people) + len(scenario.doors) + len(scenario.world.slippery)
-    assert len(boxes) - expected in {1, 2}  # start and goal may be one
-    area = axes.get_window_extent()
-    assert (boxes[:, :2] >= (area.x0, area.y0)).all()
-    assert (boxes[:, 2:] <= (area.x1, area.y1)).all()
-    for i, box in enumerate(boxes):
-        others = boxes[i + 1 :]
-        apart = (others[:, :2] >= box[2:]) | (others[:, 2:] <= box[:2])
-        assert apart.any(axis=1).all()
-    legend = drawn[0].legends[0].get_window_extent()
-    assert legend.y1 < axes.get_window_extent().y0
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
+from moteslam.eval.report.scenarios import draw_scenario
+from moteslam.sim.scenario import load_scenario
 
 
 def test_free_space_is_white_and_the_rest_grey(tmp_path: Path, drawn: list[Figure]) -> None:
@@ -63,20 +34,6 @@ def test_free_space_is_white_and_the_rest_grey(tmp_path: Path, drawn: list[Figur
     assert grey_at(11.0, 7.0)  # inside the loop
 
 
-def test_arrows_point_along_the_route_on_its_right(tmp_path: Path, drawn: list[Figure]) -> None:
-    there_and_back = {"route": {"waypoints": [[1.0, 1.0], [9.0, 1.0], [1.0, 1.0]]}}
-    room = {"world": {"rooms": [{"corner": [0.0, 0.0], "size": [10.0, 2.0]}]}}
-    draw_scenario(tmp_path / "x.png", Scenario.model_validate({**room, **there_and_back}))
-    (axes,) = drawn[0].axes
-    (arrows,) = [c for c in axes.collections if c.get_zorder() == 3]
-    np.testing.assert_allclose(arrows.V, 0, atol=1e-9)
-    there = arrows.U > 0
-    assert 0 < there.sum() < len(there)
-    assert (arrows.Y[there] < 1).all()
-    assert (arrows.Y[~there] > 1).all()
-    assert "route, 16 m" in legend_of(drawn[0])
-
-
 def test_the_legend_names_what_is_there(tmp_path: Path, drawn: list[Figure]) -> None:
     draw_scenario(tmp_path / "a.png", load_scenario("lab"))
     draw_scenario(tmp_path / "b.png", load_scenario("people"))
@@ -88,14 +45,6 @@ def test_the_legend_names_what_is_there(tmp_path: Path, drawn: list[Figure]) -> 
     ]
     assert people[-2:] == ["person, there and back", "person, strolls about"]
     assert doors[-2:] == ["door, shut", "door, as it opens"]
-
-
-def test_places_along_a_line_are_even() -> None:
-    places, directions = along(np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 0.0), (4.0, 4.0)]), 2.0)
-    np.testing.assert_allclose(places, [(1, 0), (3, 0), (4, 1), (4, 3)])
-    np.testing.assert_allclose(directions, [(1, 0), (1, 0), (0, 1), (0, 1)])
-    still, _ = along(np.zeros((2, 2)), 1.0)
-    np.testing.assert_array_equal(still, np.zeros((1, 2)))
 
 
 SHADES = (20, 120, 240)
@@ -130,18 +79,6 @@ def test_an_mp4_is_one_that_browsers_play(tmp_path: Path, capfd: pytest.CaptureF
     assert any(codec.encode() in content for codec in CODECS)
     assert b"mp4v" not in content
     assert capfd.readouterr() == ("", "")
-
-
-def test_frames_of_a_gif_last_as_long_as_asked_in_all(tmp_path: Path) -> None:
-    frames = [np.full((8, 8, 3), shade, np.uint8) for shade in range(0, 240, 8)]
-    write_film(tmp_path / "x.gif", frames, fps=15.0)
-    lasts = []
-    with Image.open(tmp_path / "x.gif") as film:
-        for i in range(film.n_frames):
-            film.seek(i)
-            lasts.append(film.info["duration"])
-    assert set(lasts) == {60, 70}
-    assert sum(lasts) == 2000
 
 
 def test_a_film_of_another_kind_is_refused(tmp_path: Path) -> None:

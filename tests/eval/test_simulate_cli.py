@@ -41,14 +41,6 @@ def test_a_platform_is_named_filed_or_changed(scenario_file: Path, tmp_path: Pat
     assert simulated(scenario_file, tmp_path / "based", *based).platform.lidar == filed.platform.lidar
 
 
-def test_a_file_beside_the_scenario_is_its_robot(scenario_file: Path, tmp_path: Path, monkeypatch) -> None:
-    (tmp_path / "sub").mkdir()
-    (tmp_path / "sub" / "room.toml").write_text('platform = "burger.toml"\n' + scenario_file.read_text())
-    (tmp_path / "sub" / "burger.toml").write_text('base = "turtlebot3"\n')
-    monkeypatch.chdir(tmp_path)
-    assert simulated(Path("sub/room.toml"), tmp_path / "out").platform.lidar.beams == 360
-
-
 def test_a_carmen_log_is_replayed_and_scored_by_the_truth_beside_it(
     scenario_file: Path, tmp_path: Path, capsys
 ) -> None:

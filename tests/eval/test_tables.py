@@ -24,10 +24,6 @@ def test_markdown_marks_nothing_up() -> None:
     assert lines[2] == (r"| a\|b \\ \`c\` \<d\> \*e\* \_f\_ \[g\] \~h\~ \$i\$ \& \#j 100 % \{k\} ^l | 1.5 |")
 
 
-def test_a_cell_of_markdown_is_one_line() -> None:
-    assert markdown([HEAD, ("a\nb\r\nc", "")]).splitlines()[2:] == ["| a b c |  |"]
-
-
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -49,12 +45,6 @@ def test_a_cell_of_markdown_is_one_line() -> None:
 )
 def test_latex_prints_what_it_is_given(text: str, expected: str) -> None:
     assert latex([(text,)]).splitlines()[2] == rf"{expected} \\"
-
-
-def test_latex_is_a_whole_tabular() -> None:
-    assert latex([HEAD, ("a", "1")]) == "\n".join(
-        [r"\begin{tabular}{lr}", r"\hline", r"name & value \\", r"\hline", r"a & 1 \\", r"\hline", r"\end{tabular}"]
-    )
 
 
 def test_csv_reads_back() -> None:

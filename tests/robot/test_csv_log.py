@@ -158,6 +158,36 @@ def test_ticks_of_two_and_of_four_wheels(tmp_path: Path) -> None:
     np.testing.assert_array_equal(changes.counts, [[5, 6, 7, 8], [6, 8, 10, 12]])
 
 
+@pytest.mark.parametrize("given", [True, False])
+def test_ticks_of_the_other_kind_are_refused(given: bool, tmp_path: Path) -> None:
+    """Of wheels at 0.4 m/s, twenty times a second: totals are the sum of what they turn by."""
+    ticks = np.clip(40 + np.random.default_rng(0).integers(-3, 4, 600), 0, None)
+    ticks[:20] = ticks[-20:] = 0
+    wheels = "[platform.wheels]\nmetres_per_count = 0.0005\ndiameter = 0.1\nwheel_base = 0\ntrack = 0.3\n"
+    description = f'{ENCODERS}left = "a"\nright = "a"\n%s\n{wheels}effective_track = 0.3\n'
+
+    def counts(values: np.ndarray, *, running: bool) -> np.ndarray:
+        lines = "\n".join(f"{k / 20},{value}" for k, value in enumerate(values.tolist()))
+        path = write(tmp_path, description % f"running = {str(running).lower()}", scans=f"t,a\n{lines}\n")
+        return open_recording(path).encoders.counts[1:, 0]
+
+    right, wrong = (np.cumsum(ticks), ticks) if given else (ticks, np.cumsum(ticks))
+    np.testing.assert_array_equal(counts(right, running=given), ticks[1:])
+    with pytest.raises(ConfigError) as refused:
+        counts(wrong, running=given)
+    assert refused.value.field == "encoders.running"
+
+
+def test_the_longest_range_of_many_beams_is_no_return(tmp_path: Path) -> None:
+    near = np.random.default_rng(0).uniform(0.5, 2.9, (40, 4))
+    near[np.arange(40), np.arange(40) % 4] = 3.0
+    rows = "\n".join(f"{k},{a:.3f},{b:.3f},{c:.3f}" for k, (a, b, c, _) in enumerate(near))
+    recording = open_recording(write(tmp_path, scans=f"t,r0,r1,r2\n{rows}\n"))
+    assert [issue.code for issue in recording.warnings] == ["range-max"]
+    np.testing.assert_array_equal(np.isinf(recording.lidar.ranges), near[:, :3] == 3)
+    assert recording.lidar.range_max == pytest.approx(3)
+
+
 WHEELS = ("front_right", "front_left", "rear_right", "rear_left")
 
 

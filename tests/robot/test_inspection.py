@@ -126,6 +126,7 @@ def test_a_real_log_with_equal_stamps(data_folder: Path) -> None:
         (1, 1000, 1, 1, "odometry-units"),
         (1, 1, 57.3, 1, "gyro-units"),
         (1, 1, 1, 1000, "range-units"),
+        (1, 1, 1, 0.001, "range-units"),
     ],
 )
 def test_figures_in_other_units_are_told_and_give_no_map(
@@ -148,6 +149,15 @@ def test_figures_in_other_units_are_told_and_give_no_map(
     else:
         with pytest.raises(InputError):
             SlamSession(recording)
+
+
+def test_running_totals_in_place_of_counts_are_no_speed_of_a_robot() -> None:
+    counts = np.repeat(np.arange(0, 20_000, 20)[:, None], 4, axis=1)
+    lidar = scans(np.arange(50) / 10)
+    recording = Recording("x", UCSD, lidar=lidar, encoders=EncoderStream(np.arange(1000) / 40, counts))
+    assert "odometry-units" in [problem.code for problem in inspect_recording(recording).problems]
+    with pytest.raises(InputError, match="encoders: move at"):
+        SlamSession(recording)
 
 
 RNG = np.random.default_rng(1)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import Bag, Rows, Table
-from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, given_again, no_return_limit
+from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, given_again, no_return_limit, sampled
 from moteslam.robot.platform import MAX_BEAMS, LidarSpec, too_wide
 from moteslam.robot.recording import Images, RgbdStream, nearest_stamp
 from moteslam.robot.rgbd import decode_disparity, decode_rgb, disparity_of
@@ -30,7 +30,6 @@ from moteslam.robot.values import counted
 
 LASER_SCAN, MULTI_ECHO = "sensor_msgs/LaserScan", "sensor_msgs/MultiEchoLaserScan"
 
-SAMPLE = 64  # scans that are looked at for the limit where the messages state none
 MAX_STEP = 0.01  # between two beams [s]: no lidar is slower
 FINER = 4
 """Of scans with beams of their own each, the common fan has this many beams for one of theirs: an endpoint lies up to
@@ -116,11 +115,12 @@ def laser_scans(bag: Bag, table: Table) -> Scans:
         what = f"time_increment of {fan.time_increment:g} s is more than scans take; not used"
         bag.tell("time-increment", topic, what)
         fan = fan._replace(time_increment=0.0)
+    sample = load(sampled(len(stamps)))
     if not fan.range_min < fan.range_max < np.inf:  # the limit is that of a sample of the ranges, as for a log
-        sample = np.unique(np.linspace(0, len(stamps) - 1, min(SAMPLE, len(stamps))).astype(np.intp))
-        limit = no_return_limit(load(sample), None)
+        limit = no_return_limit(sample, None)
         bag.tell("range-max", topic, f"range_max of {fan.range_max:g} m; {limit:g} m is taken, by the ranges")
         fan = fan._replace(range_min=0.0 if fan.range_min >= limit else fan.range_min, range_max=limit)
+    fan = fan.below(sample, bag.issues, f"{bag.path.name}: {topic}")
     return replace(scans, fan=fan.reversed() if fan.time_increment < 0 else fan)
 
 

@@ -208,8 +208,6 @@ class _Fused(NamedTuple):
 
 def _same(before: list[Prediction], after: list[Prediction]) -> bool:
     """Whether two corrections of the odometry come to about the same."""
-    if not before:
-        return True
     old, new = np.array([step.spread for step in before]), np.array([step.spread for step in after])
     off = np.array([se2.between(a.step, b.step) for a, b in zip(before, after, strict=True)])
     ratio = new / old

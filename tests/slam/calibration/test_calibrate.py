@@ -16,7 +16,7 @@ from moteslam.robot.values import Issue
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.calibration.calibrate import Calibration, calibrate
-from moteslam.slam.calibration.findings import Findings, findings
+from moteslam.slam.calibration.findings import Findings, checked, findings
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
 from moteslam.slam.calibration.mended import calibrated, corrected
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
@@ -114,6 +114,31 @@ def test_a_lidar_that_is_not_as_stated_is_measured_to_a_fifth(name: str, platfor
     assert figure.value - figure.stated == pytest.approx(size, abs=within)
 
 
+@pytest.mark.parametrize(
+    ("platform", "factor"),
+    [("lms200", 0.5), ("lms200", 2 / 3), ("lms200", 1.5), ("lms200", 2.0), ("rplidar_a1", 0.5), ("rplidar_a1", 0.75)],
+)
+def test_angles_that_are_off_by_a_factor_are_found(platform: str, factor: float) -> None:
+    calibration, found = found_in(lidar(angle_increment=lambda s: s.angle_increment * factor)(driven(platform)))
+    assert calibration.angle_scale == pytest.approx(1 / factor, rel=0.01)
+    assert codes(found.moves) == ["lidar-angles"]
+
+
+@pytest.mark.parametrize("platform", ["lms200", "rplidar_a1"])
+def test_scans_that_fit_each_other_in_no_reading_are_told(platform: str) -> None:
+    recording = lidar(ranges=lambda s: s.ranges * np.float32(100))(driven(platform))
+    calibration, found = checked(recording)
+    assert calibration is None
+    assert calibrate(recording) is None
+    assert codes(found.issues) == codes(found.moves) == ["scans-unfit"]
+
+
+def test_ranges_in_feet_do_not_move_the_mount() -> None:
+    recording, mended = mended_by(lidar(ranges=lambda s: s.ranges * np.float32(3.28)), "lms200", "lidar")
+    assert codes(found_in(recording)[1].issues) == ["range-scale"]
+    assert mended.platform.lidar == recording.platform.lidar
+
+
 @pytest.mark.parametrize("platform", ["lms200", "ucsd"])
 def test_a_clock_that_drifts_is_known_to_some_milliseconds_over_the_drive(platform: str) -> None:
     sensors = ("lidar", "encoders") if platform == "lms200" else ("lidar", "encoders", "imu")
@@ -164,6 +189,9 @@ def test_a_lidar_mounted_backwards_is_said_to_be() -> None:
     assert mended.platform.lidar.yaw == pytest.approx(0, abs=0.02)
 
 
+IN_DEGREES = ("stated", "odometry-turn-scale")
+
+
 @pytest.mark.parametrize(
     ("fault", "form", "code"),
     [
@@ -173,10 +201,12 @@ def test_a_lidar_mounted_backwards_is_said_to_be() -> None:
         (poses(lambda p: p * (1, -1, -1)), "stated", "mirrored"),
         (poses(lambda p: p * (1.1, 1.1, 1)), "stated", "range-scale"),
         (poses(lambda p: p * (1000, 1000, 1)), "stated", "range-scale"),
+        (poses(lambda p: p * (0.1, 0.1, 1)), "stated", "range-scale"),
+        (lambda r: r.replace(imu=replace(r.imu, angular_velocity=r.imu.angular_velocity / 57.3)), *IN_DEGREES),
         (late(0.2), "stated", "clock-offset"),
         (late(-5), "stated", "clock-offset"),
     ],
-    ids=["turns", "y", "headings", "mirrored", "scaled", "millimetres", "late", "early"],
+    ids=["turns", "y", "headings", "mirrored", "scaled", "millimetres", "decimetres", "gyro", "late", "early"],
 )
 def test_odometry_that_cannot_be_right(fault: Fault, form: str, code: str) -> None:
     calibration, found = found_in(fault(driven("ucsd")))

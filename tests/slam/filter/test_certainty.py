@@ -135,16 +135,6 @@ def test_states_at_the_ends_of_the_last_legs(legs: list[tuple[float, float]], st
     assert found[-len(states) :] == states
 
 
-def test_scans_that_are_left_out_do_not_lower_the_bar():
-    """A robot that stands in a crowd: the same low score is a misfit every time."""
-    misfit = Misfit()
-    for _ in range(10):
-        misfit.observe(0.1, 1.0)
-    for _ in range(round(2 * NEIGHBOURHOOD / 0.1)):
-        misfit.observe(0.1, 1.0 - 1.1 * DOUBTFUL_BELOW, left_out=True)
-    assert misfit.state is DOUBTFUL
-
-
 def test_corrected_poses_replace_those_before():
     """The back end moves the old part of the path far away: nothing around the robot is from before any more."""
     drive = Drive()

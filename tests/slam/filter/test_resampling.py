@@ -146,12 +146,14 @@ def test_times_is_bayes_and_scores_that_are_all_zero_leave_the_weights_as_they_a
 
 def test_paths_follow_the_parents_through_a_changing_number():
     history = History()
-    history.append(np.arange(12.0).reshape(4, 3), np.array([1, 3]))
+    history.append(np.arange(12.0).reshape(4, 3))
+    history.resampled(np.array([1, 3]))
     history.append(np.arange(6.0).reshape(2, 3) + 20)
     np.testing.assert_array_equal(history.paths(np.arange(2))[..., 0], [[3, 20], [9, 23]])
-    history.resampled(np.array([0, 1, 1]))  # as well after an update as with it, and without effect on its own paths
+    history.resampled(np.array([0, 1, 1]))  # without effect on the paths until now
     np.testing.assert_array_equal(history.paths(np.arange(2))[..., 0], [[3, 20], [9, 23]])
-    history.append(np.arange(9.0).reshape(3, 3) + 40, np.array([2, 2, 2]))
+    history.append(np.arange(9.0).reshape(3, 3) + 40)
+    history.resampled(np.array([2, 2, 2]))
     assert history.particles == 3
     all_, paths = np.arange(3), [[3, 20, 40], [9, 23, 43], [9, 23, 46]]
     np.testing.assert_array_equal(history.paths(all_)[..., 0], paths)

@@ -91,9 +91,8 @@ def test_a_turned_map_is_read_upright() -> None:
 
 @pytest.mark.parametrize("value", [FREE, OCCUPIED])
 def test_a_map_without_walls_or_without_room_is_refused(value: int) -> None:
-    with pytest.raises(InputError, match="cell") as refused:
+    with pytest.raises(InputError, match="cell"):
         KnownMaps(Raster(np.full((40, 40), value, np.int8), CELL), CONFIG.tsdf).free_places(0.2)
-    assert refused.value.field == "known_map"
 
 
 @pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (-1.7, 1.1, 2.5), (2.2, 1.7, -1.9)])
@@ -182,8 +181,8 @@ def test_the_best_hypothesis_changes_only_for_one_of_twice_its_weight() -> None:
 
 
 def test_a_place_that_the_scans_contradict_is_given_up() -> None:
-    fits, contradicts = ScanFit(1.0, 200, 200, 0, 0, matched=180.0), ScanFit(0.2, 200, 200, 80, 30, matched=60.0)
-    beyond = ScanFit(1.0, 200, 20, 0, 0, matched=18.0)  # in a part that the map does not show
+    fits, contradicts = ScanFit(1.0, 200, 200, 0, 0), ScanFit(0.2, 200, 200, 80, 30)
+    beyond = ScanFit(1.0, 200, 20, 0, 0)  # in a part that the map does not show
     presence = Presence()
     for _ in range(30):
         presence.observe(0.1, fits)

@@ -80,6 +80,9 @@ def test_a_map_is_drawn_of_some_scans_from_where_they_were_seen():
         odometry=OdometryStream(stamps, poses),
     )
     scans = synchronise(recording).scans
+    angles = -2.0 + 0.1 * np.arange(40)
+    ends = (0.2, -0.1) + ranges[1][:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
+    np.testing.assert_allclose(scans.points(1), ends, atol=1e-5)
     grid = OccupancyGrid(MapConfig())
     for index in (0, 2):
         points = se2.transform_points(poses[index], scans.points(index))

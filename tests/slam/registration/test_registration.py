@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 from tile_pools import room_scan, thinned
 
+from moteslam.kernels.gauss_newton import NOISE_RATIO
 from moteslam.robot import se2
 from moteslam.slam.inputs.lapses import CLOSED, Open
 from moteslam.slam.mapping.config import TsdfConfig
@@ -14,6 +15,7 @@ from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.evidence import SLIP, against, nats_for, proved
 from moteslam.slam.registration.information import (
     keep_odometry,
+    least_bound_turn,
     less_where_unbound,
     measured_information,
     residual_variance,
@@ -306,3 +308,13 @@ def test_in_a_round_room_a_turn_about_its_centre_is_not_measured(centre: tuple[f
     kept = keep_odometry(found, np.full(3, 0.02), CONFIG)
     np.testing.assert_allclose(kept.offsets[0], (0.01, -0.01, 0.0), atol=2e-3)
     assert np.linalg.eigvalsh(kept.information[0])[0] > -1e-3
+
+
+def test_a_turn_is_bound_by_what_its_endpoints_know_beside_those_that_bind_all_directions() -> None:
+    information, points = in_a_tank((-2.0, 1.0), 0.16)
+    means = np.array([[*points.mean(axis=0), np.square(points).sum(axis=1).mean()]])
+    (turn,), (bound,) = least_bound_turn(information[None], means, np.ones(1), np.zeros(1), CONFIG)
+    moved = turn[:2] + np.column_stack((-points[:, 1], points[:, 0]))
+    most = np.trace(information[:2, :2]) * np.square(moved).sum(axis=1).mean()
+    assert bound == pytest.approx(2 * turn @ information @ turn / most / NOISE_RATIO - 2)
+    assert 0 < bound < 1

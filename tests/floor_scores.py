@@ -1,77 +1,13 @@
-"""The coloured floor along the true path and along SLAM's, against the true floor.
-
-    python benchmarks/floor.py --seeds 2 --out floor.csv
-
-The scenario `corridor` is simulated with both cameras and the real robot's lost frames; no image is written: those that
-are asked for are drawn. Cells that the depth camera had in view and range are to be coloured; `share` is the mean error
-of a colour level over that of the best single colour, beside it that with the floor two cells off.
-"""
+"""A picture of the floor against the true floor: colours, place, and which cells a camera saw."""
 
 from __future__ import annotations
 
-import sys
-from typing import TYPE_CHECKING, Any
-
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from parts.harness import Row, arguments, benchmark, status
-from parts.runs import Case, simulate_case
 
-if TYPE_CHECKING:
-    from moteslam.robot.trajectory import Trajectory
-    from moteslam.sim.sensors.rgbd import CameraFrames
-
-CELL = 0.05
-MARGIN = 20
-"""Around the coloured map [cells]: cells may be seen there, and are not coloured."""
-
-
-def measure(seed: int, preset: str) -> Row:
-    """The figures of one drive."""
-    from moteslam.eval.metrics.ate import absolute_trajectory_error
-    from moteslam.kernels import runtime
-    from moteslam.robot.se2 import compose
-    from moteslam.robot.trajectory import Trajectory
-    from moteslam.slam.run import run_slam
-    from moteslam.slam.settings import resolve_config
-
-    runtime.init("cpu", 1)
-    case = simulate_case("corridor", seed, camera=True)
-    truth = case.reference
-    assert truth is not None
-    config = resolve_config(preset, ["texture.enabled=false"])  # coloured below
-    path = run_slam(case.recording, config, seed=seed).trajectory_final
-    in_world = Trajectory(path.stamps, compose(truth.at(path.stamps[:1]).poses[0], path.poses))
-    row: Row = {"ate_m": absolute_trajectory_error(path, truth).rmse}
-    for which, trajectory in (("truth", truth), ("slam", in_world)):
-        row |= {f"{key}_along_{which}": value for key, value in scored(case, trajectory).items()}
-    return row
-
-
-def scored(case: Case, trajectory: Trajectory) -> dict[str, Any]:
-    """Colour the floor along a trajectory in the world, and compare it with the true floor."""
-    from moteslam.sim.world.floor import rasterise
-    from moteslam.slam.texture.config import TextureConfig
-    from moteslam.slam.texture.floor_map import map_texture
-
-    assert case.simulation is not None
-    assert case.simulation.frames is not None
-    assert case.simulation.scenario.floor is not None
-    texture = map_texture(case.recording, trajectory, TextureConfig(cell_size=CELL))
-    rows, columns = texture.points.shape
-    (x, y, _), shape = texture.origin, (rows + 2 * MARGIN, columns + 2 * MARGIN)
-    left, right, bottom, top = texture.extent
-    floor = rasterise(case.simulation.scenario.floor, (left, bottom, right, top), CELL, samples=5).values
-    seen = seen_cells(case.simulation.frames, (x - MARGIN * CELL, y - MARGIN * CELL), shape, CELL)
-    coloured = np.pad(texture.known, MARGIN)
-    two_off = np.roll(floor, (2, 0), axis=(0, 1))
-    return {
-        "share": score_texture(texture.values, floor, texture.known)[0],
-        "share_two_cells_off": score_texture(texture.values, two_off, texture.known)[0],
-        "registration_cells": list(registration(texture.values, floor, texture.known)),
-        "coloured_of_seen": float((coloured & seen).sum() / seen.sum()),
-        "frames": texture.frames,
-    }
+from moteslam.robot import rgbd
+from moteslam.sim.sensors.rgbd import CameraFrames
 
 
 def score_texture(estimate: ArrayLike, truth: ArrayLike, where: ArrayLike) -> tuple[float, float]:
@@ -97,8 +33,6 @@ def registration(estimate: ArrayLike, truth: ArrayLike, where: ArrayLike, *, rea
         where: [H, W] which cells count.
         reach: shifts up to this many cells are tried, each way; cells this close to an edge do not count.
     """
-    import cv2
-
     estimate, truth, where = np.asarray(estimate, np.float32), np.asarray(truth, np.float32), np.asarray(where, bool)
     inner = (slice(reach, max(len(where) - reach, reach)), slice(reach, max(where.shape[1] - reach, reach)))
     if not where[inner].any():
@@ -124,8 +58,6 @@ def seen_cells(
     Returns:
         [H, W].
     """
-    from moteslam.robot import rgbd
-
     renderer = frames.renderer()
     mount, settings = renderer.mount, renderer.settings
     bearings = renderer.views[False].bearings
@@ -152,17 +84,3 @@ def seen_cells(
         in_range = (depth >= settings.nearest) & (depth <= settings.farthest) & (mount.z / level >= settings.grazing)
         seen[todo[inside & in_range & (level < reach)]] = True
     return seen.reshape(shape)
-
-
-def main() -> int:
-    """Run, and print; 1 where a run crashed."""
-    parser = arguments(__doc__)
-    parser.add_argument("--preset", default="paper", choices=("paper", "default"))
-    options = parser.parse_args()
-    seeds = options.seeds or range(1)
-    cases = [({"run": "corridor", "seed": seed, "preset": options.preset}, (seed, options.preset)) for seed in seeds]
-    return status(benchmark(measure, cases, options))
-
-
-if __name__ == "__main__":
-    sys.exit(main())
