@@ -82,6 +82,8 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
     has_poses = laser is not None and laser.line not in RAW_LASERS
     size = {key: log.params[f"robot_{key}"] for key in ("length", "width") if log.params.get(f"robot_{key}", 0) > 0}
     mount = _mount(log.params, rows if has_poses else rows[:0])
+    if is_backwards := mount.get("time_increment", 0.0) < 0:  # of a lidar that turns clockwise
+        mount["time_increment"] *= -1
     robot = given.over(platform_of({"name": CARMEN.name, **size, "lidar": mount}, file=path))
     sensors = Sensors(robot, given.lidar_figures, issues)
     lidar = None
@@ -91,7 +93,9 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
             params = (log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0)
             stated = next(params, float(rows["stated"][0]) or None)
             limit = no_return_limit(ranges if laser.interlace == 1 else ranges[ranges > 0], stated)
-        fan = Fan(laser.angle_min, laser.step, 0.0, float(limit))
+        fan = Fan(laser.angle_min, laser.step, 0.0, float(limit), ranges.shape[1])
+        if is_backwards:
+            fan, ranges = fan.reversed(), ranges[:, ::-1]
         stamps, poses = rows["ipc" if is_ipc else "logger"], rows["robot"] if has_poses else None
         lidar = sensors.lidar(path, laser.line, stamps, ranges, fan, poses, laser.interlace)
         beams = ranges.shape[1]

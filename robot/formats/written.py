@@ -8,6 +8,7 @@ from __future__ import annotations
 import gzip
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import IO, Any
@@ -73,7 +74,8 @@ def odometry_of(recording: Recording) -> WrittenOdometry:
 CLASSIC_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
 """Degrees between the beams of the lasers that classic CARMEN logs are of, by the number of beams."""
 OWN_PARAMETERS = {"z": "robot_frontlaser_height", "time_increment": "robot_frontlaser_time_increment"}
-"""Parameters of our own, which CARMEN lacks: the lidar's height [m], and the time between its beams [s]."""
+"""Parameters of our own, which CARMEN lacks: the lidar's height [m], and the time between its beams [s],
+below 0 where the last beam is measured first."""
 _OFFSETS = {"offset": "x", "side_offset": "y", "angular_offset": "yaw"}
 
 
@@ -92,6 +94,10 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> tuple[Issue
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     lidar, odometry, mount = recording.lidar, recording.odometry, recording.platform.lidar
     issues: tuple[Issue, ...] = ()
+    if lidar is not None and lidar.angle_increment < 0:  # CARMEN's scans go counterclockwise: the last beam first
+        first, step, time = lidar.angles[-1], -lidar.angle_increment, -lidar.time_increment
+        ranges = np.asarray(lidar.ranges)[:, ::-1]
+        lidar = replace(lidar, ranges=ranges, angle_min=first, angle_increment=step, time_increment=time)
     if odometry is None and (lidar is None or lidar.odometry is None):
         if (odometry := odometry_of(recording)[0]) is None:
             raise InputError("no odometry poses, expected them for a CARMEN log", field="odometry")

@@ -55,6 +55,19 @@ def test_a_carmen_log(tmp_path: Path, name: str) -> None:
     assert back.lidar.time_increment == UCSD.lidar.time_increment
 
 
+@pytest.mark.parametrize(("name", "file"), [("carmen", "x.log"), ("csv", "x.toml"), ("bag", "x.bag")])
+def test_scans_of_a_lidar_that_turns_clockwise_read_back(tmp_path: Path, name: str, file: str) -> None:
+    ranges = 2 + np.arange(12, dtype=np.float32).reshape(4, 3) / 8
+    lidar = replace(FULL.lidar, ranges=ranges, angle_min=0.5, angle_increment=-0.25, range_min=0.0)
+    write = FORMATS[name].write
+    assert write is not None
+    write(tmp_path / file, FULL.replace(lidar=lidar, rgbd=None))
+    back = open_recording(tmp_path / file)
+    np.testing.assert_array_equal(back.lidar.ranges, ranges)
+    np.testing.assert_allclose(back.lidar.angles, lidar.angles, atol=1e-12)
+    assert back.lidar.time_increment == back.platform.lidar.time_increment == UCSD.lidar.time_increment
+
+
 def test_a_carmen_log_of_wheels_gets_the_poses_that_they_measure(tmp_path: Path) -> None:
     write = FORMATS["carmen"].write
     assert write is not None
