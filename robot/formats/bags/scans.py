@@ -31,6 +31,8 @@ from moteslam.robot.values import counted
 LASER_SCAN, MULTI_ECHO = "sensor_msgs/LaserScan", "sensor_msgs/MultiEchoLaserScan"
 
 MAX_STEP = 0.01  # between two beams [s]: no lidar is slower
+SLOWEST = 1.05
+"""A scan takes at most this many times the time to the next one: motors turn a little faster than nominal."""
 FINER = 4
 """Of scans with beams of their own each, the common fan has this many beams for one of theirs: an endpoint lies up to
 an eighth of their step beside its beam."""
@@ -60,8 +62,9 @@ class Scans:
 
     @property
     def period(self) -> float:
-        """The usual time between two scans [s]; 0 of a single one."""
-        return float(np.median(np.diff(self.stamps))) if len(self.stamps) > 1 else 0.0
+        """The usual time between two scans [s], over two, as scans can arrive in pairs; 0 of a single one."""
+        step = min(2, len(self.stamps) - 1)
+        return float(np.median(self.stamps[step:] - self.stamps[:-step])) / step if step > 0 else 0.0
 
     def cleaned(self, indices: Rows, fan: Fan) -> Ranges:
         """The ranges [k, beams] of some scans: endpoints within a fan's limits, ``inf`` and ``nan``."""
@@ -111,8 +114,9 @@ def laser_scans(bag: Bag, table: Table) -> Scans:
         return rows[:, ::-1] if fan.time_increment < 0 else rows
 
     scans = Scans(topic, stamps, fan, load)
-    if abs(fan.time_increment) * fan.beams > 2 * (scans.period or np.inf) or abs(fan.time_increment) > MAX_STEP:
-        what = f"time_increment of {fan.time_increment:g} s is more than scans take; not used"
+    sweep = abs(fan.time_increment) * (fan.beams - 1)
+    if sweep > SLOWEST * (scans.period or np.inf) or abs(fan.time_increment) > MAX_STEP:
+        what = f"time_increment of {fan.time_increment:g} s, {sweep:.3g} s a scan, is more than scans take; not used"
         bag.tell("time-increment", topic, what)
         fan = fan._replace(time_increment=0.0)
     sample = load(sampled(len(stamps)))

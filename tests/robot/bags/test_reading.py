@@ -217,10 +217,23 @@ def test_readings_of_a_turned_imu_are_turned_into_the_robots_axes(tmp_path: Path
     assert codes(recording) == ["imu-turned"]
 
 
-@pytest.mark.parametrize(("step", "used"), [(0.05, True), (0.2, False), (5.0, False)])
-def test_a_time_between_beams_that_cannot_be_is_not_used(tmp_path: Path, step: float, used: bool) -> None:
-    step = step / 20
-    recording = open_recording(make_bag(tmp_path, [scan(0.02 * i, np.ones(10), time_increment=step) for i in range(5)]))
+@pytest.mark.parametrize(
+    ("sweep", "between", "used"),
+    [
+        (0.02, (0.02, 0.02), True),
+        (0.0206, (0.02, 0.02), True),
+        (0.026, (0.02, 0.02), False),
+        (0.0206, (0.005, 0.035), True),  # scans that arrive in pairs
+        (0.0206, (0.035, 0.005), True),
+        (0.026, (0.035, 0.005), False),
+        (2.25, (0.02, 0.02), False),
+    ],
+)
+def test_a_time_between_beams_that_cannot_be_is_not_used(
+    tmp_path: Path, sweep: float, between: tuple[float, float], used: bool
+) -> None:
+    stamps, step = np.cumsum([0.0, *between * 3, between[0]]), sweep / 9
+    recording = open_recording(make_bag(tmp_path, [scan(at, np.ones(10), time_increment=step) for at in stamps]))
     assert recording.platform.lidar.time_increment == pytest.approx(step if used else 0.0)
     assert ("time-increment" in codes(recording)) != used
 
