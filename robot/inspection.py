@@ -205,7 +205,8 @@ def _of_stamps(streams: tuple[StreamReport, ...], clocks: tuple[ClockReport, ...
         if scans is None or (moving := by_name.get(name)) is None:
             continue
         if moving.start > scans.end or moving.end < scans.start:
-            text = f"{name}: no stamp within the time of the lidar, expected one clock"
+            late, side = abs(moving.start - scans.start), "after" if moving.start > scans.end else "before"
+            text = f"{name}: no stamp within the time of the lidar, begins {late:.0f} s {side} it, expected one clock"
             yield Issue("other-clock", text, moving.readings)
             continue
         if (early := scans.end - moving.end) > ENDS_EARLY:

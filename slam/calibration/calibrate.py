@@ -25,7 +25,7 @@ from moteslam.slam.calibration.registered import (
 )
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
-from moteslam.slam.inputs.synchronise import in_order, is_coarse
+from moteslam.slam.inputs.synchronise import apart, in_order, is_coarse
 
 Array = NDArray[np.float64]
 
@@ -135,7 +135,7 @@ def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Ca
     """With the angles as stated; where scans do not fit or the angles are far off, with the scale that fits best."""
     poses = lidar.odometry
     path = odometry_path(recording, SyncConfig()) if poses is None else OdometryPath(lidar.stamps, poses)
-    if path is None:
+    if path is None or apart(lidar, path):  # of another clock: SLAM refuses it
         return None
     odometry = path.at(lidar.stamps)
     chosen = choose_pairs(lidar, odometry, pairs)

@@ -188,6 +188,13 @@ def _without(recording: Recording, path: OdometryPath) -> NDArray[np.bool_]:
     return np.asarray(late | ((stamps < path.stamps[0]) & gaps(np.append(-path.stamps[LATEST::-1], -stamps[0]))[-1]))
 
 
+def apart(lidar: LidarStream, path: OdometryPath) -> float:
+    """How much later than the scans an odometry begins that is of another time than they [s]; 0 if it is not."""
+    if lidar.stamps[-1] < path.stamps[0] - APART or lidar.stamps[0] > path.stamps[-1] + APART:
+        return float(path.stamps[0] - lidar.stamps[0])
+    return 0.0
+
+
 def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, name: str) -> Array:
     """The odometry's pose [n, 3] at every scan; the pose logged with a scan where the log has one."""
     if lidar.odometry is not None:
@@ -195,10 +202,11 @@ def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, nam
             return lidar.odometry
         stale = _stale(lidar.stamps, lidar.odometry, path)
         return np.where(stale[:, None], path.at(lidar.stamps), lidar.odometry) if stale.any() else lidar.odometry
-    if lidar.stamps[-1] < path.stamps[0] - APART or lidar.stamps[0] > path.stamps[-1] + APART:
+    if late := apart(lidar, path):
         raise InputError(
             f"scans from {lidar.stamps[0]:.3f} to {lidar.stamps[-1]:.3f} s, odometry from {path.stamps[0]:.3f} to "
-            f"{path.stamps[-1]:.3f} s, expected streams that overlap in time",
+            f"{path.stamps[-1]:.3f} s, {abs(late):.0f} s {'after' if late > 0 else 'before'} them, expected "
+            "streams that overlap in time",
             file=name,
             field="time_stamps",
         )

@@ -227,6 +227,13 @@ def test_odometry_of_another_drive_fits_in_no_way() -> None:
     assert corrected(recording, found).odometry is None
 
 
+@pytest.mark.parametrize("apart", [3600, -3600])
+def test_odometry_on_another_clock_is_not_calibrated(apart: float) -> None:
+    recording = poses_of(driven("lms200"))
+    odometry = replace(recording.odometry, stamps=recording.odometry.stamps + apart)
+    assert checked(recording.replace(odometry=odometry)) == (None, None)  # and SLAM refuses it
+
+
 @pytest.mark.parametrize(("seconds", "at_end"), [(0.18, True), (0.4, False)])
 def test_scans_stamped_at_the_end_of_their_sweep_are_put_back(seconds: float, at_end: bool) -> None:
     true = poses_of(driven("rplidar_a1"))
