@@ -108,8 +108,7 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
     rests = [] if encoders is None else _rests(encoders)
     lidar = None
     if recording.lidar is not None and recording.lidar.ranges.size:
-        read = deep or isinstance(recording.lidar.ranges, np.ndarray)
-        lidar = lidar_report(recording.lidar, rests, read_ranges=read)
+        lidar = lidar_report(recording.lidar, rests, read_ranges=deep or isinstance(recording.lidar.ranges, np.ndarray))
     problems = [*recording.warnings, *_missing(recording), *_of_stamps(streams, clocks), *other_units(recording)]
     if lidar is not None and lidar.blind_scans:
         text = f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint"

@@ -111,10 +111,8 @@ class ImuNoise(Section):
     def _is_a_correlation(self) -> ImuNoise:
         one, two = self.gyro_correlation
         if not (-1 < one < 1 and 2 * one**2 - 1 < two < 1):
-            raise ValueError(
-                f"gyro_correlation of {one:g} and {two:g}, expected two numbers between -1 and 1 that some noise has: "
-                "the second above 2 first^2 - 1"
-            )
+            expected = "two numbers between -1 and 1 that some noise has: the second above 2 first^2 - 1"
+            raise ValueError(f"gyro_correlation of {one:g} and {two:g}, expected {expected}")
         return self
 
 

@@ -11,7 +11,7 @@ import math
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, WrapSerializer, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.noise import ClockNoise, Noise
@@ -22,20 +22,19 @@ Angle = Annotated[Number, Field(ge=-2 * math.pi, le=2 * math.pi)]
 Rate = Annotated[Number, Field(gt=0, le=1000)]
 Length = Annotated[Number, Field(gt=0, le=100)]
 T = TypeVar("T")
-Maybe = Annotated[T | None, BeforeValidator(lambda value: None if value is False else value)]
+Maybe = Annotated[
+    T | None,
+    BeforeValidator(lambda value: None if value is False else value),
+    WrapSerializer(lambda value, plain: False if value is None else plain(value)),
+]
 """What may not be there or not be known: ``false`` in TOML, which has no other word for it."""
 
 MAX_BEAMS = 100_000
 
 
-def field_of_view(beams: int, increment: float) -> float:
-    """The angle [rad] from the first beam to the last, ``increment`` [rad] of either sign apart."""
-    return (beams - 1) * abs(increment)
-
-
 def too_wide(beams: int, increment: float) -> str | None:
     """What is wrong with a fan that goes round more than once; first and last beam may be the same direction."""
-    angle = field_of_view(beams, increment)
+    angle = (beams - 1) * abs(increment)
     if angle <= 2 * math.pi + abs(increment) / 2:
         return None
     return f"{beams} beams {increment:.6g} rad apart are {angle / (2 * math.pi):.2f} turns, expected one at most"
@@ -75,10 +74,8 @@ class LidarSpec(Section):
     def _can_be(self) -> LidarSpec:
         if self.angle_increment == 0:
             raise ValueError("angle_increment of 0, expected an angle between beams, negative if it turns clockwise")
-        if self.beams is not None and self.angle_increment is not None:
-            problem = too_wide(self.beams, self.angle_increment)
-            if problem is not None:
-                raise ValueError(problem)
+        if self.beams and self.angle_increment and (problem := too_wide(self.beams, self.angle_increment)):
+            raise ValueError(problem)
         if self.range_max is not None:
             if self.range_min is not None and self.range_min >= self.range_max:
                 raise ValueError(f"range_min of {self.range_min:g} m, expected less than {self.range_max:g} m")

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.files import Shape, read_arrays, write_atomically
+from moteslam.robot import se2
 from moteslam.robot.values import Summarised, expect_type, given_up
 
 Array = NDArray[np.float64]
@@ -80,10 +81,7 @@ class Raster(Summarised):
 
     def to_world(self, places: ArrayLike) -> Array:
         """Places [n, 2] in columns and rows (cell [0, 0] from (0, 0) to (1, 1)) as points [n, 2] [m]."""
-        x, y, yaw = self.origin
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        scaled = np.asarray(places, np.float64).reshape(-1, 2) * self.cell_size
-        return np.asarray(scaled @ np.array([(cos, sin), (-sin, cos)]) + (x, y))
+        return se2.transform_points(self.origin, np.asarray(places, np.float64).reshape(-1, 2) * self.cell_size)
 
     def centres(self, cells: ArrayLike) -> Array:
         """The centres [n, 2] [m] of cells [n, 2] (row, column)."""
@@ -91,10 +89,8 @@ class Raster(Summarised):
 
     def values_at(self, points: ArrayLike, *, outside: Any) -> NDArray[Any]:
         """The values [n] or [n, C] of the cells that points [n, 2] [m] lie in; beyond the edges ``outside``."""
-        x, y, yaw = self.origin
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        away = np.asarray(points, np.float64).reshape(-1, 2) - (x, y)
-        at = np.floor(away @ np.array([(cos, -sin), (sin, cos)]) / self.cell_size)
+        points = np.asarray(points, np.float64).reshape(-1, 2)
+        at = np.floor(se2.transform_points(se2.inverse(self.origin), points) / self.cell_size)
         rows, columns = self.shape
         inside = (at >= 0).all(1) & (at[:, 0] < columns) & (at[:, 1] < rows)
         found = np.full((len(at), *self.values.shape[2:]), outside, self.values.dtype)
@@ -188,23 +184,18 @@ def decode_picture(data: bytes, how: int) -> NDArray[Any] | None:
     """A picture as OpenCV decodes it with an ``IMREAD_`` flag; None if that fails, or it is cut short or damaged."""
     import cv2
 
-    if data.startswith(PNG):  # on many threads at once: nothing of all the process is touched
-        return _decoded(data, how) if _is_complete_png(data) else None
-    log = cv2.utils.logging
-    level = log.setLogLevel(log.LOG_LEVEL_SILENT)
+    is_png, log = data.startswith(PNG), cv2.utils.logging
+    if not data or (is_png and not _is_complete_png(data)):
+        return None
+    # PNG comes on many threads at once: nothing of all the process is touched
+    level = None if is_png else log.setLogLevel(log.LOG_LEVEL_SILENT)
     try:
-        return _decoded(data, how)
-    finally:
-        log.setLogLevel(level)
-
-
-def _decoded(data: bytes, how: int) -> NDArray[Any] | None:
-    import cv2
-
-    try:
-        return cv2.imdecode(np.frombuffer(data, np.uint8), how) if data else None
+        return cv2.imdecode(np.frombuffer(data, np.uint8), how)
     except cv2.error:
         return None
+    finally:
+        if level is not None:
+            log.setLogLevel(level)
 
 
 def _is_complete_png(data: bytes) -> bool:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -238,6 +238,13 @@ class ImageSource(Protocol):
 
     def disparity(self, index: int) -> NDArray[np.uint16]:
         """The raw disparity image [480, 640] of a stamp."""
+
+
+class Images(NamedTuple):
+    """An `ImageSource` of two functions."""
+
+    rgb: Callable[[int], NDArray[np.uint8]]
+    disparity: Callable[[int], NDArray[np.uint16]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -33,22 +33,16 @@ T = TypeVar("T", bound=np.generic)
 
 HEIGHT, WIDTH = 480, 640
 """Rows and columns of both images."""
-
 FOCAL = 585.05108211
 """Of the depth camera, in both directions [pixels]."""
-
 CENTRE = (315.83800193, 242.94140713)
 """Principal point of the depth camera: column, row. Several public copies swap them, which turns the floor by 7 deg."""
-
 DISPARITY_SLOPE, DISPARITY_OFFSET = -0.00304, 3.31
 """dd = slope * d + offset."""
-
 DEPTH_SCALE = 1.03
 """depth = scale / dd [m]."""
-
 NO_DISPARITY = 2047
 """The raw disparity of a pixel that saw nothing: all eleven bits."""
-
 ALIGN_SCALE, ALIGN_DIVISOR, ALIGN_DISPARITY = 526.37, 585.051, 4.5 * 1750.46
 ALIGN_COLUMN, ALIGN_ROW = 19276.0, 16662.0
 
@@ -94,8 +88,7 @@ def mount_rotation(mount: CameraSpec) -> NDArray[np.float64]:
     """
     from scipy.spatial.transform import Rotation
 
-    turn = Rotation.from_euler("ZYX", (mount.yaw, mount.pitch, mount.roll))
-    return np.asarray(turn.as_matrix() @ OPTICAL_TO_BODY)
+    return np.asarray(Rotation.from_euler("ZYX", (mount.yaw, mount.pitch, mount.roll)).as_matrix() @ OPTICAL_TO_BODY)
 
 
 def optical_rays(*, colour: bool) -> NDArray[np.float64]:
@@ -147,11 +140,7 @@ class FrameCount:
             ("frames-incomplete", self.missing, "an image of theirs is missing"),
             ("frames-unreadable", self.unreadable, f"unreadable; the first: {self.first_unreadable}"),
         )
-        return [
-            Issue(code, f"{reader}: {counted(count, 'frame')} left out, {why}", count)
-            for code, count, why in lost
-            if count
-        ]
+        return [Issue(code, f"{reader}: {counted(n, 'frame')} left out, {why}", n) for code, n, why in lost if n]
 
     def issues(self) -> tuple[Issue, ...]:
         """One for each kind of loss that happened, and where no frame is left."""
@@ -218,16 +207,13 @@ def _decoded(content: bytes, dtype: type, channels: tuple[int, ...]) -> NDArray[
 
 def rgb_image(stream: RgbdStream, index: int) -> NDArray[np.uint8] | None:
     """The colour image of a stamp; None if missing."""
-    if stream.images is not None:
-        return stream.images.rgb(index)
-    return _read(stream.rgb_files, index, decode_rgb)
+    return _read(stream.rgb_files, index, decode_rgb) if stream.images is None else stream.images.rgb(index)
 
 
 def disparity_image(stream: RgbdStream, index: int) -> NDArray[np.uint16] | None:
     """The raw disparities of a stamp; None if missing."""
-    if stream.images is not None:
-        return stream.images.disparity(index)
-    return _read(stream.disparity_files, index, decode_disparity)
+    files, source = stream.disparity_files, stream.images
+    return _read(files, index, decode_disparity) if source is None else source.disparity(index)
 
 
 def _read(files: tuple[Path | None, ...], index: int, decode: Callable[[bytes], NDArray[T]]) -> NDArray[T] | None:

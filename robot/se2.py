@@ -38,11 +38,8 @@ def compose(a: ArrayLike, b: ArrayLike) -> Poses:
         return np.array(compose_one(as_pose(a), as_pose(b)))
     cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
     x = a[..., 0] + cos * b[..., 0] - sin * b[..., 1]
-    composed = np.empty((*x.shape, 3))
-    composed[..., 0] = x
-    composed[..., 1] = a[..., 1] + sin * b[..., 0] + cos * b[..., 1]
-    composed[..., 2] = wrap(a[..., 2] + b[..., 2])
-    return composed
+    y = a[..., 1] + sin * b[..., 0] + cos * b[..., 1]
+    return np.stack((x, y, wrap(a[..., 2] + b[..., 2])), axis=-1)
 
 
 def as_pose(pose: NDArray[np.float64]) -> Pose:
@@ -97,12 +94,9 @@ def between(a: ArrayLike, b: ArrayLike) -> Poses:
 def transform_points(pose: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
     """Points [..., 2] [m], given in the frame of one pose [3], expressed where the pose is."""
     x, y, theta = np.asarray(pose, np.float64).tolist()
-    points = np.asarray(points, np.float64)
+    a, b = np.moveaxis(np.asarray(points, np.float64), -1, 0)
     cos, sin = math.cos(theta), math.sin(theta)
-    moved = np.empty(points.shape)
-    moved[..., 0] = x + cos * points[..., 0] - sin * points[..., 1]
-    moved[..., 1] = y + sin * points[..., 0] + cos * points[..., 1]
-    return moved
+    return np.stack((x + cos * a - sin * b, y + sin * a + cos * b), axis=-1)
 
 
 def accumulate(increments: ArrayLike, start: ArrayLike = IDENTITY) -> Poses:

@@ -13,7 +13,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.platform import field_of_view
 from moteslam.robot.recording import LidarStream, Ranges, Recording, chunks, measured
 from moteslam.robot.wheel_odometry import gyro_turn, wheel_path
 
@@ -96,7 +95,7 @@ def lidar_report(lidar: LidarStream, rests: Spans, *, read_ranges: bool = True) 
         angle_min=lidar.angle_min,
         angle_increment=lidar.angle_increment,
         turns="clockwise" if lidar.angle_increment < 0 else "counterclockwise",
-        field_of_view=float(np.degrees(field_of_view(lidar.ranges.shape[1], lidar.angle_increment))),
+        field_of_view=float(np.degrees((lidar.ranges.shape[1] - 1) * abs(lidar.angle_increment))),
         range_min=lidar.range_min,
         range_max=lidar.range_max,
     )

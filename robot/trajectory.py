@@ -155,8 +155,7 @@ def trajectory_of(
     """
 
     def refuse(wrong: ArrayLike, problem: str) -> None:
-        line = lines[int(np.argmax(wrong))] if len(lines) else None
-        raise InputError(problem, file=path, line=line)
+        raise InputError(problem, file=path, line=lines[int(np.argmax(wrong))] if len(lines) else None)
 
     if (far := (np.abs(positions) > FARTHEST).any(axis=1)).any():
         refuse(far, f"position beyond {FARTHEST:g} m, expected metres")

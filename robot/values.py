@@ -186,10 +186,8 @@ def first_complaint(error: ValidationError, kinds: Collection[str] = ()) -> tupl
     """
     errors = error.errors(include_url=False)
     first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
-    place = first["loc"]
-    field = ".".join(
-        str(part) for k, part in enumerate(place) if not (k and part in kinds and isinstance(place[k - 1], int))
-    )
+    loc = first["loc"]
+    field = ".".join(str(one) for k, one in enumerate(loc) if not (k and one in kinds and isinstance(loc[k - 1], int)))
     if first["type"] == "extra_forbidden":
         return field, "unknown key"
     problem = first["msg"].removeprefix("Value error, ")

@@ -36,7 +36,6 @@ def platforms(
     """  # noqa: D301
     import tomli_w
 
-    from moteslam.robot.platform import field_of_view
     from moteslam.robot.platforms import bundled_platforms, load_platform, platform_table
 
     if name is not None:
@@ -59,7 +58,7 @@ def platforms(
     }
     rows = [("robot", "beams", "field of view", "rate", "range", "top speed", "what it is")]
     for each, one in found.items():
-        view = degrees(field_of_view(one["beams"], one["angle_increment_rad"]))
+        view = degrees((one["beams"] - 1) * abs(one["angle_increment_rad"]))
         reach = f"{one['range_min_m']:g} to {one['range_max_m']:g} m"
         speed = "-" if one["top_speed_m_s"] is None else f"{one['top_speed_m_s']:g} m/s"
         scan = (str(one["beams"]), f"{view:.1f} deg", f"{one['rate_hz']:g} Hz", reach)

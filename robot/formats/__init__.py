@@ -22,7 +22,7 @@ from moteslam.files import result_folder, staged_file
 from moteslam.plugins import Plugins, PluginWarning
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import bundled_platform
-from moteslam.robot.recording import STREAMS, ImageSource, LidarStream, Recording, RgbdStream, Stream, chosen
+from moteslam.robot.recording import STREAMS, Images, LidarStream, Recording, RgbdStream, Stream, chosen
 from moteslam.robot.values import Issue, expect_type
 
 Robot = Platform | str | PathLike[str] | None
@@ -226,13 +226,14 @@ def _within(stream: Stream | RgbdStream, begin: float, end: float, every: int) -
     """The readings of a stream from one time to another [s], both included; of scans, every n-th."""
     inside = [np.flatnonzero((stamps >= begin) & (stamps <= end)) for stamps in _stamps(stream)]
     if isinstance(stream, RgbdStream):
-        rgb, disparity = inside
+        (rgb, disparity), images = inside, stream.images
+        some = images and Images(lambda k: images.rgb(int(rgb[k])), lambda k: images.disparity(int(disparity[k])))
         return RgbdStream(
             stream.rgb_stamps[rgb],
             stream.disparity_stamps[disparity],
             tuple(stream.rgb_files[index] for index in rgb if stream.rgb_files),
             tuple(stream.disparity_files[index] for index in disparity if stream.disparity_files),
-            None if stream.images is None else _SomeImages(stream.images, rgb, disparity),
+            some,
         )
     indices = inside[0][:: every if isinstance(stream, LidarStream) else 1]
     values = {field.name: getattr(stream, field.name) for field in fields(stream)}
@@ -240,18 +241,3 @@ def _within(stream: Stream | RgbdStream, begin: float, end: float, every: int) -
     if isinstance(stream, LidarStream):
         changes["ranges"] = chosen(stream.ranges, indices)
     return replace(stream, **changes)
-
-
-@dataclass(frozen=True, eq=False)
-class _SomeImages:
-    """The images of some of the stamps of another source, by their indices there."""
-
-    images: ImageSource
-    rgb_indices: NDArray[np.intp]
-    disparity_indices: NDArray[np.intp]
-
-    def rgb(self, index: int) -> NDArray[np.uint8]:
-        return self.images.rgb(int(self.rgb_indices[index]))
-
-    def disparity(self, index: int) -> NDArray[np.uint16]:
-        return self.images.disparity(int(self.disparity_indices[index]))

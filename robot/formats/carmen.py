@@ -96,18 +96,12 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
         lidar = sensors.lidar(path, laser.line, stamps, ranges, fan, poses, laser.interlace)
         beams = ranges.shape[1]
         if laser.line == "FLASER" and beams not in CLASSIC_STEPS and "angle_increment" not in given.lidar_figures:
-            text = (
-                f"{path.name}: FLASER lines state no angles: {beams} beams are assumed to span 180 degrees. Of "
-                "another lidar the map is wrong: give [lidar] angle_min and angle_increment by --platform"
-            )
+            text = f"{path.name}: FLASER lines state no angles: {beams} beams are assumed to span 180 degrees. Of "
+            text += "another lidar the map is wrong: give [lidar] angle_min and angle_increment by --platform"
             issues.append(Issue("assumed-angles", text, len(lidar)))
-    return Recording(
-        name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
-        platform=robot,
-        lidar=lidar,
-        odometry=sensors.odometry(path, "ODOM", odometry[:, 3 if is_ipc else 4], odometry[:, :3]),
-        warnings=tuple(issues),
-    )
+    name = re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name
+    moves = sensors.odometry(path, "ODOM", odometry[:, 3 if is_ipc else 4], odometry[:, :3])
+    return Recording(name, robot, lidar, odometry=moves, warnings=tuple(issues))
 
 
 class _Lines:
@@ -121,7 +115,7 @@ class _Lines:
         self.rear: Counter[str] = Counter()  # by kind of line
         self.tails: dict[str, int] = {}  # words after the ranges of the first whole line of a kind, and so of all
         parsers: dict[str, Any] = {"ODOM": self._odom, "PARAM": self._param, **dict.fromkeys(TAILS, self._scan)}
-        parsers |= dict.fromkeys(REAR_LASERS, self._rear)
+        parsers |= dict.fromkeys(REAR_LASERS, lambda words, _: self.rear.update([words[0].decode()]))
         known = {kind.encode(): parse for kind, parse in parsers.items()}
         starts = {kind[:1] for kind in known} | {b" ", b"\t"}
         for number, line in lines:
@@ -157,9 +151,6 @@ class _Lines:
         all_ranges, rows = self.scans.setdefault(line, (array("f"), array("d")))
         all_ranges.extend(ranges)
         rows.extend(row)
-
-    def _rear(self, words: list[bytes], number: int) -> None:
-        self.rear[words[0].decode()] += 1
 
     def _odom(self, words: list[bytes], number: int) -> None:
         _expect_words(words, 10, "odometry")

@@ -17,7 +17,7 @@ from moteslam.files import file_within
 from moteslam.robot.formats import Format, Robot, expect_no_sequence
 from moteslam.robot.formats.lines import TextLines
 from moteslam.robot.formats.streams import Fan, Sensors
-from moteslam.robot.formats.written import FOUR_WHEELS, write_csv
+from moteslam.robot.formats.written import FOUR_WHEELS, RATES, write_csv
 from moteslam.robot.platform import MAX_BEAMS, Platform
 from moteslam.robot.platforms import GivenRobot, platform_of, read_platform
 from moteslam.robot.recording import Recording
@@ -31,12 +31,11 @@ UNITS |= {"rad/s": 1.0, "deg/s": math.pi / 180, "g": 1.0, "m/s^2": 1 / 9.80665, 
 """By their names, in those of a recording."""
 
 TWO_WHEELS = ("left", "right")
-TURNS = ("roll_rate", "pitch_rate", "yaw_rate")
 UNIT_OF = {
     **{"x": "length_unit", "y": "length_unit", "theta": "angle_unit"},
     **{"odometry.0": "length_unit", "odometry.1": "length_unit", "odometry.2": "angle_unit"},
     **dict.fromkeys((*TWO_WHEELS, *FOUR_WHEELS), ""),
-    **dict.fromkeys(TURNS, "rate_unit"),
+    **dict.fromkeys(RATES, "rate_unit"),
     **dict.fromkeys(("acceleration.0", "acceleration.1", "acceleration.2"), "acceleration_unit"),
 }
 """Columns by their keys, and the key of their unit."""
@@ -174,8 +173,7 @@ def is_csv_log(path: Path) -> bool:
         table = read_toml(path, "a description of CSV files")
     except ConfigError:
         return False
-    streams = [table.get(name) for name in STREAMS]
-    return any(isinstance(stream, dict) and "file" in stream for stream in streams)
+    return any(isinstance(stream := table.get(name), dict) and "file" in stream for name in STREAMS)
 
 
 def read_csv_log(path: str | PathLike[str], sequence: str | int | None = None, platform: Robot = None) -> Recording:
@@ -206,7 +204,7 @@ def read_csv_log(path: str | PathLike[str], sequence: str | int | None = None, p
             streams[name] = sensors.encoders(file, (at, at), stamps, counts)
         else:
             rates = dict(zip(table.columns, values.T, strict=True))
-            angular = np.column_stack([rates.get(key, np.zeros(len(stamps))) for key in TURNS])
+            angular = np.column_stack([rates.get(key, np.zeros(len(stamps))) for key in RATES])
             linear = values[:, -3:] if table.acceleration else np.tile(AT_REST, (len(stamps), 1))
             streams[name] = sensors.imu(file, (at, at), stamps, angular, linear)
     return Recording(description.name or path.stem, robot, warnings=tuple(issues), **streams)
@@ -336,8 +334,7 @@ def _span(path: Path, ranges: str, header: list[str] | None, file: Path) -> rang
     ends = (int(end[:9]) if end.isdecimal() and end not in names else end for end in ranges.split("..", 1))
     first, last = (_index(path, "lidar.ranges", end, header, file) for end in ends)
     if not 0 <= last - first < MAX_BEAMS:
-        problem = f"{last - first + 1} beams, expected 1 to {MAX_BEAMS}"
-        raise ConfigError(problem, file=path, field="lidar.ranges")
+        raise ConfigError(f"{last - first + 1} beams, expected 1 to {MAX_BEAMS}", file=path, field="lidar.ranges")
     return range(first, last + 1)
 
 

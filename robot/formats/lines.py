@@ -6,6 +6,7 @@ import gzip
 import zlib
 from codecs import BOM_UTF8
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -59,13 +60,11 @@ class TextLines:
     def head(self) -> bytes:
         """The lines that the file begins with, 256 KiB or a little more; empty if nothing can be read."""
         start = bytearray()
-        try:
+        with suppress(InputError):
             for _, line in self:
                 start += line
                 if len(start) >= HEAD:
                     break
-        except InputError:
-            pass
         return bytes(start)
 
     def drop(self, number: int, problem: str) -> None:

@@ -21,7 +21,7 @@ from pydantic import BaseModel, BeforeValidator, Field, Strict, ValidationError
 from moteslam.errors import InputError, MoteslamWarning, OutputError
 from moteslam.files import read_bytes, read_yaml, write_atomically
 from moteslam.robot.raster import FULL, MAX_PLACE, Raster, decode_channels, encode_png, picture_size
-from moteslam.robot.values import expect_type, first_complaint
+from moteslam.robot.values import expect_type, first_complaint, given_up
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """The values of a trinary map, int8."""
@@ -52,18 +52,17 @@ def _number(value: object) -> object:
     return value
 
 
-Threshold = Annotated[float, BeforeValidator(_number), Field(ge=0, le=1)]
-Yaw = Annotated[float, BeforeValidator(_number), Field(ge=-6.3, le=6.3)]  # radians; degrees are mostly more
-Place = Annotated[float, BeforeValidator(_number), Field(ge=-MAX_PLACE, le=MAX_PLACE)]
+Real = Annotated[float, BeforeValidator(_number)]
+Threshold = Annotated[Real, Field(ge=0, le=1)]
+Yaw = Annotated[Real, Field(ge=-6.3, le=6.3)]  # radians; degrees are mostly more
+Place = Annotated[Real, Field(ge=-MAX_PLACE, le=MAX_PLACE)]
 
 
 class MapFile(BaseModel):
     """What the YAML file says; other keys are passed over."""
 
     image: Annotated[str, Strict(), Field(min_length=1)]
-    resolution: Annotated[
-        float, BeforeValidator(_number), Field(ge=1e-4, le=2)
-    ]  # side of a cell [m]; 5 is meant for 0.05
+    resolution: Annotated[Real, Field(ge=1e-4, le=2)]  # side of a cell [m]; 5 is meant for 0.05
     origin: tuple[Place, Place, Yaw]  # x, y [m] and yaw [rad] of the lower left corner of the image
     mode: Literal["trinary", "scale", "raw"] = "trinary"
     negate: Annotated[int, Strict()] | bool  # white is occupied
@@ -103,8 +102,7 @@ def write_map(path: str | PathLike[str], raster: Raster) -> None:
         raise OutputError("expected a name that ends in .pgm or .png", file=path)
     image = np.select([values[::-1] == value for value in greys], list(greys.values())).astype(np.uint8)
     rows, columns = image.shape
-    is_png = path.suffix == ".png"
-    content = encode_png(image) if is_png else f"P5\n{columns} {rows}\n255\n".encode() + image.tobytes()
+    content = encode_png(image) if path.suffix == ".png" else f"P5\n{columns} {rows}\n255\n".encode() + image.tobytes()
     write_atomically(path, content)
     about = {"negate": 0, "occupied_thresh": OCCUPIED_THRESHOLD, "free_thresh": FREE_THRESHOLD}
     _write_yaml(path, raster, {"mode": "trinary"}, about)
@@ -140,9 +138,8 @@ def _read(path: Path) -> tuple[MapFile, NDArray[np.uint16]]:
         about = MapFile.model_validate(table)
     except ValidationError as error:
         field, problem = first_complaint(error)
-        raise InputError(
-            f"{problem}, expected of a map_server file", file=path, field=field.partition(".")[0]
-        ) from error
+        problem = f"{problem}, expected of a map_server file"
+        raise InputError(problem, file=path, field=field.partition(".")[0]) from error
     if about.free_thresh > about.occupied_thresh:
         problem = f"{about.free_thresh:g}, expected at most occupied_thresh, {about.occupied_thresh:g}"
         raise InputError(problem, file=path, field="free_thresh")
@@ -273,6 +270,4 @@ def _write_yaml(image: Path, raster: Raster, before: dict[str, Any], after: Mapp
 
 def _raster(values: NDArray[Any], about: MapFile) -> Raster:
     """Values [rows, columns] of an image as a raster that nobody writes to, the smallest y first."""
-    values = np.ascontiguousarray(values[::-1], np.int8)
-    values.setflags(write=False)
-    return Raster(values, about.resolution, about.origin)
+    return Raster(given_up(np.ascontiguousarray(values[::-1], np.int8)), about.resolution, about.origin)

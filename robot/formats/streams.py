@@ -20,6 +20,7 @@ from moteslam.robot.values import Issue, counted, given_up
 
 Array = NDArray[Any]
 Stamps = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 MAX_STAMP = 1e11
 """Seconds beyond this (the year 5138) are milliseconds or garbage."""
@@ -110,9 +111,8 @@ class Fan(NamedTuple):
 
     def reversed(self) -> Fan:
         """The fan with its last beam first."""
-        last = self.angle_min + (self.beams - 1) * self.angle_increment
-        step, time = -self.angle_increment, -self.time_increment
-        return self._replace(angle_min=last, angle_increment=step, time_increment=time)
+        last, step = self.angle_min + (self.beams - 1) * self.angle_increment, -self.angle_increment
+        return self._replace(angle_min=last, angle_increment=step, time_increment=-self.time_increment)
 
 
 def clock_cuts(stamps: Stamps) -> list[int]:
@@ -140,7 +140,7 @@ def clock_cuts(stamps: Stamps) -> list[int]:
     return found
 
 
-def _passed_twice(stamps: Stamps) -> NDArray[np.bool_]:
+def _passed_twice(stamps: Stamps) -> Mask:
     """Before which readings [n] the time goes back over what it passes in small steps both before and after."""
     peak, found = np.maximum.accumulate(stamps), np.zeros(len(stamps), np.bool_)
     at = np.flatnonzero(np.diff(stamps) < 0) + 1
@@ -200,9 +200,7 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
     return (order if issues else None), tuple(issues)
 
 
-def given_again(
-    path: Path, field: str, stamps: Stamps, same: NDArray[np.bool_], issues: list[Issue]
-) -> NDArray[np.bool_]:
+def given_again(path: Path, field: str, stamps: Stamps, same: Mask, issues: list[Issue]) -> Mask:
     """Which scans [n] a driver published again, sooner than its lidar measures, under a later stamp; told.
 
     ``same`` [n] says which equal the one before. A lidar that stands may measure the same again, a period later.
@@ -227,11 +225,6 @@ def sort_by_stamp(
     order, found = stamp_order(stamps, file=path, field=field)
     issues.extend(found)
     return (stamps, values) if order is None else (stamps[order], tuple(value[order] for value in values))
-
-
-def plausible_rates(angular_velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Which readings [n] of a gyro [n, 3] [rad/s] can be a robot's: at most 100 rad/s about any axis."""
-    return np.asarray((np.abs(angular_velocity) <= MAX_RATE).all(axis=1))
 
 
 def sampled(scans: int) -> NDArray[np.intp]:
@@ -332,13 +325,11 @@ class Sensors:
     def imu(self, file: Path, fields: tuple[str, str], stamps: Array, angular: Array, linear: Array) -> ImuStream:
         """Turn rates [n, 3] [rad/s], without those beyond 100 rad/s, and accelerations [n, 3] [g]."""
         stamps, values = sort_by_stamp(file, fields[0], stamps, self.issues, angular, linear)
-        plausible = plausible_rates(values[0])
+        plausible = np.asarray((np.abs(values[0]) <= MAX_RATE).all(axis=1))
         stamps, angular, linear = self._keep(file, fields[1], plausible, "beyond 100 rad/s", stamps, *values)
         return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))
 
-    def _keep(
-        self, file: Path, field: str, plausible: NDArray[np.bool_], what: str, *values: Array
-    ) -> tuple[Array, ...]:
+    def _keep(self, file: Path, field: str, plausible: Mask, what: str, *values: Array) -> tuple[Array, ...]:
         """The plausible readings [k, ...] of values [n, ...]; a few others are dropped and counted."""
         dropped = int((~plausible).sum())
         if dropped and (dropped == len(plausible) or dropped > max(MAX_DROPPED, len(plausible) // 10)):

@@ -6,9 +6,10 @@ Any of them may be missing. Arrays, units, bounds and the names of images: ``doc
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,24 +71,16 @@ def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, pl
         text = f"{last.file}: what it leaves out of wheels and lidar is the UCSD robot's"
         issues.append(Issue("assumed-robot", text))
     sensors = Sensors(robot, given.lidar_figures, issues)
-    files = {kind: folder / f"{kind}{number}.npz" for kind in ("Hokuyo", "Encoders", "Imu", "Kinect")}
-    files = {kind: file for kind, file in files.items() if file.exists()}
-    lidar = _lidar(files["Hokuyo"], sensors) if "Hokuyo" in files else None
+    files = {name: folder / f"{kind}{number}.npz" for name, (kind, _) in STREAMS.items()}
+    streams: Any = {name: STREAMS[name][1](file, sensors) for name, file in files.items() if file.exists()}
+    lidar = streams.get("lidar")
     its = UCSD.lidar.scan
     angles = its.angle_min + its.angle_increment * np.arange(its.beams)
     is_its = lidar is None or (lidar.angles.shape == angles.shape and np.abs(lidar.angles - angles).max() < SAME_ANGLE)
     if own.is_nothing and given.is_nothing and not is_its:
         text = f"{folder}: no platform.toml, a lidar that is not the UCSD robot's; wheels and mount are assumed its"
         issues.append(Issue("assumed-robot", text))
-    return Recording(
-        name=f"{folder.resolve().name}-{number}",
-        platform=robot,
-        lidar=lidar,
-        encoders=_encoders(files["Encoders"], sensors) if "Encoders" in files else None,
-        imu=_imu(files["Imu"], sensors) if "Imu" in files else None,
-        rgbd=_rgbd(files["Kinect"], number, issues) if "Kinect" in files else None,
-        warnings=tuple(issues),
-    )
+    return Recording(f"{folder.resolve().name}-{number}", robot, warnings=tuple(issues), **streams)
 
 
 def _lidar(path: Path, sensors: Sensors) -> LidarStream:
@@ -109,8 +102,7 @@ def _lidar(path: Path, sensors: Sensors) -> LidarStream:
         sensors.issues.append(Issue("angle-max", text))
     with np.errstate(over="ignore"):  # beyond float32 is infinite: no return
         ranges = np.ascontiguousarray(arrays["ranges"].T, np.float32)
-    fan = Fan(angle_min, increment, range_min, range_max)
-    return sensors.lidar(path, "ranges", arrays["time_stamps"], ranges, fan)
+    return sensors.lidar(path, "ranges", arrays["time_stamps"], ranges, Fan(angle_min, increment, range_min, range_max))
 
 
 def _encoders(path: Path, sensors: Sensors) -> EncoderStream:
@@ -132,7 +124,8 @@ def _imu(path: Path, sensors: Sensors) -> ImuStream:
     return sensors.imu(path, ("time_stamps", "angular_velocity"), arrays["time_stamps"], angular, linear)
 
 
-def _rgbd(path: Path, number: str, issues: list[Issue]) -> RgbdStream:
+def _rgbd(path: Path, sensors: Sensors) -> RgbdStream:
+    number, issues = path.stem.removeprefix("Kinect"), sensors.issues
     arrays = read_arrays(path, {"disparity_time_stamps": ("d",), "rgb_time_stamps": ("c",)})
     streams = []
     for field, kind in (("rgb_time_stamps", RGB), ("disparity_time_stamps", DISPARITY)):
@@ -141,6 +134,13 @@ def _rgbd(path: Path, number: str, issues: list[Issue]) -> RgbdStream:
         streams.append((stamps, tuple(images[i] for i in indices) if images else ()))
     (rgb, rgb_files), (disparity, disparity_files) = streams
     return RgbdStream(rgb, disparity, rgb_files, disparity_files)
+
+
+STREAMS: dict[str, tuple[str, Callable[[Path, Sensors], Any]]] = {
+    **{"lidar": ("Hokuyo", _lidar), "encoders": ("Encoders", _encoders), "imu": ("Imu", _imu)},
+    "rgbd": ("Kinect", _rgbd),
+}
+"""What their files begin with, and what reads them."""
 
 
 def image_path(folder: Path, kind: str, sequence: str, index: int) -> Path:
@@ -183,11 +183,8 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
         raise ConfigError(f"{number!r}, expected letters, digits, - and _", field="sequence")
     write_platform(folder / "platform.toml", recording.platform)
 
-    def write(name: str, **arrays: Array | np.float64) -> None:
-        def content(file: IO[bytes]) -> None:
-            np.savez(file, **arrays)  # type: ignore[arg-type]  # allow_pickle is no array
-
-        write_atomically(folder / f"{name}{number}.npz", content)
+    def write(name: str, **arrays: Any) -> None:
+        write_atomically(folder / f"{name}{number}.npz", lambda file: np.savez(file, **arrays))
 
     if (lidar := recording.lidar) is not None and len(lidar):
         far, invalid = lidar.range_max, NO_ECHO if lidar.range_min > NO_ECHO else np.nan
@@ -210,7 +207,6 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
 
 def _write_only(folder: Path, recording: Recording) -> tuple[Issue, ...]:
     """Write the one sequence of a folder, which is made."""
-    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     make_folder(folder)
     write_ucsd(folder, recording, sequence=ONLY)
     rgbd = recording.rgbd

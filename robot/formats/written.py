@@ -8,8 +8,6 @@ from __future__ import annotations
 import gzip
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import repeat
 from os import PathLike
 from pathlib import Path
 from typing import IO, Any
@@ -41,8 +39,7 @@ def not_written(recording: Recording, where: str, *names: str) -> tuple[Issue, .
         count = len(stream.rgb_stamps) + len(stream.disparity_stamps) if name == "rgbd" else len(stream)
         if count:
             what = counted(count, _WORDS.get(name, "odometry pose")) + (" of scans" if name == SCAN_POSES else "")
-            text = f"{recording.name}: {what} not written, no place in {where}"
-            issues.append(Issue("not-written", text, count))
+            issues.append(Issue("not-written", f"{recording.name}: {what} not written, no place in {where}", count))
     return tuple(issues)
 
 
@@ -55,27 +52,22 @@ def coded_ranges(lidar: LidarStream, robot: Platform, *, no_return: float, inval
     return coded
 
 
-@dataclass(frozen=True, eq=False)
-class WrittenOdometry:
-    """The odometry that a bag or a log gets; ``is_computed`` where the recording has not these poses."""
-
-    stream: OdometryStream | None
-    is_computed: bool = False
-    issues: tuple[Issue, ...] = ()
+WrittenOdometry = tuple[OdometryStream | None, bool, tuple[Issue, ...]]
+"""The odometry that a bag or a log gets, and whether it is computed: the recording has not these poses."""
 
 
 def odometry_of(recording: Recording) -> WrittenOdometry:
     """The recording's odometry, else that of its wheels (`wheel_path`), else the poses logged with the scans."""
     if recording.odometry is not None and len(recording.odometry):
-        return WrittenOdometry(recording.odometry)
+        return recording.odometry, False, ()
     encoders, lidar = recording.encoders, recording.lidar
     if encoders is not None and len(encoders) and recording.platform.wheels is not None:
-        return WrittenOdometry(OdometryStream(encoders.stamps, wheel_path(recording)), is_computed=True)
+        return OdometryStream(encoders.stamps, wheel_path(recording)), True, ()
     if lidar is not None and lidar.odometry is not None and len(lidar):
         issue = Issue("scan-poses", f"{recording.name}: the poses of the scans are written as odometry", len(lidar))
-        return WrittenOdometry(OdometryStream(lidar.stamps, lidar.odometry), issues=(issue,))
+        return OdometryStream(lidar.stamps, lidar.odometry), False, (issue,)
     issue = Issue("no-odometry", f"{recording.name}: neither odometry nor wheels: no /odom is written")
-    return WrittenOdometry(None, is_computed=True, issues=(issue,))
+    return None, True, (issue,)
 
 
 CLASSIC_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
@@ -101,7 +93,7 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> tuple[Issue
     lidar, odometry, mount = recording.lidar, recording.odometry, recording.platform.lidar
     issues: tuple[Issue, ...] = ()
     if odometry is None and (lidar is None or lidar.odometry is None):
-        if (odometry := odometry_of(recording).stream) is None:
+        if (odometry := odometry_of(recording)[0]) is None:
             raise InputError("no odometry poses, expected them for a CARMEN log", field="odometry")
         text = f"{recording.name}: {counted(len(odometry), 'odometry pose')} computed of the wheels and written"
         issues = (Issue("computed-odometry", text, len(odometry)),)
@@ -175,12 +167,11 @@ def write_csv(path: str | PathLike[str], recording: Recording) -> tuple[Issue, .
     def write(name: str, stream: Stream, names: Sequence[str], values: NDArray[Any], table: dict[str, Any]) -> None:
         file = path.with_name(f"{path.stem}-{name}.csv")
         tables[name] = {"file": file.name, "stamp": "stamp", **table}
-        cells = _cells(stream.ranges) if isinstance(stream, LidarStream) else repeat([], len(stream))
-        beams = stream.ranges.shape[1] if isinstance(stream, LidarStream) else 0
+        ranges = stream.ranges if isinstance(stream, LidarStream) else np.empty((len(stream), 0), np.float32)
 
         def content(out: IO[bytes]) -> None:
-            out.write((",".join(["stamp", *names, *(f"r{beam}" for beam in range(beams))]) + "\n").encode())
-            for stamp, row, more in zip(stream.stamps.tolist(), values.tolist(), cells, strict=True):
+            out.write((",".join(["stamp", *names, *(f"r{beam}" for beam in range(ranges.shape[1]))]) + "\n").encode())
+            for stamp, row, more in zip(stream.stamps.tolist(), values.tolist(), _cells(ranges), strict=True):
                 out.write((",".join([repr(stamp), *map(repr, row), *more]) + "\n").encode())
 
         write_atomically(file, content)
@@ -188,10 +179,8 @@ def write_csv(path: str | PathLike[str], recording: Recording) -> tuple[Issue, .
     if lidar := recording.lidar:
         figures = {key: getattr(lidar, key) for key in ("angle_min", "angle_increment", "range_min", "range_max")}
         table = {"ranges": f"r0..r{lidar.ranges.shape[1] - 1}", **figures}
-        if lidar.odometry is None:
-            write("lidar", lidar, (), np.empty((len(lidar), 0)), table)
-        else:
-            write("lidar", lidar, POSE, lidar.odometry, table | {"odometry": list(POSE)})
+        names, poses = ((), np.empty((len(lidar), 0))) if lidar.odometry is None else (POSE, lidar.odometry)
+        write("lidar", lidar, names, poses, table | ({"odometry": list(POSE)} if names else {}))
     if odometry := recording.odometry:
         write("odometry", odometry, POSE, odometry.poses, dict(zip(POSE, POSE, strict=True)))
     if encoders := recording.encoders:

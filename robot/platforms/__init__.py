@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, replace
 from functools import cache
 from os import PathLike
@@ -42,8 +41,7 @@ def bundled_platform(name: str) -> Platform:
     if name not in _names():
         expected = f"expected one of {', '.join(_names())}, or a .toml file"
         raise ConfigError(f"no robot of this name, {expected}", field=name)
-    table = tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
-    return Platform.model_validate({"name": name, **table})
+    return Platform.model_validate({"name": name, **read_toml(FOLDER / f"{name}.toml", "a robot")})
 
 
 def load_platform(name_or_path: str | PathLike[str]) -> Platform:
@@ -111,14 +109,7 @@ def write_platform(path: str | PathLike[str], platform: Platform) -> None:
 
 def platform_table(platform: Platform) -> Table:
     """Every key of a platform, ``False`` for what it has not: TOML has no other word for it."""
-    return _without_none(platform.model_dump())
-
-
-def _without_none(table: Table) -> Table:
-    return {
-        key: _without_none(value) if isinstance(value, dict) else False if value is None else value
-        for key, value in table.items()
-    }
+    return platform.model_dump()
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from moteslam.robot.formats.bags.bag import Bag, is_bag
 from moteslam.robot.formats.bags.definitions import decode
 from moteslam.robot.formats.bags.motion import TRANSFORMS
 from moteslam.robot.formats.bags.storage import Topic
+from moteslam.robot.formats.lines import HEAD
 from moteslam.robot.trajectories import text
 from moteslam.robot.trajectories.columns import columns_of, decoded, finite_numbers, numbered
 from moteslam.robot.trajectory import UNIT, Array, Trajectory, interpolated, trajectory_of
@@ -37,8 +38,6 @@ WRITERS: dict[str, tuple[str, Callable[[Path, Trajectory], None]]] = {
 }
 """By the format: the ending that stands for it, and what writes it."""
 
-HEAD = 1 << 18
-"""Bytes of a file that are looked at to know its format."""
 POSES = {
     "geometry_msgs/PoseStamped": "pose",
     "geometry_msgs/PoseWithCovarianceStamped": "pose.pose",
@@ -161,8 +160,7 @@ def _messages(bag: Bag, wanted: Callable[[Topic], bool]) -> Iterator[tuple[Topic
 
 
 def _topics(bag: Bag) -> str:
-    for _ in bag.sweep(lambda topic: False):
-        pass
+    list(bag.sweep(lambda topic: False))
     known = {one.name: one.kind for one in bag.topics if one.kind in (*POSES, PATH, *TRANSFORMS)}
     listed = ", ".join(f"{topic[:80]} ({kind.split('/')[-1]})" for topic, kind in sorted(known.items())[:12])
     return f"topics of poses: {listed or 'none'}"
@@ -193,8 +191,7 @@ def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
         for one in path.poses:
             rows.extend(_row(one.header.stamp, one.pose))
         if len(received) > 1:
-            text = f"the last of {len(received)} paths counts, of {len(path.poses)} poses"
-            issues = (Issue("last-path", text, 1),)
+            issues = (Issue("last-path", f"the last of {len(received)} paths counts, of {len(path.poses)} poses"),)
     table = np.array(rows).reshape(-1, 8)
     unset = table[:, 0] == 0
     if path is not None and len(table) and unset.all():

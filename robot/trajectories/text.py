@@ -254,8 +254,7 @@ def read_g2o(path: str | PathLike[str]) -> PoseGraph:
         raise InputError(f"vertex {missing[0]} has no stamp, expected one for all or none", file=path)
     for before, id_ in pairwise(ids) if seconds else ():
         if seconds[id_] < seconds[before]:
-            problem = "stamp before that of the vertex before, expected rising"
-            raise InputError(problem, file=path, line=seconds[id_][1])
+            raise InputError("stamp before that of the vertex before, expected rising", file=path, line=seconds[id_][1])
     ends = np.array([[index[first], index[second]] for _, (first, second), _ in edges], np.int64).reshape(-1, 2)
     table = np.array([numbers for _, _, numbers in edges]).reshape(-1, 9)
     rows, columns = np.triu_indices(3)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.formats import Format, Robot, Topics
@@ -20,10 +21,10 @@ from moteslam.robot.formats.bags.bag import Bag, Table, is_bag
 from moteslam.robot.formats.bags.definitions import is_readable
 from moteslam.robot.formats.bags.storage import Topic
 from moteslam.robot.formats.streams import Fan
-from moteslam.robot.platform import Platform
+from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import GivenRobot, platform_of
-from moteslam.robot.recording import STREAMS, ChunkedRanges, LidarStream, Recording
-from moteslam.robot.values import Issue, counted
+from moteslam.robot.recording import ChunkedRanges, LidarStream, Recording
+from moteslam.robot.values import Issue, counted, validated
 
 KINDS: Mapping[str, tuple[str, Callable[[Any], tuple[float, ...]], int]] = {
     scans.LASER_SCAN: ("lidar", scans.figures_of, 7),
@@ -62,32 +63,18 @@ def read_bag(
     return _Reading(Bag(Path(path)), GivenRobot.read(platform), topics or {}, sequence).recording()
 
 
-@dataclass(frozen=True)
-class Manifest:
+class Manifest(BaseModel):
     """What a bag says about the recording that it was written from: its streams, robot and figures of the scans."""
 
     streams: tuple[str, ...]
     platform: Platform
-    scan: dict[str, Any]
+    scan: dict[str, float]
 
     def sharpened(self, fan: Fan) -> Fan:
         """The fan with the figures that the messages round, wherever they round to those of the messages."""
-        rounded = {name: np.float32(value) == np.float32(getattr(fan, name)) for name, value in self.scan.items()}
-        return fan._replace(**{name: value for name, value in self.scan.items() if rounded[name]})
-
-
-def read_manifest(text: str, *, file: Path) -> Manifest:
-    """What a bag says about its recording."""
-    try:
-        if len(text) > MAX_LETTERS:
-            raise ValueError(f"{len(text)} letters")
-        table = tomllib.loads(text)
-        scan = {name: value for name in write.FIGURES if isinstance(value := table["scan"].get(name), float)}
-        streams = tuple(name for name in STREAMS if name in table["streams"])
-        return Manifest(streams, platform_of(dict(table["platform"]), file=file), scan)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, ConfigError) as error:
-        problem = f"{' '.join(str(error).split())[:200]}, expected the description of a recording"
-        raise InputError(problem, file=file, field=write.MANIFEST[0]) from error
+        figures: Any = {name: self.scan[name] for name in write.FIGURES if name in self.scan}
+        rounded = {name: np.float32(value) == np.float32(getattr(fan, name)) for name, value in figures.items()}
+        return fan._replace(**{name: value for name, value in figures.items() if rounded[name]})
 
 
 class _Reading:
@@ -171,7 +158,13 @@ class _Reading:
         return Table(topic, take, width) if take is not None and is_read else None
 
     def _read_manifest(self, message: Any) -> tuple[float, ...]:
-        self.manifest = self.manifest or read_manifest(message.data, file=self.bag.path)
+        try:
+            if len(message.data) > MAX_LETTERS:
+                raise ValueError(f"{len(message.data)} letters")
+            self.manifest = self.manifest or validated(Manifest, tomllib.loads(message.data))
+        except (ValueError, RecursionError, ConfigError) as error:
+            problem = f"{' '.join(str(error).split())[:200]}, expected the description of a recording"
+            raise InputError(problem, file=self.bag.path, field=write.MANIFEST[0]) from error
         return ()
 
     def _of(self, stream: str) -> list[Table]:
@@ -191,9 +184,9 @@ class _Reading:
         """The streams, on the robot."""
         bag, path = self.bag, self.bag.path
         placed = [self._placed(table) for table in self.lidars]
-        lidar, mount = placed[0] if placed else (None, motion.Mount())
+        lidar, mount = placed[0] if placed else (None, LidarSpec())
         if len(placed) > 1:  # one fan about the robot's centre
-            lidar, mount = scans.merged_scans(path, placed), motion.Mount()
+            lidar, mount = scans.merged_scans(path, placed), LidarSpec()
         robot = self.given.platform or self.given.over(self._stated(lidar, mount))
         streams: dict[str, Any] = {"lidar": None if lidar is None else self._lidar(lidar, robot)}
         wheels = robot if self.manifest is None else self.manifest.platform  # that were counted by, else those given
@@ -214,7 +207,7 @@ class _Reading:
         name = path.resolve().name.removesuffix(path.suffix)
         return Recording(name=name, platform=robot, warnings=tuple(bag.issues), **streams)
 
-    def _placed(self, table: Table) -> tuple[scans.Scans, motion.Mount]:
+    def _placed(self, table: Table) -> tuple[scans.Scans, LidarSpec]:
         """The scans of a lidar, and where it stands by the transforms, which say what is up, or as a caller says."""
         if table.others:
             frames = ", ".join(sorted({table.frame, *table.others})[:4])
@@ -227,24 +220,21 @@ class _Reading:
         mount, is_upside_down = self.frames.lidar_mount(lidar.topic, table.frame, self.base, is_given=is_given)
         if is_upside_down:
             lidar = replace(lidar, fan=lidar.fan.flipped())
-        return lidar, mount if given is None else motion.Mount(given.x, given.y, given.z, given.yaw)
+        return lidar, mount if given is None else given
 
-    def _stated(self, lidar: scans.Scans | None, mount: motion.Mount) -> Platform:
+    def _stated(self, lidar: scans.Scans | None, mount: LidarSpec) -> Platform:
         """The robot that the bag states: of one that this package wrote, the whole; else where its lidar stands."""
         if self.manifest is not None:
             return self.manifest.platform
         if lidar is None:
             return Platform()
-        table = {"lidar": {**mount._asdict(), "time_increment": lidar.fan.time_increment}}
+        table = {"lidar": {**mount.model_dump(), "time_increment": lidar.fan.time_increment}}
         return platform_of(table, file=self.bag.path)
 
     def _lidar(self, lidar: scans.Scans, robot: Platform) -> LidarStream:
         fan = self.manifest.sharpened(lidar.fan) if self.manifest is not None else lidar.fan
-        field = f"{lidar.topic}: angle_increment"
-        fan = fan.over(self.given.lidar_figures, fan.beams, file=self.bag.path, field=field)
-        ranges = ChunkedRanges(
-            lambda first, last: lidar.cleaned(np.arange(first, last), fan), len(lidar.stamps), fan.beams
-        )
+        fan = fan.over(self.given.lidar_figures, fan.beams, file=self.bag.path, field=f"{lidar.topic}: angle_increment")
+        ranges = ChunkedRanges(lambda a, b: lidar.cleaned(np.arange(a, b), fan), len(lidar.stamps), fan.beams)
         return LidarStream(lidar.stamps, ranges, *fan[:4], robot.lidar.time_increment)
 
 
@@ -291,10 +281,8 @@ def left_aside(bag: Bag, what: str, tables: Sequence[Table]) -> None:
     names = [f"{table.topic.name} ({counted(table.count, 'message')})" for table in tables[:9]]
     if len(names) > 1:
         text = f"{bag.path.name}: {what} of {names[0]} used; left aside: {', '.join(names[1:])}"
-        if what == "odometry":
-            text += (
-                ". Is it where a simulator knows the robot to be, SLAM's errors mean nothing: name another by --topics"
-            )
+        doubt = ". Is it where a simulator knows the robot to be, SLAM's errors mean nothing: name another by --topics"
+        text += doubt if what == "odometry" else ""
         bag.issues.append(Issue("topics-left", text, len(tables) - 1))
 
 

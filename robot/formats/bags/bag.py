@@ -28,7 +28,7 @@ from moteslam.robot.formats.bags.storage import (
     temporary_folder,
     zstd,
 )
-from moteslam.robot.formats.streams import MAX_DROPPED, Stamps, clock_cuts, stamp_order
+from moteslam.robot.formats.streams import MAX_DROPPED, Stamps, clock_cuts, sort_by_stamp
 from moteslam.robot.values import Issue, counted
 
 SECOND = 1_000_000_000
@@ -147,8 +147,7 @@ class Bag:
                 yield topic, received, (number, *place), data
             self.topics.update(file.topics.values())
             if file.damage:
-                text = f"{file.path.name}: {file.damage}; what can be read is used"
-                self.issues.append(Issue("damaged-bag", text))
+                self.issues.append(Issue("damaged-bag", f"{file.path.name}: {file.damage}; what can be read is used"))
 
     def fill(self, table_of: Callable[[Topic], Table | None]) -> list[Table]:
         """The tables of the topics that have one, those with most messages first; the bag is gone through once."""
@@ -189,8 +188,7 @@ class Bag:
                 try:
                     yield decode(table.topic, data)
                 except ValueError as error:
-                    problem = f"a message is broken: {error}"
-                    raise InputError(problem, file=self.path, field=table.topic.name) from error
+                    raise InputError(f"a message is broken: {error}", file=self.path, field=table.topic.name) from error
 
     def choose_session(self, tables: Sequence[Table], session: str | int | None) -> None:
         """Settle which messages of all tables, the lidar's first, are read: of a session, from 1 on, else the longest.
@@ -247,10 +245,8 @@ class Bag:
         ):
             if count:
                 self.tell(code, topic, f"{counted(count, 'message')} {what}", count)
-        rows, times = rows[~twice], seconds(stamps[~twice])
-        order, found = stamp_order(times, file=self.path, field=topic.name)
-        self.issues.extend(found)
-        return (rows, times) if order is None else (rows[order], times[order])
+        times, (rows,) = sort_by_stamp(self.path, topic.name, seconds(stamps[~twice]), self.issues, rows[~twice])
+        return rows, times
 
 
 def seconds(nanoseconds: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,13 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.formats.bags.bag import SECOND, Bag, Table
 from moteslam.robot.formats.bags.storage import Topic
-from moteslam.robot.formats.streams import MAX_PLACE, SLACK, Sensors, plausible_rates
-from moteslam.robot.platform import Platform, Wheels
+from moteslam.robot.formats.streams import MAX_PLACE, MAX_RATE, SLACK, Sensors
+from moteslam.robot.platform import LidarSpec, Platform, Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream
 from moteslam.robot.trajectory import rotations_of
 from moteslam.robot.values import counted
+
+Array = NDArray[np.float64]
 
 TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
 ODOMETRY, IMU, JOINT_STATE = "nav_msgs/Odometry", "sensor_msgs/Imu", "sensor_msgs/JointState"
@@ -74,15 +76,6 @@ class _Edge:
     count: int = 0
     moves: bool = False
     unset: bool = False  # the quaternion has length 0
-
-
-class Mount(NamedTuple):
-    """Where a lidar stands in the robot's frame [m, rad]."""
-
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
-    yaw: float = 0.0
 
 
 def namespace(topic: str) -> str:
@@ -152,7 +145,7 @@ class Frames:
         tables = sorted(self.odometry.values(), key=len, reverse=True)
         return [table for table in tables if self.place(frame, table.child) is not None] or tables
 
-    def place(self, frame: str, base: str | None) -> tuple[NDArray[np.float64], list[_Edge], bool] | None:
+    def place(self, frame: str, base: str | None) -> tuple[Array, list[_Edge], bool] | None:
         """Where a frame stands in another, the transforms on the way, and whether another way up leads elsewhere; None
         where none connect them.
         """
@@ -165,11 +158,11 @@ class Frames:
         (pose, way), (other, rest) = ours[shared], theirs[shared]
         return np.linalg.inv(other) @ pose, way + rest, shared in apart
 
-    def _above(self, frame: str) -> tuple[dict[str, tuple[NDArray[np.float64], list[_Edge]]], set[str]]:
+    def _above(self, frame: str) -> tuple[dict[str, tuple[Array, list[_Edge]]], set[str]]:
         """The frame and all above it, with its pose in each; of two parents both are gone up to, and those frames are
         named in which it has two poses.
         """
-        found: dict[str, tuple[NDArray[np.float64], list[_Edge]]] = {frame: (np.eye(4), [])}
+        found: dict[str, tuple[Array, list[_Edge]]] = {frame: (np.eye(4), [])}
         waiting, apart = [frame], set[str]()
         while waiting:
             below = waiting.pop(0)
@@ -188,7 +181,7 @@ class Frames:
                 waiting.append(parent)
         return found, apart
 
-    def lidar_mount(self, topic: str, frame: str, base: str | None, *, is_given: bool) -> tuple[Mount, bool]:
+    def lidar_mount(self, topic: str, frame: str, base: str | None, *, is_given: bool) -> tuple[LidarSpec, bool]:
         """The mount of the lidar whose scans are in a frame, the robot's centre where no transforms lead there, and
         whether it hangs upside down. What is wrong with it does not matter where it is given.
         """
@@ -197,7 +190,7 @@ class Frames:
             what = f"no transform from {base or ' or '.join(BASES)} to {frame or 'its frame'}; the lidar is taken to"
             if not is_given:
                 self.bag.tell("no-mount", topic, f"{what} stand at the robot's centre")
-            return Mount(), False
+            return LidarSpec(), False
         pose, way, is_apart = placed
         tilt = math.acos(min(1.0, abs(float(pose[2, 2]))))
         if tilt > TILTED and not is_given:
@@ -214,7 +207,7 @@ class Frames:
                 self.bag.tell(code, topic, f"the frame {frame} {what}")
         yaw = float(se2.wrap(math.atan2(pose[1, 0], pose[0, 0])))
         x, y, z = (round(float(value), _DIGITS) for value in pose[:3, 3])
-        return Mount(x, y, z, round(yaw, _DIGITS)), bool(pose[2, 2] < 0)
+        return LidarSpec.model_construct(x=x, y=y, z=z, yaw=round(yaw, _DIGITS)), bool(pose[2, 2] < 0)
 
 
 def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
@@ -241,7 +234,7 @@ def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
     return OdometryStream(stamps[~none], poses[~none])
 
 
-def _hops(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> int:
+def _hops(stamps: Array, poses: Array) -> int:
     """How often a path [n, 3] leaves a place and is back a reading or two later, faster than a robot can."""
     if len(poses) < 4:
         return 0
@@ -253,9 +246,7 @@ def _hops(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> int:
     return int(((step > least) & (np.minimum(*back) < step / 2)).sum())
 
 
-def _no_headings(
-    lengths: NDArray[np.float64], headings: NDArray[np.float64], along: NDArray[np.float64] | None
-) -> str | None:
+def _no_headings(lengths: Array, headings: Array, along: Array | None) -> str | None:
     """Why quaternions of some lengths [n], as headings [n], say no headings beside those along the path; else None."""
     many = 0.1 * len(lengths)
     if (zero := int((lengths == 0).sum())) > many:
@@ -270,7 +261,7 @@ def _no_headings(
     return f"headings that do not follow the path (agreement {off:.2f} of 1)" if off < FOLLOWS else None
 
 
-def _path_headings(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _path_headings(places: Array) -> Array | None:
     """The directions [n] [rad] in which places [n, 2] follow each other, over twice `REACH`; None of a short path.
 
     A robot that turns by more than 120 degrees on the spot is taken to drive backward from there on.
@@ -291,7 +282,7 @@ def _path_headings(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
 def imu_stream(frames: Frames, base: str | None, table: Table) -> ImuStream:
     """The inertial readings in the robot's axes, as far as transforms say how the sensor is turned."""
     values, bag = table.values, frames.bag
-    kept, stamps = bag.used(table, plausible_rates(values[:, :3]) & np.isfinite(values).all(axis=1))
+    kept, stamps = bag.used(table, np.isfinite(values).all(axis=1) & (np.abs(values[:, :3]).max(axis=1) <= MAX_RATE))
     angular, linear = values[kept, :3], values[kept, 3:] / GRAVITY
     placed = frames.place(table.frame, base)
     rotation = np.eye(3) if placed is None else placed[0][:3, :3]
@@ -329,9 +320,8 @@ def encoder_stream(bag: Bag, robot: Platform, table: Table) -> EncoderStream:
     """
     field, wheels = table.topic.name, robot.wheels
     if wheels is None:
-        raise InputError(
-            "joints of wheels, expected a platform with [wheels] to count them by", file=bag.path, field=field
-        )
+        problem = "joints of wheels, expected a platform with [wheels] to count them by"
+        raise InputError(problem, file=bag.path, field=field)
     kept, stamps = bag.used(table, np.asarray((np.abs(table.values) <= MAX_ANGLE).all(axis=1)))
     totals = np.rint(table.values[kept] / angle_of_count(wheels)).astype(np.int64)
     counts = np.diff(totals, axis=0, prepend=0)

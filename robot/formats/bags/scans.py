@@ -22,10 +22,9 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import Bag, Rows, Table
-from moteslam.robot.formats.bags.motion import Mount
 from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, given_again, no_return_limit, sampled
-from moteslam.robot.platform import MAX_BEAMS, too_wide
-from moteslam.robot.recording import RgbdStream, nearest_stamp
+from moteslam.robot.platform import MAX_BEAMS, LidarSpec, too_wide
+from moteslam.robot.recording import Images, RgbdStream, nearest_stamp
 from moteslam.robot.rgbd import decode_disparity, decode_rgb, disparity_of
 from moteslam.robot.values import counted
 
@@ -104,8 +103,7 @@ def laser_scans(bag: Bag, table: Table) -> Scans:
         for row, index, message in zip(rows, indices.tolist(), bag.messages(table, kept[indices]), strict=True):
             ranges = message.ranges
             if table.topic.kind == MULTI_ECHO:  # the first echo of each beam; one without has no return
-                firsts = [beam.echoes[0] if len(beam.echoes) else np.inf for beam in ranges]
-                ranges = np.array(firsts, np.float32)
+                ranges = np.array([beam.echoes[0] if len(beam.echoes) else np.inf for beam in ranges], np.float32)
             if others:
                 _lay(row, ranges, figures[index, 0] + steps[index] * np.arange(len(ranges)), fan)
             else:
@@ -190,10 +188,10 @@ def _most_frequent(values: NDArray[np.float64]) -> float:
     return float(np.nan_to_num(numbers[np.argmax(counts)], posinf=np.inf, neginf=-np.inf))
 
 
-def merged_scans(path: Path, lidars: list[tuple[Scans, Mount]]) -> Scans:
+def merged_scans(path: Path, lidars: list[tuple[Scans, LidarSpec]]) -> Scans:
     """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps."""
     first, names = lidars[0][0], ", ".join(scans.topic for scans, _ in lidars)
-    if len({mount for _, mount in lidars}) < len(lidars):
+    if len({(mount.pose, mount.z) for _, mount in lidars}) < len(lidars):
         table = f'[lidars."{first.topic}"] with x, y, yaw for each in the platform\'s file'
         problem = f"two lidars at one place, expected a transform to each, or a table {table}"
         raise InputError(problem, file=path, field=names)
@@ -216,38 +214,20 @@ def merged_scans(path: Path, lidars: list[tuple[Scans, Mount]]) -> Scans:
     return Scans(names, first.stamps, whole, load)
 
 
-@dataclass(frozen=True, eq=False)
-class BagImages:
-    """The images that this package wrote into a bag, read and decoded when they are asked for (an `ImageSource`); the
-    rows [m], [n] are the message of each stamp.
-    """
+def rgbd_stream(bag: Bag, colour: Table, depth: Table) -> RgbdStream:
+    """The frames of colour and depth images that this package wrote, read and decoded when they are asked for."""
+    (rgb_rows, rgb), (depth_rows, disparity) = bag.used(colour), bag.used(depth)
 
-    bag: Bag
-    colour: Table
-    depth: Table
-    colour_rows: Rows
-    depth_rows: Rows
-
-    def rgb(self, index: int) -> NDArray[np.uint8]:
-        """The colour image [480, 640, 3] of a stamp."""
-        return self._decoded(self.colour, self.colour_rows, index, decode_rgb)
-
-    def disparity(self, index: int) -> NDArray[np.uint16]:
-        """The raw disparities [480, 640] of a stamp; raises as `rgb`."""
-        millimetres = self._decoded(self.depth, self.depth_rows, index, decode_disparity)
-        return disparity_of(0.001 * millimetres.astype(np.float64))
-
-    def _decoded(
-        self, table: Table, rows: Rows, index: int, decode: Callable[[bytes], NDArray[Pixel]]
-    ) -> NDArray[Pixel]:
-        (message,) = self.bag.messages(table, rows[index : index + 1])
+    def decoded(table: Table, rows: Rows, index: int, decode: Callable[[bytes], NDArray[Pixel]]) -> NDArray[Pixel]:
+        (message,) = bag.messages(table, rows[index : index + 1])
         try:
             return decode(message.data.tobytes())
         except ValueError as error:
-            raise InputError(f"image {index}: {error}", file=self.bag.path, field=table.topic.name) from error
+            raise InputError(f"image {index}: {error}", file=bag.path, field=table.topic.name) from error
 
+    def disparities(index: int) -> NDArray[np.uint16]:
+        millimetres = decoded(depth, depth_rows, index, decode_disparity)
+        return disparity_of(0.001 * millimetres.astype(np.float64))
 
-def rgbd_stream(bag: Bag, colour: Table, depth: Table) -> RgbdStream:
-    """The frames of colour and depth images."""
-    (rgb_rows, rgb), (depth_rows, disparity) = bag.used(colour), bag.used(depth)
-    return RgbdStream(rgb, disparity, images=BagImages(bag, colour, depth, rgb_rows, depth_rows))
+    images = Images(lambda index: decoded(colour, rgb_rows, index, decode_rgb), disparities)
+    return RgbdStream(rgb, disparity, images=images)

@@ -92,7 +92,7 @@ def write_bag(path: str | PathLike[str], recording: Recording, *, kind: str) -> 
             _write_ros2(path, kind, events)
     except (OSError, sqlite3.Error) as error:
         raise OutputError(f"cannot be written: {getattr(error, 'strerror', None) or error}", file=path) from error
-    return (*odometry.issues, *_left_out(recording, len(missing)))
+    return (*odometry[2], *_left_out(recording, len(missing)))
 
 
 def _write_ros2(path: Path, kind: str, events: Iterator[Event]) -> None:
@@ -165,7 +165,7 @@ def _message(types: Any, name: str, values: Values) -> Any:
 
 def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]) -> Iterator[Event]:
     """The messages of a recording by their times; indices of images that cannot be read are added to ``missing``."""
-    lidar, imu, encoders, odometry = recording.lidar, recording.imu, recording.encoders, written.stream
+    lidar, imu, encoders, (odometry, is_computed, _) = recording.lidar, recording.imu, recording.encoders, written
     firsts = [stream.stamps[:1] for stream in (odometry, lidar, imu, encoders) if stream is not None and len(stream)]
     if not firsts:
         raise InputError("no readings, expected scans, odometry, wheels or an IMU", file=recording.name)
@@ -173,7 +173,7 @@ def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]
     mount, camera, wheels = recording.platform.lidar, recording.platform.camera, recording.platform.wheels
     standing = [transform(begin, BASE, LASER, (mount.x, mount.y, mount.z), turned(mount.yaw))]
     standing += [] if camera is None else camera_transforms(begin, camera)
-    has = {name: getattr(recording, name) is not None for name in STREAMS} | {"odometry": not written.is_computed}
+    has = {name: getattr(recording, name) is not None for name in STREAMS} | {"odometry": not is_computed}
     about = {
         "streams": [name for name in STREAMS if has[name]],
         "scan": {} if lidar is None else {name: float(getattr(lidar, name)) for name in FIGURES},
