@@ -253,12 +253,11 @@ def measured(
         true_map=maps[1],
     )
     found = measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))
-    alike = found["map_precision"].number if "map_precision" in found else None
-    if alike is not None and alike < ALIKE:
-        text = (
-            f"{true_map}: {100 * alike:.0f} % of the walls of {occupancy} are at its walls: another building or frame, "
-        )
-        warnings.warn(MoteslamWarning(f"{text}a flipped image, or a map that is wrong"), stacklevel=2)
+    precise = found.get("map_precision")
+    if precise is not None and precise.number is not None and (alike := evidence.map_accuracy.alike) < ALIKE:
+        text = f"{true_map}: {100 * alike:.0f} % of the walls of {occupancy} are at its walls: "
+        why = "another building or frame, a flipped image, or a map that is wrong"
+        warnings.warn(MoteslamWarning(text + why), stacklevel=2)
     return found
 
 

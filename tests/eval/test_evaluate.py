@@ -175,3 +175,18 @@ def test_a_map_that_is_not_where_the_path_is(
     err = capsys.readouterr().err
     assert said in err
     assert (err == "") == (said == "")
+
+
+@pytest.mark.parametrize("unseen", [slice(0), slice(100, None)])
+def test_solid_blocks_and_a_map_of_more_than_was_seen_are_no_other_building(
+    folder: Path, capsys: pytest.CaptureFixture[str], unseen: slice
+) -> None:
+    """The true map scored by itself, and by what is known of it in a part."""
+    true = a_room()
+    for left in range(20, 300, 40):
+        true.values[80:105, left : left + 30] = true.values[14:40, left : left + 30] = OCCUPIED
+    write_map("all.pgm", true)
+    true.values[80:, unseen] = true.values[:40, unseen] = UNKNOWN
+    write_map("true.pgm", true)
+    assert main.run(["evaluate", "good.tum", "truth.tum", "--map", "all.yaml", "--true-map", "true.yaml"]) == 0
+    assert capsys.readouterr().err == ""
