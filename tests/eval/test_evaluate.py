@@ -13,6 +13,7 @@ from command_lines import printed, refused
 from matplotlib.figure import Figure
 
 from moteslam.eval.cli import main
+from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectories.text import read_tum, write_tum
@@ -77,6 +78,17 @@ def test_relations_say_how_many_were_used(
     assert (found["used"], found["interpolated"], found["total"]) == (2, 1, 3)
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
     assert said(capsys, "good.tum", "some.relations").splitlines()[-1] == f"\x1b[1m{line}\x1b[0m"
+
+
+@pytest.mark.parametrize(("line", "codes"), [("1 2", []), ("2 1", ["relations-inverted"])])
+def test_relations_the_other_way_round_are_told(
+    folder: Path, capsys: pytest.CaptureFixture[str], line: str, codes: list[str]
+) -> None:
+    truth = read_tum("truth.tum").poses
+    x, y, yaw = se2.between(truth[10], truth[20])
+    Path("one.relations").write_text(f"{line} {x} {y} 0 0 0 {yaw}\n", encoding="utf-8")
+    found = json.loads(said(capsys, "good.tum", "one.relations", "--json"))
+    assert [issue["code"] for issue in found["warnings"]] == codes
 
 
 @pytest.mark.parametrize("reference", ["truth.tum", "some.relations"])
