@@ -37,6 +37,7 @@ from moteslam.slam.known_map.search import (
     ON_SURFACE,
     OUTLIER,
     POINTS,
+    WINDOW,
     Hypotheses,
     WholeMapSearch,
     contradictions,
@@ -74,13 +75,18 @@ class Presence(Doubt):
     The log-odds of a place against a robot elsewhere, as the search has them, add up along the path. Once they are at
     their largest what the map does not know no longer counts: from there a robot may drive on beyond the map.
 
+    Args:
+        given_up: places that were given up soon, one after the other: the more, the longer a drive must prove the next.
+
     Attributes:
         proved: they have been at their largest.
+        driven: since the robot was found [m].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, given_up: int = 0) -> None:
         super().__init__()
-        self._here, self.proved = FIRST, False
+        self._here, self.proved, self.driven = FIRST, False, 0.0
+        self._most = MOST / (1 + given_up)
 
     @property
     def probability(self) -> float:
@@ -90,13 +96,14 @@ class Presence(Doubt):
     def observe(self, driven: float, scan: ScanFit | None, *, carried: bool = False) -> None:
         """Take in a scan: see ``Doubt``."""
         super().observe(driven, scan, carried=carried)
+        self.driven += driven
         if scan is None:
             return
         seen = scan.known if self.proved else scan.points
         against = (OUTLIER - ON_SURFACE) * (scan.far + seen - scan.known) + CROSSING * scan.crossed
         nats = (ELSEWHERE - ON_SURFACE) * seen - against
         share = min(max(driven / APART, LEAST_DRIVEN), 1.0)
-        self._here = min(self._here + share * min(max(nats / CORRELATION, -MOST), MOST), LARGEST)
+        self._here = min(self._here + share * min(max(nats / CORRELATION, -MOST), self._most), LARGEST)
         self.proved |= self._here == LARGEST
 
 
@@ -116,6 +123,7 @@ class KnownMapFilter(TsdfFilter):
         self._maps = self._particles.maps = maps
         self._search: WholeMapSearch | None = search
         self._doubt: Presence = Presence()
+        self._given_up = self._most_given_up = 0
         self._driven, self._next, self._pause = 0.0, 0.0, SEARCHES_APART
         self._divided = True  # the particles may be more than one place needs
         self._unweighed = 0.0  # path since the hypotheses were weighed [m]
@@ -143,6 +151,10 @@ class KnownMapFilter(TsdfFilter):
             text += "place or scale; the poses mean nothing in it"
             return (Issue("not-in-this-map", text),)
         issues = []
+        if self._most_given_up > 1:
+            text = f"{self._most_given_up} places, one after the other, did not fit for {WINDOW:g} m: the map may be "
+            text += "of another place, mirrored, incomplete or out of date, and poses said to be sure may be wrong"
+            issues.append(Issue("places-given-up", text))
         for begin, end in self._losses:
             text = f"from {begin:.2f} s on to the end the scans do not say where in the map the robot is: there the "
             text += "trajectory is that of its odometry"
@@ -178,6 +190,8 @@ class KnownMapFilter(TsdfFilter):
 
     def _begin_anew(self, scan: ThinnedScan, tracked: Tracked) -> StepResult:
         """The robot is lost: from here on it is searched for in the whole map."""
+        self._given_up = 0 if self._doubt.driven > WINDOW else self._given_up + 1
+        self._most_given_up = max(self._most_given_up, self._given_up)
         self._search = WholeMapSearch(self._maps, self._config.registration)
         self._driven, self._next, self._pause = 0.0, SEARCHES_APART, SEARCHES_APART
         self._begin = len(self.history)
@@ -237,7 +251,7 @@ class KnownMapFilter(TsdfFilter):
         proposal = super()._weigh(step, proposal)
         self._particles.best = best_of(self._particles, before)
         if self._particles.hypotheses[self.best_particle] != before:
-            self._doubt = Presence()
+            self._doubt = Presence(self._given_up)
         return proposal
 
     def _resample(self, step: Step, proposal: Proposal) -> tuple[Proposal, bool]:
@@ -281,7 +295,7 @@ class KnownMapFilter(TsdfFilter):
         self._particles.poses, self._particles.hypotheses = places, chosen
         self._relocated = self.history.path(0)
         self._tracker.pose = as_pose(places[0])
-        self._covariance, self._doubt = PoseCovariance(self._config.registration), Presence()
+        self._covariance, self._doubt = PoseCovariance(self._config.registration), Presence(self._given_up)
         self._losses[-1] = (self._losses[-1][0], stamp)
         self._search, self._divided = None, True
 

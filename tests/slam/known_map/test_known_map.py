@@ -17,7 +17,7 @@ from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.known_map import hypotheses, search
 from moteslam.slam.known_map.config import KnownMapConfig
-from moteslam.slam.known_map.filter import Presence
+from moteslam.slam.known_map.filter import KnownMapFilter, Presence
 from moteslam.slam.known_map.maps import KnownMaps, upright
 from moteslam.slam.known_map.search import WholeMapSearch
 from moteslam.slam.run import run_slam
@@ -225,6 +225,24 @@ def test_a_robot_that_is_carried_out_of_the_map_is_lost(tmp_path: Path) -> None:
     states = estimate.diagnostics["state"]
     assert (states[30:60] == LocalisationState.SURE).all()
     assert (states[90:] == LocalisationState.LOST).mean() > 0.9
+
+
+def test_places_that_were_given_up_one_after_the_other_are_told(tmp_path: Path) -> None:
+    write_map(tmp_path / "map.pgm", drawn([*WALLS, *BOX]))
+    made = KnownMapFilter(KnownMapConfig(known_map=str(tmp_path / "map.yaml")), 0)
+    made._was_sure = True
+    for given_up, codes in ((1, set()), (2, {"places-given-up"})):
+        made._most_given_up = given_up
+        assert {issue.code for issue in made.issues} == codes
+
+
+def test_after_places_that_were_given_up_a_longer_drive_must_prove_the_next() -> None:
+    for given_up, metres in ((0, 1.0), (1, 2.0), (3, 4.0)):
+        presence, driven = Presence(given_up), 0.0
+        while not presence.proved:
+            presence.observe(0.1, ScanFit(1.0, 200, 200, 0, 0))
+            driven += 0.1
+        assert driven == pytest.approx(metres, abs=0.11)
 
 
 def test_a_missing_map_is_refused() -> None:
