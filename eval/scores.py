@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import TOLERANCE, RelationResult, Relations, evaluate_relations
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import Unit, relative_pose_error
+from moteslam.robot import se2
 from moteslam.robot.formats.map_server import OCCUPIED, UNKNOWN, read_map, trinary
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
@@ -38,6 +39,8 @@ Truth = Trajectory | None
 
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
+INVERTED = 0.1
+"""Relations are the other way round where the mean error would fall to less than this share."""
 OUTSIDE, ASTRAY, ALIKE = 2, 10.0, 0.5
 """A value for beyond the edges of a map; fewer per cent of a robot's path than the second are there or in walls, and
 more are known; and of two maps of one place more than the third of one's walls are at those of the other."""
@@ -168,10 +171,18 @@ def against(
     most ``max_difference`` [s].
     """
     if isinstance(reference, Relations):
-        found = evaluate_relations(
-            estimate, reference, tolerance=TOLERANCE if max_difference is None else max_difference
+        tolerance = TOLERANCE if max_difference is None else max_difference
+        found, other = (
+            evaluate_relations(estimate, one, tolerance=tolerance)
+            for one in (reference, replace(reference, poses=se2.inverse(reference.poses)))
         )
-        return Evaluation({"kind": "relations", **found.as_dict()}, _by_stamp(found), found)
+        told: tuple[Issue, ...] = ()
+        if other.translation.mean < INVERTED * found.translation.mean:
+            means = f"{other.translation.mean:.4f} m in place of {found.translation.mean:.4f} m"
+            text = f"relations the other way round, t1 seen from t2, are missed by {means}: exchange their stamps?"
+            told = (Issue("relations-inverted", text, len(reference)),)
+        figures = {"kind": "relations", **found.as_dict(), "warnings": [issue.as_dict() for issue in told]}
+        return Evaluation(figures, _by_stamp(found), found)
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
     try:
         ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
@@ -253,12 +264,11 @@ def measured(
         true_map=maps[1],
     )
     found = measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))
-    alike = found["map_precision"].number if "map_precision" in found else None
-    if alike is not None and alike < ALIKE:
-        text = (
-            f"{true_map}: {100 * alike:.0f} % of the walls of {occupancy} are at its walls: another building or frame, "
-        )
-        warnings.warn(MoteslamWarning(f"{text}a flipped image, or a map that is wrong"), stacklevel=2)
+    precise = found.get("map_precision")
+    if precise is not None and precise.number is not None and (alike := evidence.map_accuracy.alike) < ALIKE:
+        text = f"{true_map}: {100 * alike:.0f} % of the walls of {occupancy} are at its walls: "
+        why = "another building or frame, a flipped image, or a map that is wrong"
+        warnings.warn(MoteslamWarning(text + why), stacklevel=2)
     return found
 
 

@@ -25,8 +25,8 @@ SAME, STANDS, FEW = 1e-6, 0.05, 3
 """Orientations and heights that differ by less are the same; a path that is spread by less [m], or of fewer poses, says
 nothing of orientations."""
 FASTEST, MANY, ROUNDED, JUMP = 100.0, 0.1, 0.01, 5
-"""No robot is faster in the mean [m/s]; stamps of which a larger share are those of the pose before, with more path
-between [m], were rounded; after poses that repeat each other so many times the usual step is a jump."""
+"""No robot is faster [m/s]; stamps of which a larger share are those of the pose before, with more path between [m],
+were rounded; after poses that repeat each other so many times the usual step is a jump."""
 STRIDE, ACROSS, FITS = 0.2, np.sin(np.deg2rad(10.0)) ** 2, 0.2
 """Directions of travel over some path [m] that are off a fixed direction of the body by more than the second, in the
 mean squared sine, do not follow it; other orientations that leave less than this share of it are what was meant."""
@@ -201,7 +201,8 @@ def _doubts(
     if shared.sum() > MANY * len(there) and apart > ROUNDED:
         text = f"{path}: {shared.sum()} of {n} poses have the stamp of the one before, with up to {apart:.2f} m between"
         yield Issue("equal-stamps", f"{text}: stamps were rounded; errors are wrong by that much", int(shared.sum()))
-    if times.max(initial=0) > 1e-3 and (speed := float(steps.sum() / times.sum())) > FASTEST:  # or no seconds at all
+    speed = float(steps.sum() / times.sum()) if times.max(initial=0) > 1e-3 else 0.0  # or no seconds at all
+    if speed > FASTEST:
         yield Issue("implausible-speed", f"{path}: moves at {speed:.3g} m/s: positions in mm? Errors are, too", n)
     still = (np.diff(there, axis=0) == 0).all(axis=1) | (zero[1:] & zero[:-1])
     begins = np.flatnonzero(np.append(True, ~still))  # of runs of poses that are all the same
@@ -209,7 +210,8 @@ def _doubts(
     repeats = (counts > (1 if np.median(counts) > 1 else 2)) | zero[begins]  # a few doubles are none
     repeats[0] &= counts[0] > 1  # many begin at 0 0 0
     moves = steps[~still]  # from one run to the next
-    usual = moves[~(repeats[1:] | repeats[:-1])]
+    lone = ~(repeats[1:] | repeats[:-1])
+    usual = moves[lone]
     jumps = np.maximum(np.append(0, moves), np.append(moves, 0))
     held = repeats & (jumps > max(STANDS, JUMP * float(np.median(usual)) if len(usual) else 0.0))
     if held.any():
@@ -217,6 +219,12 @@ def _doubts(
         text = f"{path}: {number} of {n} poses, from {first:.3f} s on, repeat others to the last bit or are 0 0 0, and"
         text += f" the next is up to {jumps[held].max():.2f} m away: tracking lost, or poses held? Errors hold that"
         yield Issue("poses-held", text, number)
+    fast = lone & (moves > FASTEST * np.maximum(times[~still], times.sum() / n))  # stamps of a burst are closer
+    if 0 < speed <= FASTEST and fast.any():
+        first = stamps[kept][begins[1:][np.argmax(fast)]]
+        text = f"{path}: goes up to {moves[fast].max():.1f} m from a pose to the next, first at {first:.3f} s, beyond"
+        text += f" {FASTEST:g} m/s: poses that are off, or a jump? Errors hold that"
+        yield Issue("implausible-speed", text, int(fast.sum()))
     if quaternions is None or (off := _across(positions, quaternions)) < ACROSS:
         return
     for what, others in (*else_turned.items(), ("turns, or y, of the other sign", quaternions * (-1, -1, -1, 1))):

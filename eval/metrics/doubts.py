@@ -125,6 +125,9 @@ def doubts(estimate: Trajectory, reference: Trajectory, ate: AteResult, *, align
     if align and (found := clock_offset(estimate, reference, ate.rmse)) is not None:
         reasons.append((found[0], Issue("clocks-differ", found[1])))
     best = [min(reasons, key=lambda reason: reason[0])[1]] if reasons else []
+    few_off = float(np.median(ate.errors)) < UNLIKE * float(np.linalg.norm(ate.reference[:, :2].std(axis=0)))
+    if few_off and any(issue.code == "implausible-speed" for issue in issues):  # poses far off make any paths unlike
+        best = [issue for issue in best if issue.code != "unlike"]
     turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate)
     parts = _parts(estimate, reference, ate)
     return (*dict.fromkeys(issues), *_of_space(estimate, reference), *best, *turns, *parts)

@@ -28,8 +28,9 @@ SAME_WALL, FARTHEST = 0.1, 1.0
 
 @dataclass(frozen=True)
 class MapAccuracy:
-    """A map against the true map: the metrics ``map_precision`` to ``map_known``, how many wall cells the map has, and
-    how many cells of the true surface were seen.
+    """A map against the true map: the metrics ``map_precision`` to ``map_known``, how many wall cells the map has, how
+    many cells of the true surface were seen, and as ``alike`` the share of the edges of the map's walls, where the true
+    map is known, that are at an edge of a true wall: also of two maps with thick walls, and of more than was seen.
     """
 
     precision: float
@@ -40,6 +41,7 @@ class MapAccuracy:
     known: float
     walls: int
     surface: int
+    alike: float
 
 
 def map_accuracy(
@@ -51,7 +53,7 @@ def map_accuracy(
     the pose of the estimate's frame in the true one, as ``absolute_trajectory_error`` finds it. With what the lidar
     saw, ``seen`` [p, 2] in the true frame, recall is over the surface within ``SAME_WALL`` of a point of it.
     """
-    from scipy.ndimage import binary_dilation
+    from scipy.ndimage import binary_dilation, binary_erosion
 
     for raster, name in ((estimate, "estimate"), (truth, "truth")):
         expect_type(raster, Raster, name, "read_map(path) reads one")
@@ -65,6 +67,13 @@ def map_accuracy(
             raise InputError("no wall that was seen" if name == "truth" else "no wall", field=name)
     to_truth, to_map = _distances(walls, everywhere), _distances(surface, walls)
     precision, recall = float((to_truth <= SAME_WALL).mean()), float((to_map <= SAME_WALL).mean())
+    edges, true_edges = (
+        one.centres(np.argwhere((one.values == OCCUPIED) & ~binary_erosion(one.values == OCCUPIED)))
+        for one in (estimate, truth)
+    )
+    edges = se2.transform_points(transform, edges)
+    at_edges = _distances(edges, true_edges) <= SAME_WALL
+    is_known = at_edges | (truth.values_at(edges, outside=UNKNOWN) != UNKNOWN)
     there = np.argwhere(truth.values != UNKNOWN)
     true = truth.values[there[:, 0], there[:, 1]]
     back = se2.transform_points(se2.inverse(transform), truth.centres(there))
@@ -80,6 +89,7 @@ def map_accuracy(
         known=float(both[true == FREE].mean()) if (true == FREE).any() else 0.0,
         walls=len(walls),
         surface=len(surface),
+        alike=float(at_edges[is_known].mean()) if is_known.any() else 0.0,
     )
 
 

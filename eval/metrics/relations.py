@@ -19,6 +19,7 @@ from moteslam.robot.recording import nearest_stamp
 from moteslam.robot.se2 import Poses, between, wrap
 from moteslam.robot.se2 import interpolate as interpolated
 from moteslam.robot.trajectories.columns import number_lines
+from moteslam.robot.trajectories.text import MAX_TURN
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised, expect_type
 
@@ -108,8 +109,12 @@ def is_relations(path: str | PathLike[str]) -> bool:
 def read_relations(path: str | PathLike[str]) -> Relations:
     """Read ``t1 t2 x y z roll pitch yaw`` lines (metres, radians), of which x, y and yaw count."""
     path = Path(path)
-    rows, _ = number_lines(path, "relations", 8, "t1 t2 x y z roll pitch yaw")
+    rows, lines = number_lines(path, "relations", 8, "t1 t2 x y z roll pitch yaw")
     table = np.array(rows, np.float64)
+    if (large := np.abs(table[:, 7]) > MAX_TURN).any():
+        first = int(np.argmax(large))
+        problem = f"an angle of {table[first, 7]:g}, expected radians, at most {MAX_TURN:g}"
+        raise InputError(problem, file=path, line=lines[first], field="yaw")
     return Relations(table[:, :2], np.stack((table[:, 2], table[:, 3], wrap(table[:, 7])), axis=-1))
 
 

@@ -13,6 +13,7 @@ from command_lines import printed, refused
 from matplotlib.figure import Figure
 
 from moteslam.eval.cli import main
+from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectories.text import read_tum, write_tum
@@ -77,6 +78,17 @@ def test_relations_say_how_many_were_used(
     assert (found["used"], found["interpolated"], found["total"]) == (2, 1, 3)
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
     assert said(capsys, "good.tum", "some.relations").splitlines()[-1] == f"\x1b[1m{line}\x1b[0m"
+
+
+@pytest.mark.parametrize(("line", "codes"), [("1 2", []), ("2 1", ["relations-inverted"])])
+def test_relations_the_other_way_round_are_told(
+    folder: Path, capsys: pytest.CaptureFixture[str], line: str, codes: list[str]
+) -> None:
+    truth = read_tum("truth.tum").poses
+    x, y, yaw = se2.between(truth[10], truth[20])
+    Path("one.relations").write_text(f"{line} {x} {y} 0 0 0 {yaw}\n", encoding="utf-8")
+    found = json.loads(said(capsys, "good.tum", "one.relations", "--json"))
+    assert [issue["code"] for issue in found["warnings"]] == codes
 
 
 @pytest.mark.parametrize("reference", ["truth.tum", "some.relations"])
@@ -175,3 +187,18 @@ def test_a_map_that_is_not_where_the_path_is(
     err = capsys.readouterr().err
     assert said in err
     assert (err == "") == (said == "")
+
+
+@pytest.mark.parametrize("unseen", [slice(0), slice(100, None)])
+def test_solid_blocks_and_a_map_of_more_than_was_seen_are_no_other_building(
+    folder: Path, capsys: pytest.CaptureFixture[str], unseen: slice
+) -> None:
+    """The true map scored by itself, and by what is known of it in a part."""
+    true = a_room()
+    for left in range(20, 300, 40):
+        true.values[80:105, left : left + 30] = true.values[14:40, left : left + 30] = OCCUPIED
+    write_map("all.pgm", true)
+    true.values[80:, unseen] = true.values[:40, unseen] = UNKNOWN
+    write_map("true.pgm", true)
+    assert main.run(["evaluate", "good.tum", "truth.tum", "--map", "all.yaml", "--true-map", "true.yaml"]) == 0
+    assert capsys.readouterr().err == ""

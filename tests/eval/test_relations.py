@@ -76,6 +76,7 @@ def test_stamps_between_poses_are_interpolated_but_not_far_apart(score) -> None:
         ("1 2 3\n", ":1: expected 8 finite numbers"),
         ("1 2 3 4 5 6 7 8\n1 2 3 4 5 6 7 nan\n", ":2: expected 8"),
         ("a b c d e f g h\n", ":1: expected 8"),
+        ("# degrees\n1 2 3 4 0 0 0 -5\n1 2 3 4 0 0 0 -90\n", ":3: yaw: an angle of -90"),
     ],
 )
 def test_bad_files(tmp_path: Path, text: str, message: str) -> None:

@@ -114,6 +114,9 @@ def between(begin: float, end: float) -> Callable[[Table], Table]:
         (scaled(6, -1.0), same, ["orientation-order", "body-axes"]),
         (same, scaled(slice(1, 4), 1000.0), ["implausible-speed", "sizes-differ"]),
         (scaled(slice(1, 4), 1000.0), scaled(slice(1, 4), 1000.0), ["implausible-speed"] * 2),
+        (same, put(slice(5001, 5002), 1, 100.0), ["implausible-speed"]),  # between stamps of the estimate
+        (same, put(slice(5000, 5003), 1, 100.0), ["implausible-speed"]),
+        (put(slice(100, 101), 1, 100.0), same, ["implausible-speed"]),
         (scaled(slice(1, 4), 1 / 0.3048), same, ["sizes-differ"]),
         (scaled(slice(1, 4), 0.95), same, ["sizes-differ"]),
         (clocked(1.01), same, ["clocks-differ"]),
