@@ -61,6 +61,11 @@ RATE = 0.1
 QUARTER, AHEAD = 0.15, 0.8
 """A mount is a quarter turn off within the first [rad]; a path goes one way as seen by its headings where this share of
 it does."""
+SPARSE = 0.5
+"""Scans laid on one fan whose beams are to a larger share of others, as each begins at another angle, are not held
+against each other."""
+FEW_FIT = 0.5
+"""Scans are told not to fit each other where a smaller share of the pairs does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +127,7 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
     lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
         return None
-    if any(map(is_coarse, recording.stamps().values())):
+    if np.isnan(lidar.ranges).mean() > SPARSE or any(map(is_coarse, recording.stamps().values())):
         return None
     try:
         with np.errstate(all="ignore"):
@@ -166,7 +171,7 @@ def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Ca
     if again is not None and stated is not None and scans.fits_better(stated):
         deviation = scale * again.angle_deviation
         return replace(again, angle_scale=scale * again.angle_scale, angle_deviation=deviation)
-    if found is None and unfit is not None:
+    if found is None and unfit is not None and unfit.args[0] < FEW_FIT * unfit.args[1]:
         raise unfit
     return found
 
