@@ -21,10 +21,10 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.formats import Format, Robot, expect_no_sequence
 from moteslam.robot.formats.lines import TextLines
-from moteslam.robot.formats.streams import MAX_DROPPED, MAX_PLACE, MAX_STAMP, Fan, Sensors, no_return_limit
+from moteslam.robot.formats.streams import MAX_DROPPED, MAX_PLACE, MAX_STAMP, Fan, Sensors
 from moteslam.robot.formats.written import CLASSIC_STEPS, OWN_PARAMETERS, fov_of, write_carmen
 from moteslam.robot.platforms import CARMEN, GivenRobot, platform_of
-from moteslam.robot.recording import Recording
+from moteslam.robot.recording import Recording, no_return_limit
 from moteslam.robot.values import Issue, counted
 
 RAW_LASERS = tuple(f"RAWLASER{number}" for number in range(1, 6))

@@ -275,7 +275,6 @@ class KnownMapFilter(TsdfFilter):
         particles, n = self._particles, self._config.particles
         if len(self.history) and len(particles) != n:
             self.history.resampled(np.zeros(n, np.int64))
-            self._maps.resample(np.zeros(n, np.int64))
         particles.poses, particles.hypotheses = np.repeat(pose[None], n, axis=0), np.zeros(n, np.int64)
         particles.weights, particles.best = Weights.uniform(n), 0
         self.history.append(particles.poses)

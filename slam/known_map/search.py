@@ -119,7 +119,8 @@ class WholeMapSearch:
     def find(self, pose: Array, points: Points, origin: Array) -> Hypotheses:
         """Where the robot may be at a scan; arguments as of ``see``."""
         some = [_Seen(pose, points, origin), *(seen for seen in self._seen if seen.apart(pose) >= 1)]
-        together = np.concatenate([_seen_from(pose, seen) for seen in some])
+        seen_from = (se2.transform_points(se2.between(pose, seen.pose), seen.points) for seen in some)
+        together = np.concatenate(list(seen_from)).astype(np.float32)
         starts = self._starts(subsample(together, MAX_SEARCH_POINTS))
         tried, odds = self._odds(starts, some[:1], subsample(together, START_POINTS))
         order = np.argsort(-odds, kind="stable")
@@ -182,10 +183,3 @@ class WholeMapSearch:
             odds += here
             fine += (fit.costs - OUTLIER * against - ON_SURFACE * (len(some) - against)) / CORRELATION
         return places, odds - FINE * fine / len(scans)
-
-
-def _seen_from(pose: Array, seen: _Seen) -> Points:
-    """Endpoints [k, 2] of a scan, in the frame of another pose."""
-    x, y, theta = se2.between(pose, seen.pose)
-    cos, sin = np.cos(theta), np.sin(theta)
-    return np.asarray(seen.points @ np.array([[cos, sin], [-sin, cos]]) + (x, y), np.float32)

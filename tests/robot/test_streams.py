@@ -11,7 +11,8 @@ from issues import messages
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.streams import SICK_REACH, clock_cuts, no_return_limit, stamp_order
+from moteslam.robot.formats.streams import clock_cuts, stamp_order
+from moteslam.robot.recording import SICK_REACH, no_return_limit
 
 FILE = Path("folder/file.npz")
 RUN = np.arange(100) / 5 + 1.4e9

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import Bag, Rows, Table
-from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, given_again, no_return_limit, sampled
+from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, given_again, sampled
 from moteslam.robot.platform import MAX_BEAMS, LidarSpec, too_wide
-from moteslam.robot.recording import Images, RgbdStream, nearest_stamp
+from moteslam.robot.recording import Images, RgbdStream, nearest_stamp, no_return_limit
 from moteslam.robot.rgbd import decode_disparity, decode_rgb, disparity_of
 from moteslam.robot.values import counted
 
