@@ -185,6 +185,18 @@ def test_the_reported_score_is_the_best_particles_in_the_map_before_the_scan():
     assert unlike_the_first > updates / 2
 
 
+def test_a_particles_path_leads_through_the_particle_it_was_drawn_from():
+    recording, _ = circled_room(scans=40)
+    session = SlamSession(recording, config_of(), seed=0)
+    after_resampling = [update.poses.copy() for update in session if update.resampled]
+    assert len(after_resampling) > 20
+    paths = session.estimate().particle_paths
+    np.testing.assert_array_equal(paths[:, -2], after_resampling[-2])
+    ancestors = [len(np.unique(poses, axis=0)) for poses in paths.swapaxes(0, 1)]
+    assert ancestors == sorted(ancestors)  # lines merge backwards in time, and never part again
+    assert ancestors[1] < len(paths) / 2
+
+
 def test_the_maps_rays_start_at_the_lidar():
     paper = PaperFilter(config_of(), 0)
     lidar = np.array((1.025, 1.025))  # the middle of a cell

@@ -127,6 +127,17 @@ def test_what_cannot_be_mapped_is_refused(driven: Driven, recording: Recording) 
     assert not can_map(blind)
 
 
+def test_run_slam_colours_the_floor_along_what_it_found(recording: Recording) -> None:
+    settings = ["particles=4", "texture.cell_size=0.2", "texture.interval=1.0", "texture.largest_gap=0.09"]
+    config = resolve_config("paper", settings)
+    estimate = run_slam(recording, config)
+    assert estimate.texture is not None
+    expected = map_texture(recording, estimate.trajectory_final, config.texture)
+    assert expected.known.sum() > 100
+    np.testing.assert_array_equal(estimate.texture.values, expected.values)
+    assert estimate.texture.origin == expected.origin
+
+
 def test_run_slam_colours_nothing_where_it_is_not_asked_for_or_cannot(
     recording: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
