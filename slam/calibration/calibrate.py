@@ -204,7 +204,7 @@ def _calibrate(
         witness = scans.stated()
         as_stated = fit(witness.pairs, at, (offset, drift), shared=logged)
         if (as_stated.cost - clocks.cost) * len(scans.pairs.first) < WITNESS:
-            scans, clocks, deviation = witness, as_stated, abs(angle_scale - 1)
+            scans, clocks, deviation, excess = witness, as_stated, abs(angle_scale - 1), (excess[0], abs(excess[0]))
     one = clocks if logged else fit(scans.pairs, at, (0.0, 0.0), shared=True)
     differ = not logged and _clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
     shared = not (differ and clocks.cost < EXPLAINED * one.cost)
