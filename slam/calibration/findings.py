@@ -224,12 +224,13 @@ def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
         apart[Parameter.YAW] = se2.wrap(apart[Parameter.YAW])
         far &= np.abs(apart) > np.maximum(least, SIGMAS * each.deviations[MOUNT])
     turns = c.fits and abs(ratio - 1) > TURNS and abs(turns_over_scans - 1) > SIGMAS * about_turns
+    too_long = abs(c.excess[0]) > max(EXCESS, SIGMAS * c.excess[1]) and not angles_differ  # one biases the other
     rows = [
         ("angles between beams, over the stated", c.angle_scale, c.angle_deviation, 1.0, angles_differ),
         ("x of the lidar [m]", x, about_x, mount.x, far[0]),
         ("y of the lidar [m]", y, about_y, mount.y, far[1]),
         ("yaw of the lidar [deg]", degrees(yaw), degrees(about_yaw), degrees(mount.yaw), far[2]),
-        ("excess of the ranges [m]", *c.excess, 0.0, abs(c.excess[0]) > max(EXCESS, SIGMAS * c.excess[1])),
+        ("excess of the ranges [m]", *c.excess, 0.0, too_long),
         ("lengths by ranges, over odometry", lengths, about_lengths, 1.0, scaled),
         ("turns by scans, over odometry", ratio, about_ratio, 1.0, turns),
     ]
