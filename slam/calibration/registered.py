@@ -33,6 +33,8 @@ ANGLE_FLOOR, OFFSET_FLOOR = 0.0015, 0.004
 """The standard deviations of that scale, and of the offset [m], are no smaller."""
 ORDER = 5.0
 """Standard errors by which scans fit better in one reading, of the beams in one order in time, say: then that is it."""
+SWEEP = 0.02
+"""A sweep that is shorter by less moves no result by a tenth of a metre [s]."""
 LEAST_COST = 1e-4
 """A pair costs no less [m]: all endpoints in one place fit, too."""
 SCALES = 1.1 ** np.arange(-8, 9)
@@ -125,7 +127,7 @@ class RegisteredPairs:
     def is_faster(self, rates: tuple[Array, Array]) -> bool:
         """Whether the scans clearly fit better if a sweep takes half as long as stated; ``rates`` as of ``mirror``."""
         half = self._beams._replace(sweep=self._beams.sweep / 2)
-        return half.sweep > 0 and bool(self._fits_better(self._beams, half, self._found.motions, rates))
+        return half.sweep > SWEEP and bool(self._fits_better(self._beams, half, self._found.motions, rates))
 
     def _fits_better(self, one: Beams, other: Beams, motions: Array, rates: tuple[Array, Array]) -> bool | None:
         """Whether the other beams clearly fit better, each scan straightened by its own turn; None if neither."""
