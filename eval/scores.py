@@ -191,7 +191,7 @@ def against(
         if not causes and (offset := clock_offset(estimate, reference)) is not None:
             causes = [offset[1]]
         raise InputError("; ".join((error.problem, *causes)), file=error.file, field=error.field) from None
-    issues = doubts(estimate, reference, ate, align=align)
+    issues = doubts(estimate, reference, ate, align=align, apart=apart)
     rpe = None
     try:
         rpe = relative_pose_error(

@@ -74,9 +74,10 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
     more = () if about is None else about.issues
     about = about if about is not None and about.figures else None
     if recording.lidar is not None:  # what a replay says of it
+        angles = not any(issue.code == "lidar-angles" for issue in more)  # else it is not known what travels along
         read = deep or isinstance(recording.lidar.ranges, np.ndarray)
         try:
-            inputs = synchronise(recording, SyncConfig(travelling=read, deskew=False))
+            inputs = synchronise(recording, SyncConfig(travelling=read and angles, deskew=False))
             more += (*warnings(recording, inputs, read_ranges=read), *about_jumps(inputs, len(inputs)))
         except InputError as error:
             more += (Issue("refused", f"SLAM refuses it: {error}"),)

@@ -181,6 +181,9 @@ def _run_over(
     from moteslam.files import result_folder
 
     recording, not_as_stated = _checked(part.open(path), calibrate)
+    if calibrate is None and any(issue.code == "lidar-angles" for issue in not_as_stated):
+        # nothing is known of what travels along
+        config = config.model_copy(update={"sync": config.sync.model_copy(update={"travelling": False})})
     truth, issues = (None, ()) if recording.lidar is None else _truth_beside(path, recording.lidar.stamps)
     cut = {name: value for name, value in part.given.items() if name not in ("sequence", "platform")}
     with result_folder(out, force=run.force, keep=path) as folder:

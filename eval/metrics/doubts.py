@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.eval.metrics.association import MAX_GAP, covered, evenly, in_space, spatial
-from moteslam.eval.metrics.ate import AteResult
-from moteslam.robot.trajectory import FARTHEST, TILT, Trajectory, tilt_of
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, spatial
+from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
+from moteslam.robot import se2
+from moteslam.robot.trajectory import FARTHEST, TILT, Space, Trajectory, tilt_of
 from moteslam.robot.values import Issue
 
 Array = NDArray[np.float64]
@@ -90,7 +92,7 @@ def _offset(search: _Search) -> tuple[float, float, float] | None:
         return (best, 0.0, rmse) if fits else None
     start, slow, left = search.fitted(0.0 if before < rmse else best, drifts=True)
     if left < min(GAIN * rmse, SHAPE * before) and rmse - left > GAIN_METRES and abs(slow) < DRIFTS:
-        return start, slow, left
+        return (start, slow, left) if left < GAIN * min(map(search.scaled, (0.0, best))) else None
     return (best, 0.0, rmse) if rmse < GAIN * before * share and before - rmse > GAIN_METRES else None
 
 
@@ -115,13 +117,18 @@ def _lever_arm(ate: AteResult) -> Iterator[tuple[float, Issue]]:
         yield rmse, Issue("lever-arm", f"{text} the two are paths of different points of it, of lidar and base, say")
 
 
-def doubts(estimate: Trajectory, reference: Trajectory, ate: AteResult, *, align: bool = True) -> tuple[Issue, ...]:
+def doubts(
+    estimate: Trajectory, reference: Trajectory, ate: AteResult, *, align: bool = True, apart: float = MAX_DIFFERENCE
+) -> tuple[Issue, ...]:
     """What was assumed when both were read, the space and the part of them that are compared, and what explains errors:
     units, signs, clocks, another point of the robot, whichever leaves least; where they are aligned, all of these.
+    ``apart`` is the ``max_difference`` of the error.
     """
     left_out = "out-of-plane" if in_space(estimate, reference) else ""  # it matters in x and y
     issues = [issue for issue in (*estimate.warnings, *reference.warnings) if issue.code != left_out]
     reasons = [*_shapes(ate), *(_lever_arm(ate) if align else ())]
+    if align:
+        reasons += _inverted(estimate, reference, ate, apart)
     if align and (found := clock_offset(estimate, reference, ate.rmse)) is not None:
         reasons.append((found[0], Issue("clocks-differ", found[1])))
     best = [min(reasons, key=lambda reason: reason[0])[1]] if reasons else []
@@ -177,6 +184,22 @@ def _of_space(estimate: Trajectory, reference: Trajectory) -> Iterator[Issue]:
         yield Issue("heights-left-out", text, len(reference))
 
 
+def _inverted(
+    estimate: Trajectory, reference: Trajectory, ate: AteResult, apart: float
+) -> Iterator[tuple[float, Issue]]:
+    """Whether it is the inverse of the estimate's poses that fits the reference: the world in the body."""
+    if ate.rotation_errors is None or ate.rmse < SMALL:
+        return
+    other = replace(estimate, poses=se2.inverse(estimate.poses))
+    if (there := estimate.space) is not None:
+        turns = np.swapaxes(there.rotations, 1, 2)
+        other = replace(other, space=Space(-(turns @ there.positions[:, :, None])[:, :, 0], turns))
+    rmse = absolute_trajectory_error(other, reference, max_difference=apart).rmse
+    if rmse < min(SHAPE * ate.rmse, FITS * float(np.linalg.norm(ate.reference[:, :2].std(axis=0)))):
+        text = f"inverted the estimate's poses fit with an ATE of {rmse:.4f} m in place of {ate.rmse:.4f} m"
+        yield rmse, Issue("poses-inverted", f"{text}: are they those of the world in the body?")
+
+
 def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
     """What is said of the shapes of two paths, with the error in the plane that it leaves; points are complex."""
     there, true = ((one[:, :2] - one[:, :2].mean(axis=0)) @ (1, 1j) for one in (ate.aligned, ate.reference))
@@ -191,7 +214,10 @@ def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
     factor, scaled = straight / own, float(np.sqrt(max(0.0, spread**2 - straight**2 / own)))
     if scaled < SHAPE * rigid:
         text = f"scaled by {factor:.4g} the estimate fits with an ATE of {scaled:.4f} m in place of {rigid:.4f} m"
-        yield scaled, Issue("sizes-differ", f"{text}: positions in another unit, or ranges or wheels that are off?")
+        yield (
+            scaled,
+            Issue("sizes-differ", f"{text}: another unit, ranges or wheels that are off, or a clock along a line?"),
+        )
     if ate.motion is None and mirrored < SHAPE * rigid:
         text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
         yield mirrored, Issue("mirrored", text)
@@ -263,6 +289,16 @@ class _Search:
             step = np.linalg.lstsq(design.reshape(len(design), -1).T, off.ravel(), rcond=None)[0]
             offset, rate = offset + float(step[0]), rate + (float(step[1]) if drifts else 0.0)
         return best
+
+    def scaled(self, offset: float) -> float:
+        """After alignment with a scale [m], or NaN: along a line, at one speed, what the rate of a clock does."""
+        if (found := self.laid(offset, 0.0, FINE)) is None:
+            return float("nan")
+        keep, off, _ = found
+        there = self.there[keep] - self.there[keep].mean(axis=0)
+        own = there - off
+        left = there - own * (there * own).sum() / max(float(np.square(own).sum()), 1e-12)
+        return float(np.sqrt(np.square(left).sum(axis=1).mean()))
 
     def common(self, offset: float) -> float:
         """How long both last at an offset [s]; below 0 the gap between them."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -13,7 +12,9 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.values import expect_type
+from moteslam.slam.calibration.clock_step import ClockStep, clock_steps, with_stamps
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Fit, Pairs, Parameter, Path, clock, fit
+from moteslam.slam.calibration.odometry_forms import FORMS, in_form, quarter_turn
 from moteslam.slam.calibration.registered import (
     FEWEST,
     GOOD,
@@ -52,15 +53,8 @@ LATE, LATE_WHEELS = 0.16, 0.25
 """Clocks that differ by less are taken for one [s]: wheels without a gyro turn before the robot does, by 0.1 s."""
 DRIFT = 1e-3
 """Likewise [s/s]."""
-MOVES = 0.05
-"""The direction of a path is taken over this distance [m]."""
-FORMS = ("stated", "turns", "y", "path")
-"""How odometry poses are read: as stated, with their headings or their y negated, headings along the path."""
 RATE = 0.1
 """The rate of a turn is taken over this time [s]."""
-QUARTER, AHEAD = 0.15, 0.8
-"""A mount is a quarter turn off within the first [rad]; a path goes one way as seen by its headings where this share of
-it does."""
 SPARSE = 0.5
 """Scans laid on one fan whose beams are to a larger share of others, as each begins at another angle, are not held
 against each other."""
@@ -87,6 +81,7 @@ class Calibration:
         reversed: mirrored beams are in the wrong order in time, too; None where scans do not show it.
         faster: the scans fit clearly better if a sweep takes half as long as stated.
         fits: the odometry measures the motion of the scans; else nothing but the angles is known.
+        step: of a clock in mid recording; all else is of the recording without it.
     """
 
     angle_scale: float
@@ -104,6 +99,7 @@ class Calibration:
     fits: bool
     reversed: bool | None
     faster: bool
+    step: ClockStep | None = None
 
 
 def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None:
@@ -132,9 +128,23 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
         return None
     try:
         with np.errstate(all="ignore"):
-            return _in_some_reading(recording, in_order(lidar), pairs)
+            return _without_step(recording, _in_some_reading(recording, in_order(lidar), pairs), pairs)
     except (InputError, np.linalg.LinAlgError):  # encoders without wheels; values that are not finite
         return None
+
+
+def _without_step(recording: Recording, found: Calibration | None, pairs: int) -> Calibration | None:
+    """What fits the scans clearly better once the step of a clock is undone, if there is one."""
+    if found is None or found.clocks is None:
+        return found
+    cost = min(found.fit.cost, found.clocks.cost)
+    for step in clock_steps(recording, LATE):
+        undone = step.undone(recording)
+        assert undone.lidar is not None
+        again = _in_some_reading(undone, in_order(undone.lidar), pairs)
+        if again is not None and again.fits and again.fit.cost < EXPLAINED * cost:
+            return replace(again, step=step)
+    return found
 
 
 def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Calibration | None:
@@ -194,7 +204,7 @@ def _calibrate(
     quarter = 0.0
     if not mirrored and recording.encoders is None:
         aside = float(se2.wrap(best.values[Parameter.YAW] - recording.platform.lidar.yaw))
-        quarter = _quarter(in_form(path, form).poses, aside)
+        quarter = quarter_turn(in_form(path, form).poses, aside)
         at = _at(in_form(path, form, quarter))
     scans.refine(best.expected(scans.first, scans.last, at))
     scans.expect(GOOD)
@@ -206,12 +216,17 @@ def _calibrate(
         if (as_stated.cost - clocks.cost) * len(scans.pairs.first) < WITNESS:
             scans, clocks, deviation, excess = witness, as_stated, abs(angle_scale - 1), (excess[0], abs(excess[0]))
     one = clocks if logged else fit(scans.pairs, at, (0.0, 0.0), shared=True)
+    drifts_by, about_drift = (float(each[Parameter.DRIFT]) for each in (clocks.values, clocks.deviations))
+    leaps = abs(drifts_by) > max(MOST_DRIFT, SIGMAS * about_drift)  # no clock drifts so
+    clocks = one if leaps else clocks
     differ = not logged and _clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
     shared = not (differ and clocks.cost < EXPLAINED * one.cost)
     late: Literal["", "gyro"] = ""
     start = clocks.values[Parameter.OFFSET] + clocks.values[Parameter.DRIFT] * (scans.first.min() - clocks.middle)
     began_as_one = abs(start) < (LATE_WHEELS if wheels_alone else LATE)
-    if wheels_alone and began_as_one:  # the body follows its wheels late, and in turns aside, by about the same time
+    if (
+        wheels_alone and began_as_one and not leaps
+    ):  # the body follows its wheels late, and in turns aside, by about the same time
         clocks = fit(scans.pairs, at, (offset, drift), shared=False, slip=max(-start, 0.0))
     best = one if shared and not (logged or wheels_alone) else clocks._replace(values=clocks.values.copy())
     if not shared and began_as_one:
@@ -248,38 +263,8 @@ def _clocks_differ(found: Fit, duration: float, *, wheels_alone: bool) -> bool:
     """Whether the stamps of scans and odometry clearly are of two clocks."""
     (offset, drift), (about_offset, about_drift) = found.values[CLOCKS], found.deviations[CLOCKS]
     late = abs(offset) > max(LATE_WHEELS if wheels_alone else LATE, SIGMAS * about_offset)
-    drifts = max(DRIFT, SIGMAS * about_drift) < abs(drift) < MOST_DRIFT
+    drifts = abs(drift) > max(DRIFT, SIGMAS * about_drift)
     return bool(late or (drifts and abs(drift) * duration > LATE))
-
-
-def with_stamps(recording: Recording, names: Sequence[str], change: Callable[[Array], Array]) -> Recording:
-    """The same with the stamps [n] [s] of some streams changed."""
-    streams = {name: getattr(recording, name) for name in names}
-    changed = {
-        name: replace(stream, stamps=change(stream.stamps)) for name, stream in streams.items() if stream is not None
-    }
-    return recording.replace(**changed)
-
-
-def in_form(path: OdometryPath, form: str, quarter: float = 0.0) -> OdometryPath:
-    """A path read in one of the `FORMS`, with an angle [rad] added to its headings."""
-    x, y, heading = path.poses.T
-    if form == "turns":
-        heading = -heading
-    elif form == "y":
-        y = -y
-    elif form == "path":
-        heading = _along(path.poses)
-    return OdometryPath(path.stamps, np.stack((x, y, heading + quarter), axis=1))
-
-
-def _quarter(poses: Array, aside: float) -> float:
-    """The quarter turn by which headings of a path [n, 3] are off, 0 if the lidar may be: it is aside by an angle."""
-    quarter = float(np.copysign(np.pi / 2, aside))
-    steps = np.diff(poses[:, 0] + 1j * poses[:, 1]) * np.exp(-1j * poses[:-1, 2])
-    way, total = complex(steps.sum()), float(np.abs(steps).sum())
-    one_way = abs(way) > AHEAD * total and abs(float(se2.wrap(np.angle(way) - quarter))) < np.pi / 4
-    return quarter if abs(aside - quarter) < QUARTER and one_way else 0.0
 
 
 def _wrong(recording: Recording, path: OdometryPath, pairs: Pairs) -> Literal["", "lidar", "odometry", "gyro"]:
@@ -311,17 +296,6 @@ def _rates(scans: RegisteredPairs, at: Path, offset: float, drift: float) -> tup
     begins, ends = (time + offset + drift * (time - middle) for time in (scans.first, scans.last))
     former, latter = ((at(time + RATE / 2) - at(time - RATE / 2))[:, 2] / RATE for time in (begins, ends))
     return former, latter
-
-
-def _along(poses: Array) -> Array:
-    """The direction of a path at its poses [n], unwrapped [rad]."""
-    way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
-    _, first = np.unique(np.floor(way / MOVES), return_index=True)
-    if len(first) < 3:
-        return np.zeros(len(poses))
-    step = np.diff(poses[first, :2], axis=0)
-    middle = (first[1:] + first[:-1]) / 2
-    return np.interp(np.arange(len(poses)), middle, np.unwrap(np.arctan2(step[:, 1], step[:, 0])))
 
 
 def _read(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from itertools import product
-from math import degrees, hypot
+from math import degrees
 from typing import Any
 
 import numpy as np
@@ -31,8 +31,8 @@ SCALE = 0.04
 """and of ranges over the odometry's lengths, which SLAM calibrates while driving."""
 TURNS = 0.15
 """Likewise of turns by scans over the odometry's."""
-FAR, TURNED, LONG = 0.15, 0.14, 0.06
-"""From here on a mount [m], [rad] and a scale move the result by a tenth of a metre or more."""
+LONG = 0.06
+"""From here on a scale moves the result by a tenth of a metre or more."""
 NEAR_SWEEP = 0.02
 """A lag of the scans is that of a sweep where it is as near [s], besides its interval: drivers take so long."""
 WITHIN = 1.96
@@ -145,9 +145,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         ]
         where = "backwards, unless the odometry drives so," if backwards else "elsewhere"
         text = f"lidar: mounted {where} by the odometry: {'; '.join(parts)}. "
-        far = hypot(x - mount.x, y - mount.y) > FAR or abs(se2.wrap(yaw - mount.yaw)) > TURNED
         text += f"In platform.toml: [lidar] x = {x:.3f}, y = {y:.3f}, yaw = {yaw:.4f}"
-        told.append(("lidar-mount", text, bool(far)))
+        told.append(("lidar-mount", text, True))
     if (scale := certain.get("lengths")) is not None:
         wheels = recording.platform.wheels
         text = f"ranges measure {_percent(scale)} odometry does; which of them is right scans cannot say. "
@@ -174,7 +173,10 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text += f"{1000 * (-drift.value - WITHIN * drift.deviation):+.2f} to "
         text += f"{1000 * (-drift.value + WITHIN * drift.deviation):+.2f}"
         told.append(("clock-drift", text, True))
-    decided = {"clock-offset", "clock-drift", "odometry-signs", "odometry-headings"}
+    if c.step is not None:
+        text = f"{c.step.streams[0]}: its clock steps by {c.step.seconds:+.2f} s after {c.step.stamp:.3f} s, where "
+        told.append(("clock-step", f"{text}nothing is recorded and the robot does not drive", True))
+    decided = {"clock-step", "clock-offset", "clock-drift", "odometry-signs", "odometry-headings"}
     decided |= {"mirrored"} if c.wrong else set()
     decided |= set() if c.correlation else {"odometry-unfit"}
     issues = tuple(Issue(code, text) for code, text, _ in told)

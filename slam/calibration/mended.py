@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.recording import Recording
-from moteslam.slam.calibration.calibrate import Calibration, in_form, with_stamps
+from moteslam.slam.calibration.calibrate import Calibration
+from moteslam.slam.calibration.clock_step import with_stamps
 from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar_of, mount_of, stamped_at_end
 from moteslam.slam.calibration.hand_eye import CLOCKS, Parameter
+from moteslam.slam.calibration.odometry_forms import in_form
 from moteslam.slam.inputs.odometry_path import OdometryPath
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
@@ -40,6 +42,7 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
             mirror image if a third witness says which it is.
     """
     c = calibration
+    recording = recording if c.step is None else c.step.undone(recording)
     mirror = (c.wrong or side) if c.mirrored and c.fits else None
     c = replace(c, mirrored=mirror == "lidar")
     if mirror in ("odometry", "gyro"):  # the mount was found in the mirror

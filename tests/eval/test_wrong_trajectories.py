@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from moteslam.eval.cli import main
 from moteslam.robot.trajectories import read_trajectory
@@ -94,10 +95,35 @@ def between(begin: float, end: float) -> Callable[[Table], Table]:
     return changed(lambda table: table[(table[:, 0] >= T0 + begin) & (table[:, 0] < T0 + end)])
 
 
+def along_a_line(table: Table) -> Table:
+    """The same stamps at an even speed."""
+    line = np.zeros_like(table)
+    line[:, 0], line[:, 1], line[:, 7] = table[:, 0], 0.3 * (table[:, 0] - T0), 1.0
+    line[:, 2] = 0.005 * np.random.default_rng(1).normal(size=len(table)) * (len(table) < 1000)
+    return line
+
+
+def inverted(table: Table) -> Table:
+    """Poses of the world in the body; a tilted body."""
+    body = Rotation.from_quat(table[:, 4:])
+    return np.column_stack((table[:, 0], -body.inv().apply(table[:, 1:4]), body.inv().as_quat()))
+
+
+def tilted(table: Table) -> Table:
+    """The same drive on a slope."""
+    slope = Rotation.from_rotvec((0.5, 0.0, 0.0))
+    body = slope * Rotation.from_quat(table[:, 4:])
+    return np.column_stack((table[:, 0], slope.apply(table[:, 1:4]), body.as_quat()))
+
+
 @pytest.mark.parametrize(
     ("estimate", "reference", "expected"),
     [
         (same, same, []),
+        (lambda t: scaled(1, 0.995)(along_a_line(t)), along_a_line, []),  # nothing tells a scale from a rate
+        (lambda t: scaled(1, 0.95)(along_a_line(t)), along_a_line, ["sizes-differ"]),
+        (inverted, same, ["poses-inverted"]),
+        (lambda t: inverted(tilted(t)), tilted, ["in-space", "poses-inverted"]),
         (twice, twice, []),
         (same, changed(lambda t: t[::200]), []),
         (scaled(2, -1.0), scaled(2, -1.0), ["orientation-order"] * 2),  # mirrored alike, but for the headings
