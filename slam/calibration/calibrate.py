@@ -42,6 +42,9 @@ BETTER, EVIDENCE = 0.4, 60.0
 """Odometry is read in another way where that costs less than this share, and over all pairs less by this much."""
 EXPLAINED = 0.6
 """Two clocks explain what scans show where the odometry costs less than this share of what it does with one."""
+STEPPED = 0.8
+"""A clock steps where the odometry costs less than this share without, and over all pairs less by ``EVIDENCE``: a step
+near an end of the recording is in few of them."""
 UNFIT = 7.0
 """Odometry that costs more in every way does not measure the motion of the scans."""
 WITNESS = 5.0
@@ -137,12 +140,14 @@ def _without_step(recording: Recording, found: Calibration | None, pairs: int) -
     """What fits the scans clearly better once the step of a clock is undone, if there is one."""
     if found is None or found.clocks is None:
         return found
-    cost = min(found.fit.cost, found.clocks.cost)
     for step in clock_steps(recording, LATE):
         undone = step.undone(recording)
         assert undone.lidar is not None
         again = _in_some_reading(undone, in_order(undone.lidar), pairs)
-        if again is not None and again.fits and again.fit.cost < EXPLAINED * cost:
+        if again is None or again.clocks is None or not again.fits:
+            continue
+        cost, less = (min(each.fit.cost, each.clocks.cost) for each in (found, again) if each.clocks is not None)
+        if less < STEPPED * cost and (cost - less) * pairs > EVIDENCE:
             return replace(again, step=step)
     return found
 

@@ -23,7 +23,8 @@ class ClockStep(NamedTuple):
 
     def undone(self, recording: Recording) -> Recording:
         """The recording without it."""
-        return with_stamps(recording, self.streams, lambda stamps: stamps - self.seconds * (stamps > self.stamp))
+        gap = self.stamp + self.seconds / 2  # streams of one clock have their last readings at other stamps
+        return with_stamps(recording, self.streams, lambda stamps: stamps - self.seconds * (stamps > gap))
 
 
 def clock_steps(recording: Recording, least: float) -> Iterator[ClockStep]:

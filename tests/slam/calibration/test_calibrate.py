@@ -16,6 +16,7 @@ from moteslam.robot.values import Issue
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.calibration.calibrate import Calibration, calibrate
+from moteslam.slam.calibration.clock_step import with_stamps
 from moteslam.slam.calibration.findings import Findings, checked, findings
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
 from moteslam.slam.calibration.mended import calibrated, corrected
@@ -114,6 +115,61 @@ def test_a_lidar_that_is_not_as_stated_is_measured_to_a_fifth(name: str, platfor
     assert codes(found.issues) == [code]
     figure = next(one for one in found.figures if one.name.startswith(shows))
     assert figure.value - figure.stated == pytest.approx(size, abs=within)
+
+
+def stepped(streams: tuple[str, ...], seconds: float, share: float) -> Fault:
+    """The clock of some streams set forward after a share of the recording."""
+
+    def changed(r: Recording) -> Recording:
+        r = poses_of(r) if "odometry" in streams else r
+        at = r.lidar.stamps[0] + share * np.ptp(r.lidar.stamps)
+        return with_stamps(r, streams, lambda stamps: stamps + seconds * (stamps > at))
+
+    return changed
+
+
+@pytest.mark.parametrize("platform", ["lms200", "rplidar_a1", "ucsd"])
+@pytest.mark.parametrize(
+    ("streams", "seconds", "share"),
+    [(("lidar",), 0.9, 0.5), (("lidar",), 4.0, 0.8), (("odometry",), 0.6, 0.3), (("encoders", "imu"), 1.5, 0.6)],
+)
+def test_a_clock_that_steps_is_told_and_corrected(
+    platform: str, streams: tuple[str, ...], seconds: float, share: float
+) -> None:
+    recording = stepped(streams, seconds, share)(driven(platform))
+    calibration, found = found_in(recording)
+    assert codes(found.moves) == ["clock-step"]
+    assert found.decided == {"clock-step"}
+    assert (calibration.step.streams == ("lidar",)) == (streams == ("lidar",))
+    assert calibration.step.seconds == pytest.approx(seconds, abs=0.02)
+    lidar = recording.lidar.stamps
+    assert calibration.step.stamp == pytest.approx(
+        lidar[0] + share * (np.ptp(lidar) - seconds * (streams[0] == "lidar")), abs=1.0
+    )
+    assert codes(found_in(corrected(recording, calibration))[1].issues) == []
+
+
+@pytest.mark.parametrize("platform", ["lms200", "rplidar_a1", "ucsd"])
+def test_scans_that_are_missing_are_no_step_of_a_clock(platform: str) -> None:
+    scans = driven(platform).lidar
+    keep = np.abs(np.arange(len(scans)) - len(scans) // 2) > 6
+    calibration, found = found_in(
+        lidar(stamps=lambda s: s.stamps[keep], ranges=lambda s: s.ranges[keep])(driven(platform))
+    )
+    assert calibration.step is None
+    assert found.issues == ()
+
+
+def test_a_clock_that_drifts_as_none_does_is_not_corrected() -> None:
+    fault = lidar(stamps=lambda s: s.stamps[0] + (s.stamps - s.stamps[0]) * 1.02)
+    _, found = found_in(fault(driven("lms200")))
+    assert codes(found.moves) == ["odometry-unfit"]
+    assert found.decided == frozenset()
+
+
+def test_a_mount_that_is_off_by_less_than_0_15_metres_moves_the_result() -> None:
+    _, found = found_in(mount(y=-0.13, yaw=np.radians(-6))(driven("lms200")))
+    assert codes(found.moves) == ["lidar-mount"]
 
 
 @pytest.mark.parametrize(
