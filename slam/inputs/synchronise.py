@@ -145,7 +145,7 @@ def synchronise(
         logged=logged,
         lapses=missing,
         issues=(
-            *(() if travels is None else travels.issues(lidar)),
+            *(() if travels is None else travels.issues(lidar.stamps)),
             *(() if missing is None else missing.issues(lidar.stamps)),
         ),
     )
