@@ -27,15 +27,21 @@ class OdometryPath:
         stamps: [n] [s].
         poses: [n, 3]; the path of wheel encoders starts at the identity.
         by_wheels: [n, 3] the same with the wheels' own turns; None without a gyro.
+        unwrapped: [n] the headings without a step of a whole turn, where the path has a beginning that is forgotten.
     """
 
     stamps: Array
     poses: Array
     by_wheels: Array | None = None
+    unwrapped: Array | None = None
 
     def at(self, stamps: Array) -> Array:
         """The poses [m, 3] interpolated at stamps [m] [s]."""
-        return se2.interpolate(self.stamps, self.poses, stamps)
+        if self.unwrapped is None:
+            return se2.interpolate(self.stamps, self.poses, stamps)
+        columns = (*self.poses.T[:2], self.unwrapped)
+        x, y, heading = (np.interp(stamps, self.stamps, each) for each in columns)
+        return np.stack((x, y, se2.wrap(heading)), axis=-1)
 
 
 def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | None:
@@ -59,29 +65,41 @@ def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | No
     return None
 
 
-def low_pass(values: Array, stamps: Array, cut_off: float) -> Array:
+class LowPass:
     """A causal first-order Butterworth low-pass, settled at the first value.
 
     The readings are taken to be evenly spaced: stamps jitter more than a sensor does. The rate is the mean one up to
     each reading, so that no output follows from a later reading.
 
     Args:
-        values: [n].
-        stamps: [n] of the readings, rising [s].
         cut_off: [Hz]; 0 filters nothing, and nor does one at or above half the rate.
     """
-    if not cut_off > 0:
-        return values
-    intervals, elapsed = np.arange(len(values)), stamps - stamps[:1]
-    passed = elapsed * 2 * cut_off >= intervals
-    # the bilinear transform of the analogue filter: y_i = (1 - p) (x_i + x_{i-1}) / 2 + p y_{i-1}
-    warped = np.tan(np.pi * cut_off * np.where(passed, 0.0, elapsed) / np.maximum(intervals, 1))
-    poles = np.where(passed, 0.0, (1 - warped) / (1 + warped))
-    inputs = np.where(passed, values, (1 - poles) * (values + np.roll(values, 1)) / 2)
-    filtered, last = np.empty(len(values)), 0.0
-    for index, (pole, value) in enumerate(zip(poles.tolist(), inputs.tolist(), strict=True)):
-        filtered[index] = last = value + pole * last
-    return filtered
+
+    def __init__(self, cut_off: float) -> None:
+        self._cut_off, self._readings, self._first = cut_off, 0, 0.0
+        self._input = self._output = 0.0  # the latest
+
+    def of(self, value: float, stamp: float) -> float:
+        """The filtered value of the next reading; stamps rise [s]."""
+        if not self._cut_off > 0:
+            return value
+        self._first = self._first if self._readings else stamp
+        elapsed, before, pole = stamp - self._first, self._input, 0.0
+        self._input = value
+        if elapsed * 2 * self._cut_off < self._readings:
+            # the bilinear transform of the analogue filter: y_i = (1 - p) (x_i + x_{i-1}) / 2 + p y_{i-1}
+            warped = float(np.tan(np.pi * self._cut_off * elapsed / self._readings))
+            pole = (1 - warped) / (1 + warped)
+            value = (1 - pole) * (value + before) / 2
+        self._readings += 1
+        self._output = value + pole * self._output
+        return self._output
+
+
+def low_pass(values: Array, stamps: Array, cut_off: float) -> Array:
+    """The values [n] of rising stamps [n] [s], filtered."""
+    passing = LowPass(cut_off)
+    return np.array([passing.of(value, stamp) for value, stamp in zip(values.tolist(), stamps.tolist(), strict=True)])
 
 
 def _gyro_turn(stamps: Array, imu: ImuStream, config: SyncConfig) -> Array:
@@ -170,14 +188,17 @@ def stands(ranges: Ranges, moved: NDArray[np.bool_], config: SyncConfig | None =
     Returns:
         [n]; False from the first scan on that differs from scan 0, and where no beam has an endpoint in both.
     """
-    c = config or SyncConfig()
     there = np.zeros(len(moved), np.bool_)
-    first = ranges[0]
     for scan in range(int((~moved).sum())):
-        here = ranges[scan]
-        both = np.isfinite(first) & np.isfinite(here)
-        differs = np.abs(here[both] - first[both]) > c.same_range
-        if differs.sum() > c.moved_share * both.sum():
+        left, there[scan] = has_left(ranges[0], ranges[scan], config or SyncConfig())
+        if left:
+            there[scan] = False
             break
-        there[scan] = both.any()
     return there
+
+
+def has_left(first: NDArray[np.float32], here: NDArray[np.float32], config: SyncConfig) -> tuple[bool, bool]:
+    """Whether two scans [beams] [m] are of different places, and whether any beam has an endpoint in both."""
+    both = np.isfinite(first) & np.isfinite(here)
+    differs = np.abs(here[both] - first[both]) > config.same_range
+    return bool(differs.sum() > config.moved_share * both.sum()), bool(both.any())

@@ -221,8 +221,10 @@ class Follower:
                     self._compare(before, self._compared)
                 else:
                     self._spins = False
-        if self._spins:
-            return self._stands
+        return self._stands if self._spins else self.corrected(odometry)
+
+    def corrected(self, odometry: Array) -> Array:
+        """The pose [3] of a robot that drives, without the motion of wheels that spun before."""
         if self._since is None:
             return odometry
         return np.asarray(se2.compose(self._since[1], se2.between(self._since[0], odometry)))
@@ -304,8 +306,7 @@ class Follower:
         if not self._spins:
             return False
         if not went_on:  # the motion since the former scan is taken back
-            since = self._since or (before.odometry, before.odometry)
-            self._stands = np.asarray(se2.compose(since[1], se2.between(since[0], before.odometry)))
+            self._stands = self.corrected(before.odometry)
         self._since = now.odometry, self._stands
         self._see("spins", now.scan if not went_on else before.scan, now.scan, apart=0)
         return True

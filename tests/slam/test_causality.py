@@ -20,7 +20,7 @@ from moteslam.sim.simulate import simulate
 from moteslam.slam.inputs.step import Step, steps
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
-from moteslam.slam.run import SlamSession
+from moteslam.slam.online import OnlineSlam
 from moteslam.slam.settings import resolve_config
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -100,7 +100,7 @@ def same_step(a: Step, b: Step) -> bool:
 
 def online(recording: Recording, preset: str) -> np.ndarray:
     """Every online pose, with its covariance, degenerate direction and state."""
-    updates = SlamSession(recording, resolve_config(preset, METHODS[preset]), seed=0)
+    updates = OnlineSlam.over(recording, resolve_config(preset, METHODS[preset]), seed=0)
     return np.array([(*u.pose, *u.covariance.ravel(), u.degenerate, u.state) for u in updates])
 
 
