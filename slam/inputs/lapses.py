@@ -153,13 +153,13 @@ def lapses(
     stamps = lidar.stamps
     readings = path if lidar.odometry is None else OdometryPath(stamps, odometry)
     steps = _Steps(readings)
-    jumped = jumps(stamps, odometry, config)
+    jumped = jumps(stamps, odometry, config, since)
     unmeasured = jumped.copy()
     seen: list[Lapse] = []
     if lidar.odometry is None:
-        leaps = jumps(readings.stamps, readings.poses, config)
+        leaps = jumps(readings.stamps, readings.poses, config, since)
         if path.by_wheels is not None:  # the gyro's turns hide what the counters say
-            leaps = leaps | jumps(readings.stamps, path.by_wheels, config)
+            leaps = leaps | jumps(readings.stamps, path.by_wheels, config, since)
         for k in np.flatnonzero(leaps).tolist():
             over = _over(stamps, readings.stamps[k - 1], readings.stamps[k])
             jumped[over] = True

@@ -141,14 +141,16 @@ class LiveInputs:
             return None
         scan, path = self.waiting[0], self.path
         covered = path is not None and self.odometry_in.until >= scan.stamp + self._sweep_seconds
-        if scan.odometry is not None:
-            covered = path is None or covered
+        ready = covered
+        if scan.odometry is not None:  # the reading after its own is that of the next scan
+            ready = (covered or path is None) and len(self.waiting) > 1
         in_time = self._newest - scan.stamp - self._sweep_seconds <= self._patience
-        if not covered and in_time and not finish:
+        if not ready and in_time and not finish:
             return None
         self.waiting.popleft()
         if finish and not covered and path is not None:  # the log ends with its scans
             covered = not gaps(np.append(path.stamps, (self.waiting or [scan])[-1].stamp))[-1]
+        covered |= scan.odometry is not None
         self._take(scan, path, covered=covered)
         return len(self) - 1
 
@@ -228,17 +230,13 @@ class LiveInputs:
 
     def _lapse(self, scan: Waiting, path: OdometryPath | None) -> tuple[bool, bool, Array | None, Open | None]:
         """Whether the motion to the latest scan was not measured, whether it is a jump, and what is known of it."""
-        rows = self._tail.values
-        logged = scan.odometry is not None
-        odometry = np.ascontiguousarray(rows[:, 1:])
-        lidar = replace(
-            self._lidar,
-            stamps=rows[:, 0],
-            ranges=given_up(self._ranges.values[:]),
-            odometry=odometry if logged else None,
-        )
-        path = path or OdometryPath(lidar.stamps, odometry)
-        counted = self.odometry_in.counted and not logged
+        rows, counted = self._tail.values, self.odometry_in.counted and scan.odometry is None
+        stamps, odometry = rows[:, 0], np.ascontiguousarray(rows[:, 1:])
+        lidar = replace(self._lidar, stamps=stamps, ranges=given_up(self._ranges.values[:]))
+        if path is None or scan.odometry is not None:  # the scans' poses are its readings, with that of the next
+            path = OdometryPath(stamps, odometry)
+            if self.waiting and (after := self.waiting[0]).odometry is not None:
+                path = OdometryPath(np.append(stamps, after.stamp), np.vstack((odometry, after.odometry)))
         last = len(rows) - 1
         since = float(rows[last - 1, 0]) if last else -np.inf
         found = lapses(path, odometry, lidar, self._platform.lidar, self._config, counted=counted, since=since)

@@ -141,7 +141,9 @@ LATEST = 1000
 """How many steps are compared with."""
 
 
-def jumps(stamps: Array, odometry: Array, config: SyncConfig | None = None) -> NDArray[np.bool_]:
+def jumps(
+    stamps: Array, odometry: Array, config: SyncConfig | None = None, since: float = -np.inf
+) -> NDArray[np.bool_]:
     """At which readings the odometry has jumped since the reading before.
 
     A step has jumped if it is faster than a robot drives and ``jump_factor`` times as long as the 90th percentile of
@@ -153,21 +155,28 @@ def jumps(stamps: Array, odometry: Array, config: SyncConfig | None = None) -> N
         stamps: [n] of the readings [s]; where two are equal there is no speed, and no jump.
         odometry: [n, 3] poses there.
         config: the bounds; the defaults if None.
+        since: those before are not asked for [s].
 
     Returns:
         [n]; the first is False.
     """
     c = config or SyncConfig()
-    dt = np.diff(stamps)
-    motion = se2.between(odometry[:-1], odometry[1:])
     jump = np.zeros(len(stamps), np.bool_)
-    for size, fastest, least in (
-        (np.hypot(motion[:, 0], motion[:, 1]), c.max_speed, c.min_jump_distance),
-        (np.abs(motion[:, 2]), c.max_turn_rate, c.min_jump_rotation),
-    ):
-        for step in np.flatnonzero((dt > 0) & (size > np.maximum(fastest * dt, least))).tolist():
+    begin = max(int(np.searchsorted(stamps, since)) - 1, 0)
+    for first in (begin, 0) if begin else (0,):  # most often none is so fast, and the rest need not be looked at
+        dt = np.diff(stamps[first:])
+        motion = se2.between(odometry[first:-1], odometry[first + 1 :])
+        steps = (
+            (np.hypot(motion[:, 0], motion[:, 1]), c.max_speed, c.min_jump_distance),
+            (np.abs(motion[:, 2]), c.max_turn_rate, c.min_jump_rotation),
+        )
+        fast = [np.flatnonzero((dt > 0) & (size > np.maximum(most * dt, least))) for size, most, least in steps]
+        if not any(len(some) for some in fast):
+            return jump
+    for (size, most, _), some in zip(steps, fast, strict=True):
+        for step in some.tolist():
             latest = slice(max(0, step + 1 - LATEST), step + 1)
-            farthest = max(fastest * np.median(dt[latest]), c.jump_factor * np.percentile(size[latest], USUAL))
+            farthest = max(most * np.median(dt[latest]), c.jump_factor * np.percentile(size[latest], USUAL))
             jump[step + 1] |= size[step] > farthest
     return jump
 

@@ -234,7 +234,7 @@ def sweeps(path: OdometryPath, stamps: Array, seconds: float, config: SyncConfig
     """
     ends = stamps + seconds
     motion = se2.between(path.at(stamps), path.at(ends))
-    count = np.concatenate(([0], np.cumsum(jumps(path.stamps, path.poses, config))))  # before each reading
+    count = np.concatenate(([0], np.cumsum(jumps(path.stamps, path.poses, config, stamps[0]))))  # before each reading
     first = np.searchsorted(path.stamps, stamps, side="right")
     last = np.minimum(np.searchsorted(path.stamps, ends, side="left"), len(path.stamps) - 1)
     motion[count[last + 1] > count[first]] = 0.0

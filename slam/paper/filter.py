@@ -56,7 +56,7 @@ class PaperFilter(FilterDefaults):
         self._motion = se2.compose(self._motion, step.motion)
         motion = se2.as_pose(step.motion)
         self._travelled = self._travelled.plus(*magnitude(motion), step.dt)
-        self._covariance.move(motion, step.dt)
+        self._covariance.move(motion, step.dt, measured=step.measured)
         if len(self.history) and not update_due(self._config.update, self._travelled):
             pose = se2.compose(self._best, self._motion)
             return StepResult(pose, step.motion, self.weights.effective_number, 0, False, False, self._certainty())
