@@ -49,6 +49,7 @@ PUBLIC = {
     ),
     "moteslam.sim.scenario": ("Scenario", "bundled_scenarios", "load_scenario"),
     "moteslam.sim.simulate": ("Simulation", "simulate"),
+    "moteslam.sim.simulator": ("Readings", "Simulator"),
     "moteslam.sim.output": ("write_simulation",),
     "moteslam.slam.config": ("SlamConfig",),
     "moteslam.slam.settings": ("load_preset", "preset_names", "resolve_config"),
