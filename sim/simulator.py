@@ -52,6 +52,7 @@ class Simulator:
 
     Attributes:
         interval: of a step [s].
+        world: the building.
 
     Raises:
         ConfigError: the scenario has what needs a route or the complete drive: faults, outages, a camera, or the noise
@@ -73,13 +74,13 @@ class Simulator:
         ):
             if there:
                 raise ConfigError("there is, expected none in a closed loop", field=field)
+        self.world = World.of(scenario.world)
         self.reset()
 
     def reset(self) -> Readings:
         """Put the robot back to where it starts; nothing has arrived by then."""
         rngs = random_generators(self.scenario.seed)
-        world = World.of(self.scenario.world)
-        self._run, self._scene = run_of(self.scenario, world, rngs), Scene(world)
+        self._run, self._scene = run_of(self.scenario, self.world, rngs), Scene(self.world)
         self._sensors = Sensors(self.scenario, self.scenario.duration, rngs)
         return self._readings()
 
@@ -103,6 +104,11 @@ class Simulator:
         return self._readings()
 
     @property
+    def seconds(self) -> float:
+        """How long it has driven [s]."""
+        return self._run.steps / PHYSICS_RATE
+
+    @property
     def done(self) -> bool:
         """Whether the scenario's duration is over."""
         return self._run.steps + CONTROL_STEPS > round(self.scenario.duration * PHYSICS_RATE)
@@ -120,6 +126,7 @@ class Simulator:
         return Trajectory(EPOCH + driven.stamps[::every], driven.poses[::every])
 
     def _readings(self) -> Readings:
-        now = self._run.steps / PHYSICS_RATE
         driven = self._run.driven(seconds=LATEST)
-        return Readings(EPOCH + now, *self._sensors.read(driven, self._scene.moved(driven.tracks), now))
+        return Readings(
+            EPOCH + self.seconds, *self._sensors.read(driven, self._scene.moved(driven.tracks), self.seconds)
+        )

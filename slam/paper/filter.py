@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +65,7 @@ class PaperFilter(FilterDefaults):
         if len(self.history):
             self._predict(step)
             scores = self._match(step)
-            self.weights = self.weights.times(scores)
+            self.weights = self.weights.times(self.likelihood(scores))
             self.best_particle = self.weights.best
             score = int(scores[self.best_particle])
             self._misfit.observe(driven, score / len(step.points) if len(step.points) else None)
@@ -75,6 +76,10 @@ class PaperFilter(FilterDefaults):
         resampled = self._resample(step.index, n_eff)
         self._map(self._best, step.points, step.origin)
         return StepResult(self._best, step.motion, n_eff, score, True, resampled, self._certainty())
+
+    def likelihood(self, scores: NDArray[np.int32]) -> NDArray[Any]:
+        """What the weights [N] are multiplied by: the scores [N] themselves (II.7). Write another in a subclass."""
+        return scores
 
     def occupancy(self) -> Raster:
         """The shared map."""

@@ -32,12 +32,12 @@ def follow_the_left_wall(readings: Readings, wanted: float = 0.6) -> tuple[float
 
 def test_a_controller_of_ten_lines_follows_a_wall():
     simulator = Simulator(short(40.0), seed=0)
-    world, readings, command, apart = World.of(simulator.scenario.world), simulator.reset(), (0.0, 0.0), []
+    readings, command, apart = simulator.reset(), (0.0, 0.0), list[float]()
     while not simulator.done:
         if len(readings.lidar):
             command = follow_the_left_wall(readings)
         readings = simulator.step(*command)
-        apart.append(float(world.distance(simulator.pose[None, :2])[0]))
+        apart.append(float(simulator.world.distance(simulator.pose[None, :2])[0]))
     assert simulator.truth.length > 12
     assert np.median(apart[500:]) == pytest.approx(0.6, abs=0.1)
     assert min(apart) > simulator.scenario.platform.width / 2
