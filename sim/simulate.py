@@ -201,22 +201,16 @@ class Sensors:
         self._imu = None
         if platform.imu is not None:
             self._imu = Imu(platform.imu, noise.imu, scale, spans["imu"], rngs["imu"])
-        faults = rngs["faults"].spawn(3)
-        off: list[Outage | Carried] = [
-            one for one in scenario.faults if isinstance(one, Carried) and one.lidar == "off"
-        ]
+        clocks = noise.lidar.clock, noise.encoders.clock, noise.imu.clock
         self._clocks: dict[str, tuple[ClockNoise, list[Outage | Carried], np.random.Generator]] = {}
-        for sensor, clock, rng in zip(
-            ("lidar", "encoders", "imu"),
-            (noise.lidar.clock, noise.encoders.clock, noise.imu.clock),
-            faults,
-            strict=True,
-        ):
+        for sensor, clock, rng in zip(("lidar", "encoders", "imu"), clocks, rngs["faults"].spawn(3), strict=True):
             lost: list[Outage | Carried] = [one for one in scenario.outages if one.sensor == sensor]
+            if sensor == "lidar":
+                lost += [one for one in scenario.faults if isinstance(one, Carried) and one.lidar == "off"]
             if clock.offset_error and (sensor != "imu" or self._imu is not None):
                 error = clock.offset_error * constants.standard_normal()
                 clock = clock.model_copy(update={"offset": clock.offset + error})
-            self._clocks[sensor] = clock, lost + (off if sensor == "lidar" else []), rng
+            self._clocks[sensor] = clock, lost, rng
 
     def read(
         self,

@@ -140,21 +140,10 @@ class Core:
         if result.updated:
             self._spreads.append(spread(poses, weights))
         certainty = result.certainty or certainty_of_particles(poses, weights, result.pose)
-        self._records.add(result, certainty, particles=len(poses), seconds=seconds, corrected=corrected)
-        return Update(
-            index=step.index,
-            stamp=step.stamp,
-            pose=result.pose,
-            poses=poses,
-            weights=weights,
-            n_eff=result.n_eff,
-            score=result.score,
-            updated=result.updated,
-            resampled=result.resampled,
-            seconds=seconds,
-            corrected=corrected,
-            **certainty._asdict(),
-        )
+        known = result.pose, poses, weights, *result[2:6], seconds, corrected
+        update = Update(step.index, step.stamp, *known, *certainty)
+        self._records.add(update, result.motion)
+        return update
 
     def _settle(self) -> None:
         """Give the back end what still waits: nothing more is to come."""

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.values import Issue, Summarised
-from moteslam.slam.filter.certainty import Certainty, LocalisationState, state_of
-from moteslam.slam.filter.protocol import StepResult
+from moteslam.slam.filter.certainty import LocalisationState, state_of
 from moteslam.slam.inputs.live_odometry import Rows
 
 Array = NDArray[np.float64]
@@ -52,6 +51,11 @@ class Update(Summarised):
     wrong: float
 
     @property
+    def particles(self) -> int:
+        """How many there are."""
+        return len(self.poses)
+
+    @property
     def state(self) -> LocalisationState:
         """The probability ``wrong`` in a word."""
         return state_of(self.wrong)
@@ -73,29 +77,12 @@ class ScanRecords:
         """Scans that are recorded."""
         return len(self._rows)
 
-    def add(
-        self, result: StepResult, certainty: Certainty, *, particles: int, seconds: float, corrected: float
-    ) -> None:
-        """Record the next scan.
-
-        Args:
-            corrected: how far the back end then moved the robot [m].
-        """
-        if certainty.state == LocalisationState.SURE:
+    def add(self, update: Update, motion: Array) -> None:
+        """Record the next scan, and the motion [3] to it."""
+        if update.state == LocalisationState.SURE:
             self.last_sure = self.done
-        diagnostics = (  # as DIAGNOSTICS
-            particles,
-            result.n_eff,
-            result.score,
-            result.updated,
-            result.resampled,
-            seconds,
-            certainty.degenerate,
-            certainty.wrong,
-            certainty.state,
-            corrected,
-        )
-        self._rows.add(result.pose, result.motion, certainty.covariance, diagnostics)
+        diagnostics = [float(getattr(update, name)) for name in DIAGNOSTICS]
+        self._rows.add(update.pose, motion, update.covariance, diagnostics)
 
     def add_to_last(self, *, seconds: float, corrected: float) -> None:
         """What the latest scan cost, and was corrected by, beyond what is recorded of it."""

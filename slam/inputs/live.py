@@ -88,7 +88,7 @@ class LiveInputs:
         self.open: dict[int, Open] = {}
         self._newest = -np.inf  # of all messages
         self._latest: dict[str, float] = {}  # stamps, by stream
-        self._rows = Rows(9)  # stamp, odometry, motion, whether it jumped, whether it was measured
+        self._rows, self._flags = Rows(7), Rows(2, np.bool_)  # stamp, odometry, motion; jumped, measured
         self._tail = Rows(4)  # stamp, odometry with wheels that spin, of the latest scans
         self._ranges = Rows(figures.beams, np.float32)  # of the same
         self._follower = Follower(self._lidar, platform.lidar) if config.travelling else None
@@ -104,8 +104,8 @@ class LiveInputs:
     stamps = property(lambda self: self._rows.values[:, 0], doc="[n] of the scans [s].")
     odometry = property(lambda self: self._rows.values[:, 1:4], doc="[n, 3] the pose at every scan by odometry.")
     motions = property(lambda self: self._rows.values[:, 4:7], doc="[n, 3] the increment since the scan before.")
-    jumped = property(lambda self: self._rows.values[:, 7] > 0, doc="[n] whether the odometry jumps at the scan.")
-    measured = property(lambda self: self._rows.values[:, 8] > 0, doc="[n] whether it measured the motion.")
+    jumped = property(lambda self: self._flags.values[:, 0], doc="[n] whether the odometry jumps at the scan.")
+    measured = property(lambda self: self._flags.values[:, 1], doc="[n] whether it measured the motion.")
 
     @property
     def path(self) -> OdometryPath | None:
@@ -200,7 +200,8 @@ class LiveInputs:
         if left is not None:
             self.open[index] = left
         measured = covered and not unmeasured and self._measures(scan, place)
-        self._rows.add(scan.stamp, place, motion if index else np.zeros(3), jumped, measured)
+        self._rows.add(scan.stamp, place, motion if index else np.zeros(3))
+        self._flags.add(jumped, measured)
         self.scans.keep(index, ranges, self._sweep(scan, path))
         if len(self._tail) > 2 * KEPT:
             self._tail.keep(KEPT)
