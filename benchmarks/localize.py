@@ -63,12 +63,12 @@ def true_at(simulation: Simulation, stamps: Array) -> Array:
 
 def drives(recording: Recording, occupancy: Raster, seed: int) -> Iterator[Any]:
     """The updates of a run in a known map."""
-    from moteslam.slam.run import SlamSession
+    from moteslam.slam.online import OnlineSlam
     from moteslam.slam.settings import resolve_config
 
     with tempfile.TemporaryDirectory() as folder:
         write_map(Path(folder) / "map.pgm", occupancy)
-        session = SlamSession(recording, resolve_config("localize", [f"known_map={folder}/map.yaml"]), seed=seed)
+        session = OnlineSlam.over(recording, resolve_config("localize", [f"known_map={folder}/map.yaml"]), seed=seed)
         yield from session
 
 

@@ -14,6 +14,7 @@ from moteslam.robot.values import Summarised
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.floor_views import FloorView, FloorViews
 from moteslam.slam.inputs.lapses import Open
+from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import Inputs
 
@@ -55,7 +56,7 @@ class Step(Summarised):
 
 
 def steps(
-    inputs: Inputs,
+    inputs: Inputs | LiveInputs,
     views: FloorViews | None = None,
     *,
     thinning: ThinningConfig | None = None,
@@ -85,7 +86,7 @@ def steps(
                 origin=inputs.scans.origin,
                 scan=scan,
                 floor=None if views is None else partial(views.at, index),
-                open=inputs.open_at(index),
+                open=inputs.open.get(index),
             )
 
 
