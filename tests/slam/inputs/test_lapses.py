@@ -156,6 +156,14 @@ def test_who_turned_on_the_spot_before_a_gap_that_was_not_counted_may_have_drive
 
 
 @pytest.mark.usefixtures("taichi")
+def test_floor_that_other_beams_see_does_not_make_wheels_spin():
+    settings = ['faults=[{kind="tilt", pitch=0.087, height=0.2}]']
+    scenario = load_scenario("office", platform="turtlebot3", settings=settings)
+    simulation = simulate(scenario.model_copy(update={"duration": 110.0}), seed=0)
+    assert codes(synchronise(simulation.recording)) == ["travels-along"]
+
+
+@pytest.mark.usefixtures("taichi")
 def test_a_turn_that_counters_alone_leap_by_is_a_jump_though_a_gyro_knows_better():
     fault = 'faults=[{kind="odometry_jump", start=40, theta=0.3}]'
     simulation = simulate(load_scenario("loop", platform="ucsd", settings=[fault]), 200)
