@@ -165,8 +165,8 @@ class LiveInputs:
         issues += Lapses(none, none, {}, {}, seen).issues(self.stamps)
         if len(late := np.array(self._late)):
             spans = np.split(self.stamps[late], np.flatnonzero(np.diff(late) > 1) + 1)
-            text = f"{len(late)} of {len(self)} scans for which no odometry came within {self._patience:g} s: constant "
-            text += f"velocity there; {when([(float(some[0]), float(some[-1])) for some in spans])}"
+            text = f"{len(late)} of {len(self)} scans for which no odometry came within {self._patience:g} s: how the "
+            text += f"robot moved is not known; {when([(float(some[0]), float(some[-1])) for some in spans])}"
             issues.append(Issue("no-odometry", text, len(late)))
         return tuple(issues)
 

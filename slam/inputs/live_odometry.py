@@ -97,6 +97,8 @@ class LiveOdometry:
         """Take in the counts [4] of the wheels since the reading before."""
         if self._wheels is None:
             raise InputError("wheel counts, expected a platform with [wheels]", field="counts")
+        if len(self._rows) and not self.counted:
+            raise InputError("after poses, expected poses or counts", field="odometry")
         (distance,), (turn,) = wheel_motion(counts[None], self._wheels)
         self.counted = True
         self._waiting.append((stamp, float(distance), float(turn)))

@@ -101,6 +101,14 @@ def test_wheels_that_fall_silent_are_no_robot_that_stands(corridor: Recording, p
         assert all(states[k] != LocalisationState.SURE for k in np.flatnonzero(off > 0.5).tolist() if k in states)
 
 
+def test_the_papers_filter_without_any_odometry_is_not_sure():
+    recording, _ = circled_room(scans=60)
+    slam = OnlineSlam(platform_of(recording), resolve_config("paper", ["particles=5"]), patience=0.0)
+    updates = [slam.add_scan(ranges, 0.1 * k) for k, ranges in enumerate(recording.lidar.ranges)]
+    assert all(update is None or update.state != LocalisationState.SURE for update in updates[10:])
+    assert "no-odometry" in [issue.code for issue in slam.estimate().warnings]
+
+
 def test_odometry_that_comes_again_counts_what_was_driven_without_it_once(corridor: Recording):
     """Two seconds of it arrive late, when the scans have not waited for them."""
     wheels = corridor.encoders
@@ -136,7 +144,11 @@ def test_what_is_kept_and_what_a_scan_costs_does_not_grow_with_the_scans():
         (lambda slam: slam.add_scan(np.ones((2, 2)), 0.0), InputError, "lidar.ranges"),
         (lambda slam: [slam.add_imu(stamp, 0.0) for stamp in (1.0, 0.5)], InputError, "imu.stamp"),
         (lambda slam: slam.add_imu(np.nan, 0.0), InputError, "imu.stamp"),
+        (lambda slam: slam.add_imu(0.0, np.inf), InputError, "imu.yaw_rate"),
         (lambda slam: slam.add_odometry(0.0), InputError, "odometry"),
+        (lambda slam: slam.add_odometry(0.0, (0.0, np.nan, 0.0)), InputError, "odometry.pose"),
+        (lambda slam: slam.add_odometry(0.0, ("a", 0.0, 0.0)), InputError, "odometry.pose"),
+        (lambda slam: slam.add_odometry(0.0, counts=(1.5, 0, 0, 0)), InputError, "odometry.counts"),
         (lambda slam: slam.add_odometry(0.0, (0.0, 0.0)), InputError, "odometry.pose"),
         (lambda slam: slam.add_odometry(0.0, counts=(1, 1, 1, 1)), InputError, "counts"),
         (lambda slam: slam.estimate(), ConfigError, None),
