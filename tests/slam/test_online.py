@@ -16,6 +16,7 @@ from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
+from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.live_odometry import KEPT, MOST_KEPT
 from moteslam.slam.online import OnlineSlam
@@ -119,6 +120,23 @@ def test_odometry_that_comes_again_counts_what_was_driven_without_it_once(corrid
     assert np.hypot(*(found.dead_reckoning.poses - whole.dead_reckoning.poses)[:, :2].T).max() < 0.02
     assert np.hypot(*(found.trajectory.poses - whole.trajectory.poses)[:, :2].T).max() < 0.05
     assert "no-odometry" in [issue.code for issue in found.warnings]
+
+
+def test_odometry_that_repeats_its_last_pose_for_minutes_is_no_robot_that_stands():
+    """At 100 Hz, for longer than its readings are kept."""
+    recording, _ = circled_room(scans=3)
+    live = LiveInputs(platform_of(recording), SyncConfig(), max_range=np.inf, patience=1.0)
+    dark = np.full(recording.lidar.ranges.shape[1], np.inf, np.float32)
+    for k in range(9000):
+        live.arrives("odometry", k / 100)
+        live.odometry_in.add_pose(k / 100, np.array((0.005 * min(k, 300), 0.0, 0.0)))
+        if k % 20 == 0:
+            live.arrives("lidar", k / 100)
+            live.add_scan(dark, k / 100, None)
+            live.take()
+    assert len(live.path.stamps) <= MOST_KEPT + KEPT
+    assert live.measured[1:15].all()
+    assert not live.measured[20:].any()
 
 
 def test_what_is_kept_and_what_a_scan_costs_does_not_grow_with_the_scans():
