@@ -95,8 +95,8 @@ class OnlineSlam(Core):
         """Take in a scan.
 
         Args:
-            ranges: [beams] [m]; infinite where nothing is within reach, NaN or below the lidar's least where it
-                measured nothing.
+            ranges: [beams] [m]; infinite, beyond the lidar's reach or one of its codes where nothing is within
+                reach; NaN or below its least where it measured nothing.
             stamp: of its first beam [s].
             odometry: the base's pose [3] at the scan, where the driver reports one with it.
 

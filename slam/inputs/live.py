@@ -125,6 +125,7 @@ class LiveInputs:
         if row.shape != lidar.ranges.shape[1:]:
             raise InputError(f"{list(row.shape)}, expected [{lidar.ranges.shape[1]}]", field="ranges")
         row[row < lidar.range_min] = np.nan
+        row[(row > lidar.range_max) | np.isin(row, np.array(self._platform.lidar.no_return, np.float32))] = np.inf
         self.waiting.append(Waiting(stamp, given_up(row), odometry))
 
     def take(self, *, finish: bool = False) -> int | None:
