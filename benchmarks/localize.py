@@ -32,15 +32,19 @@ from moteslam.eval.cli.simulate import scenario_of
 from moteslam.eval.tables import aligned
 from moteslam.robot import se2
 from moteslam.robot.formats import Cut, cut
-from moteslam.robot.formats.map_server import write_map
+from moteslam.robot.formats.map_server import FREE, write_map
 from moteslam.robot.platforms import bundled_platforms
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
+from moteslam.sim.robot.drive import Drive
+from moteslam.sim.robot.vehicle import PHYSICS_RATE
 from moteslam.sim.scenario import bundled_scenarios
+from moteslam.sim.sensors.echoes import Scene
+from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.filter.certainty import LocalisationState
 
-STARTS = 10
+STARTS, PLACES = 10, 200
 METRES = 15.0
 SCENARIOS = ("office", "lab", "warehouse", "corridor", "random-corridors")
 PLATFORMS = ("ucsd", "rplidar_a1", "turtlebot3")
@@ -72,32 +76,51 @@ def drives(recording: Recording, occupancy: Raster, seed: int) -> Iterator[Any]:
         yield from session
 
 
+def scattered(simulation: Simulation, seed: int, count: int) -> tuple[Any, Array, list[int]]:
+    """Scans of the simulation's lidar at random free places in random headings: the true poses [n, 3], and which."""
+    from moteslam.slam.inputs.scans import Scans
+
+    rng, scenario, free = np.random.default_rng(seed), simulation.scenario, simulation.true_map(0.05)
+    platform, noise = scenario.platform, scenario.noise.lidar
+    places = rng.permutation(free.centres(np.argwhere(free.values == FREE)))[: 4 * count]
+    places = places[simulation.world.is_free(places, platform.radius)][:count]
+    poses = np.column_stack((places, rng.uniform(-np.pi, np.pi, len(places))))
+    held = 4 / platform.lidar.scan.rate  # at each place [s]
+    times = np.arange(0, held * len(poses), 1 / PHYSICS_RATE)
+    at = np.minimum((times / held).astype(int), len(poses) - 1)
+    still = Drive(times, poses[at], np.zeros((len(times), 3)), np.zeros((len(times), 4)), "arrived")
+    lidar = simulate_lidar(
+        *(still, Scene(simulation.world, None), platform.lidar, noise, (0.0, times[-1]), rng),
+        errors=LidarErrors.drawn(noise, rng), effects=rng,
+    )  # fmt: skip
+    scans = np.abs(lidar.stamps[:, None] - held * (np.arange(len(poses)) + 0.375)).argmin(axis=0)
+    return Scans(lidar, platform.lidar), poses, scans.tolist()
+
+
 def one_scan(simulation: Simulation, seed: int) -> Row:
     """Scans searched for alone."""
     from moteslam.slam.inputs.step import thin
-    from moteslam.slam.inputs.synchronise import synchronise
     from moteslam.slam.known_map.config import KnownMapConfig
     from moteslam.slam.known_map.maps import KnownMaps
-    from moteslam.slam.known_map.search import WholeMapSearch
+    from moteslam.slam.known_map.search import Sight, WholeMapSearch, silent_rays
 
     config = KnownMapConfig()
     maps = KnownMaps(simulation.true_map(0.05), config.tsdf)
-    search, inputs = WholeMapSearch(maps, config.registration), synchronise(simulation.recording, config.sync)
-    chosen = np.random.default_rng(seed).choice(len(inputs), 4 * STARTS, replace=False)
+    search = WholeMapSearch(maps, config.registration)
+    scans, poses, chosen = scattered(simulation, seed, PLACES)
     rows, cost = [], []
-    for scan, true in zip(chosen, true_at(simulation, inputs.stamps[chosen]), strict=True):
-        thinned, origin = (
-            thin(inputs.scans.points(int(scan)), inputs.scans.origin, config.thinning),
-            inputs.scans.origin,
-        )
+    for scan, true in zip(chosen, poses, strict=True):
+        points = scans.points(scan)
+        thinned = thin(points, scans.origin, config.thinning).points
+        silent = silent_rays(scans.silent(scan), scans.origin, len(thinned) / len(points))
         began = time.process_time()
-        found = search.find(np.zeros(3), thinned.points, origin)
+        found = search.find(Sight(np.zeros(3), thinned, scans.origin, silent))
         cost.append(1000 * (time.process_time() - began))
         right, said = is_right(true, found.poses), found.probabilities
         rows.append((right[0], right[said > 0.001].any(), said[0]))
     best, listed, said = np.array(rows, float).T
     sure = said > 0.99
-    area = float((maps.occupancy.values == 0).sum()) * maps.occupancy.cell_size**2
+    area = float((maps.occupancy.values == FREE).sum()) * maps.occupancy.cell_size**2
     return {
         "right": best.mean(), "listed": listed.mean(), "said": said.mean(), "sure": sure.mean(),
         "sure_wrong": float(sure @ (1 - best)), "ms": statistics.median(cost), "area": area,
