@@ -48,17 +48,15 @@ WINDOW, APART, TURNED = 10.0, 0.5, 1.0
 """Scans of the latest so many metres count together; one is taken in every so many [m], or after such a turn [rad]."""
 OUTLIER, CROSSING = 4.0, 1.0
 """Cost of an endpoint that contradicts the map, ``LOST_DISTANCE`` and more from any surface, or lies where it knows
-nothing; and of a ray through a surface [nats]."""
-SILENT, REACH = 2.5, 5.0
-"""Cost of a ray that nothing answered through a surface of the map [nats]; such a surface is nearer than this [m]: from
-farther away what is dark answers no more."""
+nothing; and of a ray through a surface, whether it ended behind it or was answered by nothing [nats]."""
+REACH = 5.0
+"""Surfaces nearer than this answer [m]: from farther away what is dark does so no more."""
 SHORTER, GOLDEN = 0.4, 0.618034
 """Silent rays end up to this share sooner, each by another one (multiples of the golden ratio): a ray is looked up at
 few places of its length, between which there is room for a wall."""
 ON_SURFACE = 0.5
 """Mean cost of any other endpoint [nats], as of a normal error."""
-ALONE = 3.3
-ELSEWHERE = 1.0
+ELSEWHERE = 1.7
 """Cost of an endpoint of a robot that is not in the map [nats]: buildings are alike, and three of four endpoints are
 nearer than ``LOST_DISTANCE`` to surfaces at the best place of another one. At a place in the map one of which the map
 knows nothing contradicts it, too: most of what a robot sees in a map that it drove in is known."""
@@ -134,7 +132,7 @@ def contradictions(
     rays = subsample(sight.silent, round(len(sight.silent) * len(some) / max(len(sight.points), 1)))
     against = found.far + len(some) - found.known
     silent = passed(maps, poses, rays, sight.origin, config)
-    return found, np.asarray((OUTLIER - ON_SURFACE) * against + CROSSING * found.crossed + SILENT * silent)
+    return found, np.asarray((OUTLIER - ON_SURFACE) * against + CROSSING * (found.crossed + silent))
 
 
 class Hypotheses(NamedTuple):
@@ -233,7 +231,7 @@ class WholeMapSearch:
             drift = prior_spread(self._config, float(np.hypot(*back[:2])), abs(float(back[2])))
             there = np.asarray(se2.compose(places, back))
             fit, contradicted = contradictions(view, there, drift, seen, self._config)
-            odds += ((ELSEWHERE - ON_SURFACE) * count - contradicted) / (ALONE if seen is latest else CORRELATION)
+            odds += ((ELSEWHERE - ON_SURFACE) * count - contradicted) / CORRELATION
             against = fit.far + count - fit.known
             fine += fit.costs - OUTLIER * against - ON_SURFACE * (count - against)
         return places, odds - FINE * fine / (CORRELATION * len(scans))

@@ -158,7 +158,8 @@ def test_rays_that_nothing_answered_do_not_end_at_a_wall() -> None:
     looked_for = WholeMapSearch(KnownMaps(occupancy, CONFIG.tsdf), CONFIG.registration)
     ends = endpoints(np.zeros(3), corridor)
     near = np.hypot(*ends.T) < 3
-    silent = search.silent_rays(3 * ends[~near] / np.hypot(*ends[~near].T)[:, None], np.zeros(2), 1.0)
+    silent = np.repeat(3 * ends[~near] / np.hypot(*ends[~near].T)[:, None], 8, axis=0)
+    silent = search.silent_rays(silent, np.zeros(2), 1.0)
     shares = []
     for rays in (None, silent):
         found = looked_for.find(sight(ends[near], rays))
@@ -226,7 +227,7 @@ def test_a_place_that_the_scans_contradict_is_given_up() -> None:
         presence.observe(0.1, contradicts)
     assert presence.probability > 0.5
     through_walls = Presence()
-    through_walls.passed = 100.0
+    through_walls.passed = 150.0
     for _ in range(30):
         through_walls.observe(0.1, fits)
     assert through_walls.probability > 0.5
