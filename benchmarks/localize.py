@@ -179,7 +179,7 @@ def driving(simulation: Simulation, seed: int) -> Row:
 
 def visit(simulation: Simulation, seed: int) -> Row:
     """A drive in the map of another day, in its own in two cell sizes, and by SLAM: median errors [m]."""
-    from moteslam.eval.metrics import absolute_trajectory_error
+    from moteslam.eval.metrics.ate import absolute_trajectory_error
     from moteslam.slam.run import run_slam
 
     before = Visit(building=seed, moved=0.0, shut=0.0)
