@@ -260,10 +260,17 @@ def draw(path: Path, rows: Sequence[Row]) -> None:
             np.sum([row[key] for row in mine], axis=0) for key in ("said_in_bins", "right_in_bins", "in_bins")
         )
         some = scans > 0
-        x, y, share = said[some] / scans[some], right[some] / scans[some], scans[some] / scans.sum()
-        axes.errorbar(x, y, 2 * np.sqrt(y * (1 - y) / scans[some]), color=f"C{k}", linewidth=1)
+        n, x, y = scans[some], said[some] / scans[some], right[some] / scans[some]
+        middle, share = (right[some] + 2) / (n + 4), n / scans.sum()  # Agresti and Coull 1998, 95 %
+        half = 2 * np.sqrt(middle * (1 - middle) / (n + 4))
+        bars = np.maximum((y - middle + half, middle + half - y), 0)
+        axes.errorbar(x, y, bars, color=f"C{k}", linewidth=1)
         axes.scatter(x, y, 30 + 200 * share, facecolors="none", edgecolors=f"C{k}", linewidths=1.5, label=platform)
-    axes.set(xlabel="probability of the most probable place, as said", ylabel="share of the scans where it is right")
+    axes.set(
+        ylim=(-0.03, 1.03),
+        xlabel="probability of the most probable place, as said",
+        ylabel="share of the scans where it is right",
+    )
     axes.legend(loc="lower right", fontsize="small", markerscale=0.5)
     figure.savefig(path, dpi=150)
 

@@ -170,7 +170,7 @@ def test_rays_that_nothing_answered_do_not_end_at_a_wall() -> None:
     assert shares[0] > 0.05
     assert shares[1] < 0.3 * shares[0]
     poses, origin = np.array([(-4.0, 0.0, 0.0), (-2.0, 0.0, 0.0)]), np.zeros(2)
-    counts = search.passed(looked_for._maps.of(0), poses, silent, origin, CONFIG.registration)
+    counts = search.passed(looked_for._maps, poses, silent, origin, CONFIG.registration)
     assert counts[0] == 0
     assert counts[1] > 0.1 * len(silent)
 
