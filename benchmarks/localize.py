@@ -43,7 +43,7 @@ from moteslam.sim.robot.driver import sampled
 from moteslam.sim.robot.vehicle import PHYSICS_RATE
 from moteslam.sim.scenario import Scenario, bundled_scenarios
 from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar
+from moteslam.sim.sensors.lidar import Lidar, LidarErrors
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.sim.world.visit import Visit
 from moteslam.sim.world.world import World, lived_in, true_map
@@ -74,12 +74,12 @@ def true_at(simulation: Simulation, stamps: Array) -> Array:
 
 def drives(recording: Recording, occupancy: Raster, seed: int) -> Iterator[Any]:
     """The updates of a run in a known map."""
-    from moteslam.slam.run import SlamSession
+    from moteslam.slam.online import OnlineSlam
     from moteslam.slam.settings import resolve_config
 
     with tempfile.TemporaryDirectory() as folder:
         write_map(Path(folder) / "map.pgm", occupancy)
-        session = SlamSession(recording, resolve_config("localize", [f"known_map={folder}/map.yaml"]), seed=seed)
+        session = OnlineSlam.over(recording, resolve_config("localize", [f"known_map={folder}/map.yaml"]), seed=seed)
         yield from session
 
 
@@ -95,10 +95,9 @@ def scattered(world: World, occupancy: Raster, scenario: Scenario, seed: int) ->
     times = np.arange(0, held * len(poses), 1 / PHYSICS_RATE)
     at = np.minimum((times / held).astype(int), len(poses) - 1)
     still = Drive(times, poses[at], np.zeros((len(times), 3)), np.zeros((len(times), 4)), "arrived")
-    lidar = simulate_lidar(
-        *(still, Scene(world, None), platform.lidar, noise, (0.0, times[-1]), rng),
-        errors=LidarErrors.drawn(noise, rng), effects=rng,
-    )  # fmt: skip
+    errors = LidarErrors.drawn(noise, rng)
+    sensor = Lidar(platform.lidar, noise, (0.0, times[-1]), rng, errors=errors, effects=rng)
+    lidar = sensor.read(still, Scene(world, None), len(sensor.times))
     scans = np.abs(lidar.stamps[:, None] - held * (np.arange(len(poses)) + 0.375)).argmin(axis=0)
     return Scans(lidar, platform.lidar), poses, scans.tolist()
 
