@@ -104,7 +104,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     scenario = seeded(scenario, seed)
     report = progress or (lambda _what, _share: None)
     rngs = random_generators(scenario.seed)
-    world = World.of(scenario.world)
+    world = World.of(scenario.standing)
     driven = _drive(scenario, world, rngs, progress=lambda share: report("drive", share))
     if driven.end == "stuck":
         x, y = driven.poses[-1, :2]
@@ -117,7 +117,10 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     _check_starts(scenario, driven)
     if scenario.noise.surroundings != Surroundings():
         path, radius = driven.poses[:: PHYSICS_RATE // 20, :2], scenario.platform.radius
-        world = lived_in(world, scenario.noise.surroundings, rngs["surroundings"], path=path, radius=radius)
+        rng = rngs["surroundings"]
+        if scenario.visit is not None:
+            rng = random_generators(scenario.visit.building)["surroundings"]
+        world = lived_in(world, scenario.noise.surroundings, rng, path=path, radius=radius)
     scene, faults, frames = Scene(world, driven.tracks), scenario.faults, None
     drive_noise = scenario.noise.drive
     lidar, encoders, imu = Sensors(scenario, float(driven.stamps[-1]), rngs).read(
@@ -172,7 +175,7 @@ def run_of(scenario: Scenario, world: World, rngs: Rngs) -> Run:
 def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
     """What the robot truly does in ``simulate(scenario, seed)``."""
     scenario = seeded(scenario, seed)
-    return _drive(scenario, World.of(scenario.world), random_generators(scenario.seed))
+    return _drive(scenario, World.of(scenario.standing), random_generators(scenario.seed))
 
 
 class Sensors:

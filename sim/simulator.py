@@ -75,7 +75,7 @@ class Simulator:
         ):
             if there:
                 raise ConfigError("there is, expected none in a closed loop", field=field)
-        self.world = World.of(scenario.world)
+        self.world = World.of(scenario.standing)
         self.reset()
 
     def reset(self) -> Readings:

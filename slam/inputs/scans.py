@@ -78,6 +78,12 @@ class Scans:
             )
         return points.astype(np.float32)
 
+    def silent(self, index: int) -> NDArray[np.float32]:
+        """Where the beams of a scan that nothing answered [k, 2] reach the largest range [m], in the robot's frame."""
+        beyond = np.isposinf(self._some(index, index + 1)[0][0])
+        reach = min(self._lidar.range_max, self._max_range)
+        return np.asarray(self.origin + reach * self._directions[beyond], np.float32)
+
     def block(self, first: int, last: int) -> ScanBlock:
         """The finite endpoints of the scans from ``first`` to before ``last``, projected in one launch."""
         from moteslam.kernels.scans import project_scans
