@@ -280,9 +280,12 @@ class _Steps:
 
     def exceeds(self, k: int, *, turning: bool) -> bool:
         """Whether step k is clearly longer, or turns by more, than the latest before it, their 90th percentile."""
-        length, turn = np.percentile(np.abs((self.lengths, self.turns))[:, max(0, k - LATEST) : k], 90, axis=1)
-        turned = turning and abs(self.turns[k]) > CAUGHT_UP * turn + LEAST_STOPPED
-        return bool(turned or self.travelled(k) > CAUGHT_UP * length)
+        most = CAUGHT_UP * self.usual(k, self.turns) + LEAST_STOPPED if turning else np.inf
+        return bool(abs(self.turns[k]) > most or self.travelled(k) > CAUGHT_UP * self.usual(k))
+
+    def usual(self, k: int, of: Array | None = None) -> float:
+        """The 90th percentile of the latest steps before step k [m]; of their turns [rad]."""
+        return float(np.percentile(np.abs((self.lengths if of is None else of)[max(0, k - LATEST) : k]), 90)) if k else 0
 
     def lost(self, k: int) -> bool:
         """Whether step k is shorter than braking takes, on the way or in a turn: its motion was not counted."""
