@@ -22,7 +22,8 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.run import SlamSession, wants_colours, with_texture
+from moteslam.slam.online import OnlineSlam
+from moteslam.slam.run import wants_colours, with_texture
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def run_into(
 
     began, clock = datetime.now(UTC), time.perf_counter()
     device = runtime.init(options.arch, options.threads)
-    session = SlamSession(recording, config, seed=options.seed)
+    session = OnlineSlam.over(recording, config, seed=options.seed)
     snapshots = Snapshots(session)
     with progress_bar("SLAM", len(session), "scans") as progress:
         for update in session:
@@ -68,14 +69,14 @@ def run_into(
     with progress_bar("final path and map", 1.0):
         estimate = session.estimate()
     seconds = time.perf_counter() - clock
-    estimate, stages = _coloured(estimate, session.recording)
-    issues = (*issues, *session.recording.warnings, *estimate.warnings)
+    estimate, stages = _coloured(estimate, recording)
+    issues = (*issues, *recording.warnings, *estimate.warnings)
     warn(issues)
     found = write_results(
         folder,
         estimate,
         truth,
-        recording=session.recording,
+        recording=recording,
         true_map=true_map,
         snapshots=snapshots.kept,
         stages=stages,

@@ -250,7 +250,7 @@ def _laser(line: str, rows: Rows) -> _Laser:
             fits = alike & (np.abs(off - begins) * abs(step) / interlace < SAME_ANGLE)
             begins -= begins[fits].min()
             if counts[alike & ~fits].sum() <= most_others and begins[fits].max() < interlace:
-                first = float(heads["angle_min"][fits].min())
+                first = float(heads["angle_min"][fits & (begins == 0)].min())
                 return _Laser(line, rows, np.where(fits, begins, -1)[kinds], first, step / interlace, interlace)
     return _Laser(line, rows, np.where(kinds == usual, 0, -1), angle_min, step, 1)
 

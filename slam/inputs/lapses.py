@@ -30,6 +30,8 @@ BEFORE = 0.5
 HARDEST, USUAL = 3.0, 1.0
 """Robots on wheels do not brake harder than the first, nor in a gap, which they know nothing of, than the second
 [m/s^2]."""
+TURN_USUAL, LEAST_TURN = 5.0, 0.02
+"""Nor do they stop turning harder than the first [rad/s^2]; stops of less than the second say nothing [rad]."""
 RESOLVED = 4.0
 """Odometry stands still where it should have gone this many of the smallest steps that it has ..."""
 LEAST_STOPPED = 0.002
@@ -83,6 +85,15 @@ CLOSED = Open()
 """Nothing is left open."""
 
 
+def left_open(scans: dict[int, Open], first: int, last: int) -> Open:
+    """What is left open of the motions to the scans from the first to before the last, together."""
+    left = CLOSED
+    for scan, more in scans.items():
+        if first <= scan < last:
+            left = left.plus(more)
+    return left
+
+
 @dataclass(frozen=True, eq=False)
 class Lapses:
     """Where the odometry did not measure.
@@ -132,6 +143,7 @@ def lapses(
     config: SyncConfig,
     *,
     counted: bool,
+    since: float = -np.inf,
 ) -> Lapses:
     """Where the odometry did not measure; causal: what is said of a scan follows from it, and from the reading after.
 
@@ -139,24 +151,25 @@ def lapses(
         odometry: [n, 3] at the scans.
         counted: of wheel counters, which do not say on which way a robot went in a gap; else of poses that the base
             went on to integrate.
+        since: lapses that end before are not asked for [s].
     """
     stamps = lidar.stamps
     readings = path if lidar.odometry is None else OdometryPath(stamps, odometry)
     steps = _Steps(readings)
-    jumped = jumps(stamps, odometry, config)
+    jumped = jumps(stamps, odometry, config, since)
     unmeasured = jumped.copy()
     seen: list[Lapse] = []
     if lidar.odometry is None:
-        leaps = jumps(readings.stamps, readings.poses, config)
+        leaps = jumps(readings.stamps, readings.poses, config, since)
         if path.by_wheels is not None:  # the gyro's turns hide what the counters say
-            leaps = leaps | jumps(readings.stamps, path.by_wheels, config)
+            leaps = leaps | jumps(readings.stamps, path.by_wheels, config, since)
         for k in np.flatnonzero(leaps).tolist():
             over = _over(stamps, readings.stamps[k - 1], readings.stamps[k])
             jumped[over] = True
     motions: dict[int, Array] = {}
     left: dict[int, Open] = {}
     fan: ComparedBeams | None = None
-    for k in np.flatnonzero(gaps(readings.stamps)).tolist():
+    for k in np.flatnonzero(gaps(readings.stamps, since)).tolist():
         begin, end = float(readings.stamps[k - 1]), float(readings.stamps[k])
         over = _over(stamps, begin, end)
         if not len(over):
@@ -184,7 +197,7 @@ def lapses(
             motions[longest], left[longest] = np.asarray(moved), steps.bounded(k)
         unmeasured[over] = lost
         unmeasured[longest] = longest in left
-    for first, sure, last in steps.standstills():
+    for first, sure, last in steps.standstills(since):
         scans = np.flatnonzero((stamps > readings.stamps[first]) & (stamps < readings.stamps[last]))
         if len(scans) < LEAST_SCANS:
             continue
@@ -249,13 +262,17 @@ class _Steps:
 
     def speed(self, k: int, *, late: bool = False) -> float:
         """At reading k [m/s], the mean of ``BEFORE``; with ``late`` of the last two steps, if that is less."""
+        return self._rate(self.lengths, k, late=late)
+
+    def _rate(self, values: Array, k: int, *, late: bool) -> float:
+        """Of the steps' values, to a second."""
         first = min(int(np.searchsorted(self.stamps, self.stamps[k] - BEFORE, side="right")), k)
         seconds = float(self.seconds[first : k + 1].sum())
         if seconds <= 0 or k == 0:
             return 0.0
-        mean = float(self.lengths[first : k + 1].sum()) / seconds
+        mean = float(values[first : k + 1].sum()) / seconds
         last = slice(max(k - 1, 1), k + 1)  # two, since stamps come in bursts
-        return min(mean, float(self.lengths[last].sum()) / max(float(self.seconds[last].sum()), 1e-9)) if late else mean
+        return min(mean, float(values[last].sum()) / max(float(self.seconds[last].sum()), 1e-9)) if late else mean
 
     def travelled(self, k: int) -> float:
         """The length of step k along an arc [m]."""
@@ -263,16 +280,24 @@ class _Steps:
 
     def exceeds(self, k: int, *, turning: bool) -> bool:
         """Whether step k is clearly longer, or turns by more, than the latest before it, their 90th percentile."""
-        length, turn = np.percentile(np.abs((self.lengths, self.turns))[:, max(0, k - LATEST) : k], 90, axis=1)
-        turned = turning and abs(self.turns[k]) > CAUGHT_UP * turn + LEAST_STOPPED
-        return bool(turned or self.travelled(k) > CAUGHT_UP * length)
+        most = CAUGHT_UP * self.usual(k, self.turns) + LEAST_STOPPED if turning else np.inf
+        return bool(abs(self.turns[k]) > most or self.travelled(k) > CAUGHT_UP * self.usual(k))
+
+    def usual(self, k: int, of: Array | None = None) -> float:
+        """The 90th percentile of the latest steps before step k [m]; of their turns [rad]."""
+        return float(np.percentile(np.abs((self.lengths if of is None else of)[max(0, k - LATEST) : k]), 90)) if k else 0
 
     def lost(self, k: int) -> bool:
-        """Whether step k is shorter than the way that braking takes: the motion in a gap was not counted."""
+        """Whether step k is shorter than braking takes, on the way or in a turn: its motion was not counted."""
         speed, seconds = self.speed(k - 1), float(self.seconds[k])
         braking = min(speed / USUAL, seconds)
         least = speed * braking - USUAL * braking**2 / 2
-        return bool(least > LEAST_STOPPED and self.travelled(k) < least)
+        if least > LEAST_STOPPED and self.travelled(k) < least:
+            return True
+        rate = max(self._rate(self.turns * np.sign(self.turns[k - 1]), k - 1, late=True), 0.0)  # it turns on the spot
+        least = rate * min(rate / TURN_USUAL, seconds) / 2
+        stopped = least > LEAST_TURN and abs(float(self.turns[k])) < least
+        return bool(stopped and self.travelled(k) <= CAUGHT_UP * self.usual(k))
 
     def bounded(self, k: int) -> Open:
         """What counters leave open of a step over a gap: its length is known, and how far it turned, not when.
@@ -298,11 +323,13 @@ class _Steps:
         mean = length * ahead * float(self._forward[k - 1])
         moved = np.array((mean * math.cos(turn / 2), mean * math.sin(turn / 2), turn))
         heading = min(widest, math.pi / math.sqrt(3))
-        place = length * min(heading, 1.0) / 3
+        recent = slice(max(0, k - LATEST), k)  # one that turns on the spot drives on, as fast as it usually does
+        fast = max(speed, self.usual(k) * (len(self.seconds[recent]) / max(float(self.seconds[recent].sum()), 1e-9)))
+        place = fast * seconds * min(heading, 1.0) / 3
         return moved, Open(place, heading, place)
 
-    def standstills(self) -> Iterator[tuple[int, int, int]]:
-        """Where the odometry has stopped dead: harder than a robot brakes.
+    def standstills(self, since: float) -> Iterator[tuple[int, int, int]]:
+        """Where the odometry has stopped dead, harder than a robot brakes, and goes on at a stamp or later [s].
 
         Yields:
             the reading from which on it stands still, the one at which that is sure, and the last that does.
@@ -311,6 +338,8 @@ class _Steps:
         edges = np.flatnonzero(np.diff(np.concatenate(([False], self._still, [False])).astype(np.int8)))
         for begin, end in edges.reshape(-1, 2).tolist():
             first, last = begin - 1, end - 1
+            if self.stamps[min(end, len(self.stamps) - 1)] < since:
+                continue
             speed = self.speed(first, late=True) if first > 0 else 0.0
             if speed <= 0:
                 continue

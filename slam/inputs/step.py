@@ -14,6 +14,7 @@ from moteslam.robot.values import Summarised
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.floor_views import FloorView, FloorViews
 from moteslam.slam.inputs.lapses import Open
+from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import Inputs
 
@@ -38,6 +39,7 @@ class Step(Summarised):
         scan: thinned as the filter asks for it (``Filter.thinning``); None if it asks for none.
         floor: reads the newest camera frame of at most a given age [s], which takes time: call it at most once, and
             only to make use of it. None if the run does not use the camera.
+        silent: where the beams that nothing answered [k, 2] reach the largest range, in the robot's frame [m].
         open: of a motion that was not measured, but of which more is known than the velocity before: how far off it
             may be; None of all others.
     """
@@ -51,11 +53,12 @@ class Step(Summarised):
     origin: NDArray[np.float64]
     scan: ThinnedScan | None = None
     floor: Callable[[float], FloorView | None] | None = None
+    silent: Callable[[], NDArray[np.float32]] = lambda: np.empty((0, 2), np.float32)
     open: Open | None = None
 
 
 def steps(
-    inputs: Inputs,
+    inputs: Inputs | LiveInputs,
     views: FloorViews | None = None,
     *,
     thinning: ThinningConfig | None = None,
@@ -85,7 +88,8 @@ def steps(
                 origin=inputs.scans.origin,
                 scan=scan,
                 floor=None if views is None else partial(views.at, index),
-                open=inputs.open_at(index),
+                silent=partial(inputs.scans.silent, index),
+                open=inputs.open.get(index),
             )
 
 

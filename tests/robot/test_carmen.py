@@ -97,6 +97,10 @@ def test_beams_of_a_lidar_that_turns_clockwise_are_read_as_stated(tmp_path: Path
     lidar = read_carmen(write_log(tmp_path / "x.log", lines)).lidar
     np.testing.assert_allclose(lidar.angles, [1.0, 0.75, 0.5])
     np.testing.assert_array_equal(lidar.ranges[0], [1, 2, 3])
+    lines = [robotlaser([1.0, 2.0, 3.0], stamp=k, angle_min=1 - 0.125 * (k % 2), step=-0.25) for k in range(31)]
+    lidar = read_carmen(write_log(tmp_path / "interlaced.log", lines)).lidar
+    np.testing.assert_allclose(lidar.angles, 1 - 0.125 * np.arange(6))
+    np.testing.assert_array_equal(np.isfinite(lidar.ranges[:2]), [[1, 0] * 3, [0, 1] * 3])
 
 
 def test_the_stamp_is_the_ipc_one_or_the_loggers_where_all_are_zero(tmp_path: Path) -> None:

@@ -80,7 +80,7 @@ def test_odometry_that_stops_dead_while_the_robot_drives_is_stale_whatever_comes
 @pytest.mark.parametrize("moving", ["drives", "turns", "stands"])
 def test_odometry_that_is_missing_while_scans_go_on_measures_nothing_unless_the_robot_stood(moving: str):
     slows = np.clip(np.abs(np.arange(SCANS) - 55) / 20 - 1, 0.0, 1.0)
-    recording = driven(GOING * slows if moving == "stands" else GOING)
+    recording = driven(GOING if moving == "drives" else GOING * slows)
     lidar = recording.lidar
     assert lidar is not None
     assert lidar.odometry is not None
@@ -114,7 +114,8 @@ def test_a_counter_that_is_full_is_named_as_the_cause_of_jumps(full: float | Non
     poses = recording.lidar.odometry.copy()
     poses[40:, 0] -= full or 3.0
     poses[80:, 0] -= full or 8.0
-    (issue,) = about_jumps(synchronise(recording.replace(lidar=replace(recording.lidar, odometry=poses))), SCANS)
+    inputs = synchronise(recording.replace(lidar=replace(recording.lidar, odometry=poses)))
+    (issue,) = about_jumps(inputs.stamps, inputs.odometry, inputs.jumped)
     assert issue.count == 2
     assert ("a counter that is full" in issue.message) == (full is not None)
 
@@ -153,6 +154,31 @@ def test_over_a_gap_the_motion_is_not_measured_but_known_within_bounds(kept: boo
     assert step.open.heading < 0.2 if kept else step.open.heading > 1.0
     rest = [other.measured for other in steps(inputs) if other is not step][1:]
     assert sum(rest) >= len(rest) - 2
+
+
+@pytest.mark.parametrize("rest", [0, 40])
+def test_who_turned_on_the_spot_before_a_gap_that_was_not_counted_may_have_driven_on(rest: int):
+    """As fast as it usually drives; one that had come to rest stands."""
+    recording = wheels(kept=False)
+    assert recording.encoders is not None
+    counts = np.array(recording.encoders.counts)
+    counts[150 : 200 - rest] = 5 * np.array((1, -1, 1, -1))
+    counts[200 - rest : 200] = 0
+    encoders = EncoderStream(recording.encoders.stamps, counts)
+    inputs = synchronise(recording.replace(encoders=encoders))
+    over = [step for step in steps(inputs) if step.open is not None and step.dt > 8]
+    assert len(over) == 1
+    assert (codes(inputs) == ["gap"]) == (not rest)
+    assert over[0].open is not None
+    assert (over[0].open.place > 0.5) == (not rest)
+
+
+@pytest.mark.usefixtures("taichi")
+def test_floor_that_other_beams_see_does_not_make_wheels_spin():
+    settings = ['faults=[{kind="tilt", pitch=0.087, height=0.2}]']
+    scenario = load_scenario("office", platform="turtlebot3", settings=settings)
+    simulation = simulate(scenario.model_copy(update={"duration": 110.0}), seed=0)
+    assert codes(synchronise(simulation.recording)) == ["travels-along"]
 
 
 @pytest.mark.usefixtures("taichi")

@@ -19,7 +19,7 @@ from moteslam.slam.known_map import hypotheses, search
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.filter import KnownMapFilter, Presence
 from moteslam.slam.known_map.maps import KnownMaps, upright
-from moteslam.slam.known_map.search import WholeMapSearch
+from moteslam.slam.known_map.search import Sight, WholeMapSearch
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.doubt import ScanFit
@@ -32,24 +32,30 @@ BOX = [((1.5, -0.8), (2.2, -0.8)), ((1.5, -0.8), (1.5, -0.2))]
 """Of ``circled_room``."""
 
 
-def drawn(walls: list, *, low: tuple[float, float] = (-3.5, -2.0), high: tuple[float, float] = (3.5, 3.0)) -> Raster:
+def drawn(
+    walls: list, *, low: tuple[float, float] = (-3.5, -2.0), high: tuple[float, float] = (3.5, 3.0), cell: float = CELL
+) -> Raster:
     """A map of walls, free inside their box and unknown beyond."""
-    columns, rows = np.round((np.array(high) - low) / CELL).astype(int)
+    columns, rows = np.round((np.array(high) - low) / cell).astype(int)
     values = np.full((rows, columns), UNKNOWN, np.int8)
-    x, y = np.meshgrid(low[0] + (np.arange(columns) + 0.5) * CELL, low[1] + (np.arange(rows) + 0.5) * CELL)
+    x, y = np.meshgrid(low[0] + (np.arange(columns) + 0.5) * cell, low[1] + (np.arange(rows) + 0.5) * cell)
     ends = np.array(walls, float).reshape(-1, 2)
     values[(x > ends[:, 0].min()) & (x < ends[:, 0].max()) & (y > ends[:, 1].min()) & (y < ends[:, 1].max())] = FREE
     for a, b in np.array(walls, float):
         along = a + np.linspace(0, 1, 4000)[:, None] * (b - a)
-        column, row = np.floor((along - low + 1e-6) / CELL).astype(int).T
+        column, row = np.floor((along - low + 1e-6) / cell).astype(int).T
         values[row, column] = OCCUPIED
-    return Raster(values, CELL, (*low, 0.0))
+    return Raster(values, cell, (*low, 0.0))
 
 
 def endpoints(pose: np.ndarray, walls: list) -> np.ndarray:
     """The endpoints [k, 2] that a robot at a pose sees."""
     ranges = seen_from(pose[None], walls)[0]
     return np.stack((ranges * np.cos(ANGLES), ranges * np.sin(ANGLES)), axis=1)[np.isfinite(ranges)].astype(np.float32)
+
+
+def sight(points: np.ndarray, silent: np.ndarray | None = None) -> Sight:
+    return Sight(np.zeros(3), points, np.zeros(2), np.empty((0, 2), np.float32) if silent is None else silent)
 
 
 def localized(tmp_path: Path, recording: Recording, occupancy: Raster, *settings: str) -> Estimate:
@@ -61,7 +67,7 @@ def test_the_field_is_the_distance_to_the_middle_of_wall_cells() -> None:
     maps = KnownMaps(drawn(WALLS), CONFIG.tsdf)
     x = np.array((-2.0, -2.975, -2.9, -3.4))
     distance, known = maps._surface.at(x, np.full(4, CELL / 2))
-    np.testing.assert_allclose(distance, np.abs(x + 2.975), atol=1e-9)
+    np.testing.assert_allclose(np.abs(distance), np.abs(x + 2.975), atol=1e-9)
     assert known.tolist() == [True, True, True, False]
     places = maps.free_places(0.2)
     assert (np.abs(places[:, 0]) < 2.9).all()
@@ -75,7 +81,7 @@ def test_what_lies_inside_of_a_solid_is_no_surface() -> None:
     surface = KnownMaps(Raster(values, CELL, occupancy.origin), CONFIG.tsdf)._surface
     middle = np.array(occupancy.origin[:2]) + 70.5 * CELL
     distance, known = surface.at(*(middle[:, None]))
-    assert (distance[0] > 0.4, known[0]) == (True, False)
+    assert (abs(distance[0]) > 0.4, known[0]) == (True, False)
 
 
 def test_a_turned_map_is_read_upright() -> None:
@@ -99,7 +105,7 @@ def test_a_map_without_walls_or_without_room_is_refused(value: int) -> None:
 def test_one_scan_is_found_in_the_whole_map(pose: tuple[float, float, float]) -> None:
     maps = KnownMaps(drawn([*WALLS, *BOX]), CONFIG.tsdf)
     true = np.array(pose)
-    found = WholeMapSearch(maps, CONFIG.registration).find(np.zeros(3), endpoints(true, [*WALLS, *BOX]), np.zeros(2))
+    found = WholeMapSearch(maps, CONFIG.registration).find(sight(endpoints(true, [*WALLS, *BOX])))
     off = se2.between(true, found.poses[0])
     assert np.hypot(*off[:2]) < CELL
     assert abs(off[2]) < 0.01
@@ -118,8 +124,8 @@ def test_the_search_finds_what_an_exhaustive_one_finds() -> None:
         ends = places[:, None] + points @ np.array([[c, s], [-s, c]])
         x, y = ((np.floor(ends[..., k] / size) + 0.5) * size for k in (0, 1))  # the middles of the coarse cells
         distance, known = maps._surface.at(x.ravel(), y.ravel())
-        score = np.maximum(search.NEAR - np.minimum(distance, reach), -search.NEAR / 2)
-        return np.where(known | (distance < reach), score, 0).reshape(x.shape).sum(axis=1)
+        score = np.maximum(search.NEAR - np.minimum(np.abs(distance), reach), -search.NEAR / 2)
+        return np.where(known | (np.abs(distance) < reach), score, 0).reshape(x.shape).sum(axis=1)
 
     best = max(scores(turn, looked_for._places).max() for turn in looked_for._turns)
     found = looked_for._starts(points)[0]
@@ -130,7 +136,7 @@ def test_both_places_of_a_symmetric_room_are_listed() -> None:
     walls = [((-3, -2), (3, -2)), ((3, -2), (3, 2)), ((3, 2), (-3, 2)), ((-3, 2), (-3, -2))]
     maps = KnownMaps(drawn(walls, low=(-3.5, -2.5), high=(3.5, 2.5)), CONFIG.tsdf)
     true = np.array((1.2, 0.7, 0.3))
-    found = WholeMapSearch(maps, CONFIG.registration).find(np.zeros(3), endpoints(true, walls), np.zeros(2))
+    found = WholeMapSearch(maps, CONFIG.registration).find(sight(endpoints(true, walls)))
     mirrored = np.array((-1.2, -0.7, 0.3 - np.pi))
     for place in (true, mirrored):
         off = se2.between(place, found.poses[:2])
@@ -143,8 +149,37 @@ def test_another_room_is_not_in_this_map() -> None:
     maps = KnownMaps(drawn([*WALLS, *BOX]), CONFIG.tsdf)
     other = [((-9, -1), (9, -1)), ((9, -1), (9, 6)), ((9, 6), (-9, 6)), ((-9, 6), (-9, -1))]
     points = endpoints(np.array((0.0, 2.0, 0.3)), other)
-    found = WholeMapSearch(maps, CONFIG.registration).find(np.zeros(3), points, np.zeros(2))
+    found = WholeMapSearch(maps, CONFIG.registration).find(sight(points))
     assert found.probabilities.sum() < 0.01
+
+
+def test_rays_that_nothing_answered_do_not_end_at_a_wall() -> None:
+    """A lidar of 3 m sees the two bare walls of a corridor that is shut in the middle, and nothing ahead."""
+    corridor = [((-9, -1), (9, -1)), ((9, -1), (9, 1)), ((9, 1), (-9, 1)), ((-9, 1), (-9, -1))]
+    occupancy = drawn([*corridor, ((0, -1), (0, 1))], low=(-9.5, -1.5), high=(9.5, 1.5))
+    looked_for = WholeMapSearch(KnownMaps(occupancy, CONFIG.tsdf), CONFIG.registration)
+    ends = endpoints(np.zeros(3), corridor)
+    near = np.hypot(*ends.T) < 3
+    silent = np.repeat(3 * ends[~near] / np.hypot(*ends[~near].T)[:, None], 8, axis=0)
+    silent = search.silent_rays(silent, np.zeros(2), 1.0)
+    shares = []
+    for rays in (None, silent):
+        found = looked_for.find(sight(ends[near], rays))
+        before = -found.poses[:, 0] * np.cos(found.poses[:, 2])  # the wall in the middle [m]
+        shares.append(found.probabilities[(before > 0.4) & (before < 2.5)].sum() / found.probabilities.sum())
+    assert shares[0] > 0.05
+    assert shares[1] < 0.3 * shares[0]
+    poses, origin = np.array([(-4.0, 0.0, 0.0), (-2.0, 0.0, 0.0)]), np.zeros(2)
+    counts = search.passed(looked_for._maps, poses, silent, origin, CONFIG.registration)
+    assert counts[0] == 0
+    assert counts[1] > 0.1 * len(silent)
+
+
+def test_silent_rays_are_as_many_as_of_the_endpoints_are_left_and_end_where_surfaces_surely_answer() -> None:
+    ends = np.array([(0.1, 30.0), (2.1, 0.0), (0.1, -30.0), (-29.9, 0.0)], np.float32)
+    rays = search.silent_rays(ends, np.array((0.1, 0.0)), 0.5) - (0.1, 0.0)
+    np.testing.assert_allclose(np.abs(rays).argmax(axis=1), (1, 0))
+    assert ((np.abs(rays).max(axis=1) <= search.REACH) & (np.abs(rays).max(axis=1) >= 0.6 * search.REACH)).all()
 
 
 def some_particles(numbers: list[int], log: list[float]) -> Particles:
@@ -193,6 +228,11 @@ def test_a_place_that_the_scans_contradict_is_given_up() -> None:
     for _ in range(30):
         presence.observe(0.1, contradicts)
     assert presence.probability > 0.5
+    through_walls = Presence()
+    through_walls.passed = 150.0
+    for _ in range(30):
+        through_walls.observe(0.1, fits)
+    assert through_walls.probability > 0.5
 
 
 def test_a_robot_is_found_and_tracked_in_a_known_map(tmp_path: Path) -> None:
@@ -249,3 +289,14 @@ def test_a_missing_map_is_refused() -> None:
     with pytest.raises(ConfigError) as refused:
         run_slam(circled_room(scans=5)[0], resolve_config("localize"))
     assert refused.value.field == "known_map"
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.01])
+def test_tracking_resolves_a_wall_between_the_cells_of_its_field(tmp_path: Path, shift: float) -> None:
+    """A map in cells of 1 cm, and its walls anywhere between the cells of the field."""
+    recording, true = circled_room(scans=30)
+    occupancy = drawn([*WALLS, *BOX], cell=0.01)
+    moved = Raster(occupancy.values, 0.01, (occupancy.origin[0] + shift, occupancy.origin[1] + shift, 0.0))
+    estimate = localized(tmp_path, recording, moved, f"start=[{shift}, {shift}, 0.0]")
+    errors = estimate.trajectory.poses[5:, :2] - true[5:, :2] - shift
+    assert np.abs(errors.mean(axis=0)).max() < 0.015
