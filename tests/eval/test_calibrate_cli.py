@@ -74,6 +74,28 @@ def test_scans_that_do_not_fit_are_told(tmp_path: Path, capsys: pytest.CaptureFi
     assert "replay --calibrate" not in out
 
 
+@pytest.mark.parametrize(("scale", "expected"), [(1.0, {"travels-along"}), (1.06, {"lidar-angles"})])
+def test_what_travels_along_is_known_only_where_the_angles_are_right(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], scale: float, expected: set[str]
+) -> None:
+    recording = with_odometry(simulate(load_scenario("office", platform="lms200"), 200).recording)
+    lidar = recording.lidar
+    keep = np.arange(400)
+    ranges = np.array(lidar.ranges[keep])
+    ranges[:, 80:90] = 0.5  # a load
+    step = lidar.angle_increment / scale
+    lidar = replace(lidar, stamps=lidar.stamps[keep], ranges=ranges, angle_increment=step, odometry=None)
+    write_recording(tmp_path / "drive.mcap", recording.replace(lidar=lidar, encoders=None, imu=None))
+    asked = {"lidar-angles", "travels-along"}
+    assert main.run(["inspect", str(tmp_path / "drive.mcap"), "--deep", "--json"]) == 0
+    told = {problem["code"] for problem in json.loads(capsys.readouterr().out)["problems"]}
+    assert told & asked == expected
+    out = str(tmp_path / "out")
+    assert main.run(["replay", str(tmp_path / "drive.mcap"), "--out", out, "--no-figures", "--json"]) == 0
+    told = {warning["code"] for warning in json.loads(capsys.readouterr().out)["warnings"]}
+    assert told & asked == expected
+
+
 @pytest.mark.slow
 def test_replay_warns_and_mends(reversed_beams: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, options in (("as_is", []), ("mended", ["--calibrate", "lidar"])):
