@@ -285,7 +285,7 @@ class _Steps:
 
     def usual(self, k: int, of: Array | None = None) -> float:
         """The 90th percentile of the latest steps before step k [m]; of their turns [rad]."""
-        return float(np.percentile(np.abs((self.lengths if of is None else of)[max(0, k - LATEST) : k]), 90)) if k else 0
+        return float(np.percentile(abs((self.lengths if of is None else of)[max(0, k - LATEST) : k]), 90)) if k else 0
 
     def lost(self, k: int) -> bool:
         """Whether step k is shorter than braking takes, on the way or in a turn: its motion was not counted."""
