@@ -110,34 +110,34 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     lidar, mount = recording.lidar, recording.platform.lidar
     assert lidar is not None
     c = calibration
-    told: list[tuple[str, str, bool]] = []  # code, text, whether it moves the result
+    told: list[tuple[str, str]] = []  # code, text
     figures = figures_of(c, recording)
     certain = {figure.name.split(" ")[0]: figure for figure in figures if figure.certain}
     right = lidar_of(lidar, c, certain)
     if not c.correlation:
-        told.append(("odometry-unfit", "odometry: it turns at no offset of its clock as the scans do: left out", True))
+        told.append(("odometry-unfit", "odometry: it turns at no offset of its clock as the scans do: left out"))
     elif not c.fits:
         text = (
             f"odometry: it turns as the scans do (correlation {c.correlation:.2f}), but the motions do not fit: stamps "
         )
         text += "of either are rounded or out of order, its lengths or turns are in other units, or its wheels slip"
-        told.append(("odometry-unfit", text, True))
+        told.append(("odometry-unfit", text))
     x, y, yaw = mount_of(c, recording, certain)
     toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"
     if c.fits and (wrong := WRONG.get((c.form, c.quarter != 0))) is not None:
-        told.append((*wrong, True))
+        told.append(wrong)
     if c.mirrored and c.fits:
-        told.append(("mirrored", _mirrored(c, toml), True))
+        told.append(("mirrored", _mirrored(c, toml)))
     if (angles := certain.get("angles")) is not None:
         text = f"lidar: angles between beams are {_percent(angles)} stated: walls come out bent, turns wrong. "
-        told.append(("lidar-angles", f"{text}In platform.toml: [lidar] {toml}", True))
+        told.append(("lidar-angles", f"{text}In platform.toml: [lidar] {toml}"))
     if (excess := certain.get("excess")) is not None:
         side = "long" if excess.value > 0 else "short"
         text = f"lidar: all ranges are {abs(excess.value):.2f} m ({_interval(excess)}) too {side}, by scans from other "
-        told.append(("range-offset", f"{text}places: subtract {excess.value:.3f} m from them", True))
+        told.append(("range-offset", f"{text}places: subtract {excess.value:.3f} m from them"))
     if c.faster:
         text = f"lidar: scans fit better if a sweep takes half of the {sweep_seconds(recording, lidar):.3g} s stated: "
-        told.append(("time-increment", f"{text}turns are smeared; give [lidar] time_increment by --platform", True))
+        told.append(("time-increment", f"{text}turns are smeared; give [lidar] time_increment by --platform"))
     if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
         backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4
         parts = [
@@ -146,7 +146,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         where = "backwards, unless the odometry drives so," if backwards else "elsewhere"
         text = f"lidar: mounted {where} by the odometry: {'; '.join(parts)}. "
         text += f"In platform.toml: [lidar] x = {x:.3f}, y = {y:.3f}, yaw = {yaw:.4f}"
-        told.append(("lidar-mount", text, True))
+        told.append(("lidar-mount", text))
     if (scale := certain.get("lengths")) is not None:
         wheels = recording.platform.wheels
         text = f"ranges measure {_percent(scale)} odometry does; which of them is right scans cannot say. "
@@ -156,10 +156,10 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
             text += f"effective_track = {track:.4g}"
         else:
             text += "If ranges are, the odometry's x and y are to be multiplied by it; if not, the ranges divided"
-        told.append(("range-scale", text, abs(scale.value - 1) > LONG))
+        told.append(("range-scale", text))
     if (turns := certain.get("turns")) is not None:
         text = f"odometry: robot turns {_percent(turns)} odometry does: its track is wrong, or its angles no radians"
-        told.append(("odometry-turn-scale", text, True))
+        told.append(("odometry-turn-scale", text))
     if (late := certain.get("offset")) is not None:
         side = ("later", "earlier")[int((late.value > 0) != (c.late == "gyro"))]
         text = f"lidar: scans are stamped {abs(late.value):.2f} s ({_interval(late)}) {side} than the odometry of them"
@@ -167,20 +167,21 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
             text = f"imu: stamped {abs(late.value):.2f} s ({_interval(late)}) {side} than scans and wheels"
         if stamped_at_end(c, recording):
             text += f", by about the {sweep_seconds(recording, lidar):.2f} s of a sweep, as if stamped at its end"
-        told.append(("clock-offset", f"{text}: every turn is smeared", True))
+        told.append(("clock-offset", f"{text}: every turn is smeared"))
     if (drift := certain.get("drift")) is not None:
         text = f"lidar: its clock runs {1000 * -drift.value:+.2f} ms a second against the odometry's, 95 %: "
         text += f"{1000 * (-drift.value - WITHIN * drift.deviation):+.2f} to "
         text += f"{1000 * (-drift.value + WITHIN * drift.deviation):+.2f}"
-        told.append(("clock-drift", text, True))
+        told.append(("clock-drift", text))
     if c.step is not None:
         text = f"{c.step.streams[0]}: its clock steps by {c.step.seconds:+.2f} s after {c.step.stamp:.3f} s, where "
-        told.append(("clock-step", f"{text}nothing is recorded and the robot does not drive", True))
+        told.append(("clock-step", f"{text}nothing is recorded and the robot does not drive"))
     decided = {"clock-step", "clock-offset", "clock-drift", "odometry-signs", "odometry-headings"}
     decided |= {"mirrored"} if c.wrong else set()
     decided |= set() if c.correlation else {"odometry-unfit"}
-    issues = tuple(Issue(code, text) for code, text, _ in told)
-    moves = tuple(Issue(code, text) for code, text, much in told if much)
+    issues = tuple(Issue(*each) for each in told)
+    little = scale is not None and abs(scale.value - 1) < LONG
+    moves = tuple(issue for issue in issues if not (little and issue.code == "range-scale"))
     return Findings(figures, issues, moves, frozenset(decided & {issue.code for issue in issues}))
 
 
