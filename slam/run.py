@@ -17,6 +17,7 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, expect_type
+from moteslam.slam.backend.building import Building
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.config import METHODS, SlamConfig
@@ -150,14 +151,14 @@ class SlamSession:
         finishing = time.perf_counter() - began
         driven = se2.accumulate(records.motions)
         final = between_known(path if corrected is None else corrected, updates, driven)
-        final = self._losses.parted(final, updates, driven)
+        final = Trajectory(stamps, self._losses.parted(final, updates, driven))
         found = Estimate(
             name=self.recording.name,
             config=self.config,
             seed=self.seed,
             versions={name: version(name) for name in ("moteslam", "taichi", "numpy")},
             trajectory=Trajectory(stamps, records.poses),
-            trajectory_final=Trajectory(stamps, final),
+            trajectory_final=final,
             dead_reckoning=Trajectory(stamps, odometry.poses[:n]),
             map=self.map if corrected is None else self._draw(corrected, n),
             particle_stamps=stamps[updates],
@@ -171,6 +172,7 @@ class SlamSession:
             corrections=tuple(self._corrections),
             loops=self._backend.loops,
             graph=getattr(self._backend, "graph", None),  # back ends of other packages may have none
+            building=self._building(final),
         )
         return found if self._inputs.logged is None else as_logged(found, self._inputs.logged[:n])
 
@@ -247,6 +249,13 @@ class SlamSession:
             now = revised[-1]
             self._corrections.append(Correction(scan, revised))
         return float(np.hypot(*(now - before)[:2]))
+
+    def _building(self, final: Trajectory) -> Building | None:
+        """The run as a session that others can be bound to."""
+        measured = getattr(self._backend, "measured", None)  # likewise
+        if measured is None:
+            return None
+        return Building.of(measured, final, self._inputs.scans, self._losses.drawn(measured.nodes))
 
     def _path(self) -> Array:
         """The path [u, 3] of the best particle at every update."""

@@ -9,7 +9,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from moteslam.eval.building_file import read_building
 from moteslam.eval.cli.evaluate import loop_lines
+from moteslam.eval.cli.options import named
 from moteslam.eval.cli.text import progress_bar, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.report.maps import Snapshots, TextureStages
@@ -23,6 +25,7 @@ from moteslam.robot.values import Issue, counted
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.run import SlamSession, wants_colours, with_texture
+from moteslam.slam.sessions import expect_graph, go_on
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 if TYPE_CHECKING:
@@ -48,14 +51,21 @@ def run_into(
     true_map: Raster | None = None,
     about: dict[str, Any] | None = None,
     issues: tuple[Issue, ...] = (),
+    onto: Path | None = None,
 ) -> Figures:
     """Run SLAM over a recording and fill a result folder, which exists; what is printed of it.
 
     It is scored with the truth, and its map with the true one, trinary and in the frame of the truth. ``about`` goes
-    into ``run.json``; ``issues`` were found before the run, those of the recording and of SLAM follow.
+    into ``run.json``; ``issues`` were found before the run, those of the recording and of SLAM follow. ``onto`` is the
+    result folder of the sessions before.
     """
     from moteslam.kernels import runtime
 
+    building = None
+    if onto is not None:
+        with named(**{"backend.method": "--onto"}):
+            expect_graph(config)
+        building = read_building(onto)
     began, clock = datetime.now(UTC), time.perf_counter()
     device = runtime.init(options.arch, options.threads)
     session = SlamSession(recording, config, seed=options.seed)
@@ -67,6 +77,11 @@ def run_into(
             progress(update.index + 1)
     with progress_bar("final path and map", 1.0):
         estimate = session.estimate()
+    if onto is not None and building is not None:
+        with progress_bar("place among the sessions before", len(session), "scans") as progress:
+            estimate = go_on(
+                estimate, session.recording, building, onto / "map.yaml", watch=lambda one: progress(one.index + 1)
+            )
     seconds = time.perf_counter() - clock
     estimate, stages = _coloured(estimate, session.recording)
     issues = (*issues, *session.recording.warnings, *estimate.warnings)

@@ -35,6 +35,10 @@ class NoBackend:
         """None."""
 
     @property
+    def measured(self) -> None:
+        """None."""
+
+    @property
     def issues(self) -> tuple[Issue, ...]:
         """None."""
         return ()

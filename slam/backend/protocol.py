@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot.trajectory import PoseGraph
 from moteslam.robot.values import Issue, Section, Summarised
+from moteslam.slam.backend.building import Measured
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.inputs.lapses import CLOSED, Open
 
@@ -64,6 +65,10 @@ class Backend(Protocol):
     @property
     def graph(self) -> PoseGraph | None:
         """The pose graph behind the latest ``finish``; None of a back end without one. May be left out."""
+
+    @property
+    def measured(self) -> Measured | None:
+        """The nodes, steps and loops behind the latest ``finish``, to bind other sessions to. May be left out."""
 
     @property
     def issues(self) -> tuple[Issue, ...]:
