@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ from moteslam.robot.platform import CameraSettings, Platform
 from moteslam.robot.platforms import BASE, UCSD, load_platform, platform_table, whole_platform
 from moteslam.robot.values import Number, Section, Table, Truth, Whole, assigned, merged, read_toml, validated
 from moteslam.sim.actors.actors import MAX_DOORS, Door, check_doors, check_people
-from moteslam.sim.actors.people import MAX_PEOPLE, Crowd, Person
+from moteslam.sim.actors.people import CLEARANCE, MAX_PEOPLE, Crowd, Person
 from moteslam.sim.robot.driver import MAX_DURATION, Commands, Limits, Route, Task, Wander, check_duration, check_task
 from moteslam.sim.robot.mishaps import Carried, StuckWheels, check_mishaps
 from moteslam.sim.robot.vehicle import check_body, check_wheels
@@ -32,6 +33,7 @@ from moteslam.sim.world.floor import FloorSettings
 from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 from moteslam.sim.world.random_corridors import random_corridors
+from moteslam.sim.world.visit import Visit, visited
 from moteslam.sim.world.world import World, check_world
 
 Array = NDArray[np.float64]
@@ -58,6 +60,7 @@ class Scenario(Section):
         expect_divergence: whether an estimate that is lost is no surprise here.
         seed: of all that is random, unless ``simulate`` is given another.
         duration: of the run at most [s]; longer in proportion for a robot that is slower than ``drive.speed``.
+        visit: what is changed in the world; as it is written if None.
         route, wander, commands: what the robot does; exactly one of them.
         drive: the limits it drives within, at most the robot's own.
         platform: the robot: a bundled one's name, a ``.toml`` file beside the scenario's, or a table of all its keys
@@ -75,6 +78,7 @@ class Scenario(Section):
     seed: Annotated[Whole, Field(ge=0, lt=2**63)] = 0
     duration: Annotated[Number, Field(gt=0, le=MAX_DURATION)] = 600.0
     world: Layout
+    visit: Visit | None = None
     people: Annotated[tuple[Person, ...], Field(max_length=MAX_PEOPLE)] = ()
     crowd: Crowd | None = None
     doors: Annotated[tuple[Door, ...], Field(max_length=MAX_DOORS)] = ()
@@ -132,7 +136,7 @@ class Scenario(Section):
         if self.floor is not None:
             self.floor.check_picture()
         try:
-            world = World.of(self.world)
+            world = World.of(self.standing)
         except InputError as error:
             raise ConfigError(str(error), field="world.plan.file") from error
         check_world(world)
@@ -144,6 +148,16 @@ class Scenario(Section):
         check_task(self.task, world, platform)
         check_mishaps(self.faults, self.task, world, platform)
         return self
+
+    @property
+    def standing(self) -> Layout:
+        """What stands in the world at its visit."""
+        if self.visit is None:
+            return self.world
+        route = self.route.corners if self.route else self.start[None, :2]
+        others = [(np.array(person.waypoints), CLEARANCE) for person in self.people]
+        others += [(np.array((door.hinge, door.end)), math.dist(door.hinge, door.end)) for door in self.doors]
+        return visited(self.world, self.visit, route, others)
 
     @property
     def task(self) -> Task:

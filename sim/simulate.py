@@ -102,7 +102,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     scenario = _seeded(scenario, seed)
     report = progress or (lambda _what, _share: None)
     rngs = random_generators(scenario.seed)
-    world = World.of(scenario.world)
+    world = World.of(scenario.standing)
     driven = _drive(scenario, world, rngs, progress=lambda share: report("drive", share))
     if driven.end == "stuck":
         x, y = driven.poses[-1, :2]
@@ -115,7 +115,10 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     _check_starts(scenario, driven)
     if scenario.noise.surroundings != Surroundings():
         path, radius = driven.poses[:: PHYSICS_RATE // 20, :2], scenario.platform.radius
-        world = lived_in(world, scenario.noise.surroundings, rngs["surroundings"], path=path, radius=radius)
+        rng = rngs["surroundings"]
+        if scenario.visit is not None:
+            rng = random_generators(scenario.visit.building)["surroundings"]
+        world = lived_in(world, scenario.noise.surroundings, rng, path=path, radius=radius)
     scene, faults, frames = Scene(world, driven.tracks), scenario.faults, None
     base = without_lost_motion(with_scans_repeated(_record(scenario, driven, scene, rngs, report), faults), faults)
     recording = with_odometry_faults(with_gaps(base, faults), faults)
@@ -157,7 +160,7 @@ def _drive(
 def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
     """What the robot truly does in ``simulate(scenario, seed)``."""
     scenario = _seeded(scenario, seed)
-    return _drive(scenario, World.of(scenario.world), random_generators(scenario.seed))
+    return _drive(scenario, World.of(scenario.standing), random_generators(scenario.seed))
 
 
 def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report: Progress) -> Recording:

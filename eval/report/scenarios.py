@@ -59,7 +59,7 @@ class Label(NamedTuple):
 
 def draw_scenario(path: style.File, scenario: Scenario, *, driven: Array | None = None) -> None:
     """Draw a scenario as a plan; the path [n, 2] that was driven [m] in place of its route."""
-    world = World.of(scenario.world)
+    world = World.of(scenario.standing)
     points = world.segments.reshape(-1, 2)
     scale = LONGEST / (float(np.ptp(points, axis=0).max()) + 2.0)  # inch/m, as of saved_plan
     line = driven if driven is not None else None if scenario.route is None else scenario.route.path()
@@ -67,7 +67,7 @@ def draw_scenario(path: style.File, scenario: Scenario, *, driven: Array | None 
         axes.set_facecolor(FREE_SPACE)
         _draw_unreached(axes, world, scenario.start[:2])
         labels = _draw_slippery(axes, scenario.world)
-        _draw_furniture(axes, scenario.world)
+        _draw_furniture(axes, scenario.standing)
         _draw_walls(axes, world)
         labels += _draw_route(axes, scenario, line, scale, "route" if driven is None else "driven path")
         labels += _draw_people(axes, scenario) + _draw_doors(axes, scenario)

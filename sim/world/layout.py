@@ -198,6 +198,16 @@ class Wall(Section):
             start += length
         return np.concatenate(pieces)
 
+    def doorways(self) -> Iterator[Array]:
+        """The ends [2, 2] of each doorway [m]."""
+        start = 0.0
+        for a, b in pairwise(self.corners):
+            length = float(np.hypot(*(b - a)))
+            for door in self.doors:
+                if start <= door.at < start + length - _TINY:
+                    yield a + np.array([[door.at - start], [door.at - start + door.width]]) * (b - a) / length
+            start += length
+
 
 def _runs(length: float, start: float, cuts: list[Doorway | Recess]) -> Iterator[list[tuple[float, float]]]:
     """The unbroken runs of a straight wall between its doorways, as points (metres along, metres to the left).
@@ -236,8 +246,8 @@ class Room(Section):
         self.segments()
         return self
 
-    def segments(self) -> Segments:
-        """The straight pieces between the doorways."""
+    def sides(self) -> list[Wall]:
+        """The four walls."""
         (x, y), (w, h) = self.corner, self.size
         sides = {
             "south": ((x, y), (x + w, y)),
@@ -248,8 +258,12 @@ class Room(Section):
         walls = []
         for side, points in sides.items():
             doors = tuple(Doorway(at=door.at, width=door.width) for door in self.doors if door.side == side)
-            walls.append(Wall(points=points, doors=doors).segments())
-        return np.concatenate(walls)
+            walls.append(Wall(points=points, doors=doors))
+        return walls
+
+    def segments(self) -> Segments:
+        """The straight pieces between the doorways."""
+        return np.concatenate([side.segments() for side in self.sides()])
 
 
 class Slippery(Section):

@@ -205,7 +205,7 @@ def _furniture(
     """
     import shapely
 
-    room = _free_space(free, corner).difference(_swept(route))
+    room = _free_space(free, corner).difference(swept(route))
     shapely.prepare(room)
     pieces: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
     standing: list[Geometry] = []
@@ -222,7 +222,7 @@ def _furniture(
     return pieces
 
 
-def _swept(route: Array) -> Geometry:
+def swept(route: Array) -> Geometry:
     """The area that is kept clear for the robot along its route [k, 2]."""
     import shapely
 

@@ -246,3 +246,45 @@ def test_furniture_stands_in_free_space_clear_of_walls_route_and_other_furniture
         assert shapely.union_all(pieces).area == pytest.approx(sum(shapely.area(pieces))), seed
         count, area = count + len(pieces), area + free.area
     assert 12.0 < area / count < 15.5  # square metres for each
+
+
+FURNITURE = ("boxes", "tables", "chairs", "shelves")
+
+
+def visit_of(name: str, *keys: str) -> Scenario:
+    return load_scenario(name, settings=[f"visit={{{', '.join(keys)}}}"])
+
+
+@pytest.mark.parametrize(("name", "moved"), [("office", 4), ("lab", 7), ("random-corridors-5", 4)])
+def test_a_visit_finds_a_share_of_the_furniture_elsewhere_and_the_robot_its_way_clear(name: str, moved: int) -> None:
+    scenario = visit_of(name, "seed=2", "moved=0.3")
+    before, after = scenario.world, scenario.standing
+    pairs = [pair for kind in FURNITURE for pair in zip(getattr(before, kind), getattr(after, kind), strict=True)]
+    away = np.array([np.hypot(*(np.array(a.centre) - b.centre)) for a, b in pairs])
+    assert (away > 0).sum() == moved
+    assert ((away[away > 0] >= 0.499) & (away[away > 0] <= 3.001)).all()
+    solid = [shapely.Polygon(b.polygon()) for a, b in pairs if a != b]
+    walls = shapely.MultiLineString(
+        World.of(after.model_copy(update=dict.fromkeys(FURNITURE, ()))).segments.reshape(-1, 2, 2).tolist()
+    )
+    assert not any(piece.intersects(walls) for piece in solid)
+    route = shapely.LineString(scenario.route.corners)
+    assert min(piece.distance(route) for piece in solid) > 0.6
+    assert visit_of(name, "seed=2", "moved=0.3").standing == after
+    assert visit_of(name, "seed=3", "moved=0.3").standing != after
+    assert visit_of(name, "moved=0.0", "shut=0.0").standing == before
+
+
+def test_two_visits_have_truths_of_their_own_in_one_building() -> None:
+    """Relief and clutter are those of the building; a room behind a shut door is unknown to its visit's truth."""
+    maps = {}
+    for seed, settings in ((1, ("moved=0.0", "shut=0.0")), (2, ("seed=2", "moved=0.1", "shut=1.0"))):
+        scenario = load_scenario(
+            "office", noise="as_recorded", settings=[f"visit={{{', '.join(settings)}}}", "duration=200"]
+        )
+        maps[seed] = simulate(scenario, seed)
+    first, second = (maps[seed].true_map(0.05) for seed in (1, 2))
+    assert (second.values == FREE).sum() < 0.9 * (first.values == FREE).sum()
+    assert ((first.values == OCCUPIED) & (second.values == FREE)).sum() > 20
+    lines = [{tuple(line) for line in maps[seed].world.segments.round(9).tolist()} for seed in (1, 2)]
+    assert len(lines[0] & lines[1]) > 0.9 * len(lines[0])
