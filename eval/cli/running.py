@@ -77,11 +77,9 @@ def run_into(
             progress(update.index + 1)
     with progress_bar("final path and map", 1.0):
         estimate = session.estimate()
-    if onto is not None and building is not None:
-        with progress_bar("place among the sessions before", len(session), "scans") as progress:
-            estimate = go_on(
-                estimate, session.recording, building, onto / "map.yaml", watch=lambda one: progress(one.index + 1)
-            )
+    if building is not None:
+        with progress_bar("place among the sessions before", 1.0):
+            estimate = go_on(estimate, building)
     seconds = time.perf_counter() - clock
     estimate, stages = _coloured(estimate, session.recording)
     issues = (*issues, *session.recording.warnings, *estimate.warnings)

@@ -61,12 +61,12 @@ IN_MAP = 0.5
 """The robot is in the map, at one of the places found, from this probability on."""
 
 
-def contradictions(found: Registration, points: int) -> Array:
+def contradictions(found: Registration, points: int | Array) -> Array:
     """What of a scan contradicts each place [m], counted as far as it errs independently [nats].
 
     Args:
         found: its registrations.
-        points: how many it has.
+        points: how many it has; or those that the map knows there, to leave the others out.
     """
     against = found.far + points - found.known
     return np.asarray(((OUTLIER - ON_SURFACE) * against + CROSSING * found.crossed) / CORRELATION)
@@ -110,6 +110,10 @@ class WholeMapSearch:
     def places(self) -> int:
         """That are searched: of the lattice, in all headings."""
         return len(self._places) * len(self._turns)
+
+    def begin(self) -> None:
+        """Begin anew, in the same map."""
+        self._seen = []
 
     def see(self, pose: Array, points: Points, origin: Array) -> None:
         """Take in a scan [k, 2] from a pose [3] by the odometry; ``origin`` [2] is where its rays start [m]."""

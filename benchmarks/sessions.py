@@ -1,0 +1,171 @@
+"""Sessions of one building bound to each other: how exact the building is, which loops are false, what stays in its map.
+
+    python benchmarks/sessions.py --out sessions.csv
+    python benchmarks/sessions.py --tasks orders --seeds 501-501
+
+| task | a row is | what counts |
+|---|---|---|
+| orders | `campus` in three recordings that overlap, in one order | ATE of all three together, over that of the whole |
+| twins | `twins` cut in two somewhere | loops between the two that are false |
+| moved | two visits to a building, a tenth of the furniture moved | F1 of the map to the new truth, over a fresh map's |
+
+Right is a loop within 0.3 m and 5 degrees of the truth. A row `apart` has sessions that were not bound.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+from parts.harness import Case, Row, arguments, benchmark, expect_known, status
+
+from moteslam.eval.cli.simulate import scenario_of
+from moteslam.eval.metrics.ate import absolute_trajectory_error
+from moteslam.eval.metrics.map_quality import map_accuracy
+from moteslam.robot import se2
+from moteslam.robot.formats import Cut, cut
+from moteslam.robot.formats.map_server import trinary
+from moteslam.robot.raster import Raster
+from moteslam.robot.recording import Recording
+from moteslam.robot.trajectory import Trajectory
+from moteslam.sim.scenario import Scenario, load_scenario
+from moteslam.sim.simulate import Simulation, simulate
+
+Array = NDArray[np.float64]
+SEEDS = {"orders": range(501, 502), "twins": range(600, 610), "moved": range(700, 703)}
+PARTS = ((0.0, 0.40), (0.33, 0.72), (0.65, 1.0))
+"""Of the time of a drive."""
+BUILDINGS = ("office", "lab", "random-corridors")
+"""That are visited twice."""
+
+
+def part(recording: Recording, first: float, last: float) -> Recording:
+    """A part of a recording, as shares of its time."""
+    assert recording.lidar is not None
+    span = float(np.ptp(recording.lidar.stamps))
+    return cut(recording, Cut(first * span, last * span))
+
+
+def together(estimates: list, order: tuple[int, ...] | range, seed: int):  # type: ignore[no-untyped-def,type-arg]
+    """Estimates of recordings, bound to each other in an order: the last one, and how many were bound."""
+    from moteslam.slam.sessions import go_on
+
+    found, bound = estimates[order[0]][1], 1
+    for number in order[1:]:
+        estimate = estimates[number][1]
+        new = go_on(estimate, found.building)
+        if len(new.building.sessions) > 1:
+            found, bound = new, bound + 1
+    return found, bound
+
+
+def true_poses(truth: Trajectory, stamps: Array) -> Array:
+    """The true poses [n, 3], of the nearest of 100 a second."""
+    return np.asarray(truth.poses[np.searchsorted(truth.stamps, stamps - 0.005).clip(max=len(truth) - 1)])
+
+
+def false_loops(building, truths: list[Trajectory]) -> tuple[int, int]:  # type: ignore[no-untyped-def]
+    """How many loops bind two sessions, and how many of these are false."""
+    true = np.concatenate(
+        [true_poses(t, one.stamps[one.nodes]) for t, one in zip(truths, building.sessions, strict=True)]
+    )
+    loops, between = building.loops, building.between
+    off = se2.between(loops.relative, se2.between(true[loops.first], true[loops.second]))[between]
+    wrong = (np.hypot(off[:, 0], off[:, 1]) > 0.3) | (np.abs(off[:, 2]) > np.radians(5))
+    return int(between.sum()), int(wrong.sum())
+
+
+def run(recording: Recording, seed: int):  # type: ignore[no-untyped-def]
+    """SLAM over a recording."""
+    from moteslam.slam.run import run_slam
+
+    return recording, run_slam(recording, seed=seed)
+
+
+def f1(occupancy: Raster, path: Trajectory, simulation: Simulation) -> float:
+    """Of a map, by the true one where the path ends up on the truth."""
+    placed = absolute_trajectory_error(path, simulation.truth).transform
+    grey = Raster(trinary(occupancy.values), occupancy.cell_size, occupancy.origin)
+    return map_accuracy(grey, simulation.true_map(occupancy.cell_size), transform=placed).f1
+
+
+def orders(seed: int) -> Row:
+    """One seed in all orders: the worst order counts."""
+    simulation = simulate(load_scenario("campus"), seed)
+    whole = run(simulation.recording, seed)[1]
+    exact = absolute_trajectory_error(whole.trajectory_final, simulation.truth).rmse
+    parts = [run(part(simulation.recording, *share), seed) for share in PARTS]
+    row: Row = {"whole": exact}
+    ratios = []
+    for order in permutations(range(3)):
+        began = time.perf_counter()
+        found, bound = together(parts, order, seed)
+        sessions = found.building.sessions
+        stamps, poses = (np.concatenate([getattr(one, name) for one in sessions]) for name in ("stamps", "path"))
+        by_time = np.argsort(stamps, kind="stable")
+        rmse = absolute_trajectory_error(Trajectory(stamps[by_time], poses[by_time]), simulation.truth).rmse
+        loops, false = false_loops(found.building, [simulation.truth] * len(sessions))
+        name = "".join(str(k + 1) for k in order)
+        ratios.append(rmse / exact)
+        row |= {f"ate_{name}": rmse, f"bound_{name}": bound, f"loops_{name}": loops, f"false_{name}": false}
+        print(name, row, time.perf_counter() - began, file=sys.stderr)
+    return row | {"worst": max(ratios)}
+
+
+def twins(seed: int) -> Row:
+    """One cut, at a random place."""
+    simulation = simulate(load_scenario("twins"), seed)
+    share = float(np.random.default_rng(seed).uniform(0.15, 0.85))
+    parts = [run(part(simulation.recording, *of), seed) for of in ((0.0, share), (share, 1.0))]
+    found, bound = together(parts, range(2), seed)
+    loops, false = false_loops(found.building, [simulation.truth] * bound) if bound > 1 else (0, 0)
+    return {"share": share, "bound": bound, "loops": loops, "false": false}
+
+
+def moved(seed: int, name: str) -> Row:
+    """Two visits to a building."""
+    first = scenario_of(name, seed)
+    visit = Scenario.model_validate({**first.model_dump(), "visit": {"seed": seed, "building": seed}})
+    visits = [simulate(first, seed), simulate(visit, seed + 1)]
+    parts = [run(one.recording, seed) for one in visits]
+    found, bound = together(parts, range(2), seed)
+    fresh = f1(parts[1][1].map, parts[1][1].trajectory_final, visits[1])
+    loops, false = false_loops(found.building, [one.truth for one in visits]) if bound > 1 else (0, 0)
+    old = found.building.draw(found.config.map.model_copy(update={"memory": 0.0}))
+    scores = [f1(one, found.trajectory_final, visits[1]) for one in (found.map, old)]
+    return {
+        "bound": bound, "loops": loops, "false": false, "fresh": fresh, "f1": scores[0], "f1_without": scores[1],
+        "ratio": scores[0] / fresh,
+    }  # fmt: skip
+
+
+TASKS = {"orders": orders, "twins": twins, "moved": moved}
+
+
+def measure(task: str, seed: int, *more: str) -> Row:
+    """A row."""
+    from moteslam.kernels import runtime
+
+    runtime.init("cpu", 1)
+    return TASKS[task](seed, *more)  # type: ignore[operator]
+
+
+def main() -> int:
+    """Run what is asked for."""
+    parser = arguments(__doc__)
+    parser.add_argument("--tasks", nargs="+", default=list(TASKS), metavar="NAME")
+    given = parser.parse_args()
+    expect_known(parser, "--tasks", given.tasks, TASKS)
+    cases: list[Case] = []
+    for task in given.tasks:
+        for seed in given.seeds or SEEDS[task]:
+            for more in [(name,) for name in BUILDINGS] if task == "moved" else [()]:
+                cases.append(({"run": " ".join((task, *more)), "seed": seed}, (task, seed, *more)))
+    return status(benchmark(measure, cases, given))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
