@@ -1,4 +1,4 @@
-"""Sessions of one building bound to each other: how exact the building is, which loops are false, what stays in its map.
+"""Sessions of one building bound to each other: how exact it is, which loops are false, what stays in its map.
 
     python benchmarks/sessions.py --out sessions.csv
     python benchmarks/sessions.py --tasks orders --seeds 501-501
@@ -7,9 +7,9 @@
 |---|---|---|
 | orders | `campus` in three recordings that overlap, in one order | ATE of all three together, over that of the whole |
 | twins | `twins` cut in two somewhere | loops between the two that are false |
-| moved | two visits to a building, a tenth of the furniture moved | F1 of the map to the new truth, over a fresh map's |
+| moved | two visits, a tenth of the furniture moved in between | F1 of the map by the new truth, over a fresh one's |
 
-Right is a loop within 0.3 m and 5 degrees of the truth. A row `apart` has sessions that were not bound.
+Right is a loop within 0.3 m and 5 degrees of the truth; `bound` sessions are those that were bound.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from moteslam.slam.backend.graph.pose_graph import Edges
 
 NAME = "sessions.npz"
 VERSION = 1
+CHAIN = MeasuredChain._fields
 MOST = 32767
 """Of the steps that endpoints are written in, which are a millimetre or more: a lidar of 32 m."""
 SHAPES: dict[str, Shape] = {
@@ -51,8 +52,8 @@ def write_building(path: Path, building: Building) -> None:
     points = np.concatenate([one.points for one in sessions])
     resolution = max(0.001, float(np.abs(points).max(initial=0.0)) / MOST)
     whole = np.rint(points / resolution).astype(np.int16)
-    chains = [MeasuredChain(*(np.concatenate((a[:1], a)) for a in one.chain)) for one in sessions]
-    arrays: dict[str, NDArray[Any]] = {
+    chains = [one.chain._asdict() for one in sessions]
+    arrays: dict[str, Any] = {
         "version": np.int64(VERSION),
         "sizes": np.array([len(one) for one in sessions]),
         "scans": np.array([len(one.stamps) for one in sessions]),
@@ -65,7 +66,7 @@ def write_building(path: Path, building: Building) -> None:
         "points": np.diff(whole, axis=0, prepend=np.zeros((1, 2), np.int16)),
         "resolution": np.float64(resolution),
         **{name: getattr(loops, name) for name in ("first", "second", "relative", "information")},
-        **{name: np.concatenate([getattr(one, name) for one in chains]) for name in MeasuredChain._fields},
+        **{name: np.concatenate([one[name][[0, *range(len(one[name]))]] for one in chains]) for name in CHAIN},
     }
     arrays["doubted"] = arrays["doubted"].astype(np.int8)
     write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
@@ -86,13 +87,13 @@ def read_building(folder: Path) -> Building:
     resolution = np.float32(found["resolution"].item())
     points = np.cumsum(found["points"], axis=0, dtype=np.int16) * resolution
     sizes, scans = (np.cumsum(found[name])[:-1] for name in ("sizes", "scans"))
-    split = {name: np.split(found[name], sizes) for name in ("nodes", "counts", "drawn", *MeasuredChain._fields)}
+    split = {name: np.split(found[name], sizes) for name in ("nodes", "counts", "drawn", *CHAIN)}
     split |= {name: np.split(found[name].astype(np.float64), scans) for name in ("stamps", "path")}
     split["points"] = np.split(points, np.cumsum([counts.sum() for counts in split["counts"]])[:-1])
     sessions = []
     for k, origin in enumerate(found["origins"].astype(np.float64)):
         own = {name: arrays[k] for name, arrays in split.items()}
-        steps = (own[name][1:].astype(bool if name == "doubted" else np.float64) for name in MeasuredChain._fields)
+        steps = (own[name][1:].astype(bool if name == "doubted" else np.float64) for name in CHAIN)
         arrays = {name: own[name] for name in ("stamps", "path", "nodes", "points")}
         counts, drawn = own["counts"].astype(np.int32), own["drawn"].astype(bool)
         sessions.append(Session(**arrays, chain=MeasuredChain(*steps), counts=counts, drawn=drawn, origin=origin))
@@ -114,7 +115,7 @@ def _check(path: Path, found: dict[str, NDArray[Any]]) -> None:
     rules = {
         "sizes": (found["sizes"] >= 2).all() and found["sizes"].sum() == n,
         "scans": found["scans"].sum() == len(found["stamps"]),
-        "nodes": all((np.diff(own) > 0).all() and 0 <= own[0] for own in each)
+        "nodes": all((np.diff(own) > 0).all() and own[0] >= 0 for own in each)
         and all(own[-1] < most for own, most in zip(each, found["scans"], strict=True)),
         "counts": (found["counts"] >= 0).all() and found["counts"].sum() == len(found["points"]),
         "points": found["points"].dtype == np.int16,

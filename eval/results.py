@@ -83,9 +83,8 @@ def write_results(
     looked = looks_for_loops(estimate.config)
     if looked:
         write_loops(folder / "loops.csv", estimate.loops)
-    if estimate.graph is not None:
-        write_g2o(folder / "graph.g2o", estimate.graph, comments=GRAPH_COMMENTS)
     if estimate.building is not None:
+        write_g2o(folder / "graph.g2o", estimate.building.graph, comments=GRAPH_COMMENTS)
         write_building(folder / building_file.NAME, estimate.building)
         if len(sessions := estimate.building.sessions) > 1:
             for number, session in enumerate(sessions, start=1):

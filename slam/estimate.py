@@ -58,8 +58,6 @@ class Estimate(Summarised):
         seconds: time spent in filter and back end [s].
         corrections: what the back end corrected while the robot drove, in order.
         loops: what the back end looked for and found, in the order of the search; empty without one.
-        graph: the back end's pose graph: its nodes at their final poses, the steps between them and the loops that were
-            accepted, as they were measured; None without one.
         building: the run as a session that others can be bound to, or all sessions that it is bound to; None without
             such a back end.
         texture: the floor in colours, None without images, if not asked for, or if it failed.
@@ -83,9 +81,16 @@ class Estimate(Summarised):
     seconds: float
     corrections: tuple[Correction, ...] = ()
     loops: tuple[LoopCandidate, ...] = ()
-    graph: PoseGraph | None = None
     building: Building | None = None
     texture: TextureMap | None = None
+
+    @property
+    def graph(self) -> PoseGraph | None:
+        """The back end's pose graph: its nodes at their final poses, the steps between them and the accepted loops.
+
+        As these were measured; None without one.
+        """
+        return None if self.building is None else self.building.graph
 
     def _repr_png_(self) -> bytes:
         """What a notebook shows: the map, and the path as known at the end."""

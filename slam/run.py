@@ -150,8 +150,8 @@ class SlamSession:
         corrected = self._backend.finish(path)
         finishing = time.perf_counter() - began
         driven = se2.accumulate(records.motions)
-        final = between_known(path if corrected is None else corrected, updates, driven)
-        final = Trajectory(stamps, self._losses.parted(final, updates, driven))
+        placed = between_known(path if corrected is None else corrected, updates, driven)
+        final = Trajectory(stamps, self._losses.parted(placed, updates, driven))
         found = Estimate(
             name=self.recording.name,
             config=self.config,
@@ -171,7 +171,6 @@ class SlamSession:
             seconds=float(records.diagnostics["seconds"].sum()) + finishing,
             corrections=tuple(self._corrections),
             loops=self._backend.loops,
-            graph=getattr(self._backend, "graph", None),  # back ends of other packages may have none
             building=self._building(final),
         )
         return found if self._inputs.logged is None else as_logged(found, self._inputs.logged[:n])
@@ -252,7 +251,7 @@ class SlamSession:
 
     def _building(self, final: Trajectory) -> Building | None:
         """The run as a session that others can be bound to."""
-        measured = getattr(self._backend, "measured", None)  # likewise
+        measured = getattr(self._backend, "measured", None)  # back ends of other packages may have none
         if measured is None:
             return None
         return Building.of(measured, final, self._inputs.scans, self._losses.drawn(measured.nodes))

@@ -46,13 +46,15 @@ def go_on(estimate: Estimate, building: Building) -> Estimate:
     scans = [scan.points for scan in session.thinned(config.thinning, np.inf)]
     place, places = find_path(occupancy, session.path[session.nodes], scans, session.origin)
     if place is None:
-        return _apart(estimate, f"it may lie at {places} places of their map" if places else "it lies nowhere in their map")
+        return _apart(
+            estimate, f"it may lie at {places} places of their map" if places else "it lies nowhere in their map"
+        )
     bound = bind(building, new, place.node, place.pose, config)
     if bound is None:
         return _apart(estimate, "no loops prove the place of their map where it seems to lie")
     final = bound.sessions[-1].trajectory
     drawn = bound.draw(estimate.config.map)
-    return replace(estimate, trajectory_final=final, map=drawn, graph=bound.graph, building=bound)
+    return replace(estimate, trajectory_final=final, map=drawn, building=bound)
 
 
 def _apart(estimate: Estimate, why: str) -> Estimate:

@@ -74,7 +74,7 @@ class Session(Summarised):
     @property
     def begins(self) -> NDArray[np.int32]:
         """[n] the first endpoint of each node's scan."""
-        return np.cumsum(self.counts, dtype=np.int32) - self.counts
+        return np.asarray(np.cumsum(self.counts, dtype=np.int32) - self.counts)
 
     def at(self, poses: Array) -> Session:
         """The session with its nodes at poses [n, 3]; the scans between them move with these."""
@@ -128,7 +128,7 @@ class Building(Summarised):
     @cached_property
     def firsts(self) -> NDArray[np.int64]:
         """[k + 1] the number of the first node of each session, and that of all nodes."""
-        return np.r_[0, np.cumsum([len(session) for session in self.sessions])]
+        return np.concatenate(([0], np.cumsum([len(session) for session in self.sessions])))
 
     @property
     def poses(self) -> Array:
@@ -161,6 +161,7 @@ class Building(Summarised):
             second=np.r_[inner + 1, loops.second],
             relative=np.concatenate((chain.steps[inner], loops.relative)),
             information=(information + np.swapaxes(information, 1, 2)) / 2,  # inverses are symmetric but for rounding
+            stamps=self.sessions[0].stamps[self.sessions[0].nodes] if len(self.sessions) == 1 else None,
             fixed=np.zeros(1, np.int64),
         )
 
@@ -172,7 +173,9 @@ class Building(Summarised):
     def plus(self, other: Building) -> Building:
         """The building with the sessions of another one, in its frame; nothing binds the two yet."""
         first, second = (ends + self.firsts[-1] for ends in (other.loops.first, other.loops.second))
-        return Building(self.sessions + other.sessions, self.loops.plus(replace(other.loops, first=first, second=second)))
+        return Building(
+            self.sessions + other.sessions, self.loops.plus(replace(other.loops, first=first, second=second))
+        )
 
     @property
     def by_age(self) -> list[int]:

@@ -31,10 +31,6 @@ class NoBackend:
         return ()
 
     @property
-    def graph(self) -> None:
-        """None."""
-
-    @property
     def measured(self) -> None:
         """None."""
 

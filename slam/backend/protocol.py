@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.trajectory import PoseGraph
 from moteslam.robot.values import Issue, Section, Summarised
 from moteslam.slam.backend.building import Measured
 from moteslam.slam.backend.ledger import LoopCandidate
@@ -63,12 +62,8 @@ class Backend(Protocol):
         """The loops that it looked for so far, in the order of the search."""
 
     @property
-    def graph(self) -> PoseGraph | None:
-        """The pose graph behind the latest ``finish``; None of a back end without one. May be left out."""
-
-    @property
     def measured(self) -> Measured | None:
-        """The nodes, steps and loops behind the latest ``finish``, to bind other sessions to. May be left out."""
+        """The pose graph behind the latest ``finish``; None of a back end without one. May be left out."""
 
     @property
     def issues(self) -> tuple[Issue, ...]:

@@ -10,16 +10,15 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.se2 import umeyama
-from moteslam.robot.trajectory import PoseGraph
 from moteslam.robot.values import Issue, counted
+from moteslam.slam.backend.building import Measured
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, clearly_fewer, sharpness
 from moteslam.slam.backend.graph.joint import register_jointly
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import BoundGraph, LoopGraph, checked
-from moteslam.slam.backend.graph.measured_chain import CONTRADICTED, MeasuredChain
+from moteslam.slam.backend.graph.measured_chain import CONTRADICTED
 from moteslam.slam.backend.graph.nodes import Nodes
-from moteslam.slam.backend.building import Measured
 from moteslam.slam.backend.kinds import BackendKind
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.protocol import KeyScan
@@ -64,7 +63,6 @@ class GraphBackend:
         self._placed = np.zeros((0, 3))  # of the nodes, on that path
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()
-        self._graph: PoseGraph | None = None
         self._issues: tuple[Issue, ...] = ()
         self._measured: Measured | None = None
 
@@ -72,11 +70,6 @@ class GraphBackend:
     def loops(self) -> tuple[LoopCandidate, ...]:
         """See ``Backend``: of the latest estimate, or before there is one as the graph has them."""
         return self._closing.graph.ledger if self._closing is not None and not self._loops else self._loops
-
-    @property
-    def graph(self) -> PoseGraph | None:
-        """See ``Backend``: of the latest estimate."""
-        return self._graph
 
     @property
     def measured(self) -> Measured | None:
@@ -199,7 +192,6 @@ class GraphBackend:
         best = laid_over(final, frame)
         self._loops = checked(graph.ledger, graph.nodes, best)
         self._issues = contradictions(graph, best, self._loops, measured=measured)
-        self._graph = graph.as_measured(best, self._loops)
         kept = [pair for pair, loop in zip(graph.loops, self._loops, strict=True) if loop.accepted]
         self._measured = Measured(np.array(graph.nodes.indices), graph.measured, graph.edges_of(kept))
         return self._between_nodes(best, updates, path)

@@ -100,7 +100,7 @@ class _Problem:
         seen: endpoints of n scans.
         partners: int32 [n, k] of each, as of ``choose_partners``.
         moving: [n] which of them move.
-        prior: steps [n - 1, 3] between all of them, their covariance, and which are doubtful, see ``MeasuredChain.prior``.
+        prior: of all n - 1 steps between them, see ``MeasuredChain.prior``.
         config: of the back end.
         weight: of an endpoint.
     """

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.trajectory import PoseGraph
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.loop_search import Loop
@@ -102,27 +101,6 @@ class BoundGraph:
         """Solve chain and loops alone, without what a joint registration made of them."""
         self.registered, self._known = np.zeros((0, 3)), set()
         self.solve(PROVED)
-
-    def as_measured(self, poses: Array, ledger: Sequence[LoopCandidate]) -> PoseGraph:
-        """The nodes at poses [n, 3], with the chain and the accepted loops as they were measured, in this order.
-
-        Args:
-            poses: final.
-            ledger: of all candidates, in the order of ``loops``.
-        """
-        n, chain = len(self.nodes), self._steps
-        loops = self.edges_of([pair for pair, loop in zip(self.loops, ledger, strict=True) if loop.accepted])
-        information = np.concatenate((np.linalg.inv(chain.covariance), loops.information))
-        return PoseGraph(
-            ids=np.arange(n),
-            poses=poses,
-            first=np.r_[np.arange(n - 1), loops.first],
-            second=np.r_[np.arange(1, n), loops.second],
-            relative=np.concatenate((chain.steps, loops.relative)),
-            information=(information + np.swapaxes(information, 1, 2)) / 2,  # inverses are symmetric but for rounding
-            stamps=np.array(self.nodes.stamps),
-            fixed=np.zeros(1, np.int64),
-        )
 
     def edges_of(self, pairs: Sequence[Pair]) -> Edges:
         """Some loops as they were measured."""

@@ -105,7 +105,9 @@ def test_where_scans_share_nothing_the_chain_decides():
     steps = np.asarray(se2.between(true[:-1], true[1:]))
     scans = [scan_between_walls(np.random.default_rng(k)) for k in range(6)]
     off = true + np.random.default_rng(1).normal(0, (1.0, 1.0, 0.2), true.shape) * (np.arange(6) > 0)[:, None]
-    found = register_jointly(Endpoints.of(scans), off, cast(MeasuredChain, Given(steps, (0.1, 0.05, 0.02))), GraphConfig())
+    found = register_jointly(
+        Endpoints.of(scans), off, cast(MeasuredChain, Given(steps, (0.1, 0.05, 0.02))), GraphConfig()
+    )
     np.testing.assert_allclose(found[:, :2], true[:, :2], atol=1e-3)
     np.testing.assert_allclose(se2.wrap(found[:, 2] - true[:, 2]), 0.0, atol=1e-4)
 
