@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from moteslam.slam.backend.graph.pose_graph import Edges
 
 NAME = "sessions.npz"
 VERSION = 1
+WHOLE = ("sizes", "scans", "nodes", "counts", "drawn", "points", "first", "second", "doubted")
 CHAIN = MeasuredChain._fields
 MOST = 32767
 """Of the steps that endpoints are written in, which are a millimetre or more: a lidar of 32 m."""
@@ -103,28 +106,31 @@ def read_building(folder: Path) -> Building:
 
 def _check(path: Path, found: dict[str, NDArray[Any]]) -> None:
     """Refuse arrays that contradict each other, or mean nothing."""
-    nodes, n = found["nodes"], len(found["nodes"])
+    n, sizes, scans = len(found["nodes"]), found["sizes"], found["scans"]
 
-    def positive(matrices: NDArray[Any]) -> bool:
-        return bool((np.linalg.eigvalsh(matrices) > 0).all())
+    def within() -> bool:
+        each = zip(np.split(found["nodes"], np.cumsum(sizes)[:-1]), scans, strict=True)
+        return all((np.diff(own) > 0).all() and own[0] >= 0 and own[-1] < most for own, most in each)
+
+    def positive(name: str) -> bool:
+        return bool((np.linalg.eigvalsh(found[name]) > 0).all())
 
     for name, array in found.items():
         if not np.isfinite(array).all():
             raise InputError("expected finite numbers", file=path, field=name)
-    each = np.split(nodes, np.cumsum(found["sizes"])[:-1])
-    rules = {
-        "sizes": (found["sizes"] >= 2).all() and found["sizes"].sum() == n,
-        "scans": found["scans"].sum() == len(found["stamps"]),
-        "nodes": all((np.diff(own) > 0).all() and own[0] >= 0 for own in each)
-        and all(own[-1] < most for own, most in zip(each, found["scans"], strict=True)),
-        "counts": (found["counts"] >= 0).all() and found["counts"].sum() == len(found["points"]),
-        "points": found["points"].dtype == np.int16,
-        "resolution": 0 < found["resolution"].item() < 1,
-        "first": ((found["first"] >= 0) & (found["first"] < found["second"]) & (found["second"] < n)).all(),
-        "covariance": positive(found["covariance"]),
-        "prior_covariance": positive(found["prior_covariance"]),
-        "information": positive(found["information"]),
+        if name in WHOLE and array.dtype.kind != "i":
+            raise InputError(f"{array.dtype}, expected whole numbers", file=path, field=name)
+    rules: dict[str, Callable[[], Any]] = {
+        "sizes": lambda: (sizes >= 2).all() and sizes.sum() == n,
+        "scans": lambda: (scans >= 2).all() and scans.sum() == len(found["stamps"]),
+        "nodes": within,
+        "counts": lambda: (found["counts"] >= 0).all() and found["counts"].sum() == len(found["points"]),
+        "points": lambda: found["points"].dtype == np.int16,
+        "resolution": lambda: 0 < found["resolution"].item() < 1,
+        "first": (found["first"] >= 0).all,
+        "second": ((found["first"] < found["second"]) & (found["second"] < n)).all,
+        **{name: partial(positive, name) for name in ("covariance", "prior_covariance", "information")},
     }
     for name, holds in rules.items():
-        if not holds:
+        if not holds():
             raise InputError("contradicts the other arrays, or no such value can be", file=path, field=name)
