@@ -15,7 +15,7 @@ Right is a loop within 0.3 m and 5 degrees of the truth; `bound` sessions are th
 from __future__ import annotations
 
 import sys
-import time
+from collections.abc import Callable, Sequence
 from itertools import permutations
 
 import numpy as np
@@ -33,6 +33,10 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.scenario import Scenario, load_scenario
 from moteslam.sim.simulate import Simulation, simulate
+from moteslam.slam.backend.building import Building
+from moteslam.slam.estimate import Estimate
+from moteslam.slam.run import run_slam
+from moteslam.slam.sessions import go_on
 
 Array = NDArray[np.float64]
 SEEDS = {"orders": range(501, 502), "twins": range(600, 610), "moved": range(700, 703)}
@@ -49,17 +53,16 @@ def part(recording: Recording, first: float, last: float) -> Recording:
     return cut(recording, Cut(first * span, last * span))
 
 
-def together(estimates: list, order: tuple[int, ...] | range, seed: int):  # type: ignore[no-untyped-def,type-arg]
-    """Estimates of recordings, bound to each other in an order: the last one, and how many were bound."""
-    from moteslam.slam.sessions import go_on
-
-    found, bound = estimates[order[0]][1], 1
+def together(estimates: Sequence[Estimate], order: Sequence[int]) -> tuple[Estimate, Building]:
+    """Estimates of recordings, bound to each other in an order: the latest that was bound, and the building."""
+    found, building = estimates[order[0]], estimates[order[0]].building
+    assert building is not None
     for number in order[1:]:
-        estimate = estimates[number][1]
-        new = go_on(estimate, found.building)
+        new = go_on(estimates[number], building)
+        assert new.building is not None
         if len(new.building.sessions) > 1:
-            found, bound = new, bound + 1
-    return found, bound
+            found, building = new, new.building
+    return found, building
 
 
 def true_poses(truth: Trajectory, stamps: Array) -> Array:
@@ -67,22 +70,14 @@ def true_poses(truth: Trajectory, stamps: Array) -> Array:
     return np.asarray(truth.poses[np.searchsorted(truth.stamps, stamps - 0.005).clip(max=len(truth) - 1)])
 
 
-def false_loops(building, truths: list[Trajectory]) -> tuple[int, int]:  # type: ignore[no-untyped-def]
+def false_loops(building: Building, truths: Sequence[Trajectory]) -> tuple[int, int]:
     """How many loops bind two sessions, and how many of these are false."""
-    true = np.concatenate(
-        [true_poses(t, one.stamps[one.nodes]) for t, one in zip(truths, building.sessions, strict=True)]
-    )
+    each = zip(truths, building.sessions, strict=False)
+    true = np.concatenate([true_poses(truth, one.stamps[one.nodes]) for truth, one in each])
     loops, between = building.loops, building.between
     off = se2.between(loops.relative, se2.between(true[loops.first], true[loops.second]))[between]
     wrong = (np.hypot(off[:, 0], off[:, 1]) > 0.3) | (np.abs(off[:, 2]) > np.radians(5))
     return int(between.sum()), int(wrong.sum())
-
-
-def run(recording: Recording, seed: int):  # type: ignore[no-untyped-def]
-    """SLAM over a recording."""
-    from moteslam.slam.run import run_slam
-
-    return recording, run_slam(recording, seed=seed)
 
 
 def f1(occupancy: Raster, path: Trajectory, simulation: Simulation) -> float:
@@ -93,36 +88,34 @@ def f1(occupancy: Raster, path: Trajectory, simulation: Simulation) -> float:
 
 
 def orders(seed: int) -> Row:
-    """One seed in all orders: the worst order counts."""
+    """One seed in all orders."""
     simulation = simulate(load_scenario("campus"), seed)
-    whole = run(simulation.recording, seed)[1]
-    exact = absolute_trajectory_error(whole.trajectory_final, simulation.truth).rmse
-    parts = [run(part(simulation.recording, *share), seed) for share in PARTS]
-    row: Row = {"whole": exact}
-    ratios = []
-    for order in permutations(range(3)):
-        began = time.perf_counter()
-        found, bound = together(parts, order, seed)
-        sessions = found.building.sessions
-        stamps, poses = (np.concatenate([getattr(one, name) for one in sessions]) for name in ("stamps", "path"))
+    recording, truth = simulation.recording, simulation.truth
+    whole = absolute_trajectory_error(run_slam(recording, seed=seed).trajectory_final, truth).rmse
+    parts = [run_slam(part(recording, *share), seed=seed) for share in PARTS]
+    row: Row = {"whole": whole}
+    for order in permutations(range(len(parts))):
+        building = together(parts, order)[1]
+        stamps = np.concatenate([one.stamps for one in building.sessions])
+        poses = np.concatenate([one.path for one in building.sessions])
         by_time = np.argsort(stamps, kind="stable")
-        rmse = absolute_trajectory_error(Trajectory(stamps[by_time], poses[by_time]), simulation.truth).rmse
-        loops, false = false_loops(found.building, [simulation.truth] * len(sessions))
+        rmse = absolute_trajectory_error(Trajectory(stamps[by_time], poses[by_time]), truth).rmse
+        loops, false = false_loops(building, [truth] * len(parts))
         name = "".join(str(k + 1) for k in order)
-        ratios.append(rmse / exact)
-        row |= {f"ate_{name}": rmse, f"bound_{name}": bound, f"loops_{name}": loops, f"false_{name}": false}
-        print(name, row, time.perf_counter() - began, file=sys.stderr)
-    return row | {"worst": max(ratios)}
+        row |= {f"bound {name}": len(building.sessions), f"loops {name}": loops, f"false {name}": false}
+        row |= {f"ratio {name}": rmse / whole}
+        print(name, f"{rmse:.4f} m of {whole:.4f}", loops, false, flush=True)
+    return row
 
 
 def twins(seed: int) -> Row:
     """One cut, at a random place."""
     simulation = simulate(load_scenario("twins"), seed)
     share = float(np.random.default_rng(seed).uniform(0.15, 0.85))
-    parts = [run(part(simulation.recording, *of), seed) for of in ((0.0, share), (share, 1.0))]
-    found, bound = together(parts, range(2), seed)
-    loops, false = false_loops(found.building, [simulation.truth] * bound) if bound > 1 else (0, 0)
-    return {"share": share, "bound": bound, "loops": loops, "false": false}
+    parts = [run_slam(part(simulation.recording, *of), seed=seed) for of in ((0.0, share), (share, 1.0))]
+    building = together(parts, (0, 1))[1]
+    loops, false = false_loops(building, [simulation.truth] * 2)
+    return {"share": share, "bound": len(building.sessions), "loops": loops, "false": false}
 
 
 def moved(seed: int, name: str) -> Row:
@@ -130,19 +123,17 @@ def moved(seed: int, name: str) -> Row:
     first = scenario_of(name, seed)
     visit = Scenario.model_validate({**first.model_dump(), "visit": {"seed": seed, "building": seed}})
     visits = [simulate(first, seed), simulate(visit, seed + 1)]
-    parts = [run(one.recording, seed) for one in visits]
-    found, bound = together(parts, range(2), seed)
-    fresh = f1(parts[1][1].map, parts[1][1].trajectory_final, visits[1])
-    loops, false = false_loops(found.building, [one.truth for one in visits]) if bound > 1 else (0, 0)
-    old = found.building.draw(found.config.map.model_copy(update={"memory": 0.0}))
-    scores = [f1(one, found.trajectory_final, visits[1]) for one in (found.map, old)]
-    return {
-        "bound": bound, "loops": loops, "false": false, "fresh": fresh, "f1": scores[0], "f1_without": scores[1],
-        "ratio": scores[0] / fresh,
-    }  # fmt: skip
+    parts = [run_slam(one.recording, seed=seed) for one in visits]
+    found, building = together(parts, (0, 1))
+    loops, false = false_loops(building, [one.truth for one in visits])
+    alike = building.draw(found.config.map.model_copy(update={"memory": 0.0}))
+    fresh = f1(parts[1].map, parts[1].trajectory_final, visits[1])
+    both, without = (f1(one, building.sessions[-1].trajectory, visits[1]) for one in (found.map, alike))
+    ratios = {"fresh": fresh, "f1": both, "ratio": both / fresh, "ratio without": without / fresh}
+    return {"bound": len(building.sessions), "loops": loops, "false": false, **ratios}
 
 
-TASKS = {"orders": orders, "twins": twins, "moved": moved}
+TASKS: dict[str, Callable[..., Row]] = {"orders": orders, "twins": twins, "moved": moved}
 
 
 def measure(task: str, seed: int, *more: str) -> Row:
@@ -150,7 +141,7 @@ def measure(task: str, seed: int, *more: str) -> Row:
     from moteslam.kernels import runtime
 
     runtime.init("cpu", 1)
-    return TASKS[task](seed, *more)  # type: ignore[operator]
+    return TASKS[task](seed, *more)
 
 
 def main() -> int:

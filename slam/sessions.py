@@ -37,24 +37,33 @@ def go_on(estimate: Estimate, building: Building) -> Estimate:
         estimate: of the recording.
         building: of the sessions before.
     """
-    config, new = expect_graph(estimate.config), estimate.building
-    if new is None:
+    if estimate.building is None:
         return _apart(estimate, "it has too few scans for a graph")
-    (session,) = new.sessions
-    drawn = building.draw(estimate.config.map)
-    occupancy = replace(drawn, values=trinary(drawn.values))
-    scans = [scan.points for scan in session.thinned(config.thinning, np.inf)]
-    place, places = find_path(occupancy, session.path[session.nodes], scans, session.origin)
-    if place is None:
-        return _apart(
-            estimate, f"it may lie at {places} places of their map" if places else "it lies nowhere in their map"
-        )
-    bound = bind(building, new, place.node, place.pose, config)
-    if bound is None:
-        return _apart(estimate, "no loops prove the place of their map where it seems to lie")
-    final = bound.sessions[-1].trajectory
-    drawn = bound.draw(estimate.config.map)
+    bound = joined(building, estimate.building, estimate.config)
+    if isinstance(bound, str):
+        return _apart(estimate, bound)
+    final, drawn = bound.sessions[-1].trajectory, bound.draw(estimate.config.map)
     return replace(estimate, trajectory_final=final, map=drawn, building=bound)
+
+
+def joined(building: Building, new: Building, config: SlamConfig) -> Building | str:
+    """A building with one session more, in its frame; why not, where nothing proves that it belongs there.
+
+    Args:
+        building: of the sessions before.
+        new: of one session, in a frame of its own.
+        config: of map and back end.
+    """
+    backend = expect_graph(config)
+    (session,) = new.sessions
+    drawn = building.draw(config.map)
+    scans = [scan.points for scan in session.thinned(backend.thinning, np.inf)]
+    path, occupancy = session.path[session.nodes], replace(drawn, values=trinary(drawn.values))
+    place, places = find_path(occupancy, path, scans, session.origin)
+    if place is None:
+        return f"it may lie at {places} places of their map" if places else "it lies nowhere in their map"
+    bound = bind(building, new, place.node, place.pose, backend)
+    return "no loops prove the place of their map where it seems to lie" if bound is None else bound
 
 
 def _apart(estimate: Estimate, why: str) -> Estimate:
