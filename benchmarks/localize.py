@@ -5,9 +5,10 @@
 
 | task | a row is | what counts |
 |---|---|---|
-| one scan | STARTS scans of a drive, each searched for alone | the most probable place is right; the truth is listed |
+| one scan | PLACES scans at random places, each searched for alone | the best one is right; the truth is listed |
 | driving | STARTS starts in a drive, 15 m each | path until it is rightly `sure`; scans that are wrongly so |
 | carried | a drive on which the robot is carried 6 m in 20 s | the same from where it stands again |
+| visit | a drive with a tenth of the furniture moved and doors shut, in the map of before | the same, and errors |
 | elsewhere | a drive in another building's map | scans that are `sure` of a place |
 
 Right is within 0.3 m and 5 degrees of the truth. The map is the true one in cells of 5 cm; in symmetric worlds several
@@ -32,16 +33,26 @@ from moteslam.eval.cli.simulate import scenario_of
 from moteslam.eval.tables import aligned
 from moteslam.robot import se2
 from moteslam.robot.formats import Cut, cut
-from moteslam.robot.formats.map_server import write_map
+from moteslam.robot.formats.map_server import FREE, write_map
+from moteslam.robot.noise import Surroundings
 from moteslam.robot.platforms import bundled_platforms
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.sim.scenario import bundled_scenarios
+from moteslam.sim.robot.drive import Drive
+from moteslam.sim.robot.driver import sampled
+from moteslam.sim.robot.vehicle import PHYSICS_RATE
+from moteslam.sim.scenario import Scenario, bundled_scenarios
+from moteslam.sim.sensors.echoes import Scene
+from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar
 from moteslam.sim.simulate import Simulation, simulate
+from moteslam.sim.world.visit import Visit
+from moteslam.sim.world.world import World, lived_in, true_map
 from moteslam.slam.filter.certainty import LocalisationState
 
-STARTS = 10
+STARTS, PLACES = 10, 50
 METRES = 15.0
+BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
+"""Of the probabilities that are said."""
 SCENARIOS = ("office", "lab", "warehouse", "corridor", "random-corridors")
 PLATFORMS = ("ucsd", "rplidar_a1", "turtlebot3")
 OTHER = {"office": "warehouse", "warehouse": "lab", "lab": "corridor"}
@@ -72,35 +83,60 @@ def drives(recording: Recording, occupancy: Raster, seed: int) -> Iterator[Any]:
         yield from session
 
 
-def one_scan(simulation: Simulation, seed: int) -> Row:
+def scattered(world: World, occupancy: Raster, scenario: Scenario, seed: int) -> tuple[Any, Array, list[int]]:
+    """Scans of a scenario's lidar at random free places in random headings: the true poses [n, 3], and which."""
+    from moteslam.slam.inputs.scans import Scans
+
+    rng, platform, noise = np.random.default_rng(seed), scenario.platform, scenario.noise.lidar
+    places = rng.permutation(occupancy.centres(np.argwhere(occupancy.values == FREE)))[: 4 * PLACES]
+    places = places[world.is_free(places, platform.radius)][:PLACES]
+    poses = np.column_stack((places, rng.uniform(-np.pi, np.pi, len(places))))
+    held = 4 / platform.lidar.scan.rate  # at each place [s]
+    times = np.arange(0, held * len(poses), 1 / PHYSICS_RATE)
+    at = np.minimum((times / held).astype(int), len(poses) - 1)
+    still = Drive(times, poses[at], np.zeros((len(times), 3)), np.zeros((len(times), 4)), "arrived")
+    lidar = simulate_lidar(
+        *(still, Scene(world, None), platform.lidar, noise, (0.0, times[-1]), rng),
+        errors=LidarErrors.drawn(noise, rng), effects=rng,
+    )  # fmt: skip
+    scans = np.abs(lidar.stamps[:, None] - held * (np.arange(len(poses)) + 0.375)).argmin(axis=0)
+    return Scans(lidar, platform.lidar), poses, scans.tolist()
+
+
+def one_scan(scenario: Scenario, seed: int) -> Row:
     """Scans searched for alone."""
     from moteslam.slam.inputs.step import thin
-    from moteslam.slam.inputs.synchronise import synchronise
     from moteslam.slam.known_map.config import KnownMapConfig
     from moteslam.slam.known_map.maps import KnownMaps
-    from moteslam.slam.known_map.search import WholeMapSearch
+    from moteslam.slam.known_map.search import Sight, WholeMapSearch, silent_rays
 
     config = KnownMapConfig()
-    maps = KnownMaps(simulation.true_map(0.05), config.tsdf)
-    search, inputs = WholeMapSearch(maps, config.registration), synchronise(simulation.recording, config.sync)
-    chosen = np.random.default_rng(seed).choice(len(inputs), 4 * STARTS, replace=False)
+    world, rng = World.of(scenario.standing), np.random.default_rng(seed)
+    if scenario.noise.surroundings != Surroundings() and scenario.route is not None:
+        path, _ = sampled(scenario.route.path())
+        world = lived_in(world, scenario.noise.surroundings, rng, path=path, radius=scenario.platform.radius)
+    maps = KnownMaps(true_map(world, 0.05, seen_from=scenario.start[:2]), config.tsdf)
+    search = WholeMapSearch(maps, config.registration)
+    scans, poses, chosen = scattered(world, maps.occupancy, scenario, seed)
     rows, cost = [], []
-    for scan, true in zip(chosen, true_at(simulation, inputs.stamps[chosen]), strict=True):
-        thinned, origin = (
-            thin(inputs.scans.points(int(scan)), inputs.scans.origin, config.thinning),
-            inputs.scans.origin,
-        )
+    for scan, true in zip(chosen, poses, strict=True):
+        points = scans.points(scan)
+        thinned = thin(points, scans.origin, config.thinning).points
+        silent = silent_rays(scans.silent(scan), scans.origin, len(thinned) / len(points))
         began = time.process_time()
-        found = search.find(np.zeros(3), thinned.points, origin)
+        found = search.find(Sight(np.zeros(3), thinned, scans.origin, silent))
         cost.append(1000 * (time.process_time() - began))
         right, said = is_right(true, found.poses), found.probabilities
         rows.append((right[0], right[said > 0.001].any(), said[0]))
     best, listed, said = np.array(rows, float).T
-    sure = said > 0.99
-    area = float((maps.occupancy.values == 0).sum()) * maps.occupancy.cell_size**2
+    sure, bins = said > 0.99, np.digitize(said, BINS[1:-1])
+    area = float((maps.occupancy.values == FREE).sum()) * maps.occupancy.cell_size**2
     return {
         "right": best.mean(), "listed": listed.mean(), "said": said.mean(), "sure": sure.mean(),
         "sure_wrong": float(sure @ (1 - best)), "ms": statistics.median(cost), "area": area,
+        "said_in_bins": np.bincount(bins, said, len(BINS) - 1).round(2).tolist(),
+        "right_in_bins": np.bincount(bins, best, len(BINS) - 1).tolist(),
+        "in_bins": np.bincount(bins, minlength=len(BINS) - 1).tolist(),
     }  # fmt: skip
 
 
@@ -141,15 +177,35 @@ def driving(simulation: Simulation, seed: int) -> Row:
     }
 
 
+def visit(simulation: Simulation, seed: int) -> Row:
+    """A drive in the map of another day, in its own in two cell sizes, and by SLAM: median errors [m]."""
+    from moteslam.eval.metrics import absolute_trajectory_error
+    from moteslam.slam.run import run_slam
+
+    before = Visit(building=seed, moved=0.0, shut=0.0)
+    other = simulate(simulation.scenario.model_copy(update={"visit": before}), seed + 1)
+    found = _followed(simulation, drives(simulation.recording, other.true_map(0.05), seed))
+    own = _followed(simulation, drives(simulation.recording, simulation.true_map(0.05), seed))
+    fine = _followed(simulation, drives(simulation.recording, simulation.true_map(0.02), seed))
+    slam = absolute_trajectory_error(run_slam(simulation.recording, seed=seed).trajectory_final, simulation.truth)
+    return {
+        **found, "right": float(found["found_after"] <= 10), "wrongly_sure": float(found["sure_wrong"] > 0.01),
+        "off_own": own["off"], "off_fine": fine["off"], "off_slam": float(np.median(slam.errors)),
+    }  # fmt: skip
+
+
 def measure(task: str, scenario: str, platform: str, noise: str, seed: int) -> Row:
     """One row."""
     from moteslam.kernels import runtime
 
     runtime.init("cpu", 1)
-    settings = (CARRIED,) if task == "carried" else ()
-    simulation = simulate(scenario_of(scenario, seed, platform=platform, noise=noise, settings=settings), seed)
+    settings = {"carried": (CARRIED,), "visit": (f"visit={{building={seed}, seed={seed}}}",)}.get(task, ())
+    asked = scenario_of(scenario, seed, platform=platform, noise=noise, settings=settings)
     if task == "one scan":
-        return one_scan(simulation, seed)
+        return one_scan(asked, seed)
+    simulation = simulate(asked, seed)
+    if task == "visit":
+        return visit(simulation, seed)
     if task == "driving":
         return driving(simulation, seed)
     if task == "carried":
@@ -161,7 +217,7 @@ def measure(task: str, scenario: str, platform: str, noise: str, seed: int) -> R
     return {"wrongly_sure": float(sure > 0.01), "sure": sure}
 
 
-TASKS = ("one scan", "driving", "carried", "elsewhere")
+TASKS = ("one scan", "driving", "carried", "elsewhere", "visit")
 
 
 def summary(rows: Sequence[Row]) -> str:
@@ -189,6 +245,29 @@ def summary(rows: Sequence[Row]) -> str:
     return aligned(lines)
 
 
+def draw(path: Path, rows: Sequence[Row]) -> None:
+    """The reliability diagram of single scans, a line a robot; the larger a mark, the more scans."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6, 5), constrained_layout=True)
+    axes.plot((0, 1), (0, 1), color="0.6", label="said is true")
+    for k, platform in enumerate(dict.fromkeys(str(row["platform"]) for row in rows)):
+        mine = [row for row in rows if row["platform"] == platform and "in_bins" in row]
+        said, right, scans = (
+            np.sum([row[key] for row in mine], axis=0) for key in ("said_in_bins", "right_in_bins", "in_bins")
+        )
+        some = scans > 0
+        x, y, share = said[some] / scans[some], right[some] / scans[some], scans[some] / scans.sum()
+        axes.errorbar(x, y, 2 * np.sqrt(y * (1 - y) / scans[some]), color=f"C{k}", linewidth=1)
+        axes.scatter(x, y, 30 + 200 * share, facecolors="none", edgecolors=f"C{k}", linewidths=1.5, label=platform)
+    axes.set(xlabel="probability of the most probable place, as said", ylabel="share of the scans where it is right")
+    axes.legend(loc="lower right", fontsize="small", markerscale=0.5)
+    figure.savefig(path, dpi=150)
+
+
 def main() -> int:
     """Run and print a table; 1 where a run crashed."""
     parser = arguments(__doc__)
@@ -196,6 +275,7 @@ def main() -> int:
     parser.add_argument("--scenarios", nargs="+", metavar="NAME", default=SCENARIOS)
     parser.add_argument("--platforms", nargs="+", metavar="NAME", default=PLATFORMS)
     parser.add_argument("--noise", nargs="+", metavar="CLASS", default=("datasheet", "as_recorded"))
+    parser.add_argument("--draw", type=Path, metavar="PNG", help="the reliability diagram of single scans")
     options = parser.parse_args()
     expect_known(parser, "--scenarios", options.scenarios, (*bundled_scenarios(), "random-corridors"))
     expect_known(parser, "--platforms", options.platforms, bundled_platforms())
@@ -210,7 +290,10 @@ def main() -> int:
         for noise in options.noise
         for seed in options.seeds or range(300, 301)
     ]
-    return status(benchmark(measure, cases, options, summary=summary))
+    rows = benchmark(measure, cases, options, summary=summary)
+    if options.draw:
+        draw(options.draw, rows)
+    return status(rows)
 
 
 if __name__ == "__main__":

@@ -78,6 +78,11 @@ class Scans:
             )
         return points.astype(np.float32)
 
+    def silent(self, index: int) -> NDArray[np.float32]:
+        """Where the beams of a scan that nothing answered [k, 2] reach the largest range [m], in the robot's frame."""
+        beyond = np.isposinf(self._walls(index, self._lidar.ranges[index]))
+        return (self.origin + min(self._lidar.range_max, self._max_range) * self._directions[beyond]).astype(np.float32)
+
     def block(self, first: int, last: int) -> ScanBlock:
         """The finite endpoints of the scans from ``first`` to before ``last``, projected in one launch."""
         from moteslam.kernels.scans import project_scans

@@ -38,6 +38,7 @@ class Step(Summarised):
         scan: thinned as the filter asks for it (``Filter.thinning``); None if it asks for none.
         floor: reads the newest camera frame of at most a given age [s], which takes time: call it at most once, and
             only to make use of it. None if the run does not use the camera.
+        silent: where the beams that nothing answered [k, 2] reach the largest range, in the robot's frame [m].
         open: of a motion that was not measured, but of which more is known than the velocity before: how far off it
             may be; None of all others.
     """
@@ -51,6 +52,7 @@ class Step(Summarised):
     origin: NDArray[np.float64]
     scan: ThinnedScan | None = None
     floor: Callable[[float], FloorView | None] | None = None
+    silent: Callable[[], NDArray[np.float32]] = lambda: np.empty((0, 2), np.float32)
     open: Open | None = None
 
 
@@ -85,6 +87,7 @@ def steps(
                 origin=inputs.scans.origin,
                 scan=scan,
                 floor=None if views is None else partial(views.at, index),
+                silent=partial(inputs.scans.silent, index),
                 open=inputs.open_at(index),
             )
 

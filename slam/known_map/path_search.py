@@ -18,7 +18,7 @@ from moteslam.robot.raster import Raster
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST
 from moteslam.slam.known_map.maps import KnownMaps
-from moteslam.slam.known_map.search import ELSEWHERE, IN_MAP, ON_SURFACE, POINTS, WINDOW, WholeMapSearch, contradictions
+from moteslam.slam.known_map.search import CROSSING, IN_MAP, ON_SURFACE, OUTLIER, POINTS, WINDOW, Sight, WholeMapSearch
 from moteslam.slam.registration.evidence import CORRELATION
 from moteslam.slam.registration.registrar import register, subsample
 from moteslam.slam.registration.search import is_elsewhere
@@ -34,6 +34,8 @@ STEP = np.array([0.02, 0.02, 0.005])
 """Standard deviations of a step of the path from scan to scan, in a map that is bent a little [m, m, rad]."""
 CORRECTING = 0.7
 """A scan corrects the path where the map knows this share of its endpoints: the rest of a wall pulls aside."""
+KNOWN = 0.9
+"""What an endpoint on what the map knows says for a place [nats]: four of them outweigh one that contradicts it."""
 LEAST_EVIDENCE = 200.0
 """Places of less count for nothing [nats]: ten metres of a path through what the map knows have as much."""
 CLEARLY = 0.5
@@ -76,8 +78,8 @@ def find_path(occupancy: Raster, path: Array, scans: Sequence[Points], origin: A
     for node in np.unique(np.minimum(np.searchsorted(driven, some), len(path) - 1)).tolist():
         search.begin()
         for k in np.flatnonzero((driven >= driven[node] - WINDOW) & (driven <= driven[node])).tolist():
-            search.see(path[k], scans[k], origin)
-        found = search.find(path[node], scans[node], origin)
+            search.see(Sight(path[k], scans[k], origin))
+        found = search.find(Sight(path[node], scans[node], origin))
         if found.probabilities.sum() > IN_MAP:
             likely = found.poses[found.probabilities > LEAST * found.probabilities[0]][:FOLLOWED]
             places += _followed(maps, config, path, scans, origin, node, likely)
@@ -112,7 +114,8 @@ def _followed(
                 fit = register(view, at, STEP, points, origin, still, config.registration, coarse=False)
                 corrects = fit.known >= CORRECTING * len(points)
                 at = np.where(corrects[:, None], se2.compose(at, fit.offsets), at)
-                evidence += (ELSEWHERE - ON_SURFACE) * fit.known / CORRELATION - contradictions(fit, fit.known)
+                against = (OUTLIER - ON_SURFACE) * fit.far + CROSSING * fit.crossed
+                evidence += (KNOWN * fit.known - against) / CORRELATION
                 known, far = known + fit.known, far + fit.far
             tracks[:, k] = at
     contradicted = far / np.maximum(known, 1)

@@ -18,9 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
+from moteslam.slam.inputs.step import Step
 from moteslam.slam.known_map.hypotheses import LEAST
 from moteslam.slam.known_map.maps import KnownMaps
+from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.evidence import CORRELATION
 from moteslam.slam.registration.registrar import Registration, prior_spread, register, subsample
@@ -45,10 +48,15 @@ WINDOW, APART, TURNED = 10.0, 0.5, 1.0
 """Scans of the latest so many metres count together; one is taken in every so many [m], or after such a turn [rad]."""
 OUTLIER, CROSSING = 4.0, 1.0
 """Cost of an endpoint that contradicts the map, ``LOST_DISTANCE`` and more from any surface, or lies where it knows
-nothing; and of a ray through a surface [nats]."""
+nothing; and of a ray through a surface, whether it ended behind it or was answered by nothing [nats]."""
+REACH = 5.0
+"""Surfaces nearer than this answer [m]: from farther away what is dark does so no more."""
+SHORTER, GOLDEN = 0.4, 0.618034
+"""Silent rays end up to this share sooner, each by another one (multiples of the golden ratio): a ray is looked up at
+few places of its length, between which there is room for a wall."""
 ON_SURFACE = 0.5
 """Mean cost of any other endpoint [nats], as of a normal error."""
-ELSEWHERE = 1.4
+ELSEWHERE = 1.7
 """Cost of an endpoint of a robot that is not in the map [nats]: buildings are alike, and three of four endpoints are
 nearer than ``LOST_DISTANCE`` to surfaces at the best place of another one. At a place in the map one of which the map
 knows nothing contradicts it, too: most of what a robot sees in a map that it drove in is known."""
@@ -61,15 +69,70 @@ IN_MAP = 0.5
 """The robot is in the map, at one of the places found, from this probability on."""
 
 
-def contradictions(found: Registration, points: int | Array) -> Array:
-    """What of a scan contradicts each place [m], counted as far as it errs independently [nats].
+class Sight(NamedTuple):
+    """A scan of a robot.
+
+    Attributes:
+        pose: [3] of the robot by its odometry.
+        points: [k, 2] the scan's endpoints [m].
+        origin: [2] where its rays start [m].
+        silent: [m, 2] ends of rays that nothing answered [m], see ``silent_rays``.
+    """
+
+    pose: Array
+    points: Points
+    origin: Array
+    silent: Points = np.empty((0, 2), np.float32)
+
+    def apart(self, pose: Array) -> float:
+        """How far off another pose is, as a multiple of what makes scans err independently."""
+        x, y, theta = se2.between(self.pose, pose)
+        return float(max(np.hypot(x, y) / APART, abs(theta) / TURNED))
+
+
+def silent_rays(ends: Points, origin: Array, share: float) -> Points:
+    """A share of the rays that nothing answered, [m, 2]; they end at ``REACH``.
 
     Args:
-        found: its registrations.
-        points: how many it has; or those that the map knows there, to leave the others out.
+        ends: [k, 2] of them [m].
+        origin: [2] where they start [m].
+        share: of a scan's endpoints that is left, too: as many rays count as one.
     """
-    against = found.far + points - found.known
-    return np.asarray(((OUTLIER - ON_SURFACE) * against + CROSSING * found.crossed) / CORRELATION)
+    rays = subsample(ends, round(share * len(ends))) - origin
+    if not len(rays):
+        return np.empty((0, 2), np.float32)
+    lengths = np.minimum(REACH / np.hypot(*rays.T), 1.0) * (1 - SHORTER * (np.arange(len(rays)) * GOLDEN % 1))
+    return np.asarray(origin + lengths[:, None] * rays, np.float32)
+
+
+def sight_of(pose: Array, step: Step, scan: ThinnedScan) -> Sight:
+    """A step's scan, thinned, seen from a pose by the odometry."""
+    share = len(scan.points) / max(len(step.points), 1)
+    return Sight(pose, scan.points, step.origin, silent_rays(step.silent(), step.origin, share))
+
+
+def passed(maps: TsdfView, poses: Array, rays: Points, origin: Array, config: RegistrationConfig) -> Array:
+    """How many rays [n] that nothing answered [m, 2] go through surfaces of the map, from poses [n, 3]."""
+    if not len(rays):
+        return np.zeros(len(poses))
+    held = config.model_copy(update={"iterations": 0})
+    return register(maps, poses, np.ones(3), rays, origin, np.zeros_like(poses), held, coarse=False).crossed
+
+
+def contradictions(
+    maps: TsdfView, poses: Array, spread: Array, sight: Sight, config: RegistrationConfig
+) -> tuple[Registration, Array]:
+    """A scan's registrations near poses [n, 3], and what contradicts each place as if every ray erred by itself [nats].
+
+    Args:
+        maps, spread, config: as of ``register``; at most ``POINTS`` endpoints are registered.
+    """
+    some = subsample(sight.points, POINTS)
+    found = register(maps, poses, spread, some, sight.origin, np.zeros_like(poses), config, coarse=False)
+    rays = subsample(sight.silent, round(len(sight.silent) * len(some) / max(len(sight.points), 1)))
+    against = found.far + len(some) - found.known
+    silent = passed(maps, poses, rays, sight.origin, config)
+    return found, np.asarray((OUTLIER - ON_SURFACE) * against + CROSSING * (found.crossed + silent))
 
 
 class Hypotheses(NamedTuple):
@@ -86,17 +149,6 @@ class Hypotheses(NamedTuple):
     all_found: bool
 
 
-class _Seen(NamedTuple):
-    pose: Array
-    points: Points
-    origin: Array
-
-    def apart(self, pose: Array) -> float:
-        """How far off another pose is, as a multiple of what makes scans err independently."""
-        x, y, theta = se2.between(self.pose, pose)
-        return float(max(np.hypot(x, y) / APART, abs(theta) / TURNED))
-
-
 class WholeMapSearch:
     """Collects the scans of a robot of which nothing is known but its odometry, and looks for it in the whole map."""
 
@@ -104,7 +156,7 @@ class WholeMapSearch:
         self._maps, self._config = maps, config
         self._places = maps.free_places(STEP)
         self._turns = np.arange(-np.pi, np.pi - TURN / 2, TURN)
-        self._seen: list[_Seen] = []
+        self._seen: list[Sight] = []
 
     @property
     def places(self) -> int:
@@ -115,14 +167,15 @@ class WholeMapSearch:
         """Begin anew, in the same map."""
         self._seen = []
 
-    def see(self, pose: Array, points: Points, origin: Array) -> None:
-        """Take in a scan [k, 2] from a pose [3] by the odometry; ``origin`` [2] is where its rays start [m]."""
-        if not self._seen or self._seen[-1].apart(pose) >= 1:
-            self._seen = [*self._seen, _Seen(pose, points, origin)][-int(WINDOW / APART) :]
+    def see(self, sight: Sight) -> None:
+        """Take in a scan."""
+        if not self._seen or self._seen[-1].apart(sight.pose) >= 1:
+            self._seen = [*self._seen, sight][-int(WINDOW / APART) :]
 
-    def find(self, pose: Array, points: Points, origin: Array) -> Hypotheses:
-        """Where the robot may be at a scan; arguments as of ``see``."""
-        some = [_Seen(pose, points, origin), *(seen for seen in self._seen if seen.apart(pose) >= 1)]
+    def find(self, latest: Sight) -> Hypotheses:
+        """Where the robot may be at a scan."""
+        pose, points = latest.pose, latest.points
+        some = [latest, *(seen for seen in self._seen if seen.apart(pose) >= 1)]
         seen_from = (se2.transform_points(se2.between(pose, seen.pose), seen.points) for seen in some)
         together = np.concatenate(list(seen_from)).astype(np.float32)
         starts = self._starts(subsample(together, MAX_SEARCH_POINTS))
@@ -163,7 +216,7 @@ class WholeMapSearch:
         found = np.column_stack((places[chosen[0, few]] + middle, self._turns[few // blocks]))
         return np.asarray(found[apart(found, STARTS, SAME)])
 
-    def _odds(self, starts: Array, scans: list[_Seen], points: Points) -> tuple[Array, Array]:
+    def _odds(self, starts: Array, scans: list[Sight], points: Points) -> tuple[Array, Array]:
         """Places [m, 3] registered from starts with endpoints of the latest scan, and their odds by all scans [nats].
 
         Without the prior of the places.
@@ -176,14 +229,13 @@ class WholeMapSearch:
         odds, fine = np.zeros(len(starts)), np.zeros(len(starts))
         for seen in scans:
             back = se2.between(latest.pose, seen.pose)
-            some = subsample(seen.points, POINTS)
-            if len(some) == 0:
+            count = min(len(seen.points), POINTS)
+            if not count:
                 continue
             drift = prior_spread(self._config, float(np.hypot(*back[:2])), abs(float(back[2])))
             there = np.asarray(se2.compose(places, back))
-            fit = register(view, there, drift, some, seen.origin, zeros, self._config, coarse=False)
-            against = fit.far + len(some) - fit.known
-            here = (ELSEWHERE - ON_SURFACE) * len(some) / CORRELATION - contradictions(fit, len(some))
-            odds += here
-            fine += (fit.costs - OUTLIER * against - ON_SURFACE * (len(some) - against)) / CORRELATION
-        return places, odds - FINE * fine / len(scans)
+            fit, contradicted = contradictions(view, there, drift, seen, self._config)
+            odds += ((ELSEWHERE - ON_SURFACE) * count - contradicted) / CORRELATION
+            against = fit.far + count - fit.known
+            fine += fit.costs - OUTLIER * against - ON_SURFACE * (count - against)
+        return places, odds - FINE * fine / (CORRELATION * len(scans))

@@ -12,6 +12,7 @@ from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 from moteslam.slam.inputs import step as thinning
 from moteslam.slam.inputs.config import SyncConfig, ThinningConfig
+from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import synchronise
 
 SPEED, RATE = 0.8, 2.0
@@ -104,3 +105,16 @@ def test_scans_thinned_together_are_those_thinned_alone(together: int, monkeypat
         np.testing.assert_array_equal(scan.points, alone.points)
         np.testing.assert_array_equal(scan.joined, alone.joined)
     assert thinning.thin_some(scans, [], config) == []
+
+
+def test_beams_that_nothing_answered_reach_the_largest_range() -> None:
+    recording = turning()
+    ranges = recording.lidar.ranges.copy()
+    ranges[0, :3] = np.nan, 1.0, np.inf
+    lidar = replace(recording.lidar, ranges=ranges)
+    for reach, expected in ((np.inf, 30.0), (20.0, 20.0)):
+        scans = Scans(lidar, recording.platform.lidar, max_range=reach)
+        rays = scans.silent(0) - scans.origin
+        assert len(rays) == np.isinf(ranges[0]).sum()
+        np.testing.assert_allclose(np.hypot(*rays.T), expected, rtol=1e-5)
+        assert np.arctan2(*rays[0, ::-1]) == pytest.approx(lidar.angles[2] + MOUNT[2], abs=1e-5)

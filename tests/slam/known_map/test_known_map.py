@@ -19,7 +19,7 @@ from moteslam.slam.known_map import hypotheses, search
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.filter import KnownMapFilter, Presence
 from moteslam.slam.known_map.maps import KnownMaps, upright
-from moteslam.slam.known_map.search import WholeMapSearch
+from moteslam.slam.known_map.search import Sight, WholeMapSearch
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.doubt import ScanFit
@@ -50,6 +50,10 @@ def endpoints(pose: np.ndarray, walls: list) -> np.ndarray:
     """The endpoints [k, 2] that a robot at a pose sees."""
     ranges = seen_from(pose[None], walls)[0]
     return np.stack((ranges * np.cos(ANGLES), ranges * np.sin(ANGLES)), axis=1)[np.isfinite(ranges)].astype(np.float32)
+
+
+def sight(points: np.ndarray, silent: np.ndarray | None = None) -> Sight:
+    return Sight(np.zeros(3), points, np.zeros(2), np.empty((0, 2), np.float32) if silent is None else silent)
 
 
 def localized(tmp_path: Path, recording: Recording, occupancy: Raster, *settings: str) -> Estimate:
@@ -99,7 +103,7 @@ def test_a_map_without_walls_or_without_room_is_refused(value: int) -> None:
 def test_one_scan_is_found_in_the_whole_map(pose: tuple[float, float, float]) -> None:
     maps = KnownMaps(drawn([*WALLS, *BOX]), CONFIG.tsdf)
     true = np.array(pose)
-    found = WholeMapSearch(maps, CONFIG.registration).find(np.zeros(3), endpoints(true, [*WALLS, *BOX]), np.zeros(2))
+    found = WholeMapSearch(maps, CONFIG.registration).find(sight(endpoints(true, [*WALLS, *BOX])))
     off = se2.between(true, found.poses[0])
     assert np.hypot(*off[:2]) < CELL
     assert abs(off[2]) < 0.01
@@ -130,7 +134,7 @@ def test_both_places_of_a_symmetric_room_are_listed() -> None:
     walls = [((-3, -2), (3, -2)), ((3, -2), (3, 2)), ((3, 2), (-3, 2)), ((-3, 2), (-3, -2))]
     maps = KnownMaps(drawn(walls, low=(-3.5, -2.5), high=(3.5, 2.5)), CONFIG.tsdf)
     true = np.array((1.2, 0.7, 0.3))
-    found = WholeMapSearch(maps, CONFIG.registration).find(np.zeros(3), endpoints(true, walls), np.zeros(2))
+    found = WholeMapSearch(maps, CONFIG.registration).find(sight(endpoints(true, walls)))
     mirrored = np.array((-1.2, -0.7, 0.3 - np.pi))
     for place in (true, mirrored):
         off = se2.between(place, found.poses[:2])
@@ -143,8 +147,37 @@ def test_another_room_is_not_in_this_map() -> None:
     maps = KnownMaps(drawn([*WALLS, *BOX]), CONFIG.tsdf)
     other = [((-9, -1), (9, -1)), ((9, -1), (9, 6)), ((9, 6), (-9, 6)), ((-9, 6), (-9, -1))]
     points = endpoints(np.array((0.0, 2.0, 0.3)), other)
-    found = WholeMapSearch(maps, CONFIG.registration).find(np.zeros(3), points, np.zeros(2))
+    found = WholeMapSearch(maps, CONFIG.registration).find(sight(points))
     assert found.probabilities.sum() < 0.01
+
+
+def test_rays_that_nothing_answered_do_not_end_at_a_wall() -> None:
+    """A lidar of 3 m sees the two bare walls of a corridor that is shut in the middle, and nothing ahead."""
+    corridor = [((-9, -1), (9, -1)), ((9, -1), (9, 1)), ((9, 1), (-9, 1)), ((-9, 1), (-9, -1))]
+    occupancy = drawn([*corridor, ((0, -1), (0, 1))], low=(-9.5, -1.5), high=(9.5, 1.5))
+    looked_for = WholeMapSearch(KnownMaps(occupancy, CONFIG.tsdf), CONFIG.registration)
+    ends = endpoints(np.zeros(3), corridor)
+    near = np.hypot(*ends.T) < 3
+    silent = np.repeat(3 * ends[~near] / np.hypot(*ends[~near].T)[:, None], 8, axis=0)
+    silent = search.silent_rays(silent, np.zeros(2), 1.0)
+    shares = []
+    for rays in (None, silent):
+        found = looked_for.find(sight(ends[near], rays))
+        before = -found.poses[:, 0] * np.cos(found.poses[:, 2])  # the wall in the middle [m]
+        shares.append(found.probabilities[(before > 0.4) & (before < 2.5)].sum() / found.probabilities.sum())
+    assert shares[0] > 0.05
+    assert shares[1] < 0.3 * shares[0]
+    poses, origin = np.array([(-4.0, 0.0, 0.0), (-2.0, 0.0, 0.0)]), np.zeros(2)
+    counts = search.passed(looked_for._maps.of(0), poses, silent, origin, CONFIG.registration)
+    assert counts[0] == 0
+    assert counts[1] > 0.1 * len(silent)
+
+
+def test_silent_rays_are_as_many_as_of_the_endpoints_are_left_and_end_where_surfaces_surely_answer() -> None:
+    ends = np.array([(0.1, 30.0), (2.1, 0.0), (0.1, -30.0), (-29.9, 0.0)], np.float32)
+    rays = search.silent_rays(ends, np.array((0.1, 0.0)), 0.5) - (0.1, 0.0)
+    np.testing.assert_allclose(np.abs(rays).argmax(axis=1), (1, 0))
+    assert ((np.abs(rays).max(axis=1) <= search.REACH) & (np.abs(rays).max(axis=1) >= 0.6 * search.REACH)).all()
 
 
 def some_particles(numbers: list[int], log: list[float]) -> Particles:
@@ -193,6 +226,11 @@ def test_a_place_that_the_scans_contradict_is_given_up() -> None:
     for _ in range(30):
         presence.observe(0.1, contradicts)
     assert presence.probability > 0.5
+    through_walls = Presence()
+    through_walls.passed = 150.0
+    for _ in range(30):
+        through_walls.observe(0.1, fits)
+    assert through_walls.probability > 0.5
 
 
 def test_a_robot_is_found_and_tracked_in_a_known_map(tmp_path: Path) -> None:
