@@ -59,7 +59,7 @@ def joined(building: Building, new: Building, config: SlamConfig) -> Building | 
     drawn = building.draw(config.map)
     scans = [scan.points for scan in session.thinned(backend.thinning, np.inf)]
     path, occupancy = session.path[session.nodes], replace(drawn, values=trinary(drawn.values))
-    place, places = find_path(occupancy, path, scans, session.origin)
+    place, places = find_path(occupancy, building.poses, path, scans, session.origin)
     if place is None:
         return f"it may lie at {places} places of their map" if places else "it lies nowhere in their map"
     bound = bind(building, new, place.node, place.pose, backend)

@@ -196,7 +196,12 @@ def _run_over(
             run,
             truth=truth,
             true_map=None if truth is None else true_map_beside(path),
-            about={"path": str(path), **cut, **({} if calibrate is None else {"calibrate": calibrate})},
+            about={
+                "path": str(path),
+                **cut,
+                **({} if calibrate is None else {"calibrate": calibrate}),
+                **({} if onto is None else {"onto": str(onto)}),
+            },
             issues=(*not_as_stated, *issues),
             onto=onto,
         )

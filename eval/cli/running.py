@@ -114,6 +114,8 @@ def described(estimate: Estimate, figures: Figures, issues: tuple[Issue, ...] = 
         "first_stamp": float(estimate.trajectory.stamps[0]),
         "most_particles": int(estimate.diagnostics["particles"].max()),
         "filter_and_back_end_seconds": estimate.seconds,
+        "sessions": 1 if estimate.building is None else len(estimate.building.sessions),
+        "session_loops": 0 if estimate.building is None else int(estimate.building.between.sum()),
         "warnings": [issue.as_dict() for issue in issues],
         **figures,
     }
@@ -143,6 +145,8 @@ def run_lines(found: Figures, driven: str) -> Iterator[str]:
     pace = 1000 * found["filter_and_back_end_seconds"] / found["scans"]
     scans = f"{counted(found['scans'], 'scan')}, {particles}, {pace:.1f} ms a scan"
     yield f"{literal(driven)} in {found['duration_s']:.0f} s, {scans}"
+    if found["sessions"] > 1:
+        yield f"bound to one building of {found['sessions']} sessions by {counted(found['session_loops'], 'loop')}"
     if lost["first_lost_stamp"] is not None:
         after = lost["first_lost_stamp"] - found["first_stamp"]
         yield f"lost at {counted(lost['states']['lost'], 'scan')}, first after {after:.1f} s: see diagnostics.csv"

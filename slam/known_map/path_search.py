@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
@@ -38,6 +39,9 @@ KNOWN = 0.9
 """What an endpoint on what the map knows says for a place [nats]: four of them outweigh one that contradicts it."""
 LEAST_EVIDENCE = 200.0
 """Places of less count for nothing [nats]: ten metres of a path through what the map knows have as much."""
+STOOD = 2.0
+"""Nearer than this to where a robot stood the map shows all that is seen from there [m]: farther on it shows of a wall
+what few rays met."""
 CLEARLY = 0.5
 """A place is known where the map contradicts less than this times the share of the endpoints of any other one."""
 
@@ -49,7 +53,7 @@ class Place(NamedTuple):
         node: a scan of it.
         pose: [3] there, in the map.
         evidence: of all its scans [nats].
-        contradicted: share of the endpoints, of those that the map knows.
+        contradicted: share of the endpoints that the map knows, of scans where a robot stood; 1 without any.
         track: [n, 3] where they lie.
     """
 
@@ -60,18 +64,21 @@ class Place(NamedTuple):
     track: Array
 
 
-def find_path(occupancy: Raster, path: Array, scans: Sequence[Points], origin: Array) -> tuple[Place | None, int]:
+def find_path(
+    occupancy: Raster, stood: Array, path: Array, scans: Sequence[Points], origin: Array
+) -> tuple[Place | None, int]:
     """Where a path lies in a map, None where that is open; and how many places it may lie at.
 
     Args:
         occupancy: trinary map.
+        stood: [m, 3] poses from which it was drawn.
         path: [n, 3] poses of the scans, in a frame of their own.
         scans: n, endpoints [k, 2] in the robot's frame [m].
         origin: [2] where their rays start [m].
     """
     config = KnownMapConfig()
     maps = KnownMaps(occupancy, config.tsdf)
-    search = WholeMapSearch(maps, config.registration)
+    search, near = WholeMapSearch(maps, config.registration), cKDTree(stood[:, :2])
     driven = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))]
     some = np.arange(min(WINDOW, driven[-1]), driven[-1] + APART / 2, max(APART, driven[-1] / MOST))
     places: list[Place] = []
@@ -82,7 +89,7 @@ def find_path(occupancy: Raster, path: Array, scans: Sequence[Points], origin: A
         found = search.find(Sight(path[node], scans[node], origin))
         if found.probabilities.sum() > IN_MAP:
             likely = found.poses[found.probabilities > LEAST * found.probabilities[0]][:FOLLOWED]
-            places += _followed(maps, config, path, scans, origin, node, likely)
+            places += _followed(maps, near, config, path, scans, origin, node, likely)
     places = [place for place in places if place.evidence > LEAST_EVIDENCE]
     if not places:
         return None, 0
@@ -94,6 +101,7 @@ def find_path(occupancy: Raster, path: Array, scans: Sequence[Points], origin: A
 
 def _followed(
     maps: KnownMaps,
+    near: cKDTree,
     config: KnownMapConfig,
     path: Array,
     scans: Sequence[Points],
@@ -116,7 +124,8 @@ def _followed(
                 at = np.where(corrects[:, None], se2.compose(at, fit.offsets), at)
                 against = (OUTLIER - ON_SURFACE) * fit.far + CROSSING * fit.crossed
                 evidence += (KNOWN * fit.known - against) / CORRELATION
-                known, far = known + fit.known, far + fit.far
+                here = near.query(at[:, :2])[0] < STOOD
+                known, far = known + here * fit.known, far + here * fit.far
             tracks[:, k] = at
-    contradicted = far / np.maximum(known, 1)
+    contradicted = np.where(known > 0, far / np.maximum(known, 1), 1.0)
     return [Place(node, *each) for each in zip(poses, evidence.tolist(), contradicted.tolist(), tracks, strict=True)]
