@@ -61,8 +61,8 @@ def joined(building: Building, new: Building, config: SlamConfig) -> Building | 
     path, occupancy = session.path[session.nodes], replace(drawn, values=trinary(drawn.values))
     place, places = find_path(occupancy, building.poses, path, scans, session.origin)
     if place is None:
-        return f"it may lie at {places} places of their map" if places else "it lies nowhere in their map"
-    bound = bind(building, new, place.node, place.pose, backend)
+        return "it may lie at several places of their map" if places else "it lies nowhere in their map"
+    bound = bind(building, new, place.node, place.track[place.node], backend)
     return "no loops prove the place of their map where it seems to lie" if bound is None else bound
 
 

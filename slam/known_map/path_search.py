@@ -42,6 +42,8 @@ LEAST_EVIDENCE = 200.0
 STOOD = 2.0
 """Nearer than this to where a robot stood the map shows all that is seen from there [m]: farther on it shows of a wall
 what few rays met."""
+CONTRADICTED = 0.1
+"""A place is none where the map contradicts more than this share: a tenth of the furniture, moved, is half of that."""
 CLEARLY = 0.5
 """A place is known where the map contradicts less than this times the share of the endpoints of any other one."""
 
@@ -50,15 +52,13 @@ class Place(NamedTuple):
     """Where a path may lie.
 
     Attributes:
-        node: a scan of it.
-        pose: [3] there, in the map.
+        node: the scan of it around which it was searched for.
         evidence: of all its scans [nats].
         contradicted: share of the endpoints that the map knows, of scans where a robot stood; 1 without any.
         track: [n, 3] where they lie.
     """
 
     node: int
-    pose: Array
     evidence: float
     contradicted: float
     track: Array
@@ -67,7 +67,7 @@ class Place(NamedTuple):
 def find_path(
     occupancy: Raster, stood: Array, path: Array, scans: Sequence[Points], origin: Array
 ) -> tuple[Place | None, int]:
-    """Where a path lies in a map, None where that is open; and how many places it may lie at.
+    """Where a path lies in a map, None where that is open; and how many answers there are.
 
     Args:
         occupancy: trinary map.
@@ -91,10 +91,10 @@ def find_path(
             likely = found.poses[found.probabilities > LEAST * found.probabilities[0]][:FOLLOWED]
             places += _followed(maps, near, config, path, scans, origin, node, likely)
     places = [place for place in places if place.evidence > LEAST_EVIDENCE]
-    if not places:
+    best = max(places, key=lambda place: place.evidence, default=None)
+    if best is None or best.contradicted > CONTRADICTED:
         return None, 0
-    best = max(places, key=lambda place: place.evidence)
-    others = [place for place in places if is_elsewhere(se2.between(best.pose, place.track[best.node]))]
+    others = [place for place in places if is_elsewhere(se2.between(best.track[best.node], place.track[best.node]))]
     decided = all(best.contradicted < CLEARLY * place.contradicted for place in others)
     return (best if decided else None), 1 + len(others)
 
@@ -128,4 +128,4 @@ def _followed(
                 known, far = known + here * fit.known, far + here * fit.far
             tracks[:, k] = at
     contradicted = np.where(known > 0, far / np.maximum(known, 1), 1.0)
-    return [Place(node, *each) for each in zip(poses, evidence.tolist(), contradicted.tolist(), tracks, strict=True)]
+    return [Place(node, *each) for each in zip(evidence.tolist(), contradicted.tolist(), tracks, strict=True)]

@@ -21,8 +21,8 @@ from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION
 
 Array = NDArray[np.float64]
 
-LOCALISED = np.diag(np.square([1 / LOST_DISTANCE, 1 / LOST_DISTANCE, 1 / LOST_ROTATION]))
-"""Information of a pose that localisation is sure of: it is wrong where it is off by more."""
+SEARCHED = np.diag(np.square([1 / LOST_DISTANCE, 1 / LOST_DISTANCE, 1 / LOST_ROTATION]))
+"""Information of the place that was searched for: it is wrong where it is off by more."""
 LEAST_LOOPS = 2
 """Loops that bind two sessions, at least: what one says another one confirms."""
 
@@ -34,7 +34,7 @@ def bind(building: Building, session: Building, node: int, pose: Array, config: 
         building: of one or more sessions, whose frame stays.
         session: a building of one session, in a frame of its own.
         node: of the session.
-        pose: [3] where localisation is sure that this node lies, in the frame of the building.
+        pose: [3] where this node seems to lie, in the frame of the building.
         config: of the back end.
     """
     n, own = int(building.firsts[-1]), session.poses
@@ -42,7 +42,7 @@ def bind(building: Building, session: Building, node: int, pose: Array, config: 
     graph = _graph_of(both, config)
     near = int(np.argmin(np.hypot(*(both.poses[:n, :2] - pose[:2]).T)))
     place = near, n + node
-    graph.enter(place, _as_known(place, np.asarray(se2.between(both.poses[near], pose)), LOCALISED))
+    graph.enter(place, _as_known(place, np.asarray(se2.between(both.poses[near], pose)), SEARCHED))
     LoopClosing(graph, config, since=n).close(n + node)
     del graph.loops[place]
     graph.solve()
