@@ -7,7 +7,7 @@ WORKERS ?= 2
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test test-fast lint docs bench clean FORCE
+.PHONY: help setup demo examples test test-fast lint docs bench clean FORCE
 
 PACKAGES := api kernels robot sim slam eval
 PYTEST := $(if $(PROCESSORS),MOTESLAM_TEST_PROCESSORS=$(PROCESSORS) PYTHONPATH='$(CURDIR)/tests/processors' )\
@@ -50,6 +50,11 @@ setup: .venv/.stamp ## install everything into .venv; nothing when it is up to d
 
 demo: .venv/.stamp ## drive a simulated corridor, run SLAM, score it: pictures and numbers in demo/
 	@.venv/bin/moteslam demo --out demo --force
+
+examples: .venv/.stamp ## run every script of examples/: pictures in build/examples/
+	@mkdir -p build/examples
+	@set -e; for each in $(filter-out %/ros2_node.py,$(wildcard examples/*.py)); do \
+	    echo $$each; .venv/bin/python $$each build/examples; done
 
 test: .venv/.stamp ## every test, then the kernels once more with bounds checks
 	$(PYTEST) -n $(WORKERS) --dist worksteal

@@ -100,21 +100,21 @@ def filter_alone(seed: int, settings: list[str], particles: int, log: str = "", 
 
     ``kernels_ms_a_scan`` is of a run of its own, and what is outside the kernels the difference.
     """
-    from moteslam.slam.run import SlamSession
+    from moteslam.slam.online import OnlineSlam
 
     config = start_kernels(settings, 1, particles=particles)
     case = load_log(log) if log else simulate_case("corridor", seed, duration=duration)
     loading = time.process_time()
     load_kernels(case.recording, config)
     loading = time.process_time() - loading
-    session = SlamSession(case.recording, config, seed=seed)
+    session = OnlineSlam.over(case.recording, config, seed=seed)
     began = time.process_time()
     for _ in session:
         pass
     stepped = time.process_time()
     estimate = session.estimate()
     ended = time.process_time()
-    profile, again = cProfile.Profile(time.process_time), SlamSession(case.recording, config, seed=seed)
+    profile, again = cProfile.Profile(time.process_time), OnlineSlam.over(case.recording, config, seed=seed)
     profile.enable()
     for _ in again:
         pass
@@ -159,12 +159,12 @@ def tenths(seed: int, settings: list[str], duration: float | None = None) -> Row
 
     How many scans update the maps depends on how fast the robot drives there.
     """
-    from moteslam.slam.run import SlamSession
+    from moteslam.slam.online import OnlineSlam
 
     config = start_kernels(settings, 1, particles=30)
     case = simulate_case("campus", seed, platform="lms200", duration=duration)
     load_kernels(case.recording, config)
-    session = SlamSession(case.recording, config, seed=seed)
+    session = OnlineSlam.over(case.recording, config, seed=seed)
     scans, updates, spent, updated = len(session) // 10, iter(session), [], []
     for _ in range(10):
         began = time.process_time()

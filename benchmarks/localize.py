@@ -43,7 +43,7 @@ from moteslam.sim.robot.driver import sampled
 from moteslam.sim.robot.vehicle import PHYSICS_RATE
 from moteslam.sim.scenario import Scenario, bundled_scenarios
 from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar
+from moteslam.sim.sensors.lidar import Lidar, LidarErrors
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.sim.world.visit import Visit
 from moteslam.sim.world.world import World, lived_in, true_map
@@ -74,12 +74,12 @@ def true_at(simulation: Simulation, stamps: Array) -> Array:
 
 def drives(recording: Recording, occupancy: Raster, seed: int) -> Iterator[Any]:
     """The updates of a run in a known map."""
-    from moteslam.slam.run import SlamSession
+    from moteslam.slam.online import OnlineSlam
     from moteslam.slam.settings import resolve_config
 
     with tempfile.TemporaryDirectory() as folder:
         write_map(Path(folder) / "map.pgm", occupancy)
-        session = SlamSession(recording, resolve_config("localize", [f"known_map={folder}/map.yaml"]), seed=seed)
+        session = OnlineSlam.over(recording, resolve_config("localize", [f"known_map={folder}/map.yaml"]), seed=seed)
         yield from session
 
 
@@ -95,10 +95,9 @@ def scattered(world: World, occupancy: Raster, scenario: Scenario, seed: int) ->
     times = np.arange(0, held * len(poses), 1 / PHYSICS_RATE)
     at = np.minimum((times / held).astype(int), len(poses) - 1)
     still = Drive(times, poses[at], np.zeros((len(times), 3)), np.zeros((len(times), 4)), "arrived")
-    lidar = simulate_lidar(
-        *(still, Scene(world, None), platform.lidar, noise, (0.0, times[-1]), rng),
-        errors=LidarErrors.drawn(noise, rng), effects=rng,
-    )  # fmt: skip
+    errors = LidarErrors.drawn(noise, rng)
+    sensor = Lidar(platform.lidar, noise, (0.0, times[-1]), rng, errors=errors, effects=rng)
+    lidar = sensor.read(still, Scene(world, None), len(sensor.times))
     scans = np.abs(lidar.stamps[:, None] - held * (np.arange(len(poses)) + 0.375)).argmin(axis=0)
     return Scans(lidar, platform.lidar), poses, scans.tolist()
 
@@ -179,7 +178,7 @@ def driving(simulation: Simulation, seed: int) -> Row:
 
 def visit(simulation: Simulation, seed: int) -> Row:
     """A drive in the map of another day, in its own in two cell sizes, and by SLAM: median errors [m]."""
-    from moteslam.eval.metrics import absolute_trajectory_error
+    from moteslam.eval.metrics.ate import absolute_trajectory_error
     from moteslam.slam.run import run_slam
 
     before = Visit(building=seed, moved=0.0, shut=0.0)
@@ -260,10 +259,17 @@ def draw(path: Path, rows: Sequence[Row]) -> None:
             np.sum([row[key] for row in mine], axis=0) for key in ("said_in_bins", "right_in_bins", "in_bins")
         )
         some = scans > 0
-        x, y, share = said[some] / scans[some], right[some] / scans[some], scans[some] / scans.sum()
-        axes.errorbar(x, y, 2 * np.sqrt(y * (1 - y) / scans[some]), color=f"C{k}", linewidth=1)
+        n, x, y = scans[some], said[some] / scans[some], right[some] / scans[some]
+        middle, share = (right[some] + 2) / (n + 4), n / scans.sum()  # Agresti and Coull 1998, 95 %
+        half = 2 * np.sqrt(middle * (1 - middle) / (n + 4))
+        bars = np.maximum((y - middle + half, middle + half - y), 0)
+        axes.errorbar(x, y, bars, color=f"C{k}", linewidth=1)
         axes.scatter(x, y, 30 + 200 * share, facecolors="none", edgecolors=f"C{k}", linewidths=1.5, label=platform)
-    axes.set(xlabel="probability of the most probable place, as said", ylabel="share of the scans where it is right")
+    axes.set(
+        ylim=(-0.03, 1.03),
+        xlabel="probability of the most probable place, as said",
+        ylabel="share of the scans where it is right",
+    )
     axes.legend(loc="lower right", fontsize="small", markerscale=0.5)
     figure.savefig(path, dpi=150)
 

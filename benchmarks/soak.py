@@ -28,7 +28,7 @@ from moteslam.slam.settings import resolve_config
 
 if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
-    from moteslam.slam.run import SlamSession
+    from moteslam.slam.online import OnlineSlam
 
 LAPS = 100
 """Of a drive, at most."""
@@ -93,7 +93,7 @@ def recorded(folder: Path, drives: int) -> Recording:
     )
 
 
-def trajectory_bytes(session: SlamSession, scans: int) -> int:
+def trajectory_bytes(session: OnlineSlam, scans: int) -> int:
     """What the poses of so far are in memory [bytes]: of every scan with its covariance, of every particle's path."""
     inputs, history, backend, records = session._inputs, session._filter.history, session._backend, session._records
     a_scan = [inputs.stamps, inputs.odometry, inputs.motions, inputs.jumped, inputs.measured]
@@ -106,11 +106,11 @@ def trajectory_bytes(session: SlamSession, scans: int) -> int:
 def measure(folder: Path, drives: int, hours: float, settings: list[str]) -> Row:
     """Run SLAM over the drives: figures of every hour, printed as they come."""
     from moteslam.kernels.runtime import init
-    from moteslam.slam.run import SlamSession
+    from moteslam.slam.online import OnlineSlam
     from moteslam.slam.tsdf.filter import TsdfFilter
 
     init("cpu", 1)
-    session = SlamSession(recorded(folder, drives), resolve_config("default", settings))
+    session = OnlineSlam.over(recorded(folder, drives), resolve_config("default", settings))
     tsdf = session._filter
     assert isinstance(tsdf, TsdfFilter)
     first = session._inputs.stamps[0]

@@ -142,11 +142,11 @@ def nearest_stamp(
     return np.where(times - stamps[before] <= stamps[after] - times, before, after)
 
 
-def gaps(stamps: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Before which of rising stamps [n] [s] there is a gap; causal."""
+def gaps(stamps: NDArray[np.float64], since: float = -np.inf) -> NDArray[np.bool_]:
+    """Before which of rising stamps [n] [s] there is a gap, of those later than ``since``; causal."""
     intervals = np.diff(stamps)
     gap = np.zeros(len(stamps), np.bool_)
-    for k in np.flatnonzero(intervals > _LEAST_GAP).tolist():
+    for k in np.flatnonzero((intervals > _LEAST_GAP) & (stamps[1:] > since)).tolist():
         gap[k + 1] = intervals[k] > _GAP * np.median(intervals[max(0, k + 1 - LATEST) : k + 1])
     return gap
 

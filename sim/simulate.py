@@ -6,15 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError
 from moteslam.robot.noise import ClockNoise, Noise, Surroundings
 from moteslam.robot.raster import Raster
-from moteslam.robot.recording import Recording
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised, expect_type
 from moteslam.sim.actors.actors import TRUTH_RATE, Actors, Tracks
-from moteslam.sim.robot.drive import Drive, drive
+from moteslam.sim.robot.drive import Drive, Run, drive
 from moteslam.sim.robot.driver import driver_for
 from moteslam.sim.robot.mishaps import Carried, Mishap
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
@@ -22,12 +23,13 @@ from moteslam.sim.scenario import Scenario
 from moteslam.sim.sensors.clock import EPOCH, Outage, Stream, with_faults
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.faults import Gap, with_gaps, with_odometry_faults, with_scans_repeated, without_lost_motion
-from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar, tilt_of
+from moteslam.sim.sensors.lidar import Lidar, LidarErrors, tilt_of
 from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
-from moteslam.sim.sensors.wheels_and_gyro import simulate_encoders, simulate_imu
+from moteslam.sim.sensors.wheels_and_gyro import Encoders, Imu
 from moteslam.sim.world.floor import FloorSettings, rasterise
 from moteslam.sim.world.world import World, lived_in, true_map
 
+Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 """Called with what is being done (``drive``, ``lidar``) and the share of it that is done."""
 
@@ -99,7 +101,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
         ConfigError: a negative seed, or a robot that gets stuck on its route.
     """
     expect_type(scenario, Scenario, "scenario", "load_scenario(name) reads one")
-    scenario = _seeded(scenario, seed)
+    scenario = seeded(scenario, seed)
     report = progress or (lambda _what, _share: None)
     rngs = random_generators(scenario.seed)
     world = World.of(scenario.standing)
@@ -120,7 +122,15 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
             rng = random_generators(scenario.visit.building)["surroundings"]
         world = lived_in(world, scenario.noise.surroundings, rng, path=path, radius=radius)
     scene, faults, frames = Scene(world, driven.tracks), scenario.faults, None
-    base = without_lost_motion(with_scans_repeated(_record(scenario, driven, scene, rngs, report), faults), faults)
+    drive_noise = scenario.noise.drive
+    lidar, encoders, imu = Sensors(scenario, float(driven.stamps[-1]), rngs).read(
+        driven,
+        scene,
+        tilt=tilt_of(driven, drive_noise, rngs["sway"]) if drive_noise.sway or drive_noise.shake else None,
+        progress=lambda share: report("lidar", share),
+    )
+    whole = Recording(scenario.name, scenario.platform, lidar=lidar, encoders=encoders, imu=imu)
+    base = without_lost_motion(with_scans_repeated(whole, faults), faults)
     recording = with_odometry_faults(with_gaps(base, faults), faults)
     if scenario.camera is not None:
         floor, mount = scenario.floor or FloorSettings(), scenario.platform.camera
@@ -139,6 +149,13 @@ def _drive(
     scenario: Scenario, world: World, rngs: Rngs, *, progress: Callable[[float], None] = lambda _: None
 ) -> Drive:
     """Let the robot do a scenario's task, among its people and doors, without any sensor."""
+    run = run_of(scenario, world, rngs)
+    driver = driver_for(scenario.task, scenario.drive, world, rngs["driver"])
+    return drive(run, driver, scenario.drive, scenario.duration, faults=scenario.faults, progress=progress)
+
+
+def run_of(scenario: Scenario, world: World, rngs: Rngs) -> Run:
+    """The robot at its start among the people and doors of a scenario."""
     vehicle = Vehicle(scenario.platform, scenario.start, world, scenario.noise.drive)
     actors = None
     if scenario.has_actors:
@@ -152,59 +169,82 @@ def _drive(
             duration=scenario.duration,
             rng=rngs["actors"],
         )
-    driver = driver_for(scenario.task, scenario.drive, world, rngs["driver"])
-    limits, duration = scenario.drive, scenario.duration
-    return drive(vehicle, driver, limits, duration, actors=actors, faults=scenario.faults, progress=progress)
+    return Run(vehicle, actors)
 
 
 def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
     """What the robot truly does in ``simulate(scenario, seed)``."""
-    scenario = _seeded(scenario, seed)
+    scenario = seeded(scenario, seed)
     return _drive(scenario, World.of(scenario.standing), random_generators(scenario.seed))
 
 
-def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report: Progress) -> Recording:
-    """What lidar, encoders and IMU record of a drive, faults included."""
-    platform, noise = scenario.platform, scenario.noise
-    spans, scale = _spans(float(driven.stamps[-1]), noise, rngs["clocks"]), noise.odometry_scale
-    scans = simulate_lidar(
-        driven,
-        scene,
-        platform.lidar,
-        noise.lidar,
-        spans["lidar"],
-        rngs["lidar"],
-        errors=LidarErrors.drawn(noise.lidar, rngs["constants"]),
-        tilt=tilt_of(driven, noise.drive, rngs["sway"]) if noise.drive.sway or noise.drive.shake else None,
-        faults=scenario.faults,
-        effects=rngs["echoes"],
-        progress=lambda share: report("lidar", share),
-    )
-    counts = simulate_encoders(
-        driven, platform, noise.encoders, scale, spans["encoders"], rngs["encoders"], effects=rngs["wheels"]
-    )
-    inertial = None
-    if platform.imu is not None:
-        inertial = simulate_imu(driven, platform.imu, noise.imu, scale, spans["imu"], rngs["imu"])
-    faults = dict(zip(("lidar", "encoders", "imu"), rngs["faults"].spawn(3), strict=True))
+class Sensors:
+    """Lidar, encoders and IMU of a robot, faults included; what is random of their clocks is drawn beforehand.
 
-    def arrived(sensor: str, stream: Stream, clock: ClockNoise) -> Stream:
-        outages: list[Outage | Carried] = [outage for outage in scenario.outages if outage.sensor == sensor]
-        if sensor == "lidar":
-            outages += [one for one in scenario.faults if isinstance(one, Carried) and one.lidar == "off"]
-        if clock.offset_error:
-            off = clock.offset + clock.offset_error * rngs["constants"].standard_normal()
-            clock = clock.model_copy(update={"offset": off})
-        stream = with_faults(stream, clock, outages, faults[sensor])
+    Args:
+        seconds: what they record lies within so many of the drive's start.
+    """
+
+    def __init__(self, scenario: Scenario, seconds: float, rngs: Rngs) -> None:
+        self._platform = platform = scenario.platform
+        noise, constants = scenario.noise, rngs["constants"]
+        spans, scale = _spans(seconds, noise, rngs["clocks"]), noise.odometry_scale
+        self._lidar = Lidar(
+            platform.lidar,
+            noise.lidar,
+            spans["lidar"],
+            rngs["lidar"],
+            errors=LidarErrors.drawn(noise.lidar, constants),
+            faults=scenario.faults,
+            effects=rngs["echoes"],
+        )
+        self._encoders = Encoders(
+            platform, noise.encoders, scale, spans["encoders"], rngs["encoders"], effects=rngs["wheels"]
+        )
+        self._imu = None
+        if platform.imu is not None:
+            self._imu = Imu(platform.imu, noise.imu, scale, spans["imu"], rngs["imu"])
+        clocks = noise.lidar.clock, noise.encoders.clock, noise.imu.clock
+        self._clocks: dict[str, tuple[ClockNoise, list[Outage | Carried], np.random.Generator]] = {}
+        for sensor, clock, rng in zip(("lidar", "encoders", "imu"), clocks, rngs["faults"].spawn(3), strict=True):
+            lost: list[Outage | Carried] = [one for one in scenario.outages if one.sensor == sensor]
+            if sensor == "lidar":
+                lost += [one for one in scenario.faults if isinstance(one, Carried) and one.lidar == "off"]
+            if clock.offset_error and (sensor != "imu" or self._imu is not None):
+                error = clock.offset_error * constants.standard_normal()
+                clock = clock.model_copy(update={"offset": clock.offset + error})
+            self._clocks[sensor] = clock, lost, rng
+
+    def read(
+        self,
+        driven: Drive,
+        scene: Scene,
+        until: float = np.inf,
+        *,
+        tilt: Array | None = None,
+        progress: Callable[[float], None] = lambda _: None,
+    ) -> tuple[LidarStream, EncoderStream, ImuStream | None]:
+        """What has arrived since this was asked last, until a time [s]."""
+        lidar, encoders, imu = self._lidar, self._encoders, self._imu
+        sweep = self._platform.lidar.time_increment * (self._platform.lidar.scan.beams - 1)
+        scans = lidar.read(driven, scene, _arrived(lidar, until, sweep), tilt=tilt, progress=progress)
+        counts = encoders.read(driven, _arrived(encoders, until))
+        inertial = None if imu is None else imu.read(driven, _arrived(imu, until))
+        return (
+            self._stamped("lidar", scans),
+            self._stamped("encoders", counts),
+            None if inertial is None else self._stamped("imu", inertial),
+        )
+
+    def _stamped(self, sensor: str, stream: Stream) -> Stream:
+        stream = with_faults(stream, *self._clocks[sensor])
         return replace(stream, stamps=EPOCH + stream.stamps)
 
-    return Recording(
-        name=scenario.name,
-        platform=platform,
-        lidar=arrived("lidar", scans, noise.lidar.clock),
-        encoders=arrived("encoders", counts, noise.encoders.clock),
-        imu=None if inertial is None else arrived("imu", inertial, noise.imu.clock),
-    )
+
+def _arrived(sensor: Lidar | Encoders | Imu, until: float, seconds: float = 0.0) -> int:
+    """How many readings, each of which takes so long [s], have arrived by a time [s]."""
+    taken = np.searchsorted(sensor.times + seconds, until, side="right")
+    return int(min(taken, np.searchsorted(sensor.stamps, until, side="right")))
 
 
 def _check_starts(scenario: Scenario, driven: Drive) -> None:
@@ -223,7 +263,8 @@ def _check_starts(scenario: Scenario, driven: Drive) -> None:
             raise ConfigError(f"{fault.start:g} s, expected before {what}, {last:.1f} s", field=f"faults.{i}.start")
 
 
-def _seeded(scenario: Scenario, seed: int | None) -> Scenario:
+def seeded(scenario: Scenario, seed: int | None) -> Scenario:
+    """The scenario with another seed, unless that is None."""
     if seed is None:
         return scenario
     if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:

@@ -1,285 +1,19 @@
-"""Running SLAM over a recording: all at once, or a step at a time."""
+"""Running SLAM over a recording, and colouring the floor."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from importlib.metadata import version
 
-import numpy as np
-from numpy.typing import NDArray
-
-from moteslam.errors import ConfigError, InputError
-from moteslam.robot import se2
-from moteslam.robot.inspection import other_units
-from moteslam.robot.raster import Raster
+from moteslam.errors import InputError
 from moteslam.robot.recording import Recording
-from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import Issue, expect_type
-from moteslam.slam.backend.building import Building
-from moteslam.slam.backend.kinds import BACKENDS
-from moteslam.slam.backend.protocol import KeyScan
-from moteslam.slam.config import METHODS, SlamConfig
-from moteslam.slam.estimate import Correction, Estimate, as_logged
-from moteslam.slam.filter.certainty import certainty_of_particles, spread
-from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
-from moteslam.slam.inputs.odometry_path import between_known
-from moteslam.slam.inputs.step import Step, steps
-from moteslam.slam.inputs.synchronise import about_jumps, synchronise, warnings
-from moteslam.slam.mapping.occupancy import draw_map
-from moteslam.slam.odometry.dead_reckoning import dead_reckoning
-from moteslam.slam.scan_records import Losses, ScanRecords, Update
-from moteslam.slam.settings import load_preset
+from moteslam.robot.values import Issue
+from moteslam.slam.config import SlamConfig
+from moteslam.slam.core import MakeFilter
+from moteslam.slam.estimate import Estimate
+from moteslam.slam.online import OnlineSlam
+from moteslam.slam.scan_records import Update
 from moteslam.slam.texture.floor_map import TextureMapper, can_map, map_texture
-
-Array = NDArray[np.float64]
-
-
-class SlamSession:
-    """SLAM over one recording, an ``Update`` a scan when iterated; ``estimate()`` at the end.
-
-    Args:
-        recording: with a lidar; with some odometry, too, unless the method does without. There is no truth in it.
-        config: the preset ``default`` if None.
-        seed: from 0 to 2^63 - 1; the same seed gives the same bytes, on one thread and on many.
-
-    Attributes:
-        recording, config, seed: as given.
-
-    Raises:
-        InputError: the recording has no scans, or no odometry and the method needs one.
-        ConfigError: the seed is out of bounds.
-    """
-
-    def __init__(self, recording: Recording, config: SlamConfig | None = None, *, seed: int = 0) -> None:
-        expect_type(recording, Recording, "recording", "open_recording(path) reads one")
-        if config is not None:
-            expect_type(config, SlamConfig, "config", "load_preset() gives one")
-        if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
-            raise ConfigError(f"{seed!r}, expected a whole number from 0 to 2^63 - 1", field="seed")
-        self._doubts = tuple(other_units(recording))
-        for doubt in self._doubts:
-            if doubt.code != "implausible-speed":
-                raise InputError(doubt.message, file=recording.name)
-        self.recording, self.seed = recording, seed
-        self.config = config = config or load_preset()
-        self._inputs = synchronise(recording, config.sync, max_range=config.max_range)
-        self._filter = METHODS[config.method].make(config, seed)
-        self._must_have_odometry()
-        self._backend = BACKENDS[config.backend.method].make(config.backend)
-        self._missing = missing_for_floor_views(recording, self._inputs) if self._filter.uses_camera else ""
-        self._views: FloorViews | None = None
-        if self._filter.uses_camera and not self._missing:
-            self._views = FloorViews(recording, self._inputs, largest_gap=config.texture.largest_gap)
-        self._records = ScanRecords(len(self._inputs))
-        self._updates: list[int] = []
-        self._waiting: list[KeyScan] = []  # for the back end, until the filter is settled
-        self._spreads: list[Array] = []
-        self._corrections: list[Correction] = []
-        self._losses = Losses()
-        self._drawn: tuple[int, Raster | None] = (0, None)  # the map, and after how many scans
-
-    def __len__(self) -> int:
-        return len(self._inputs)
-
-    def __iter__(self) -> Iterator[Update]:
-        for step in steps(self._inputs, self._views, thinning=self._filter.thinning, first=self._done):
-            began = time.perf_counter()
-            result, corrected = self._filter.step(step), 0.0
-            if result.updated:
-                self._updates.append(step.index)
-                self._waiting.append(self._key_scan(step))
-                if self._filter.settled:
-                    corrected = self._hand_over(step.index)
-                corrected += self._relocate(step.index)
-                doubted_from = self._records.last_sure + 1
-                self._losses.note(self._filter.lost, step.stamp, doubted_from=doubted_from, scan=step.index)
-            seconds = time.perf_counter() - began
-            poses, weights = self._filter.poses, self._filter.weights.values
-            if result.updated:
-                self._spreads.append(spread(poses, weights))
-            certainty = result.certainty or certainty_of_particles(poses, weights, result.pose)
-            self._records.add(result, certainty, particles=len(poses), seconds=seconds, corrected=corrected)
-            yield Update(
-                index=step.index,
-                stamp=step.stamp,
-                pose=result.pose,
-                poses=poses,
-                weights=weights,
-                n_eff=result.n_eff,
-                score=result.score,
-                updated=result.updated,
-                resampled=result.resampled,
-                seconds=seconds,
-                corrected=corrected,
-                **certainty._asdict(),
-            )
-        began = time.perf_counter()
-        if self._waiting:
-            corrected = self._hand_over(self._done - 1)
-            self._records.add_to_last(seconds=time.perf_counter() - began, corrected=corrected)
-
-    @property
-    def map(self) -> Raster:
-        """The map as it stands: the filter's own, or drawn along the best particle's path."""
-        done, drawn = self._drawn
-        if drawn is None or done != self._done:
-            drawn = self.preview(self._done)
-            self._drawn = self._done, drawn
-        return drawn
-
-    def preview(self, scans: int) -> Raster:
-        """The map as it stands, for a small picture: of at most ``scans`` scans, evenly chosen."""
-        own = self._filter.occupancy()
-        return self._draw(self._path(), scans) if own is None else own
-
-    def estimate(self) -> Estimate:
-        """The result of the scans taken in until now.
-
-        Raises:
-            ConfigError: none was: iterate first.
-        """
-        if not self._done:
-            raise ConfigError("no scan was taken in yet, expected an iteration over the session first")
-        n, records = self._done, self._records
-        stamps, updates = self._inputs.stamps[:n], np.array(self._updates)
-        history, odometry = self._filter.history, dead_reckoning(self._inputs)
-        path, particles = self._path(), np.arange(history.particles)
-        began = time.perf_counter()
-        corrected = self._backend.finish(path)
-        finishing = time.perf_counter() - began
-        driven = se2.accumulate(records.motions)
-        placed = between_known(path if corrected is None else corrected, updates, driven)
-        final = Trajectory(stamps, self._losses.parted(placed, updates, driven))
-        found = Estimate(
-            name=self.recording.name,
-            config=self.config,
-            seed=self.seed,
-            versions={name: version(name) for name in ("moteslam", "taichi", "numpy")},
-            trajectory=Trajectory(stamps, records.poses),
-            trajectory_final=final,
-            dead_reckoning=Trajectory(stamps, odometry.poses[:n]),
-            map=self.map if corrected is None else self._draw(corrected, n),
-            particle_stamps=stamps[updates],
-            particle_paths=history.paths(particles),
-            particle_ancestors=history.ancestors(particles),
-            particle_spread=np.array(self._spreads),
-            covariances=records.covariances,
-            diagnostics=records.diagnostics,
-            warnings=self._warnings(),
-            seconds=float(records.diagnostics["seconds"].sum()) + finishing,
-            corrections=tuple(self._corrections),
-            loops=self._backend.loops,
-            building=self._building(final),
-        )
-        return found if self._inputs.logged is None else as_logged(found, self._inputs.logged[:n])
-
-    @property
-    def _done(self) -> int:
-        """Scans that were taken in."""
-        return self._records.done
-
-    def _must_have_odometry(self) -> None:
-        if self._inputs.path is not None or not METHODS[self.config.method].needs_odometry:
-            return
-        able = ", ".join(f'"{name}"' for name, method in METHODS.items() if not method.needs_odometry)
-        raise InputError(
-            f'neither encoders nor odometry, expected one of them with method "{self.config.method}"; '
-            f"method {able} does without",
-            file=self.recording.name,
-        )
-
-    def _key_scan(self, step: Step) -> KeyScan:
-        """The scan that the filter was updated with last, at the best particle's pose."""
-        last = self._updates[-2] if len(self._updates) > 1 else step.index
-        odometry, best = self._inputs.odometry, self._filter.best_particle
-        return KeyScan(
-            index=step.index,
-            stamp=step.stamp,
-            points=step.points.copy(),  # not the block that it lies in
-            origin=step.origin,
-            pose=self._filter.history.last[best].copy(),
-            odometry=np.asarray(se2.between(odometry[last], odometry[step.index])),
-            measured=bool(self._inputs.measured[last + 1 : step.index + 1].all()),
-            motion=self._filter.history.step(best),
-            lost=self._filter.lost,
-            left_open=self._inputs.left_open(last + 1, step.index + 1),
-        )
-
-    def _relocate(self, scan: int) -> float:
-        """Move the path since the robot was lost to where the filter has found it again; how far that moved it [m]."""
-        path = self._filter.relocated()
-        if path is None:
-            return 0.0
-        before = self._filter.history.last[self._filter.best_particle].copy()
-        self._filter.revise(path, np.array(self._updates), self._inputs.scans)
-        self._backend.relocated(path[: len(path) - len(self._waiting)])
-        self._corrections.append(Correction(scan, path))
-        return float(np.hypot(*(path[-1] - before)[:2]))
-
-    def _hand_over(self, scan: int) -> float:
-        """Give the back end the key scans that wait; where it corrects the path, the filter goes on from there.
-
-        Those that waited while the particles were at several places are given on the path that turned out to be best.
-
-        Returns:
-            how far that moved the robot [m], 0 where nothing was corrected.
-        """
-        keys, self._waiting = self._waiting, []
-        first = len(self._updates) - len(keys)
-        begin = max(first - 1, 0)  # from the update before those that wait on
-        history, best = self._filter.history, self._filter.best_particle
-        path = history.path(best, begin) if len(keys) > 1 else None
-        before = history.last[best].copy()
-        now = before
-        for k, key in enumerate(keys, start=first):
-            if path is not None:
-                pose, after = path[k - begin], path[k - begin + 1 :]
-                motion = se2.between(path[k - begin - 1], pose) if k else np.zeros(3)
-                key = replace(key, pose=pose, motion=np.asarray(motion))
-            revised = self._backend.add(key)
-            if revised is None:
-                continue
-            if path is not None:
-                revised = np.vstack((revised, se2.compose(revised[-1], se2.between(pose, after))))
-                path = revised[begin:]
-            self._filter.revise(revised, np.array(self._updates), self._inputs.scans)
-            now = revised[-1]
-            self._corrections.append(Correction(scan, revised))
-        return float(np.hypot(*(now - before)[:2]))
-
-    def _building(self, final: Trajectory) -> Building | None:
-        """The run as a session that others can be bound to."""
-        measured = getattr(self._backend, "measured", None)  # back ends of other packages may have none
-        if measured is None:
-            return None
-        return Building.of(measured, final, self._inputs.scans, self._losses.drawn(measured.nodes))
-
-    def _path(self) -> Array:
-        """The path [u, 3] of the best particle at every update."""
-        return self._filter.history.path(self._filter.best_particle)
-
-    def _draw(self, path: Array, scans: int) -> Raster:
-        """The occupancy map along a path [u, 3], of at most ``scans`` scans, evenly chosen."""
-        updates = np.array(self._updates)[: len(path)]
-        parts = np.flatnonzero(self._losses.drawn(updates))
-        some = parts[np.unique(np.linspace(0, len(parts) - 1, min(len(parts), scans)).round().astype(int))]
-        return draw_map(self.config.map, self._inputs.scans, updates[some].tolist(), path[some])
-
-    def _warnings(self) -> tuple[Issue, ...]:
-        """What SLAM had to do without."""
-        issues = [*self._doubts, *warnings(self.recording, self._inputs)]
-        if not METHODS[self.config.method].needs_odometry:
-            issues += about_jumps(self._inputs, self._done)
-        if self._missing:
-            issues.append(Issue("no-colours", f"colours: {self._missing}: particles are weighed without"))
-        if self._views is not None:
-            issues += self._views.issues()
-        issues += self._losses.issues()
-        issues += self._filter.issues
-        issues += getattr(self._backend, "issues", ())  # back ends of other packages may have none
-        return tuple(issues)
 
 
 def run_slam(
@@ -287,6 +21,7 @@ def run_slam(
     config: SlamConfig | None = None,
     seed: int = 0,
     watch: Callable[[Update], None] | None = None,
+    method: MakeFilter | None = None,
 ) -> Estimate:
     """Run SLAM over a recording, and colour the floor along the final trajectory where there are images.
 
@@ -295,12 +30,13 @@ def run_slam(
         config: the preset ``default`` if None.
         seed: of all randomness.
         watch: called after every scan.
+        method: makes the filter in place of the configuration's method: a class of your own, for one.
     """
-    session = SlamSession(recording, config, seed=seed)
-    for update in session:
+    slam = OnlineSlam.over(recording, config, seed, method=method)
+    for update in slam:
         if watch is not None:
             watch(update)
-    return with_texture(session.estimate(), recording)
+    return with_texture(slam.estimate(), recording)
 
 
 def wants_colours(config: SlamConfig, recording: Recording) -> bool:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.values import Issue, Summarised
-from moteslam.slam.filter.certainty import Certainty, LocalisationState, state_of
-from moteslam.slam.filter.protocol import StepResult
+from moteslam.slam.filter.certainty import LocalisationState, state_of
+from moteslam.slam.inputs.live_odometry import Rows
 
 Array = NDArray[np.float64]
 DIAGNOSTICS = (
@@ -51,79 +51,64 @@ class Update(Summarised):
     wrong: float
 
     @property
+    def particles(self) -> int:
+        """How many there are."""
+        return len(self.poses)
+
+    @property
     def state(self) -> LocalisationState:
         """The probability ``wrong`` in a word."""
         return state_of(self.wrong)
 
 
 class ScanRecords:
-    """A row a scan of the recording, filled in the order of the scans.
+    """A row a scan, in the order of the scans.
 
     Attributes:
-        done: scans that are recorded; the rows after them are zero.
+        last_sure: index of the latest scan at which the filter was sure of the pose; -1 without one.
     """
 
-    def __init__(self, scans: int) -> None:
-        self.done = 0
-        self._poses, self._motions = np.zeros((scans, 3)), np.zeros((scans, 3))
-        self._covariances = np.zeros((scans, 3, 3))
-        self._diagnostics = np.zeros((scans, len(DIAGNOSTICS)))
+    def __init__(self) -> None:
+        self._rows = Rows(6 + 9 + len(DIAGNOSTICS))  # pose, motion, covariance, diagnostics
+        self.last_sure = -1
 
-    def add(
-        self, result: StepResult, certainty: Certainty, *, particles: int, seconds: float, corrected: float
-    ) -> None:
-        """Record the next scan.
+    @property
+    def done(self) -> int:
+        """Scans that are recorded."""
+        return len(self._rows)
 
-        Args:
-            corrected: how far the back end then moved the robot [m].
-        """
-        index = self.done
-        self._poses[index], self._motions[index] = result.pose, result.motion
-        self._covariances[index] = certainty.covariance
-        self._diagnostics[index] = (  # as DIAGNOSTICS
-            particles,
-            result.n_eff,
-            result.score,
-            result.updated,
-            result.resampled,
-            seconds,
-            certainty.degenerate,
-            certainty.wrong,
-            certainty.state,
-            corrected,
-        )
-        self.done = index + 1
+    def add(self, update: Update, motion: Array) -> None:
+        """Record the next scan, and the motion [3] to it."""
+        if update.state == LocalisationState.SURE:
+            self.last_sure = self.done
+        diagnostics = [float(getattr(update, name)) for name in DIAGNOSTICS]
+        self._rows.add(update.pose, motion, update.covariance, diagnostics)
 
     def add_to_last(self, *, seconds: float, corrected: float) -> None:
         """What the latest scan cost, and was corrected by, beyond what is recorded of it."""
-        self._diagnostics[self.done - 1, DIAGNOSTICS.index("seconds")] += seconds
-        self._diagnostics[self.done - 1, DIAGNOSTICS.index("corrected")] += corrected
-
-    @property
-    def last_sure(self) -> int:
-        """Index of the latest scan at which the filter was sure of the pose; -1 without one."""
-        sure = self._diagnostics[: self.done, DIAGNOSTICS.index("state")] == LocalisationState.SURE
-        return self.done - 1 - int(sure[::-1].argmax()) if sure.any() else -1
+        diagnostics = self._rows.values[-1, 15:]
+        diagnostics[DIAGNOSTICS.index("seconds")] += seconds
+        diagnostics[DIAGNOSTICS.index("corrected")] += corrected
 
     @property
     def poses(self) -> Array:
         """The filter's pose [k, 3] at each recorded scan."""
-        return self._poses[: self.done].copy()
+        return self._rows.values[:, :3].copy()
 
     @property
     def motions(self) -> Array:
         """The motion [k, 3] from the scan before to each, in that one's frame."""
-        return self._motions[: self.done].copy()
+        return self._rows.values[:, 3:6].copy()
 
     @property
     def covariances(self) -> Array:
         """Of the poses, [k, 3, 3]."""
-        return self._covariances[: self.done]
+        return self._rows.values[:, 6:15].reshape(-1, 3, 3)
 
     @property
     def diagnostics(self) -> dict[str, Array]:
         """By the names of `DIAGNOSTICS`, [k] each."""
-        columns = np.ascontiguousarray(self._diagnostics[: self.done].T)
+        columns = np.ascontiguousarray(self._rows.values[:, 15:].T)
         return dict(zip(DIAGNOSTICS, columns, strict=True))
 
 

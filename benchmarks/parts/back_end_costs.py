@@ -68,10 +68,10 @@ def joint(_seed: int, _settings: list[str], scans: int) -> Row:
     from moteslam.slam.backend.graph import joint as registration
     from moteslam.slam.backend.graph.backend import GraphBackend
     from moteslam.slam.backend.graph.endpoints import Endpoints
-    from moteslam.slam.run import SlamSession
+    from moteslam.slam.online import OnlineSlam
 
     config = start_kernels([], 1)
-    session = SlamSession(wheels_case("campus", SEED, step_noise=STEP_NOISE).recording, config)
+    session = OnlineSlam.over(wheels_case("campus", SEED, step_noise=STEP_NOISE).recording, config)
     for _ in session:
         pass
     assert isinstance(session._backend, GraphBackend)

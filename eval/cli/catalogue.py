@@ -179,7 +179,7 @@ def animate(
     from moteslam.eval.cli.simulate import scenario_of
     from moteslam.eval.report.film import Pace, check_film, film, write_film
     from moteslam.sim.simulate import simulate
-    from moteslam.slam.run import SlamSession
+    from moteslam.slam.online import OnlineSlam
 
     check_film(out)
     with options.named(fps="--fps", speed="--speed"):
@@ -189,7 +189,7 @@ def animate(
     with options.new_file(out, force=force):
         with options.in_file(scenario), simulation_bar() as report:
             simulation = simulate(chosen, seed, progress=report)
-        session = SlamSession(simulation.recording, config, seed=simulation.scenario.seed)
+        session = OnlineSlam.over(simulation.recording, config, seed=simulation.scenario.seed)
         assert simulation.recording.lidar is not None
         stamps = simulation.recording.lidar.stamps
         with options.named(fps="--fps", speed="--speed"):

@@ -77,7 +77,8 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
         read = deep or isinstance(recording.lidar.ranges, np.ndarray)
         try:
             inputs = synchronise(recording, SyncConfig(travelling=read, deskew=False))
-            more += (*warnings(recording, inputs, read_ranges=read), *about_jumps(inputs, len(inputs)))
+            more += warnings(recording, inputs, read_ranges=read)
+            more += about_jumps(inputs.stamps, inputs.odometry, inputs.jumped)
         except InputError as error:
             more += (Issue("refused", f"SLAM refuses it: {error}"),)
     told = DOUBLES & {problem.code for problem in found.problems}

@@ -24,7 +24,8 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.run import SlamSession, wants_colours, with_texture
+from moteslam.slam.online import OnlineSlam
+from moteslam.slam.run import wants_colours, with_texture
 from moteslam.slam.sessions import expect_graph, go_on
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
@@ -68,7 +69,7 @@ def run_into(
         building = read_building(onto)
     began, clock = datetime.now(UTC), time.perf_counter()
     device = runtime.init(options.arch, options.threads)
-    session = SlamSession(recording, config, seed=options.seed)
+    session = OnlineSlam.over(recording, config, seed=options.seed)
     snapshots = Snapshots(session)
     with progress_bar("SLAM", len(session), "scans") as progress:
         for update in session:
@@ -81,14 +82,14 @@ def run_into(
         with progress_bar("place among the sessions before", 1.0):
             estimate = go_on(estimate, building)
     seconds = time.perf_counter() - clock
-    estimate, stages = _coloured(estimate, session.recording)
-    issues = (*issues, *session.recording.warnings, *estimate.warnings)
+    estimate, stages = _coloured(estimate, recording)
+    issues = (*issues, *recording.warnings, *estimate.warnings)
     warn(issues)
     found = write_results(
         folder,
         estimate,
         truth,
-        recording=session.recording,
+        recording=recording,
         true_map=true_map,
         snapshots=snapshots.kept,
         stages=stages,

@@ -22,7 +22,7 @@ from moteslam.files import write_atomically
 from moteslam.robot import se2
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import Simulation
-from moteslam.slam.run import SlamSession
+from moteslam.slam.online import OnlineSlam
 from moteslam.slam.scan_records import Update
 
 Array = NDArray[np.float64]
@@ -81,7 +81,7 @@ class Pace:
         return f"{self.speed:g} × real time, {self.fps:g} frames/s"
 
 
-def film(simulation: Simulation, session: SlamSession, pace: Pace) -> Iterator[tuple[Update, tuple[Frame, ...]]]:
+def film(simulation: Simulation, session: OnlineSlam, pace: Pace) -> Iterator[tuple[Update, tuple[Frame, ...]]]:
     """Each update of a session over a simulation, and the frames that show it, mostly one or none, in SLAM's frame."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -19,7 +19,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import compose
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.backend.ledger import LoopCandidate
-from moteslam.slam.run import SlamSession
+from moteslam.slam.online import OnlineSlam
 from moteslam.slam.scan_records import Update
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
@@ -158,7 +158,7 @@ class Snapshot:
 class Snapshots:
     """Watches a session and keeps its map after each sixth of the scans."""
 
-    session: SlamSession
+    session: OnlineSlam
     kept: list[Snapshot] = field(default_factory=list)
 
     def look(self, update: Update) -> None:

@@ -19,7 +19,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue
-from moteslam.slam.run import SlamSession
+from moteslam.slam.online import OnlineSlam
 from moteslam.slam.settings import resolve_config
 
 MAP_CELL = 0.05
@@ -88,7 +88,7 @@ def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
 def _ours(run: PlannedRun, case: Case) -> tuple[Evidence, Cost, tuple[Issue, ...]]:
     config = resolve_config(run.preset, run.for_slam())
     began, clock = time.process_time(), time.perf_counter()
-    session = SlamSession(case.recording, config, seed=run.seed)
+    session = OnlineSlam.over(case.recording, config, seed=run.seed)
     for _ in session:
         pass
     found = session.estimate()

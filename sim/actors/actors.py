@@ -34,7 +34,7 @@ LEGS_APART = 0.11
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tracks(Summarised):
-    """Discs (legs, bodies) and lines (doors' leaves) at ``rate`` [Hz] from the drive's first moment on.
+    """Discs (legs, bodies) and lines (doors' leaves) at ``rate`` [Hz] from ``begin`` [s] of the drive on.
 
     Between two samples everything is taken to move straight: at 2 m/s^2 that is off by 25 micrometres.
     """
@@ -44,10 +44,11 @@ class Tracks(Summarised):
     lines: NDArray[np.float32]  # [t, m, 4] x0, y0, x1, y1 [m]
     surfaces: NDArray[np.int16]  # [m] what the lines are made of, as in the world's palette
     people: Array  # [t, p, 2] the people's centres [m]
+    begin: float = 0.0
 
 
-def _legs(path: Array, radius: float) -> Array:
-    """Two legs [t, 2, 3] that swing in turns with the distance walked, side by side while standing."""
+def _legs(path: Array, walked: Array, radius: float) -> Array:
+    """Two legs [t, 2, 3] that swing in turns with the distance walked [t], side by side while standing."""
     from scipy.ndimage import uniform_filter1d
 
     velocity = uniform_filter1d(np.gradient(path, axis=0) * TRUTH_RATE, max(1, TRUTH_RATE // 2), axis=0, mode="nearest")
@@ -55,7 +56,6 @@ def _legs(path: Array, radius: float) -> Array:
     walking = speed > 0.1
     last = np.maximum.accumulate(np.where(walking, np.arange(len(path)), 0))
     heading = np.arctan2(velocity[last, 1], velocity[last, 0])
-    walked = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
     swing = STRIDE * np.minimum(speed / 0.6, 1.0) * np.sin(np.pi * walked / STEP_LENGTH)
     ahead = np.stack((np.cos(heading), np.sin(heading)), axis=-1)
     left = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1)
@@ -212,6 +212,7 @@ class Actors:
         self._walkers = Walkers(self.persons, world, space, strolls_rng)
         self._places: list[Array] = []
         self._ends: list[Array] = []
+        self._walked = [np.zeros(len(self.persons))]  # by everyone until each place [m]
 
     def move(self, time: float, interval: float, robot: tuple[float, float], robot_radius: float) -> None:
         """Let everyone choose a motion for the next interval [s], given where the robot is [m] and its radius [m]."""
@@ -224,25 +225,30 @@ class Actors:
 
     def record(self) -> None:
         """Add the present places to the tracks."""
-        self._places.append(self._walkers.places)
+        places = self._walkers.places
+        if self._places:
+            self._walked.append(self._walked[-1] + np.hypot(*(places - self._places[-1]).T))
+        self._places.append(places)
         self._ends.append(self._leaf_ends())
 
-    def tracks(self) -> Tracks:
-        """Everything that was recorded."""
-        places = np.array(self._places)
+    def tracks(self, seconds: float | None = None) -> Tracks:
+        """Everything that was recorded, or its latest part of so many seconds."""
+        first = 0 if seconds is None else max(len(self._places) - round(seconds * TRUTH_RATE), 0)
+        places, walked = np.array(self._places[first:]), np.array(self._walked[first:])
         discs = [np.empty((len(places), 0, 3))]
         for i, person in enumerate(self.persons):
             if person.legs:
-                discs.append(_legs(places[:, i], person.leg))
+                discs.append(_legs(places[:, i], walked[:, i], person.leg))
             else:
                 radius = np.full((len(places), 1), person.radius)
                 discs.append(np.concatenate((places[:, i], radius), axis=1)[:, None])
         return Tracks(
             float(TRUTH_RATE),
             np.ascontiguousarray(np.concatenate(discs, axis=1), np.float32),
-            np.ascontiguousarray(self._ends, np.float32),
+            np.ascontiguousarray(self._ends[first:], np.float32),
             np.asarray(self._surfaces, np.int16),
             places,
+            first / TRUTH_RATE,
         )
 
     def obstacles(self) -> tuple[Array, Array]:

@@ -30,7 +30,7 @@ STUCK_AFTER = 5.0
 class Drive(Summarised):
     """What the robot truly did, at 400 Hz."""
 
-    stamps: Array  # [n] [s], from 0
+    stamps: Array  # [n] [s], from 0 unless it is a part
     poses: Array  # [n, 3] true poses in the world, the heading not wrapped
     velocities: Array  # [n, 3] true velocity in the world [m/s, m/s] and yaw rate [rad/s]
     wheel_travel: Array  # [n, 4] how far the rims of the FR, FL, RR, RL wheel have turned since the start [m]
@@ -46,26 +46,24 @@ class Drive(Summarised):
 
 
 def drive(
-    vehicle: Vehicle,
+    run: Run,
     driver: Driver,
     limits: Limits,
     duration: float,
     *,
-    actors: Actors | None = None,
     faults: Sequence[object] = (),
     progress: Callable[[float], None] = lambda _: None,
 ) -> Drive:
     """Rest, drive until the driver has arrived, is stuck or out of time, and rest again.
 
     Args:
-        vehicle: the robot's body where it starts, with the actors in its space.
+        run: the robot where it starts, among the actors.
         duration: of the drive at most [s].
         faults: of a scenario; what happens to the robot (see `Mishap`) is taken from them, one at a time.
         progress: called with the share of the path that lies behind.
     """
-    run = _Run(vehicle, actors)
-    dt, interval = 1 / PHYSICS_RATE, CONTROL_STEPS / PHYSICS_RATE
-    speed = turn_rate = waited = 0.0
+    vehicle, actors, dt, interval = run.vehicle, run.actors, 1 / PHYSICS_RATE, CONTROL_STEPS / PHYSICS_RATE
+    waited = 0.0
     end, end_step = "out of time", round((duration - limits.rest_end) * PHYSICS_RATE)
     rest_steps, stuck_steps = round(limits.rest_start * PHYSICS_RATE), round(STUCK_AFTER * PHYSICS_RATE)
     stuck_check, stuck_pose, carried = rest_steps + stuck_steps, run.state, 0
@@ -77,7 +75,7 @@ def drive(
             fault, field = mishaps[held]
         if held is not None and isinstance(fault, Carried):
             run.carry(fault, step - held.start, len(held), driver, field)
-            speed = turn_rate = 0.0
+            run.speed = run.turn_rate = 0.0
             carried += step >= rest_steps
             continue
         if step >= rest_steps and step % CONTROL_STEPS == 0:
@@ -92,8 +90,7 @@ def drive(
                 waited = waited + interval if share < 0.1 else 0.0
                 if 0.0 < waited < PATIENCE:
                     stuck_check, stuck_pose = step + stuck_steps, run.state
-            speed = _approach(speed, wanted[0], limits.acceleration * interval)
-            turn_rate = _approach(turn_rate, wanted[1], limits.turn_acceleration * interval)
+            run.ask(*wanted, limits, interval)
             if step >= stuck_check and driver.looks:
                 moved = math.hypot(x - stuck_pose[0], y - stuck_pose[1])
                 if moved < 0.05 and abs(theta - stuck_pose[2]) < 0.05:
@@ -103,17 +100,13 @@ def drive(
             if step % PHYSICS_RATE == 0:
                 progress(driver.done)
         if held is not None:
-            run.stand(speed, turn_rate)
+            run.stand()
         else:
-            run.step(speed, turn_rate)
+            run.step()
     for _ in range(max(1, round(limits.rest_end * PHYSICS_RATE))):
-        speed = _approach(speed, 0.0, 2 * limits.acceleration * dt)
-        turn_rate = _approach(turn_rate, 0.0, 2 * limits.turn_acceleration * dt)
-        run.step(speed, turn_rate)
-    table = run.table()
-    stamps = np.arange(len(table), dtype=np.float64) / PHYSICS_RATE
-    tracks = None if actors is None else actors.tracks()
-    return Drive(stamps, table[:, :3], table[:, 3:6], table[:, 6:], end, tracks)
+        run.ask(0.0, 0.0, limits, 2 * dt)
+        run.step()
+    return run.driven(end)
 
 
 def _steps_of(fault: Mishap) -> range:
@@ -122,31 +115,43 @@ def _steps_of(fault: Mishap) -> range:
     return range(first, first + max(1, round(fault.duration * PHYSICS_RATE)))
 
 
-class _Run:
-    """Vehicle and actors step by step; ``state`` is the vehicle's present one, ``table`` has all of them."""
+class Run:
+    """Vehicle and actors step by step.
+
+    Attributes:
+        state: the vehicle's present one, see ``Vehicle.state``.
+        steps: of the physics so far.
+        speed, turn_rate: what the motors are asked for [m/s], [rad/s].
+    """
 
     def __init__(self, vehicle: Vehicle, actors: Actors | None) -> None:
-        self._vehicle, self._actors = vehicle, actors
+        self.vehicle, self.actors = vehicle, actors
         self.state = vehicle.state()
-        self._steps = 0
+        self.steps = 0
+        self.speed = self.turn_rate = 0.0
         self._states = array("d", self.state)  # a fifth of the memory of tuples: two hours are 3 million states
         if actors is not None:
             actors.record()
 
-    def step(self, speed: float, turn_rate: float) -> None:
-        """One physics step with the motors asked for a speed [m/s] and turn rate [rad/s]."""
-        self._vehicle.push(speed, turn_rate)
+    def ask(self, speed: float, turn_rate: float, limits: Limits, seconds: float) -> None:
+        """Ask the motors for a speed [m/s] and turn rate [rad/s], as far as they may change in this time [s]."""
+        self.speed = _approach(self.speed, speed, limits.acceleration * seconds)
+        self.turn_rate = _approach(self.turn_rate, turn_rate, limits.turn_acceleration * seconds)
+
+    def step(self) -> None:
+        """One physics step."""
+        self.vehicle.push(self.speed, self.turn_rate)
         self._advance()
 
-    def stand(self, speed: float, turn_rate: float) -> None:
+    def stand(self) -> None:
         """One physics step in which the wheels spin as asked while the robot stands."""
         x, y, theta = self.state[:3]
-        self._vehicle.spin(speed, turn_rate)
+        self.vehicle.spin(self.speed, self.turn_rate)
         self._advance((x, y, theta), (0.0, 0.0, 0.0))
 
     def carry(self, fault: Carried, index: int, count: int, driver: Driver, field: str) -> None:
         """One of ``count`` physics steps of being carried; the driver goes on from where the last of them ends."""
-        vehicle = self._vehicle
+        vehicle = self.vehicle
         if index == 0:
             pose = np.array(self.state[:3])
             self._carried, self._goal = carrying(fault, pose, driver, PHYSICS_RATE, field=field)
@@ -163,7 +168,7 @@ class _Run:
         self, pose: tuple[float, float, float] | None = None, velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> None:
         """One physics step of all; with a pose the robot is there after it."""
-        vehicle, actors, done, dt = self._vehicle, self._actors, self._steps, 1 / PHYSICS_RATE
+        vehicle, actors, done, dt = self.vehicle, self.actors, self.steps, 1 / PHYSICS_RATE
         if actors is not None and done % CONTROL_STEPS == 0:
             actors.move(done * dt, CONTROL_STEPS * dt, vehicle.position, vehicle.platform.radius)
         vehicle.space.step(dt)
@@ -171,13 +176,17 @@ class _Run:
             vehicle.put(pose, velocity)
         self.state = vehicle.state()
         self._states.extend(self.state)
-        self._steps += 1
+        self.steps += 1
         if actors is not None and (done + 1) % (PHYSICS_RATE // TRUTH_RATE) == 0:
             actors.record()
 
-    def table(self) -> Array:
-        """The states [n, 10] at 400 Hz, as `Vehicle.state` gives each."""
-        return np.array(self._states).reshape(self._steps + 1, -1)
+    def driven(self, end: str = "", seconds: float | None = None) -> Drive:
+        """What came of it so far, or its latest part of so many seconds."""
+        first = 0 if seconds is None else max(0, self.steps + 1 - round(seconds * PHYSICS_RATE))
+        table = np.frombuffer(self._states, np.float64).reshape(self.steps + 1, -1)[first:].copy()
+        stamps = np.arange(first, self.steps + 1, dtype=np.float64) / PHYSICS_RATE
+        tracks = self.actors.tracks(seconds) if self.actors is not None and self.steps else None
+        return Drive(stamps, table[:, :3], table[:, 3:6], table[:, 6:], end, tracks)
 
 
 def _approach(value: float, wanted: float, change: float) -> float:

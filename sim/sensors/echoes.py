@@ -50,6 +50,12 @@ class Scene:
         """Whether every surface gives an echo and nothing moves."""
         return self.tracks is None and self.world.surfaces is None
 
+    def moved(self, tracks: Tracks | None) -> Scene:
+        """The same world with what moves in it elsewhere."""
+        other = Scene(self.world, tracks)
+        other.__dict__["_buckets"] = self._buckets
+        return other
+
     def exact(self, rays: Rays, *, max_range: float) -> NDArray[np.float32]:
         """The range [n] to the first thing of any kind [m], ``inf`` beyond max_range, as if nothing were glass."""
         from moteslam.kernels.raycast import cast_rays
@@ -102,7 +108,9 @@ class Scene:
             discs = tracks.discs.shape[1]
             leaf = np.flatnonzero(met >= discs)
             surface[leaf] = tracks.surfaces[met[leaf] - discs]
-            row = np.clip(np.round(rays.times[leaf] * tracks.rate), 0, len(tracks.lines) - 1).astype(np.int64)
+            row = np.clip(np.round((rays.times[leaf] - tracks.begin) * tracks.rate), 0, len(tracks.lines) - 1).astype(
+                np.int64
+            )
             ends = tracks.lines[row, met[leaf] - discs]
             normal[leaf] = np.arctan2(ends[:, 3] - ends[:, 1], ends[:, 2] - ends[:, 0]) + np.pi / 2
         return ranges, surface.astype(np.int64), normal
@@ -113,6 +121,7 @@ class Scene:
 
         tracks = self.tracks
         assert tracks is not None
+        rays = rays._replace(times=rays.times - tracks.begin)
         return cast_movers(tracks.discs, tracks.lines, tracks.rate, *rays, ranges)
 
     def _fate(

@@ -47,72 +47,95 @@ _RAYS = 512 * 1081
 """Rays at a time; scans are not divided."""
 
 
-def simulate_lidar(
-    drive: Drive,
-    scene: Scene,
-    lidar: LidarSpec,
-    noise: LidarNoise,
-    span: tuple[float, float],
-    rng: np.random.Generator,
-    *,
-    errors: LidarErrors = LidarErrors(),
-    tilt: Array | None = None,
-    faults: Sequence[object] = (),
-    effects: np.random.Generator,
-    progress: Callable[[float], None] = lambda _: None,
-) -> LidarStream:
-    """The scans of a lidar: beam b of a scan at time t is cast from where the lidar truly is at t + b * time_increment.
+class Lidar:
+    """A lidar: beam b of a scan at time t is cast from where it truly is at t + b * time_increment.
 
     Args:
         span: of the first scan's and the last scan's first beam [s].
         rng: of noise and clock.
-        tilt: [n, 2] roll and pitch of the body at the drive's stamps [rad]; None for a body that stays level.
+        errors: of this lidar on this robot.
         faults: of a scenario; carts in view and mounts aslant are taken from them.
         effects: of surfaces, edges and rain.
 
-    Returns:
-        ranges float32 [n, beams]: ``inf`` beyond the maximum, ``nan`` below the minimum and where a beam was lost.
+    Attributes:
+        times, stamps: [n] when the scans begin, and as the host stamps them, from 0 [s].
     """
-    scan = lidar.scan
-    times, stamps = readings(scan.rate, *span, noise.clock, rng)
-    offsets = lidar.time_increment * np.arange(scan.beams)
-    angles = scan.angle_min + scan.angle_increment * np.arange(scan.beams)
-    ranges = np.empty((len(times), scan.beams), np.float32)
-    at_a_time = max(1, _RAYS // scan.beams)
-    true_mount = lidar.model_copy(
-        update={"x": lidar.x + errors.x, "y": lidar.y + errors.y, "yaw": lidar.yaw + errors.yaw}
-    )
-    carts = [fault for fault in faults if isinstance(fault, Cart)]
-    aslant = [fault for fault in faults if isinstance(fault, Tilt)]
-    is_level = tilt is None and not errors.roll and not errors.pitch and not aslant
-    for start in range(0, len(times), at_a_time):
-        rows = slice(start, start + at_a_time)
-        moments = times[rows, None] + offsets
-        poses = _poses_at(drive, moments, true_mount)
+
+    def __init__(
+        self,
+        lidar: LidarSpec,
+        noise: LidarNoise,
+        span: tuple[float, float],
+        rng: np.random.Generator,
+        *,
+        errors: LidarErrors = LidarErrors(),
+        faults: Sequence[object] = (),
+        effects: np.random.Generator,
+    ) -> None:
+        self._lidar, self._noise, self._errors, self._rng, self._effects = lidar, noise, errors, rng, effects
+        self.times, self.stamps = readings(lidar.scan.rate, *span, noise.clock, rng)
+        self._carts = [fault for fault in faults if isinstance(fault, Cart)]
+        self._aslant = [fault for fault in faults if isinstance(fault, Tilt)]
+        self._mount = lidar.model_copy(
+            update={"x": lidar.x + errors.x, "y": lidar.y + errors.y, "yaw": lidar.yaw + errors.yaw}
+        )
+        self._read = 0
+
+    def read(
+        self,
+        drive: Drive,
+        scene: Scene,
+        until: int,
+        *,
+        tilt: Array | None = None,
+        progress: Callable[[float], None] = lambda _: None,
+    ) -> LidarStream:
+        """The scans from where it was read last to before another one.
+
+        Args:
+            tilt: [n, 2] roll and pitch of the body at the drive's stamps [rad]; None for a body that stays level.
+
+        Returns:
+            ranges float32 [m, beams]: ``inf`` beyond the maximum, ``nan`` below the minimum and where a beam was lost.
+        """
+        lidar, scan, first = self._lidar, self._lidar.scan, self._read
+        self._read = until
+        ranges = np.empty((until - first, scan.beams), np.float32)
+        at_a_time = max(1, _RAYS // scan.beams)
+        for start in range(first, until, at_a_time):
+            rows = slice(start, min(start + at_a_time, until))
+            ranges[start - first : rows.stop - first] = self._scans(drive, scene, self.times[rows], tilt)
+            progress(min(1.0, (start + at_a_time - first) / len(ranges)))
+        return LidarStream(
+            stamps=self.stamps[first:until],
+            ranges=given_up(ranges),
+            angle_min=scan.angle_min,
+            angle_increment=scan.angle_increment,
+            range_min=scan.range_min,
+            range_max=scan.range_max,
+            time_increment=lidar.time_increment,
+        )
+
+    def _scans(self, drive: Drive, scene: Scene, times: Array, tilt: Array | None) -> NDArray[np.float32]:
+        """The ranges [m, beams] of scans that begin at some times [m] [s]."""
+        lidar, scan, noise, errors = self._lidar, self._lidar.scan, self._noise, self._errors
+        moments = times[:, None] + lidar.time_increment * np.arange(scan.beams)
+        angles = scan.angle_min + scan.angle_increment * np.arange(scan.beams)
+        poses = _poses_at(drive, moments, self._mount)
         rays = Rays(poses[..., :2].reshape(-1, 2), (poses[..., 2] + angles).reshape(-1), moments.reshape(-1))
-        exact = beam_ranges(scene, rays, scan, noise, effects)
-        if not is_level:
+        exact = beam_ranges(scene, rays, scan, noise, self._effects)
+        if tilt is not None or errors.roll or errors.pitch or self._aslant:
             leans = np.array((errors.roll, errors.pitch)) + (0.0 if tilt is None else _at(drive, moments, tilt))
-            leans, height, grazing = leaning(leans, lidar.z, aslant, moments)
+            leans, height, grazing = leaning(leans, lidar.z, self._aslant, moments)
             bearings = np.tile(lidar.yaw + angles, len(moments))
             exact = tilted(exact, leans.reshape(-1, 2), bearings, height, grazing)
-        if carts:
-            bearings = np.asarray(true_mount.yaw + angles, np.float64)
+        if self._carts:
+            bearings = np.asarray(self._mount.yaw + angles, np.float64)
             scans = exact.reshape(moments.shape)
-            exact = carts_in_view(scans, carts, moments, (errors.x, errors.y), bearings).reshape(-1)
+            exact = carts_in_view(scans, self._carts, moments, (errors.x, errors.y), bearings).reshape(-1)
         if errors.scale or errors.bias:
             exact = (exact * (1 + errors.scale) + errors.bias).astype(np.float32)
-        ranges[rows] = measured(exact.reshape(-1, scan.beams), scan, noise, rng)
-        progress(min(1.0, (start + at_a_time) / len(times)))
-    return LidarStream(
-        stamps=stamps,
-        ranges=given_up(ranges),
-        angle_min=scan.angle_min,
-        angle_increment=scan.angle_increment,
-        range_min=scan.range_min,
-        range_max=scan.range_max,
-        time_increment=lidar.time_increment,
-    )
+        return measured(exact.reshape(-1, scan.beams), scan, noise, self._rng)
 
 
 def beam_ranges(
@@ -196,7 +219,7 @@ def _poses_at(drive: Drive, times: Array, mount: LidarSpec) -> Array:
 def _at(drive: Drive, times: Array, values: Array) -> Array:
     """The values [m, k] of a drive's stamps at other times [...], linear between them; stamps are evenly spaced."""
     step = drive.stamps[1] - drive.stamps[0]
-    at = np.clip(times / step, 0, len(drive.stamps) - 1)
+    at = np.clip((times - drive.stamps[0]) / step, 0, len(drive.stamps) - 1)
     i = np.minimum(at.astype(np.int64), len(drive.stamps) - 2)
     share = (at - i)[..., None]
     return np.asarray(values[i] * (1 - share) + values[i + 1] * share)

@@ -18,44 +18,67 @@ _RIGHT = np.array((True, False, True, False))
 """Which of FR, FL, RR, RL are on the right."""
 
 
-def simulate_encoders(
-    drive: Drive,
-    platform: Platform,
-    noise: EncoderNoise,
-    scale: float,
-    span: tuple[float, float],
-    rng: np.random.Generator,
-    *,
-    effects: np.random.Generator,
-) -> EncoderStream:
-    """The counts int64 [n, 4] of the FR, FL, RR, RL wheel, and their stamps from 0 [s].
+class Encoders:
+    """The counters of the FR, FL, RR, RL wheel.
 
-    The counters see the rims' travel of the drive, which includes the slip in turns; errors of the wheels' radii and
-    the track come on top, and momentary slip that differs from side to side.
+    They see the rims' travel of the drive, which includes the slip in turns; errors of the wheels' radii and the track
+    come on top, and momentary slip that differs from side to side. All but missed ticks is drawn beforehand.
 
     Args:
         scale: multiplies slip, scale, radius and track errors.
         span: of the first and last reading [s].
         rng: drawn from the same number of times for the same readings.
         effects: of slip bursts and missed ticks, drawn from only where there are any.
+
+    Attributes:
+        times, stamps: [n] when the readings are taken, and as the host stamps them, from 0 [s].
     """
-    wheels, spec = platform.wheels, platform.encoders
-    assert wheels is not None  # a scenario without is refused, as one without encoders
-    assert spec is not None
-    times, stamps = readings(spec.rate, *span, noise.clock, rng)
-    travel = np.stack([np.interp(times, drive.stamps, wheel) for wheel in drive.wheel_travel.T], axis=-1)
-    seen = _with_errors(np.diff(travel, axis=0, prepend=travel[:1]), spec.rate, noise, scale, rng)
-    seen *= 1.0 / np.asarray(noise.radius_factors)  # a larger wheel turns less over the same distance
-    if noise.bursts > 0:
-        seen *= 1.0 + noise.burst_slip * _bursts(times, noise, effects)
-    # the counter counts whole ticks; the rest stays in the wheel, for the next reading
-    ticks = np.floor(rng.random(4) + np.cumsum(seen, axis=0) / wheels.metres_per_count).astype(np.int64)
-    counts = np.diff(ticks, axis=0, prepend=ticks[:1])
-    if noise.missed > 0:
-        counts = np.sign(counts) * (np.abs(counts) - effects.binomial(np.abs(counts), noise.missed))
-    if wheels.wheel_base == 0:  # two wheels, whose counts stand for front and rear
-        counts[:, 2:] = counts[:, :2]
-    return EncoderStream(stamps=stamps, counts=counts.astype(np.int64))
+
+    def __init__(
+        self,
+        platform: Platform,
+        noise: EncoderNoise,
+        scale: float,
+        span: tuple[float, float],
+        rng: np.random.Generator,
+        *,
+        effects: np.random.Generator,
+    ) -> None:
+        wheels, spec = platform.wheels, platform.encoders
+        assert wheels is not None  # a scenario without is refused, as one without encoders
+        assert spec is not None
+        self._wheels, self._noise, self._effects = wheels, noise, effects
+        self.times, self.stamps = readings(spec.rate, *span, noise.clock, rng)
+        self._track, self._factor = _errors(len(self.times), spec.rate, noise, scale, rng)
+        self._rest = rng.random(4)  # the counter counts whole ticks; the rest stays in the wheel, for the next reading
+        self._spins = _bursts(self.times, noise, effects) if noise.bursts > 0 else None
+        self._read = 0
+        self._before = self._travel = np.zeros((1, 4))  # at the reading before
+        self._ticks = np.zeros((1, 4), np.int64)
+
+    def read(self, drive: Drive, until: int) -> EncoderStream:
+        """The counts int64 [m, 4] of the readings from where it was read last to before another one."""
+        rows, noise = slice(self._read, until), self._noise
+        stamps, times = self.stamps[rows], self.times[rows]
+        travel = np.stack([np.interp(times, drive.stamps, wheel) for wheel in drive.wheel_travel.T], axis=-1)
+        first = not self._read and len(times)
+        seen = np.diff(travel, axis=0, prepend=travel[:1] if first else self._before)
+        right, left = seen[:, _RIGHT].mean(1), seen[:, ~_RIGHT].mean(1)
+        turning = np.where(_RIGHT, 0.5, -0.5) * (right - left)[:, None]
+        seen = (seen + self._track * turning) * self._factor[rows]
+        seen *= 1.0 / np.asarray(noise.radius_factors)  # a larger wheel turns less over the same distance
+        if self._spins is not None:
+            seen *= 1.0 + noise.burst_slip * self._spins[rows]
+        total = np.cumsum(np.concatenate((self._travel, seen)), axis=0)
+        ticks = np.floor(self._rest + total[1:] / self._wheels.metres_per_count).astype(np.int64)
+        counts = np.diff(ticks, axis=0, prepend=ticks[:1] if first else self._ticks).astype(np.int64)
+        if len(times):
+            self._before, self._travel, self._ticks, self._read = travel[-1:], total[-1:], ticks[-1:], until
+        if noise.missed > 0:
+            counts = np.sign(counts) * (np.abs(counts) - self._effects.binomial(np.abs(counts), noise.missed))
+        if self._wheels.wheel_base == 0:  # two wheels, whose counts stand for front and rear
+            counts[:, 2:] = counts[:, :2]
+        return EncoderStream(stamps=stamps, counts=counts.astype(np.int64))
 
 
 def _bursts(times: Array, noise: EncoderNoise, rng: np.random.Generator) -> Array:
@@ -70,8 +93,10 @@ def _bursts(times: Array, noise: EncoderNoise, rng: np.random.Generator) -> Arra
     return spins
 
 
-def _with_errors(steps: Array, rate: float, noise: EncoderNoise, scale: float, rng: np.random.Generator) -> Array:
-    """The travel between readings [n, 4] [m] as the counters see it."""
+def _errors(
+    count: int, rate: float, noise: EncoderNoise, scale: float, rng: np.random.Generator
+) -> tuple[float, Array]:
+    """How the counters see the travel between readings: the error of the track, and the factor [n, 4] of the rest."""
     from scipy.signal import lfilter
 
     common = noise.scale_error * rng.standard_normal()
@@ -79,50 +104,61 @@ def _with_errors(steps: Array, rate: float, noise: EncoderNoise, scale: float, r
     track = noise.track_error * rng.standard_normal()
     # momentary slip: first-order noise, the same for both wheels of a side
     keep = np.exp(-1 / (rate * noise.slip_time))
-    white = rng.standard_normal((len(steps), 2))
+    white = rng.standard_normal((count, 2))
     white[1:] *= np.sqrt(1 - keep**2)
     slip = noise.slip * lfilter([1.0], [1.0, -keep], white, axis=0)
-    right, left = steps[:, _RIGHT].mean(1), steps[:, ~_RIGHT].mean(1)
-    turning = np.where(_RIGHT, 0.5, -0.5) * (right - left)[:, None]
-    factor = 1 + scale * (common + wheel + slip[:, np.where(_RIGHT, 0, 1)])
-    return np.asarray((steps + scale * track * turning) * factor, np.float64)
+    return scale * track, 1 + scale * (common + wheel + slip[:, np.where(_RIGHT, 0, 1)])
 
 
-def simulate_imu(
-    drive: Drive, spec: ImuSpec, noise: ImuNoise, scale: float, span: tuple[float, float], rng: np.random.Generator
-) -> ImuStream:
+class Imu:
     """Angular velocities, and accelerations in g with gravity on z.
 
     The IMU sits at the robot's centre. Each reading is the mean over the interval before it, as the device's own
-    filter gives; the robot drives on a flat floor and shakes with its speed.
+    filter gives; the robot drives on a flat floor and shakes with its speed. All that is random is drawn beforehand.
 
     Args:
         scale: multiplies the gyro's noise, bias and scale error.
         span: of the first and last reading [s].
         rng: drawn from the same number of times for the same readings.
-    """
-    times, stamps = readings(spec.rate, *span, noise.clock, rng)
-    count = len(times)
-    heading = _mean_rate(drive.stamps, drive.poses[:, 2], times, spec.rate)
-    velocity = np.stack(
-        [_mean_rate(drive.stamps, drive.velocities[:, axis], times, spec.rate) for axis in (0, 1)], axis=-1
-    )
-    theta = np.interp(times, drive.stamps, drive.poses[:, 2])
-    speed = np.interp(times, drive.stamps, np.hypot(*drive.velocities[:, :2].T))
-    cos, sin = np.cos(theta), np.sin(theta)
-    forward = (cos * velocity[:, 0] + sin * velocity[:, 1]) / GRAVITY
-    left = (cos * velocity[:, 1] - sin * velocity[:, 0]) / GRAVITY
 
-    shimmer = noise.gyro_noise * _coloured(count, noise.gyro_correlation, rng)
-    angular = scale * (shimmer + _bias(count, spec.rate, noise, rng))
-    shake = rng.standard_normal((count, 5)) * speed[:, None]
-    angular[:, :2] += noise.tilting * shake[:, :2]
-    acceleration = noise.accelerometer_noise * rng.standard_normal((count, 3))
-    acceleration += noise.accelerometer_bias * rng.standard_normal(3)
-    acceleration += noise.vibration * np.array((1.0, 1.0, 0.1)) * shake[:, 2:]
-    acceleration += np.stack((forward, left, np.ones(count)), axis=-1)
-    angular[:, 2] += heading * (1 + scale * noise.gyro_scale_error * rng.standard_normal())
-    return ImuStream(stamps=stamps, angular_velocity=angular, linear_acceleration_g=acceleration)
+    Attributes:
+        times, stamps: as of ``Encoders``.
+    """
+
+    def __init__(
+        self, spec: ImuSpec, noise: ImuNoise, scale: float, span: tuple[float, float], rng: np.random.Generator
+    ) -> None:
+        self._rate, self._noise = spec.rate, noise
+        self.times, self.stamps = readings(spec.rate, *span, noise.clock, rng)
+        count = len(self.times)
+        shimmer = noise.gyro_noise * _coloured(count, noise.gyro_correlation, rng)
+        self._angular = scale * (shimmer + _bias(count, spec.rate, noise, rng))
+        self._shake = rng.standard_normal((count, 5))
+        self._acceleration = noise.accelerometer_noise * rng.standard_normal((count, 3))
+        self._acceleration += noise.accelerometer_bias * rng.standard_normal(3)
+        self._scale = 1 + scale * noise.gyro_scale_error * rng.standard_normal()
+        self._read = 0
+
+    def read(self, drive: Drive, until: int) -> ImuStream:
+        """The readings from where it was read last to before another one."""
+        rows, noise = slice(self._read, until), self._noise
+        self._read = until
+        times = self.times[rows]
+        heading = _mean_rate(drive.stamps, drive.poses[:, 2], times, self._rate)
+        velocity = np.stack(
+            [_mean_rate(drive.stamps, drive.velocities[:, axis], times, self._rate) for axis in (0, 1)], axis=-1
+        )
+        theta = np.interp(times, drive.stamps, drive.poses[:, 2])
+        speed = np.interp(times, drive.stamps, np.hypot(*drive.velocities[:, :2].T))
+        cos, sin = np.cos(theta), np.sin(theta)
+        forward = (cos * velocity[:, 0] + sin * velocity[:, 1]) / GRAVITY
+        left = (cos * velocity[:, 1] - sin * velocity[:, 0]) / GRAVITY
+        angular, shake = self._angular[rows].copy(), self._shake[rows] * speed[:, None]
+        angular[:, :2] += noise.tilting * shake[:, :2]
+        acceleration = self._acceleration[rows] + noise.vibration * np.array((1.0, 1.0, 0.1)) * shake[:, 2:]
+        acceleration += np.stack((forward, left, np.ones(len(times))), axis=-1)
+        angular[:, 2] += heading * self._scale
+        return ImuStream(stamps=self.stamps[rows], angular_velocity=angular, linear_acceleration_g=acceleration)
 
 
 def _mean_rate(stamps: Array, values: Array, times: Array, rate: float) -> Array:

@@ -83,6 +83,15 @@ CLOSED = Open()
 """Nothing is left open."""
 
 
+def left_open(scans: dict[int, Open], first: int, last: int) -> Open:
+    """What is left open of the motions to the scans from the first to before the last, together."""
+    left = CLOSED
+    for scan, more in scans.items():
+        if first <= scan < last:
+            left = left.plus(more)
+    return left
+
+
 @dataclass(frozen=True, eq=False)
 class Lapses:
     """Where the odometry did not measure.
@@ -131,6 +140,7 @@ def lapses(
     config: SyncConfig,
     *,
     counted: bool,
+    since: float = -np.inf,
 ) -> Lapses:
     """Where the odometry did not measure; causal: what is said of a scan follows from it, and from the reading after.
 
@@ -138,24 +148,25 @@ def lapses(
         odometry: [n, 3] at the scans.
         counted: of wheel counters, which do not say on which way a robot went in a gap; else of poses that the base
             went on to integrate.
+        since: lapses that end before are not asked for [s].
     """
     stamps = lidar.stamps
     readings = path if lidar.odometry is None else OdometryPath(stamps, odometry)
     steps = _Steps(readings)
-    jumped = jumps(stamps, odometry, config)
+    jumped = jumps(stamps, odometry, config, since)
     unmeasured = jumped.copy()
     seen: list[Lapse] = []
     if lidar.odometry is None:
-        leaps = jumps(readings.stamps, readings.poses, config)
+        leaps = jumps(readings.stamps, readings.poses, config, since)
         if path.by_wheels is not None:  # the gyro's turns hide what the counters say
-            leaps = leaps | jumps(readings.stamps, path.by_wheels, config)
+            leaps = leaps | jumps(readings.stamps, path.by_wheels, config, since)
         for k in np.flatnonzero(leaps).tolist():
             over = _over(stamps, readings.stamps[k - 1], readings.stamps[k])
             jumped[over] = True
     motions: dict[int, Array] = {}
     left: dict[int, Open] = {}
     fan: ComparedBeams | None = None
-    for k in np.flatnonzero(gaps(readings.stamps)).tolist():
+    for k in np.flatnonzero(gaps(readings.stamps, since)).tolist():
         begin, end = float(readings.stamps[k - 1]), float(readings.stamps[k])
         over = _over(stamps, begin, end)
         if not len(over):
@@ -184,7 +195,7 @@ def lapses(
             motions[longest], left[longest] = np.asarray(moved), steps.bounded(k)
         unmeasured[over] = lost
         unmeasured[longest] = longest in left
-    for first, sure, last in steps.standstills():
+    for first, sure, last in steps.standstills(since):
         scans = np.flatnonzero((stamps > readings.stamps[first]) & (stamps < readings.stamps[last]))
         if len(scans) < LEAST_SCANS:
             continue
@@ -299,8 +310,8 @@ class _Steps:
         place = length * min(heading, 1.0) / 3
         return moved, Open(place, heading, place)
 
-    def standstills(self) -> Iterator[tuple[int, int, int]]:
-        """Where the odometry has stopped dead: harder than a robot brakes.
+    def standstills(self, since: float) -> Iterator[tuple[int, int, int]]:
+        """Where the odometry has stopped dead, harder than a robot brakes, and goes on at a stamp or later [s].
 
         Yields:
             the reading from which on it stands still, the one at which that is sure, and the last that does.
@@ -309,6 +320,8 @@ class _Steps:
         edges = np.flatnonzero(np.diff(np.concatenate(([False], self._still, [False])).astype(np.int8)))
         for begin, end in edges.reshape(-1, 2).tolist():
             first, last = begin - 1, end - 1
+            if self.stamps[min(end, len(self.stamps) - 1)] < since:
+                continue
             speed = self.speed(first, late=True) if first > 0 else 0.0
             if speed <= 0:
                 continue

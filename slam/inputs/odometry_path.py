@@ -27,15 +27,21 @@ class OdometryPath:
         stamps: [n] [s].
         poses: [n, 3]; the path of wheel encoders starts at the identity.
         by_wheels: [n, 3] the same with the wheels' own turns; None without a gyro.
+        unwrapped: [n] the headings without a step of a whole turn, where the path has a beginning that is forgotten.
     """
 
     stamps: Array
     poses: Array
     by_wheels: Array | None = None
+    unwrapped: Array | None = None
 
     def at(self, stamps: Array) -> Array:
         """The poses [m, 3] interpolated at stamps [m] [s]."""
-        return se2.interpolate(self.stamps, self.poses, stamps)
+        if self.unwrapped is None:
+            return se2.interpolate(self.stamps, self.poses, stamps)
+        columns = (*self.poses.T[:2], self.unwrapped)
+        x, y, heading = (np.interp(stamps, self.stamps, each) for each in columns)
+        return np.stack((x, y, se2.wrap(heading)), axis=-1)
 
 
 def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | None:
@@ -59,29 +65,41 @@ def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | No
     return None
 
 
-def low_pass(values: Array, stamps: Array, cut_off: float) -> Array:
+class LowPass:
     """A causal first-order Butterworth low-pass, settled at the first value.
 
     The readings are taken to be evenly spaced: stamps jitter more than a sensor does. The rate is the mean one up to
     each reading, so that no output follows from a later reading.
 
     Args:
-        values: [n].
-        stamps: [n] of the readings, rising [s].
         cut_off: [Hz]; 0 filters nothing, and nor does one at or above half the rate.
     """
-    if not cut_off > 0:
-        return values
-    intervals, elapsed = np.arange(len(values)), stamps - stamps[:1]
-    passed = elapsed * 2 * cut_off >= intervals
-    # the bilinear transform of the analogue filter: y_i = (1 - p) (x_i + x_{i-1}) / 2 + p y_{i-1}
-    warped = np.tan(np.pi * cut_off * np.where(passed, 0.0, elapsed) / np.maximum(intervals, 1))
-    poles = np.where(passed, 0.0, (1 - warped) / (1 + warped))
-    inputs = np.where(passed, values, (1 - poles) * (values + np.roll(values, 1)) / 2)
-    filtered, last = np.empty(len(values)), 0.0
-    for index, (pole, value) in enumerate(zip(poles.tolist(), inputs.tolist(), strict=True)):
-        filtered[index] = last = value + pole * last
-    return filtered
+
+    def __init__(self, cut_off: float) -> None:
+        self._cut_off, self._readings, self._first = cut_off, 0, 0.0
+        self._input = self._output = 0.0  # the latest
+
+    def of(self, value: float, stamp: float) -> float:
+        """The filtered value of the next reading; stamps rise [s]."""
+        if not self._cut_off > 0:
+            return value
+        self._first = self._first if self._readings else stamp
+        elapsed, before, pole = stamp - self._first, self._input, 0.0
+        self._input = value
+        if elapsed * 2 * self._cut_off < self._readings:
+            # the bilinear transform of the analogue filter: y_i = (1 - p) (x_i + x_{i-1}) / 2 + p y_{i-1}
+            warped = float(np.tan(np.pi * self._cut_off * elapsed / self._readings))
+            pole = (1 - warped) / (1 + warped)
+            value = (1 - pole) * (value + before) / 2
+        self._readings += 1
+        self._output = value + pole * self._output
+        return self._output
+
+
+def low_pass(values: Array, stamps: Array, cut_off: float) -> Array:
+    """The values [n] of rising stamps [n] [s], filtered."""
+    passing = LowPass(cut_off)
+    return np.array([passing.of(value, stamp) for value, stamp in zip(values.tolist(), stamps.tolist(), strict=True)])
 
 
 def _gyro_turn(stamps: Array, imu: ImuStream, config: SyncConfig) -> Array:
@@ -123,7 +141,9 @@ LATEST = 1000
 """How many steps are compared with."""
 
 
-def jumps(stamps: Array, odometry: Array, config: SyncConfig | None = None) -> NDArray[np.bool_]:
+def jumps(
+    stamps: Array, odometry: Array, config: SyncConfig | None = None, since: float = -np.inf
+) -> NDArray[np.bool_]:
     """At which readings the odometry has jumped since the reading before.
 
     A step has jumped if it is faster than a robot drives and ``jump_factor`` times as long as the 90th percentile of
@@ -135,21 +155,28 @@ def jumps(stamps: Array, odometry: Array, config: SyncConfig | None = None) -> N
         stamps: [n] of the readings [s]; where two are equal there is no speed, and no jump.
         odometry: [n, 3] poses there.
         config: the bounds; the defaults if None.
+        since: those before are not asked for [s].
 
     Returns:
         [n]; the first is False.
     """
     c = config or SyncConfig()
-    dt = np.diff(stamps)
-    motion = se2.between(odometry[:-1], odometry[1:])
     jump = np.zeros(len(stamps), np.bool_)
-    for size, fastest, least in (
-        (np.hypot(motion[:, 0], motion[:, 1]), c.max_speed, c.min_jump_distance),
-        (np.abs(motion[:, 2]), c.max_turn_rate, c.min_jump_rotation),
-    ):
-        for step in np.flatnonzero((dt > 0) & (size > np.maximum(fastest * dt, least))).tolist():
+    begin = max(int(np.searchsorted(stamps, since)) - 1, 0)
+    for first in (begin, 0) if begin else (0,):  # most often none is so fast, and the rest need not be looked at
+        dt = np.diff(stamps[first:])
+        motion = se2.between(odometry[first:-1], odometry[first + 1 :])
+        steps = (
+            (np.hypot(motion[:, 0], motion[:, 1]), c.max_speed, c.min_jump_distance),
+            (np.abs(motion[:, 2]), c.max_turn_rate, c.min_jump_rotation),
+        )
+        fast = [np.flatnonzero((dt > 0) & (size > np.maximum(most * dt, least))) for size, most, least in steps]
+        if not any(len(some) for some in fast):
+            return jump
+    for (size, most, _), some in zip(steps, fast, strict=True):
+        for step in some.tolist():
             latest = slice(max(0, step + 1 - LATEST), step + 1)
-            farthest = max(fastest * np.median(dt[latest]), c.jump_factor * np.percentile(size[latest], USUAL))
+            farthest = max(most * np.median(dt[latest]), c.jump_factor * np.percentile(size[latest], USUAL))
             jump[step + 1] |= size[step] > farthest
     return jump
 
@@ -170,14 +197,17 @@ def stands(ranges: Ranges, moved: NDArray[np.bool_], config: SyncConfig | None =
     Returns:
         [n]; False from the first scan on that differs from scan 0, and where no beam has an endpoint in both.
     """
-    c = config or SyncConfig()
     there = np.zeros(len(moved), np.bool_)
-    first = ranges[0]
     for scan in range(int((~moved).sum())):
-        here = ranges[scan]
-        both = np.isfinite(first) & np.isfinite(here)
-        differs = np.abs(here[both] - first[both]) > c.same_range
-        if differs.sum() > c.moved_share * both.sum():
+        left, there[scan] = has_left(ranges[0], ranges[scan], config or SyncConfig())
+        if left:
+            there[scan] = False
             break
-        there[scan] = both.any()
     return there
+
+
+def has_left(first: NDArray[np.float32], here: NDArray[np.float32], config: SyncConfig) -> tuple[bool, bool]:
+    """Whether two scans [beams] [m] are of different places, and whether any beam has an endpoint in both."""
+    both = np.isfinite(first) & np.isfinite(here)
+    differs = np.abs(here[both] - first[both]) > config.same_range
+    return bool(differs.sum() > config.moved_share * both.sum()), bool(both.any())

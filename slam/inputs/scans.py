@@ -62,12 +62,12 @@ class Scans:
 
     def points(self, index: int) -> NDArray[np.float32]:
         """The finite endpoints [k, 2] of a scan [m], in the robot's frame at the scan's stamp."""
-        ranges = self._walls(index, self._lidar.ranges[index])
-        good = np.isfinite(ranges) & (ranges <= self._max_range)
-        points: Array = self.origin + ranges[good, None] * self._directions[good]
-        if self._sweeps is not None:
-            x, y, turn = self._sweeps[index]
-            share = np.flatnonzero(good) / max(len(ranges) - 1, 1)
+        ranges, sweeps = self._some(index, index + 1)
+        good = np.isfinite(ranges[0]) & (ranges[0] <= self._max_range)
+        points: Array = self.origin + ranges[0][good, None] * self._directions[good]
+        if sweeps is not None:
+            x, y, turn = sweeps[0]
+            share = np.flatnonzero(good) / max(len(good) - 1, 1)
             cos, sin = np.cos(turn * share), np.sin(turn * share)
             points = np.stack(
                 (
@@ -80,21 +80,27 @@ class Scans:
 
     def silent(self, index: int) -> NDArray[np.float32]:
         """Where the beams of a scan that nothing answered [k, 2] reach the largest range [m], in the robot's frame."""
-        beyond = np.isposinf(self._walls(index, self._lidar.ranges[index]))
-        return (self.origin + min(self._lidar.range_max, self._max_range) * self._directions[beyond]).astype(np.float32)
+        beyond = np.isposinf(self._some(index, index + 1)[0][0])
+        reach = min(self._lidar.range_max, self._max_range)
+        return np.asarray(self.origin + reach * self._directions[beyond], np.float32)
 
     def block(self, first: int, last: int) -> ScanBlock:
         """The finite endpoints of the scans from ``first`` to before ``last``, projected in one launch."""
         from moteslam.kernels.scans import project_scans
 
-        ranges = self._lidar.ranges[first:last]
-        if self._travelling is not None:
-            ranges = np.stack([self._walls(first + k, each) for k, each in enumerate(ranges)])
-        sweeps = None if self._sweeps is None else self._sweeps[first:last]
+        ranges, sweeps = self._some(first, last)
         points, counts = project_scans(ranges, self._directions, self.origin, sweeps=sweeps, max_range=self._max_range)
         return ScanBlock(points, np.arange(len(counts), dtype=np.int32) * ranges.shape[1], counts)
 
-    def _walls(self, index: int, ranges: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The ranges [beams] of a scan without what travels with the robot."""
-        hidden = None if self._travelling is None else self._travelling.hides(index, ranges)
-        return ranges if hidden is None else np.where(hidden, np.float32(np.nan), ranges)
+    def _some(self, first: int, last: int) -> tuple[NDArray[np.float32], Array | None]:
+        """The ranges [m, beams] of some scans without what travels with the robot, and its sweeps [m, 3]."""
+        ranges = self._lidar.ranges[first:last]
+        if self._travelling is not None:
+            some = [(each, self._travelling.hides(first + k, each)) for k, each in enumerate(ranges)]
+            ranges = np.stack([without(*each) for each in some])
+        return ranges, None if self._sweeps is None else self._sweeps[first:last]
+
+
+def without(ranges: NDArray[np.float32], hidden: NDArray[np.bool_] | None) -> NDArray[np.float32]:
+    """Ranges [beams] [m] with NaN where they are hidden [beams]."""
+    return ranges if hidden is None else np.where(hidden, np.float32(np.nan), ranges)

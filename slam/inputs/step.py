@@ -14,6 +14,7 @@ from moteslam.robot.values import Summarised
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.floor_views import FloorView, FloorViews
 from moteslam.slam.inputs.lapses import Open
+from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import Inputs
 
@@ -57,7 +58,7 @@ class Step(Summarised):
 
 
 def steps(
-    inputs: Inputs,
+    inputs: Inputs | LiveInputs,
     views: FloorViews | None = None,
     *,
     thinning: ThinningConfig | None = None,
@@ -88,7 +89,7 @@ def steps(
                 scan=scan,
                 floor=None if views is None else partial(views.at, index),
                 silent=partial(inputs.scans.silent, index),
-                open=inputs.open_at(index),
+                open=inputs.open.get(index),
             )
 
 

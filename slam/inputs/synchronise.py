@@ -17,7 +17,7 @@ from moteslam.robot import se2
 from moteslam.robot.recording import LATEST, STREAMS, LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
 from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.lapses import CLOSED, Lapses, Open, lapses
+from moteslam.slam.inputs.lapses import Lapses, Open, lapses
 from moteslam.slam.inputs.odometry_path import OdometryPath, has_moved, jumps, odometry_path, stands
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.travelling import travelling
@@ -69,17 +69,10 @@ class Inputs:
     lapses: Lapses | None = None
     issues: tuple[Issue, ...] = ()
 
-    def open_at(self, scan: int) -> Open | None:
-        """What is left open of the motion to a scan of which is known more than the velocity before it."""
-        return None if self.lapses is None else self.lapses.open.get(scan)
-
-    def left_open(self, first: int, last: int) -> Open:
-        """The same of the motions to the scans from the first to before the last, together."""
-        left = CLOSED
-        for scan, more in ({} if self.lapses is None else self.lapses.open).items():
-            if first <= scan < last:
-                left = left.plus(more)
-        return left
+    @property
+    def open(self) -> dict[int, Open]:
+        """What is left open of the motion to scans of which more is known than the velocity before, by scan."""
+        return {} if self.lapses is None else self.lapses.open
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -130,8 +123,10 @@ def synchronise(
     if path is not None and (recording.encoders is None or not len(recording.encoders)):
         moved = has_moved(odometry)
         measures = moved | stands(lidar.ranges, moved, config)
-    sweeps = _sweeps(recording, lidar, path, config) if config.deskew else None
-    scans = Scans(lidar, recording.platform.lidar, sweeps=sweeps, max_range=max_range, travelling=travels)
+    seconds, swept = sweep_seconds(recording, lidar), None
+    if config.deskew and seconds > 0 and path is not None:
+        swept = sweeps(path, lidar.stamps, seconds, config)
+    scans = Scans(lidar, recording.platform.lidar, sweeps=swept, max_range=max_range, travelling=travels)
     return Inputs(
         name=recording.name,
         stamps=lidar.stamps,
@@ -145,7 +140,7 @@ def synchronise(
         logged=logged,
         lapses=missing,
         issues=(
-            *(() if travels is None else travels.issues(lidar)),
+            *(() if travels is None else travels.issues(lidar.stamps)),
             *(() if missing is None else missing.issues(lidar.stamps)),
         ),
     )
@@ -200,8 +195,8 @@ def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, nam
     if lidar.odometry is not None:
         if lidar.sequence is not None:  # by its stamp a scan may lie in a gap that it was not taken in
             return lidar.odometry
-        stale = _stale(lidar.stamps, lidar.odometry, path)
-        return np.where(stale[:, None], path.at(lidar.stamps), lidar.odometry) if stale.any() else lidar.odometry
+        held = is_stale(lidar.stamps, lidar.odometry, path)
+        return np.where(held[:, None], path.at(lidar.stamps), lidar.odometry) if held.any() else lidar.odometry
     if late := apart(lidar, path):
         raise InputError(
             f"scans from {lidar.stamps[0]:.3f} to {lidar.stamps[-1]:.3f} s, odometry from {path.stamps[0]:.3f} to "
@@ -215,12 +210,12 @@ def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, nam
     return path.poses[nearest_stamp(path.stamps, lidar.stamps)]
 
 
-def _stale(scans: Array, logged: Array, path: OdometryPath) -> NDArray[np.bool_]:
+def is_stale(scans: Array, logged: Array, path: OdometryPath) -> NDArray[np.bool_]:
     """Which scans [n] lie in a gap of the odometry, between readings that are much farther apart than usual, with the
     pose [n, 3] of the reading before it.
     """
     readings = path.stamps
-    gap = np.append(gaps(readings), False)  # before each reading, and after the last
+    gap = np.append(gaps(readings, scans[0]), False)  # before each reading, and after the last
     following = np.searchsorted(readings, scans, side="left")
     held = np.abs(logged - path.poses[np.maximum(following - 1, 0)]).max(axis=1) < SAME
     return np.asarray(gap[following] & held & ~np.isin(scans, readings))
@@ -232,21 +227,18 @@ def sweep_seconds(recording: Recording, lidar: LidarStream) -> float:
     return (lidar.time_increment or recording.platform.lidar.time_increment) * (beams - 1)
 
 
-def _sweeps(recording: Recording, lidar: LidarStream, path: OdometryPath | None, config: SyncConfig) -> Array | None:
-    """How the robot moves while each scan is taken, [n, 3] in its frame at the first beam; None if unknown.
+def sweeps(path: OdometryPath, stamps: Array, seconds: float, config: SyncConfig) -> Array:
+    """How the robot moves while scans at stamps [n] are taken, for so long [s], [n, 3] in its frame at the first beam.
 
     Zeros where the odometry jumps between the reading before the sweep and the one after, and so did not measure it.
     """
-    seconds = sweep_seconds(recording, lidar)
-    if seconds <= 0 or path is None:
-        return None
-    ends = lidar.stamps + seconds
-    motion = se2.between(path.at(lidar.stamps), path.at(ends))
-    count = np.concatenate(([0], np.cumsum(jumps(path.stamps, path.poses, config))))  # before each reading
-    first = np.searchsorted(path.stamps, lidar.stamps, side="right")
+    ends = stamps + seconds
+    motion = se2.between(path.at(stamps), path.at(ends))
+    count = np.concatenate(([0], np.cumsum(jumps(path.stamps, path.poses, config, stamps[0]))))  # before each reading
+    first = np.searchsorted(path.stamps, stamps, side="right")
     last = np.minimum(np.searchsorted(path.stamps, ends, side="left"), len(path.stamps) - 1)
     motion[count[last + 1] > count[first]] = 0.0
-    return motion
+    return np.asarray(motion)
 
 
 GYRO_MARGIN = 3.0
@@ -313,14 +305,14 @@ def doubtful_stamps(recording: Recording, path: OdometryPath | None) -> list[Iss
     return issues
 
 
-def about_jumps(inputs: Inputs, scans: int) -> tuple[Issue, ...]:
-    """Where the odometry jumps among the first ``scans`` scans, and a filter does without it."""
-    at = np.flatnonzero(inputs.jumped[:scans]).tolist()
+def about_jumps(stamps: Array, odometry: Array, jumped: NDArray[np.bool_]) -> tuple[Issue, ...]:
+    """Where the odometry [n, 3] jumps [n] among scans at stamps [n] [s], and a filter does without it."""
+    at = np.flatnonzero(jumped).tolist()
     if not at:
         return ()
-    spans = [(float(inputs.stamps[scan - 1]), float(inputs.stamps[scan])) for scan in at]
-    text = f"odometry jumps at {len(at)} of {scans} scans: constant velocity there; {when(spans)}"
-    sizes = np.abs(np.diff(inputs.odometry[:, :2], axis=0))[np.array(at) - 1].max(axis=1)
+    spans = [(float(stamps[scan - 1]), float(stamps[scan])) for scan in at]
+    text = f"odometry jumps at {len(at)} of {len(stamps)} scans: constant velocity there; {when(spans)}"
+    sizes = np.abs(np.diff(odometry[:, :2], axis=0))[np.array(at) - 1].max(axis=1)
     if len(at) > 1 and np.ptp(sizes) < ALIKE * sizes.min():
         text += f". Each is by {np.median(sizes):.4g} m along x or y, as of a counter that is full and begins again"
     return (Issue("odometry-jumps", text, len(at)),)

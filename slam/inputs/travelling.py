@@ -8,7 +8,7 @@ still before travels now, it is the robot that stands (``docs/theory/default-fil
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +47,6 @@ TRUSTED = 0.5
 right; 0.1 to 0.45 where they are not, and nothing follows from walls that are elsewhere."""
 MEMORY = 4
 """Walls that were seen in the latest comparisons, this many, must be seen now."""
-PAIRS_AT_ONCE = 256
-"""Comparisons that are made at once."""
 
 
 class Episode(NamedTuple):
@@ -82,19 +80,16 @@ class Travelling:
         if self.repeated[scan]:
             return np.ones(len(ranges), np.bool_)
         epoch = int(np.searchsorted(self.begins, scan, side="right")) - 1
-        if epoch < 0:
-            return None
-        held = self.ranges[epoch]
-        return np.asarray(np.abs(ranges - held) <= NEAR + NEAR_SHARE * held)
+        return None if epoch < 0 else near(ranges, self.ranges[epoch])
 
-    def issues(self, lidar: LidarStream) -> tuple[Issue, ...]:
-        """What there was, each kind with its stamps."""
+    def issues(self, stamps: Array) -> tuple[Issue, ...]:
+        """What there was, each kind with its times; ``stamps`` [n] are those of the scans [s]."""
         along = any(one.kind == "along" for one in self.seen)
-        near, far = np.nanpercentile(self.ranges, (0, 50)) if along else (0.0, 0.0)
-        load = f"something {near:.1f} to {far:.1f} m away travels with the robot (a load, or the floor before a tilted "
+        nearest, far = np.nanpercentile(self.ranges, (0, 50)) if along else (0.0, 0.0)
+        load = f"something {nearest:.1f} to {far:.1f} m away travels with the robot (a load, or the floor before a "
         issues = []
         for kind, code, text in (
-            ("along", "travels-along", load + "lidar): left out"),
+            ("along", "travels-along", load + "tilted lidar): left out"),
             (
                 "repeated",
                 "scans-repeat",
@@ -107,16 +102,21 @@ class Travelling:
             ),
         ):
             if some := [one for one in self.seen if one.kind == kind]:
-                spans = [(float(lidar.stamps[one.first]), float(lidar.stamps[one.last])) for one in some]
+                spans = [(float(stamps[one.first]), float(stamps[one.last])) for one in some]
                 count = sum(one.last - one.first + 1 for one in some)
                 issues.append(Issue(code, f"{when(spans)}: {text}", count))
         return tuple(issues)
 
 
+def near(ranges: NDArray[Any], held: NDArray[Any]) -> Flags:
+    """Which ranges [...] are those at which something travels, ``held`` [...] [m]."""
+    return np.asarray(np.abs(ranges - held) <= NEAR + NEAR_SHARE * held)
+
+
 def travelling(
     lidar: LidarStream, mount: LidarSpec, odometry: Array, unmeasured: Flags | None = None
 ) -> Travelling | None:
-    """Find what travels with the robot; causal: what is said of a scan depends on those before and itself.
+    """Find what travels with the robot.
 
     Args:
         odometry: [n, 3] the robot's pose at each by odometry.
@@ -125,54 +125,15 @@ def travelling(
     Returns:
         None if nothing does.
     """
-    motion = se2.between(odometry[:-1], odometry[1:])
-    path = np.concatenate(([0.0], np.cumsum(np.hypot(motion[:, 0], motion[:, 1]) + np.abs(motion[:, 2]))))
-    repeated = _repeated(lidar, path)
-    if unmeasured is not None:  # as far apart as is not compared
-        path = path + FARTHEST * np.cumsum(unmeasured)
-    fresh = np.flatnonzero(~repeated)
-    compared = fresh[np.flatnonzero(np.diff(np.floor(path[fresh] / STEP), prepend=-1.0))]
-    fan = ComparedBeams(lidar, mount)
-    beams = fan.beams
-    found = _Follower(lidar.angles[beams], odometry)
-    for first in range(0, len(compared) - 1, PAIRS_AT_ONCE):
-        some = compared[first : first + PAIRS_AT_ONCE + 1]
-        ranges = np.asarray(lidar.ranges[some])[:, beams]
-        travel, stand, may = compare_scans(fan, ranges, odometry[some])
-        for k in np.flatnonzero(np.diff(path[some]) < FARTHEST).tolist():
-            found.compare(int(some[k]), int(some[k + 1]), ranges[k + 1], travel[k], stand[k], may[k])
-    along = () if found.along is None else (found.along,)
-    there_was = sorted((*_runs("repeated", repeated), *found.seen, *along), key=lambda one: one.first)
-    if not there_was:
-        return None
-    nearest = np.searchsorted(beams[:-1] + np.diff(beams) / 2, np.arange(lidar.ranges.shape[1]))
-    return Travelling(
-        np.array(found.begins, np.intp),
-        np.array(found.epochs, np.float32).reshape(-1, len(beams))[:, nearest],
-        repeated,
-        found.odometry,
-        tuple(there_was),
-    )
-
-
-def _repeated(lidar: LidarStream, path: Array) -> Flags:
-    """Which scans [n] are the same as the one before, to the last digit, though the robot has moved since it was new.
-
-    Args:
-        path: [n] driven and turned by odometry.
-    """
-    same = np.zeros(len(lidar), np.bool_)
-    done, last = 0, None
-    for ranges in chunks(lidar.ranges):
-        both = ranges if last is None else np.concatenate((last, ranges))
-        equal = (both[1:] == both[:-1]) | (np.isnan(both[1:]) & np.isnan(both[:-1]))
-        known = np.isfinite(both[1:]).sum(axis=1) >= BEAMS
-        same[done + len(ranges) - len(equal) : done + len(ranges)] = equal.all(axis=1) & known
-        done, last = done + len(ranges), ranges[-1:]
-    if not same.any():
-        return same
-    new = np.maximum.accumulate(np.where(same, 0, np.arange(len(same))))
-    return np.asarray(same & (path > path[new] + STANDS))
+    follower, motion = Follower(lidar, mount), se2.between(odometry[:-1], odometry[1:])
+    driven = np.append(0.0, np.hypot(motion[:, 0], motion[:, 1]) + np.abs(motion[:, 2])).tolist()
+    flags = [False] * len(lidar) if unmeasured is None else unmeasured.tolist()
+    scans = (ranges for some in chunks(lidar.ranges) for ranges in some)
+    poses, repeated = np.empty_like(odometry), np.zeros(len(lidar), np.bool_)
+    for scan, each in enumerate(zip(scans, odometry, driven, flags, strict=True)):
+        poses[scan] = follower.add(*each)
+        repeated[scan] = follower.repeats
+    return follower.found(repeated, poses)
 
 
 def _line(angles: Array, ranges: Array) -> Array:
@@ -203,56 +164,118 @@ def _line(angles: Array, ranges: Array) -> Array:
     return line
 
 
-class _Follower:
-    """Goes through the comparisons in order.
+class Follower:
+    """Goes through the scans in order: what it says of one depends on those before and itself.
 
     Attributes:
-        begins, epochs, seen, odometry: as of ``Travelling``.
-        along: where anything was seen that travels; None without.
+        repeats: whether the latest scan is the same as the one before, to the last digit, though the robot has moved
+            since it was new.
     """
 
-    def __init__(self, angles: Array, odometry: Array) -> None:
-        beams = len(angles)
-        self._angles = angles
-        self.begins: list[int] = []
-        self.epochs: list[Array] = []
-        self.seen: list[Episode] = []
-        self.along: Episode | None = None
-        self.odometry = odometry
-        self._measured = odometry
-        self._for = np.zeros(beams)  # comparisons that speak for it
-        self._range = np.full(beams, np.nan)
+    def __init__(self, lidar: LidarStream, mount: LidarSpec) -> None:
+        self._fan = fan = ComparedBeams(lidar, mount)
+        beams, count = fan.beams, len(fan.beams)
+        self._angles = lidar.angles[beams]
+        self._nearest = np.searchsorted(beams[:-1] + np.diff(beams) / 2, np.arange(lidar.ranges.shape[1]))
+        self.repeats = False
+        self._scan, self._last = -1, lidar.ranges[:0]  # the latest
+        self._driven, self._new, self._unmeasured = 0.0, 0.0, 0  # and turned; by the latest new scan; flags so far
+        self._place = -1.0  # of the latest new scan, in ``STEP``
+        self._compared: _Compared | None = None
+        self._begins: list[int] = []
+        self._epochs: list[Array] = []
+        self._seen: list[Episode] = []
+        self._for = np.zeros(count)  # comparisons that speak for it
+        self._range = np.full(count, np.nan)
         self._walls = [0] * MEMORY  # beams that were seen to stand, of the latest comparisons
         self._stood = self._might = 0  # of all comparisons, and those that might have
         self._spins = False
+        self._stands = np.zeros(3)  # where the robot is while the wheels spin
+        self._since: tuple[Array, Array] | None = None  # the odometry when they last did, and the robot's pose then
 
-    def compare(
-        self, first: int, last: int, ranges: NDArray[np.float32], travel: Flags, stand: Flags, may: int
-    ) -> None:
-        """Take in a comparison.
+    def add(self, ranges: NDArray[np.float32], odometry: Array, driven: float, unmeasured: bool) -> Array:
+        """Take in the next scan.
 
         Args:
-            ranges: [beams] of the latter [m].
-            travel, stand, may: [beams] of the endpoints of the former.
+            ranges: [beams] [m].
+            odometry: [3] the pose.
+            driven: and turned since the scan before [m].
+            unmeasured: whether odometry does not say how the robot has moved since.
+
+        Returns:
+            the pose [3] without the motion of wheels that spun on the spot.
         """
-        if self.epochs and (np.abs(ranges - self.epochs[-1]) <= NEAR + NEAR_SHARE * self.epochs[-1]).any():
-            self.along = (self.along or Episode("along", last, last))._replace(last=last)
+        self._scan += 1
+        self._driven, self._unmeasured = self._driven + driven, self._unmeasured + unmeasured
+        same = np.array_equal(ranges, self._last, equal_nan=True) and np.isfinite(ranges).sum() >= BEAMS
+        self._last, self._new = ranges, self._new if same else self._driven
+        self.repeats = bool(same) and self._driven > self._new + STANDS
+        if self.repeats:
+            self._see("repeated", self._scan, self._scan)
+        else:
+            path = self._driven + FARTHEST * self._unmeasured  # as far apart as is not compared
+            place, self._place = self._place, float(np.floor(path / STEP))
+            if self._place != place:
+                before, self._compared = self._compared, _Compared(self._scan, path, ranges[self._fan.beams], odometry)
+                if before is not None and path - before.path < FARTHEST:
+                    self._compare(before, self._compared)
+                else:
+                    self._spins = False
+        return self._stands if self._spins else self.corrected(odometry)
+
+    def corrected(self, odometry: Array) -> Array:
+        """The pose [3] of a robot that drives, without the motion of wheels that spun before."""
+        if self._since is None:
+            return odometry
+        return np.asarray(se2.compose(self._since[1], se2.between(self._since[0], odometry)))
+
+    def hides(self, ranges: NDArray[np.float32]) -> Flags | None:
+        """Which ranges [beams] of the latest scan are no measurement of the walls; None if all may be."""
+        if self.repeats:
+            return np.ones(len(ranges), np.bool_)
+        return near(ranges, self._epochs[-1][self._nearest].astype(np.float32)) if self._epochs else None
+
+    def found(self, repeated: Flags, odometry: Array) -> Travelling | None:
+        """What there was so far, with which scans [n] repeat, and the poses [n, 3]; None if nothing travelled."""
+        if not self._seen:
+            return None
+        ranges = np.array(self._epochs, np.float32).reshape(-1, len(self._range))[:, self._nearest]
+        seen = tuple(sorted(self._seen, key=lambda one: one.first))
+        return Travelling(np.array(self._begins, np.intp), ranges, repeated, odometry, seen)
+
+    def _see(self, kind: str, first: int, last: int, *, apart: int = 1) -> None:
+        """Note an episode, which goes on with the latest of its kind that ended this many scans before at most."""
+        for k in reversed(range(len(self._seen))):
+            if self._seen[k].kind == kind:
+                if self._seen[k].last + apart >= first:
+                    self._seen[k] = self._seen[k]._replace(last=last)
+                    return
+                break
+        self._seen.append(Episode(kind, first, last))
+
+    def _compare(self, before: _Compared, now: _Compared) -> None:
+        """Take in a comparison."""
+        both = np.stack((before.ranges, now.ranges)), np.stack((before.odometry, now.odometry))
+        flags = compare_scans(self._fan, *both)
+        travel, stand, may = (each[0] for each in flags)
+        if self._epochs and near(now.ranges, self._epochs[-1]).any():
+            self._see("along", now.scan, now.scan, apart=now.scan)
         new = int((travel & (self._for < TRAVELS)).sum())
         walls = int(stand.sum())
-        if self._wheels(first, last, new, int(travel.sum()), walls):
+        if self._wheels(before, now, new, int(travel.sum()), walls):
             return
         self._walls = [*self._walls[1:], walls]
         self._stood, self._might = self._stood + walls, self._might + int((may & ~travel).sum())
         if not travel.any() and not self._for.any():
             return
-        again = travel & (np.abs(ranges - self._range) <= NEAR + NEAR_SHARE * self._range)
+        again = travel & near(now.ranges, self._range)
         other = travel & ~again
-        self._range[again] += (ranges[again] - self._range[again]) / 2
-        self._range[other] = ranges[other]
+        self._range[again] += (now.ranges[again] - self._range[again]) / 2
+        self._range[other] = now.ranges[other]
         self._for[other] = 0
         self._for[travel] = np.minimum(self._for[travel] + 1, MOST)
         self._for[stand] = np.maximum(self._for[stand] - 1, 0)
-        self._begin(last)
+        self._begin(now.scan)
 
     @property
     def _trusted(self) -> bool:
@@ -267,38 +290,32 @@ class _Follower:
         beside = np.convolve(travels, np.ones(WIDE), "valid") >= WIDE  # runs of as many
         travels = np.convolve(beside, np.ones(WIDE), "full") > 0
         held = np.where(travels, self._range, _line(self._angles, np.where(travels, self._range, np.nan)))
-        before = self.epochs[-1] if self.epochs else np.full_like(held, np.nan)
+        before = self._epochs[-1] if self._epochs else np.full_like(held, np.nan)
         if np.array_equal(held, before, equal_nan=True):
             return
-        self.begins.append(scan)
-        self.epochs.append(held)
+        self._begins.append(scan)
+        self._epochs.append(held)
 
-    def _wheels(self, first: int, last: int, new: int, travel: int, walls: int) -> bool:
-        """Whether the wheels spin on the spot from one scan to the other; then the odometry is corrected."""
+    def _wheels(self, before: _Compared, now: _Compared, new: int, travel: int, walls: int) -> bool:
+        """Whether the wheels spin on the spot from one scan to the other: then the robot stands from there on."""
         went_on = self._spins
         if went_on:
             self._spins = travel > walls
         else:
             self._spins = self._trusted and new >= BEAMS and walls <= new / 4 and max(self._walls) >= BEAMS
-        if not went_on and not self._spins:
-            return False
-        if self.odometry is self._measured:
-            self.odometry = self._measured.copy()
-        if went_on:  # between the two the robot was taken to stand
-            self.odometry[first + 1 : last] = self.odometry[first]
         if not self._spins:
             return False
-        if went_on:
-            self.seen[-1] = self.seen[-1]._replace(last=last)
-        else:
-            self.seen.append(Episode("spins", first, last))
-        # the motion since the former scan is taken back, and all that follows goes on from there
-        rest = se2.between(self._measured[last], self._measured[last:])
-        self.odometry[last:] = se2.compose(self.odometry[first], rest)
+        if not went_on:  # the motion since the former scan is taken back
+            self._stands = self.corrected(before.odometry)
+        self._since = now.odometry, self._stands
+        self._see("spins", now.scan if not went_on else before.scan, now.scan, apart=0)
         return True
 
 
-def _runs(kind: str, flags: Flags) -> list[Episode]:
-    """The runs of flagged scans."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False]))))
-    return [Episode(kind, int(first), int(last) - 1) for first, last in edges.reshape(-1, 2)]
+class _Compared(NamedTuple):
+    """A scan that is compared: how far the robot has driven and turned by then [m], its ranges [b], its pose [3]."""
+
+    scan: int
+    path: float
+    ranges: NDArray[np.float32]
+    odometry: Array

@@ -227,7 +227,7 @@ class KnownMapFilter(TsdfFilter):
     def _track(self, step: Step, scan: ThinnedScan) -> Tracked:
         """Track the robot; rays that nothing answered count for its doubt."""
         pose, sight = np.array(self._tracker.pose), sight_of(np.zeros(3), step, scan)
-        rays = passed(self._maps.of(0), pose[None], sight.silent, step.origin, self._config.registration)
+        rays = passed(self._maps, pose[None], sight.silent, step.origin, self._config.registration)
         self._doubt.passed = float(rays[0])
         return super()._track(step, scan)
 
@@ -242,7 +242,7 @@ class KnownMapFilter(TsdfFilter):
         if self._unweighed >= APART:
             self._unweighed = 0.0
             tight, sight = np.array((*RESOLVED[:1], *RESOLVED)), sight_of(np.zeros(3), step, scan)
-            _, against = contradictions(self._maps.of(0), proposal.means, tight, sight, self._config.registration)
+            _, against = contradictions(self._maps, proposal.means, tight, sight, self._config.registration)
             log_likelihood -= against / CORRELATION
         return replace(proposal, log_likelihood=log_likelihood)
 

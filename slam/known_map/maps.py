@@ -16,6 +16,8 @@ from moteslam.slam.mapping.tsdf import TsdfMaps
 
 Array = NDArray[np.float64]
 
+TO_SIDE = 0.6
+"""A direction that few walls lie along [rad]."""
 CLEARANCE = 0.1
 """A robot's lidar stands no nearer to a surface [m]."""
 
@@ -72,8 +74,8 @@ class KnownMaps(TsdfMaps):
         for row in range(rows * side):
             y = corner[1] + (row + 0.5) * size
             distance, known = self._surface.at(x, np.full_like(x, y))
-            steps = np.rint(np.minimum(distance / truncation, 1.0) * STEPS).astype(np.int16)
-            words[row] = np.where(known | (distance < truncation), (steps << WEIGHT_BITS) + MAX_WEIGHT, 0)
+            steps = np.rint(np.clip(distance / truncation, -1.0, 1.0) * STEPS).astype(np.int16)
+            words[row] = np.where(known | (np.abs(distance) < truncation), (steps << WEIGHT_BITS) + MAX_WEIGHT, 0)
         tiles = words.reshape(rows, side, columns, side).swapaxes(1, 2)
         assert side * side == (FINE_CELLS >> (2 * level))
         return tiles.reshape(rows * columns, side * side)
@@ -84,7 +86,7 @@ class KnownMaps(TsdfMaps):
         x, y = np.meshgrid(np.arange(left + step / 2, right, step), np.arange(bottom + step / 2, top, step))
         x, y = x.ravel(), y.ravel()
         distance, _ = self._surface.at(x, y)
-        free = self._surface.is_free(x, y) & (distance > CLEARANCE)
+        free = self._surface.is_free(x, y) & (np.abs(distance) > CLEARANCE)
         places = np.column_stack((x[free], y[free]))
         if not len(places):
             raise InputError("no free cell, expected a map in which a robot can stand")
@@ -107,6 +109,7 @@ class _Surface:
             raise InputError("no occupied cell, expected a map with walls")
         self._known = (values != UNKNOWN) & ~inside
         self._free = values == FREE
+        self._normals = _across(surface)
         self._nearest = distance_transform_edt(~surface, return_distances=False, return_indices=True).astype(np.int32)
 
     def _index(self, x: Array, y: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
@@ -119,17 +122,35 @@ class _Surface:
         return np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1), within
 
     def at(self, x: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """The distances [n] from places to the surface [m], and whether they are known."""
+        """The distances [n] from places to the surface [m], negative on one side of it, and whether they are known."""
         row, column, within = self._index(x, y)
         near_row, near_column = self._nearest[:, row, column]
         left, below = self._corner
-        distance = np.hypot(left + (near_column + 0.5) * self._size - x, below + (near_row + 0.5) * self._size - y)
-        return distance, within & self._known[row, column]
+        dx, dy = x - left - (near_column + 0.5) * self._size, y - below - (near_row + 0.5) * self._size
+        distance = np.hypot(dx, dy)
+        across = self._normals[:, near_row, near_column]
+        return np.where(dx * across[0] + dy * across[1] < 0, -distance, distance), within & self._known[row, column]
 
     def is_free(self, x: Array, y: Array) -> NDArray[np.bool_]:
         """Which places [n] are free."""
         row, column, within = self._index(x, y)
         return np.asarray(within & self._free[row, column])
+
+
+def _across(lines: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """The direction [2, H, W] across lines of cells: that of the strongest curvature where they are drawn blurred.
+
+    Of the two the one within a quarter turn of ``TO_SIDE``: along a wall it is the same, so that the distance changes
+    its sign there, and between cells it is zero where the wall is.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    drawn = lines.astype(np.float32)
+    xx, xy, yy = (gaussian_filter(drawn, 1.0, order=order) for order in ((0, 2), (1, 1), (2, 0)))
+    along = 0.5 * np.arctan2(2 * xy, xx - yy)
+    angle = along + np.pi / 2 - TO_SIDE
+    angle = np.where(np.cos(angle) < 0, angle + np.pi, angle) + TO_SIDE
+    return np.stack((np.cos(angle), np.sin(angle)))
 
 
 def upright(occupancy: Raster) -> Raster:

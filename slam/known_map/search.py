@@ -23,7 +23,6 @@ from moteslam.robot import se2
 from moteslam.slam.inputs.step import Step
 from moteslam.slam.known_map.hypotheses import LEAST
 from moteslam.slam.known_map.maps import KnownMaps
-from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.evidence import CORRELATION
 from moteslam.slam.registration.registrar import Registration, prior_spread, register, subsample
@@ -111,24 +110,24 @@ def sight_of(pose: Array, step: Step, scan: ThinnedScan) -> Sight:
     return Sight(pose, scan.points, step.origin, silent_rays(step.silent(), step.origin, share))
 
 
-def passed(maps: TsdfView, poses: Array, rays: Points, origin: Array, config: RegistrationConfig) -> Array:
+def passed(maps: KnownMaps, poses: Array, rays: Points, origin: Array, config: RegistrationConfig) -> Array:
     """How many rays [n] that nothing answered [m, 2] go through surfaces of the map, from poses [n, 3]."""
     if not len(rays):
         return np.zeros(len(poses))
     held = config.model_copy(update={"iterations": 0})
-    return register(maps, poses, np.ones(3), rays, origin, np.zeros_like(poses), held, coarse=False).crossed
+    return register(maps.of(0), poses, np.ones(3), rays, origin, np.zeros_like(poses), held, coarse=False).crossed
 
 
 def contradictions(
-    maps: TsdfView, poses: Array, spread: Array, sight: Sight, config: RegistrationConfig
+    maps: KnownMaps, poses: Array, spread: Array, sight: Sight, config: RegistrationConfig
 ) -> tuple[Registration, Array]:
     """A scan's registrations near poses [n, 3], and what contradicts each place as if every ray erred by itself [nats].
 
     Args:
-        maps, spread, config: as of ``register``; at most ``POINTS`` endpoints are registered.
+        spread, config: as of ``register``; at most ``POINTS`` endpoints are registered.
     """
     some = subsample(sight.points, POINTS)
-    found = register(maps, poses, spread, some, sight.origin, np.zeros_like(poses), config, coarse=False)
+    found = register(maps.of(0), poses, spread, some, sight.origin, np.zeros_like(poses), config, coarse=False)
     rays = subsample(sight.silent, round(len(sight.silent) * len(some) / max(len(sight.points), 1)))
     against = found.far + len(some) - found.known
     silent = passed(maps, poses, rays, sight.origin, config)
@@ -234,7 +233,7 @@ class WholeMapSearch:
                 continue
             drift = prior_spread(self._config, float(np.hypot(*back[:2])), abs(float(back[2])))
             there = np.asarray(se2.compose(places, back))
-            fit, contradicted = contradictions(view, there, drift, seen, self._config)
+            fit, contradicted = contradictions(self._maps, there, drift, seen, self._config)
             odds += ((ELSEWHERE - ON_SURFACE) * count - contradicted) / CORRELATION
             against = fit.far + count - fit.known
             fine += fit.costs - OUTLIER * against - ON_SURFACE * (count - against)

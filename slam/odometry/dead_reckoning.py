@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
@@ -11,7 +12,9 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import expect_type
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import odometry_path
-from moteslam.slam.inputs.synchronise import Inputs, synchronise
+from moteslam.slam.inputs.synchronise import synchronise
+
+Array = NDArray[np.float64]
 
 
 def dead_reckon(recording: Recording, config: SyncConfig | None = None) -> Trajectory:
@@ -33,10 +36,11 @@ def dead_reckon(recording: Recording, config: SyncConfig | None = None) -> Traje
     if path is None:
         raise InputError("neither encoders nor odometry, expected one of them", file=recording.name)
     if recording.lidar is not None and len(recording.lidar):
-        return dead_reckoning(synchronise(recording, config))
-    return Trajectory(path.stamps, np.asarray(se2.between(path.poses[0], path.poses)))
+        inputs = synchronise(recording, config)
+        return dead_reckoning(inputs.stamps, inputs.odometry)
+    return dead_reckoning(path.stamps, path.poses)
 
 
-def dead_reckoning(inputs: Inputs) -> Trajectory:
-    """Dead reckoning at every scan, starting at the identity; standing still where there is no odometry."""
-    return Trajectory(inputs.stamps, np.asarray(se2.between(inputs.odometry[0], inputs.odometry)))
+def dead_reckoning(stamps: Array, odometry: Array) -> Trajectory:
+    """Poses [n, 3] by odometry at stamps [n] [s], starting at the identity."""
+    return Trajectory(stamps, np.asarray(se2.between(odometry[0], odometry)))

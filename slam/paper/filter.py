@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +57,7 @@ class PaperFilter(FilterDefaults):
         self._motion = se2.compose(self._motion, step.motion)
         motion = se2.as_pose(step.motion)
         self._travelled = self._travelled.plus(*magnitude(motion), step.dt)
-        self._covariance.move(motion, step.dt)
+        self._covariance.move(motion, step.dt, measured=step.measured)
         if len(self.history) and not update_due(self._config.update, self._travelled):
             pose = se2.compose(self._best, self._motion)
             return StepResult(pose, step.motion, self.weights.effective_number, 0, False, False, self._certainty())
@@ -64,7 +65,7 @@ class PaperFilter(FilterDefaults):
         if len(self.history):
             self._predict(step)
             scores = self._match(step)
-            self.weights = self.weights.times(scores)
+            self.weights = self.weights.times(self.likelihood(scores))
             self.best_particle = self.weights.best
             score = int(scores[self.best_particle])
             self._misfit.observe(driven, score / len(step.points) if len(step.points) else None)
@@ -75,6 +76,10 @@ class PaperFilter(FilterDefaults):
         resampled = self._resample(step.index, n_eff)
         self._map(self._best, step.points, step.origin)
         return StepResult(self._best, step.motion, n_eff, score, True, resampled, self._certainty())
+
+    def likelihood(self, scores: NDArray[np.int32]) -> NDArray[Any]:
+        """What the weights [N] are multiplied by: the scores [N] themselves (II.7). Write another in a subclass."""
+        return scores
 
     def occupancy(self) -> Raster:
         """The shared map."""

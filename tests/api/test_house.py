@@ -14,9 +14,9 @@ ROOT = Path(__file__).parents[2]
 FOLDERS = ("kernels", "robot", "sim", "slam", "eval")
 COMPOSERS = {
     "eval": set(),
-    "sim": {"simulate.py", "scenario.py"},
+    "sim": {"simulate.py", "simulator.py", "scenario.py"},
     "slam": {
-        *("run.py", "config.py", "tsdf/config.py", "paper/config.py", "backend/graph/config.py"),
+        *("core.py", "config.py", "tsdf/config.py", "paper/config.py", "backend/graph/config.py"),
         *("known_map/config.py", "known_map/filter.py"),
     },
 }

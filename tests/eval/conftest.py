@@ -76,10 +76,10 @@ def simulated_folder(simulation, tmp_path_factory: pytest.TempPathFactory) -> Pa
 def run(simulation, taichi):
     """SLAM over it, and the map at its stages."""
     from moteslam.eval.report.maps import Snapshots
-    from moteslam.slam.run import SlamSession
+    from moteslam.slam.online import OnlineSlam
     from moteslam.slam.settings import resolve_config
 
-    session = SlamSession(simulation.recording, resolve_config(settings=["particles=10"]), seed=1)
+    session = OnlineSlam.over(simulation.recording, resolve_config(settings=["particles=10"]), seed=1)
     snapshots = Snapshots(session)
     for update in session:
         snapshots.look(update)

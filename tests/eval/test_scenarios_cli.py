@@ -41,11 +41,11 @@ def test_folders_above_a_picture_or_film_are_made(scenario_file: Path, tmp_path:
 
 @pytest.mark.usefixtures("taichi")
 def test_a_film_shows_the_run(scenario_file: Path) -> None:
-    from moteslam.slam.run import SlamSession
+    from moteslam.slam.online import OnlineSlam
     from moteslam.slam.settings import resolve_config
 
     simulation = simulate(load_scenario(scenario_file).model_copy(update={"duration": 14.0}))
-    session = SlamSession(simulation.recording, resolve_config("paper", ["particles=5"]))
+    session = OnlineSlam.over(simulation.recording, resolve_config("paper", ["particles=5"]))
     assert simulation.recording.lidar is not None
     pace = Pace(1.0, 4.0)
     shown = [frame for _, frames in film(simulation, session, pace) for frame in frames]

@@ -370,7 +370,7 @@ def test_the_specifications_of_the_documentation_are_what_they_say(
     (tmp_path / "dpkg-query").write_text("#!/bin/sh\necho 1:2.5.8\n", encoding="utf-8")
     (tmp_path / "dpkg-query").chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
-    runs = plan(read_spec(ROOT / "docs/examples/mrpt.toml"))
+    runs = plan(read_spec(ROOT / "examples/external/mrpt.toml"))
     assert len(runs) == 2 * 5 * 4
     assert {run.version for run in runs if run.configuration == "icp"} == {"1:2.5.8"}
 

@@ -13,7 +13,7 @@ from moteslam.robot.inspection import inspect_recording
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.robot.sensor_reports import LidarReport
-from moteslam.slam.run import SlamSession
+from moteslam.slam.online import OnlineSlam
 
 
 def scans(stamps: np.ndarray, **changes: object) -> LidarStream:
@@ -146,10 +146,10 @@ def test_figures_in_other_units_are_told_and_give_no_map(
     found = [problem.code for problem in inspect_recording(recording).problems if problem.code in codes]
     assert found == ([code] if code else [])
     if code is None or code == "implausible-speed":
-        SlamSession(recording)
+        OnlineSlam.over(recording)
     else:
         with pytest.raises(InputError):
-            SlamSession(recording)
+            OnlineSlam.over(recording)
 
 
 def test_running_totals_in_place_of_counts_are_no_speed_of_a_robot() -> None:
@@ -158,7 +158,7 @@ def test_running_totals_in_place_of_counts_are_no_speed_of_a_robot() -> None:
     recording = Recording("x", UCSD, lidar=lidar, encoders=EncoderStream(np.arange(1000) / 40, counts))
     assert "odometry-units" in [problem.code for problem in inspect_recording(recording).problems]
     with pytest.raises(InputError, match="encoders: move at"):
-        SlamSession(recording)
+        OnlineSlam.over(recording)
 
 
 RNG = np.random.default_rng(1)

@@ -14,7 +14,7 @@ from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import load_scenario
-from moteslam.sim.sensors.wheels_and_gyro import simulate_encoders, simulate_imu
+from moteslam.sim.sensors.wheels_and_gyro import Encoders, Imu
 from moteslam.sim.simulate import true_drive
 
 FACTOR = 1.5
@@ -34,14 +34,15 @@ def corridor() -> Drive:
 
 def encoders(run: Drive, seed: int, scale: float = 1.0) -> EncoderStream:
     span = (0.1, float(run.stamps[-1]))
-    return simulate_encoders(
-        run, UCSD, UCSD.noise.encoders, scale, span, np.random.default_rng(seed), effects=np.random.default_rng(0)
-    )
+    rng, effects = np.random.default_rng(seed), np.random.default_rng(0)
+    wheels = Encoders(UCSD, UCSD.noise.encoders, scale, span, rng, effects=effects)
+    return wheels.read(run, len(wheels.times))
 
 
 def imu(run: Drive, seed: int, scale: float = 1.0) -> ImuStream:
     span = (0.5, float(run.stamps[-1]) - 1.5)
-    return simulate_imu(run, IMU, UCSD.noise.imu, scale, span, np.random.default_rng(seed))
+    gyro = Imu(IMU, UCSD.noise.imu, scale, span, np.random.default_rng(seed))
+    return gyro.read(run, len(gyro.times))
 
 
 def effective_track(encoders: EncoderStream, imu: ImuStream) -> tuple[float, float]:

@@ -5,22 +5,17 @@ odometry has given its next reading. The online poses up to then are the same by
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from slam_rooms import jumping_odometry
+from slam_messages import cut, jumping, logged, sparse_corridor
 
 from moteslam.robot.formats import open_recording
 from moteslam.robot.recording import OdometryStream, Recording
-from moteslam.sim.scenario import load_scenario
-from moteslam.sim.simulate import simulate
 from moteslam.slam.inputs.step import Step, steps
 from moteslam.slam.inputs.synchronise import synchronise
-from moteslam.slam.odometry.dead_reckoning import dead_reckon
-from moteslam.slam.run import SlamSession
+from moteslam.slam.online import OnlineSlam
 from moteslam.slam.settings import resolve_config
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -29,57 +24,9 @@ Change = Callable[[Recording], Recording]
 METHODS = {"paper": ["particles=20"], "default": ["particles=5"]}
 
 
-def first(stream: Any, count: int) -> Any:
-    """The first readings of a stream."""
-    arrays = {f.name: value for f in fields(stream) if isinstance(value := getattr(stream, f.name), np.ndarray)}
-    return replace(stream, **{name: array[:count] for name, array in arrays.items()})
-
-
-def cut(recording: Recording, scans: int) -> Recording:
-    """What has arrived when the first ``scans`` scans are complete.
-
-    Of wheels and logged odometry all readings up to the first at or after the end of the last scan's sweep; of the gyro
-    all up to the first at or after that of the wheels.
-    """
-    lidar = recording.lidar
-    assert lidar is not None
-    now = lidar.stamps[scans - 1] + (lidar.ranges.shape[1] - 1) * lidar.time_increment
-    left: dict[str, Any] = {"lidar": first(lidar, scans)}
-    for name in ("odometry", "encoders", "imu"):
-        stream = getattr(recording, name)
-        if stream is not None:
-            left[name] = first(stream, int(np.searchsorted(stream.stamps, now, side="left")) + 1)
-            now = max(now, left[name].stamps[-1])
-    return recording.replace(**left)
-
-
 @pytest.fixture(scope="module")
 def corridor() -> Recording:
-    """Twenty seconds in the corridor, ten scans a second of 271 beams."""
-    recording = simulate(load_scenario("corridor").model_copy(update={"duration": 20.0}), seed=1).recording
-    lidar = recording.lidar
-    assert lidar is not None
-    sparse = replace(
-        lidar,
-        stamps=lidar.stamps[::4],
-        ranges=lidar.ranges[::4, ::4],
-        angle_increment=4 * lidar.angle_increment,
-        time_increment=4 * lidar.time_increment,
-    )
-    return recording.replace(lidar=sparse)
-
-
-def logged(recording: Recording) -> Recording:
-    """The odometry as logged poses of wheels alone: while the robot stands at first they are all the same."""
-    path = dead_reckon(recording.replace(imu=None, lidar=None))
-    assert not path.poses[:50].any()
-    return recording.replace(encoders=None, imu=None, odometry=OdometryStream(path.stamps, path.poses))
-
-
-def jumping(recording: Recording) -> Recording:
-    """The odometry jumps while the robot hardly moves, by less than ten times what it moves later; then twice more."""
-    early = jumping_odometry(recording, 2.0, np.array([0.5, 0.0, 0.3]))
-    return jumping_odometry(early, 9.0, np.array([1.0, 0.0, 0.0]), back=13.0)
+    return sparse_corridor()
 
 
 def beginning_late(recording: Recording) -> Recording:
@@ -100,7 +47,7 @@ def same_step(a: Step, b: Step) -> bool:
 
 def online(recording: Recording, preset: str) -> np.ndarray:
     """Every online pose, with its covariance, degenerate direction and state."""
-    updates = SlamSession(recording, resolve_config(preset, METHODS[preset]), seed=0)
+    updates = OnlineSlam.over(recording, resolve_config(preset, METHODS[preset]), seed=0)
     return np.array([(*u.pose, *u.covariance.ravel(), u.degenerate, u.state) for u in updates])
 
 

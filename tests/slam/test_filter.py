@@ -17,9 +17,9 @@ from moteslam.slam.estimate import LONGEST, Estimate, preview_png
 from moteslam.slam.inputs.step import Step, steps
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.mapping.config import TsdfConfig
+from moteslam.slam.online import OnlineSlam
 from moteslam.slam.paper.config import PaperFilterConfig
 from moteslam.slam.paper.filter import PaperFilter
-from moteslam.slam.run import SlamSession
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.particles import Particles
 
@@ -33,7 +33,7 @@ SPARSE = ("particles=20", "update.distance=0.3", "update.rotation=10")
 @pytest.fixture(scope="module")
 def finished(taichi: None) -> Finished:
     """The paper's filter in a room, with updates 0.3 m apart, and the indices of the scans that it was updated with."""
-    session = SlamSession(circled_room(scans=60)[0], resolve_config("paper", SPARSE), seed=0)
+    session = OnlineSlam.over(circled_room(scans=60)[0], resolve_config("paper", SPARSE), seed=0)
     updates = list(session)
     estimate = session.estimate()
     assert [update.index for update in updates] == list(range(60))
@@ -111,7 +111,7 @@ def test_in_a_preview_the_largest_y_is_on_top_and_walls_stay(rows: int, columns:
 
 def test_the_preset_defaults_online_pose_is_the_mean_of_the_best_particles_mode():
     recording, _ = circled_room(scans=40)
-    session = SlamSession(recording, resolve_config("default", ["particles=20"]), seed=0)
+    session = OnlineSlam.over(recording, resolve_config("default", ["particles=20"]), seed=0)
     apart = 0.0
     for update in session:
         if update.updated and update.index:
@@ -137,7 +137,7 @@ def test_particles_spread_by_a_share_of_the_odometrys_error():
 
     def spread(*settings: str) -> float:
         still = ("proposal.rotation=0", "proposal.rotation_from_rotation=0")
-        *_, last = SlamSession(dark, resolve_config("default", [*still, *settings]), seed=1)
+        *_, last = OnlineSlam.over(dark, resolve_config("default", [*still, *settings]), seed=1)
         return float(np.linalg.norm(last.poses[:, :2].std(axis=0)))
 
     full = spread("proposal.sampled_share=1")
@@ -147,11 +147,11 @@ def test_particles_spread_by_a_share_of_the_odometrys_error():
 def test_an_estimate_before_any_scan_and_a_seed_out_of_bounds_are_refused():
     recording, _ = circled_room(scans=5)
     with pytest.raises(ConfigError, match="no scan was taken in yet"):
-        SlamSession(recording).estimate()
+        OnlineSlam.over(recording).estimate()
     with pytest.raises(ConfigError, match="seed"):
-        SlamSession(recording, seed=-1)
+        OnlineSlam.over(recording, seed=-1)
     with pytest.raises(InputError, match="no lidar scans"):
-        SlamSession(recording.replace(lidar=None))
+        OnlineSlam.over(recording.replace(lidar=None))
 
 
 def config_of(*settings: str) -> PaperFilterConfig:
@@ -187,7 +187,7 @@ def test_the_reported_score_is_the_best_particles_in_the_map_before_the_scan():
 
 def test_a_particles_path_leads_through_the_particle_it_was_drawn_from():
     recording, _ = circled_room(scans=40)
-    session = SlamSession(recording, config_of(), seed=0)
+    session = OnlineSlam.over(recording, config_of(), seed=0)
     after_resampling = [update.poses.copy() for update in session if update.resampled]
     assert len(after_resampling) > 20
     paths = session.estimate().particle_paths

@@ -14,7 +14,7 @@ from moteslam.robot.recording import LidarStream
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.sensors.echoes import Rays, Scene
-from moteslam.sim.sensors.lidar import LidarErrors, beam_ranges, measured, simulate_lidar, tilt_of, tilted
+from moteslam.sim.sensors.lidar import Lidar, LidarErrors, beam_ranges, measured, tilt_of, tilted
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.sim.world.layout import Layout, Room, Wall
 from moteslam.sim.world.pieces import Box, Material
@@ -29,7 +29,8 @@ WITHOUT_DROPOUT = UCSD.noise.lidar.model_copy(update={"dropout": 0.0})
 
 def scan(run: Drive, noise: LidarNoise, seed: int = 0, world: World = ROOM) -> LidarStream:
     rng, effects = np.random.default_rng(seed), np.random.default_rng(0)
-    return simulate_lidar(run, Scene(world), MOUNT, noise, (0.1, run.stamps[-1] - 0.1), rng, effects=effects)
+    lidar = Lidar(MOUNT, noise, (0.1, run.stamps[-1] - 0.1), rng, effects=effects)
+    return lidar.read(run, Scene(world), len(lidar.times))
 
 
 def endpoints(run: Drive, stream: LidarStream, *, swept: bool) -> np.ndarray:

@@ -13,7 +13,7 @@ from moteslam.robot.recording import EncoderStream
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.sensors.clock import EPOCH, Outage, readings, with_faults
-from moteslam.sim.sensors.wheels_and_gyro import simulate_encoders, simulate_imu
+from moteslam.sim.sensors.wheels_and_gyro import Encoders, Imu
 from moteslam.sim.simulate import simulate
 
 STREAM = EncoderStream(np.arange(10_000) / 40.0, np.arange(40_000).reshape(10_000, 4))
@@ -78,9 +78,9 @@ def test_faults_of_one_sensor_leave_the_others_and_the_truth_as_they_were(table:
 def travel(drive: Drive, seed: int = 0, **errors: Any) -> np.ndarray:
     """The travel [n, 4] [m] of the FR, FL, RR, RL wheel between readings as counted, with these errors alone."""
     noise, span = EncoderNoise(**errors), (0.0, float(drive.stamps[-1]))
-    stream = simulate_encoders(
-        drive, UCSD, noise, 1.0, span, np.random.default_rng(seed), effects=np.random.default_rng(0)
-    )
+    rng, effects = np.random.default_rng(seed), np.random.default_rng(0)
+    wheels = Encoders(UCSD, noise, 1.0, span, rng, effects=effects)
+    stream = wheels.read(drive, len(wheels.times))
     return stream.counts[1:] * WHEELS.metres_per_count
 
 
@@ -124,7 +124,8 @@ def angular_velocity(drive: Drive, seed: int = 0, **errors: float) -> np.ndarray
     """The readings [n, 3] [rad/s] with these errors alone."""
     noise = ImuNoise(**errors)
     span = (0.01, float(drive.stamps[-1]))
-    return simulate_imu(drive, IMU, noise, 1.0, span, np.random.default_rng(seed)).angular_velocity
+    imu = Imu(IMU, noise, 1.0, span, np.random.default_rng(seed))
+    return imu.read(drive, len(imu.times)).angular_velocity
 
 
 def test_the_scale_error_is_one_factor_a_recording() -> None:

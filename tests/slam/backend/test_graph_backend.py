@@ -21,7 +21,7 @@ from moteslam.slam.backend.graph import loop_closing
 from moteslam.slam.calibration.calibrate import calibrate
 from moteslam.slam.calibration.findings import findings
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.run import SlamSession
+from moteslam.slam.online import OnlineSlam
 from moteslam.slam.settings import resolve_config
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -174,7 +174,7 @@ def test_with_every_stage_switched_off_the_filters_path_remains(doors: Case, alo
 
 
 def test_an_estimate_in_the_middle_of_a_run_changes_nothing(doors: Case, behind: Estimate):
-    session = SlamSession(doors.recording, resolve_config("default"))
+    session = OnlineSlam.over(doors.recording, resolve_config("default"))
     for update in session:
         if update.index == len(session) // 2:
             session.estimate()
@@ -239,7 +239,7 @@ def test_rounds_without_end_add_no_nodes():
     driven = simulate(scenario, seed=207)
     errors = []
     for settings in (["backend.crowd=2"], ["backend.method=none"]):
-        session = SlamSession(driven.recording, resolve_config("default", settings))
+        session = OnlineSlam.over(driven.recording, resolve_config("default", settings))
         list(session)
         errors.append(ate(session.estimate().trajectory_final, driven.truth))
         if settings == ["backend.crowd=2"]:

@@ -16,7 +16,7 @@ from moteslam.slam.filter.resampling import (
 )
 from moteslam.slam.filter.update_policy import Travelled, UpdateConfig, update_due
 from moteslam.slam.filter.weights import Weights
-from moteslam.slam.run import SlamSession
+from moteslam.slam.online import OnlineSlam
 from moteslam.slam.settings import resolve_config
 
 WEIGHTS = np.array([0.02, 0.31, 0.0, 0.17, 0.5, 0.0])
@@ -121,7 +121,7 @@ def test_the_number_falls_where_the_place_is_known(preset: str, scheme: str, bin
     recording, true = circled_room(scans=60)
     settings = ["particles=100", "kld.enabled=true", "kld.least=12", "resample_below=1.0", f"resampling={scheme}"]
     settings += [f"kld.bin_size={bin_size}", f"kld.bin_angle={bin_size / 2}"]
-    session = SlamSession(recording, resolve_config(preset, settings), seed=1)
+    session = OnlineSlam.over(recording, resolve_config(preset, settings), seed=1)
     updates = list(session)
     numbers = [len(update.weights) for update in updates]
     assert numbers[0] == 100

@@ -96,7 +96,8 @@ def test_a_counter_that_is_full_is_named_as_the_cause_of_jumps(full: float | Non
     poses = recording.lidar.odometry.copy()
     poses[40:, 0] -= full or 3.0
     poses[80:, 0] -= full or 8.0
-    (issue,) = about_jumps(synchronise(recording.replace(lidar=replace(recording.lidar, odometry=poses))), SCANS)
+    inputs = synchronise(recording.replace(lidar=replace(recording.lidar, odometry=poses)))
+    (issue,) = about_jumps(inputs.stamps, inputs.odometry, inputs.jumped)
     assert issue.count == 2
     assert ("a counter that is full" in issue.message) == (full is not None)
 

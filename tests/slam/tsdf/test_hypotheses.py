@@ -16,9 +16,9 @@ from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.step import Step
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.odometry.calibration import CalibrationConfig
+from moteslam.slam.online import OnlineSlam
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.localisation import Localiser, Located, Rivals
-from moteslam.slam.run import SlamSession
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.config import ProposalConfig, TsdfFilterConfig
 from moteslam.slam.tsdf.filter import TsdfFilter
@@ -194,7 +194,7 @@ class Watched:
         return None
 
 
-def run(monkeypatch: pytest.MonkeyPatch, backend: Watched, *, open_at: range) -> tuple[SlamSession, list[int]]:
+def run(monkeypatch: pytest.MonkeyPatch, backend: Watched, *, open_at: range) -> tuple[OnlineSlam, list[int]]:
     """A run that is not settled at some updates; how many key scans the back end had after each update."""
     updates = [0]
 
@@ -203,7 +203,7 @@ def run(monkeypatch: pytest.MonkeyPatch, backend: Watched, *, open_at: range) ->
         return updates[0] not in open_at
 
     monkeypatch.setattr(TsdfFilter, "settled", property(now_settled))
-    session = SlamSession(circled_room(scans=60)[0], resolve_config("default", ["particles=8"]))
+    session = OnlineSlam.over(circled_room(scans=60)[0], resolve_config("default", ["particles=8"]))
     monkeypatch.setattr(session, "_backend", backend)
     return session, [len(backend.keys) for update in session if update.updated]
 
@@ -239,7 +239,7 @@ def test_a_correction_by_a_scan_that_has_waited_moves_those_after_it(monkeypatch
 
 def test_an_estimate_while_key_scans_wait_has_all_poses(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(TsdfFilter, "settled", property(lambda self: len(self.history) < 8))
-    session = SlamSession(circled_room(scans=60)[0], resolve_config("default", ["particles=8"]))
+    session = OnlineSlam.over(circled_room(scans=60)[0], resolve_config("default", ["particles=8"]))
     for update in session:
         if update.index == 50:
             final = session.estimate().trajectory_final

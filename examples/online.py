@@ -1,0 +1,57 @@
+"""SLAM while the robot drives: messages go in as they come, a pose comes out a scan later.
+
+    python examples/online.py [FOLDER]
+
+Feed ``OnlineSlam`` from your robot's drivers in the same way; ``ros2_node.py`` does it from topics.
+"""
+
+import sys
+from itertools import chain
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from closed_loop import controller
+
+import moteslam
+
+
+def feed(slam: moteslam.OnlineSlam, readings: moteslam.Readings) -> list[moteslam.Update]:
+    """Hand over what the sensors report, each message once."""
+    wheels, imu, scans = readings.encoders, readings.imu, readings.lidar
+    updates = chain(
+        (slam.add_imu(stamp, rate) for stamp, rate in zip(imu.stamps, imu.angular_velocity[:, 2], strict=True)),
+        (slam.add_odometry(stamp, counts=counts) for stamp, counts in zip(wheels.stamps, wheels.counts, strict=True)),
+        (slam.add_scan(ranges, stamp) for stamp, ranges in zip(scans.stamps, scans.ranges, strict=True)),
+    )
+    return [update for update in updates if update is not None]
+
+
+def main(folder: Path) -> float:
+    """Drive, draw the map at four moments, and return how far the last pose is from the truth [m]."""
+    scenario = moteslam.load_scenario("corridor")
+    simulator = moteslam.Simulator(scenario, seed=0)
+    slam = moteslam.OnlineSlam(scenario.platform, moteslam.resolve_config("default", ["particles=10"]))
+    readings, command, path, behind = simulator.reset(), (0.0, 0.0), [], []
+    figure, (top, bottom) = plt.subplots(2, 2, figsize=(12, 7), layout="constrained", sharex=True, sharey=True)
+    for axes, moment in zip((*top, *bottom), (15, 30, 45, 60), strict=True):
+        while simulator.seconds < moment:
+            if len(readings.lidar):
+                command = controller(readings)
+            readings = simulator.step(*command)
+            for update in feed(slam, readings):
+                path.append(update.pose)
+                behind.append(readings.stamp - update.stamp)
+        drawn = slam.map
+        axes.imshow(drawn.values, origin="lower", extent=drawn.extent, cmap="gray_r", vmin=-4, vmax=4)
+        axes.plot(*np.array(path)[:, :2].T, color="tab:blue")
+        axes.set(title=f"after {moment} s", aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    figure.savefig(folder / "online.png", dpi=100)
+    plt.close(figure)
+    print(f"{len(path)} poses, {1000 * np.median(behind):.0f} ms after their scans began")
+    estimate = slam.estimate()
+    return moteslam.absolute_trajectory_error(estimate.trajectory, simulator.truth).rmse
+
+
+if __name__ == "__main__":
+    print(f"online ATE {100 * main(Path(sys.argv[1] if len(sys.argv) > 1 else '.')):.1f} cm")

@@ -1,0 +1,47 @@
+"""A log of a real robot (CARMEN, CSV, a bag) to a map and a path.
+
+    python examples/real_log.py [FOLDER [LOG]]
+
+Without a log it writes one: CSV files of a simulated drive, as you may write them of your robot.
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+
+import moteslam
+
+
+def written(folder: Path) -> Path:
+    """A log as CSV files."""
+    simulation = moteslam.simulate(moteslam.load_scenario("office").model_copy(update={"duration": 60.0}), seed=0)
+    path = folder / "log.toml"
+    moteslam.write_csv(path, simulation.recording)
+    return path
+
+
+def main(folder: Path, log: str | Path | None = None) -> float:
+    """Read, check, run SLAM, draw, write what other programs read; return the length of the path [m]."""
+    recording = moteslam.open_recording(log or written(folder))
+    print(recording)
+    for problem in moteslam.inspect_recording(recording).problems:
+        print("problem:", problem.message)
+    found = moteslam.run_slam(recording)
+    for warning in found.warnings:
+        print("warning:", warning.message)
+
+    figure, axes = plt.subplots(figsize=(9, 6), layout="constrained")
+    axes.imshow(found.map.values, origin="lower", extent=found.map.extent, cmap="gray_r", vmin=-4, vmax=4)
+    axes.plot(*found.dead_reckoning.poses[:, :2].T, color="tab:orange", linewidth=1, label="odometry alone")
+    axes.plot(*found.trajectory_final.poses[:, :2].T, color="tab:blue", label="SLAM")
+    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    axes.legend()
+    figure.savefig(folder / "real_log.png", dpi=100)
+    plt.close(figure)
+    moteslam.write_results(folder / "result", found, figures=False)  # map.pgm, trajectory.tum and more
+    return found.trajectory_final.length
+
+
+if __name__ == "__main__":
+    print(f"{main(Path(sys.argv[1] if len(sys.argv) > 1 else '.'), *sys.argv[2:3]):.1f} m")

@@ -1,0 +1,49 @@
+"""Your trajectory against the truth: two TUM files in, a table and a picture out.
+
+    python examples/score_my_trajectory.py [FOLDER [ESTIMATE.tum TRUTH.tum]]
+
+Without files it makes two: the odometry of a simulated drive, and its truth.
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+
+import moteslam
+
+
+def files(folder: Path) -> tuple[Path, Path]:
+    """An estimate and its truth, as files."""
+    simulation = moteslam.simulate(moteslam.load_scenario("corridor").model_copy(update={"duration": 60.0}), seed=0)
+    estimate, truth = folder / "estimate.tum", folder / "truth.tum"
+    moteslam.write_tum(estimate, moteslam.dead_reckon(simulation.recording))
+    moteslam.write_tum(truth, simulation.truth)
+    return estimate, truth
+
+
+def main(folder: Path, *given: str) -> float:
+    """Score, draw, print a table (Markdown), and return the ATE [m]."""
+    estimate, truth = (moteslam.read_trajectory(path) for path in given or files(folder))
+    ate = moteslam.absolute_trajectory_error(estimate, truth)
+    rows = [("ATE, laid on the truth", ate.rmse)]
+    for metres in (1.0, 5.0):
+        error = moteslam.relative_pose_error(estimate, truth, delta=metres, unit="m")
+        rows.append((f"RPE over {metres:g} m", error.translation.rmse))
+    print("| metric | RMSE [cm] |\n|---|---:|")
+    print("\n".join(f"| {name} | {100 * value:.1f} |" for name, value in rows))
+
+    figure, (plan, over_time) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
+    plan.plot(*truth.poses[:, :2].T, color="0.6", label="truth")
+    plan.plot(*ate.aligned[:, :2].T, label="estimate, laid on it")
+    plan.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    plan.legend()
+    over_time.plot(ate.stamps - ate.stamps[0], 100 * ate.errors)
+    over_time.set(xlabel="time [s]", ylabel="error [cm]")
+    figure.savefig(folder / "score_my_trajectory.png", dpi=100)
+    plt.close(figure)
+    return ate.rmse
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "."), *sys.argv[2:])

@@ -1,0 +1,58 @@
+"""Which lidar does the robot need? The same drive with three of them.
+
+    python examples/which_lidar.py [FOLDER]
+
+``moteslam sweep`` does this over many seeds, with intervals; here is the idea in a loop.
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import moteslam
+
+LIDARS = {  # beams, reach [m], scans a second, noise of a range [m]
+    "like an RPLIDAR A1": (360, 12.0, 5.5, 0.02),
+    "like a Hokuyo URG-04LX": (683, 4.0, 10.0, 0.03),
+    "like a Hokuyo UTM-30LX": (1081, 30.0, 40.0, 0.01),
+}
+SEEDS = range(2)
+
+
+def scenario(beams: int, reach: float, rate: float, noise: float) -> moteslam.Scenario:
+    """The corridor with a lidar of these figures, 270 degrees wide."""
+    step = np.radians(270) / (beams - 1)
+    lidar = {"beams": beams, "angle_min": -np.radians(135), "angle_increment": step, "rate": rate, "range_max": reach}
+    lidar["time_increment"] = 0.0
+    settings = [f"platform.lidar.{key}={value}" for key, value in lidar.items()]
+    return moteslam.load_scenario("corridor", settings=[*settings, f"noise.lidar.range_noise={noise}"]).model_copy(
+        update={"duration": 40.0}
+    )
+
+
+def main(folder: Path) -> dict[str, float]:
+    """Run, draw, and return the median ATE by lidar [m]."""
+    errors = {name: [] for name in LIDARS}
+    config = moteslam.resolve_config("default", ["particles=5"])
+    for name, figures in LIDARS.items():
+        for seed in SEEDS:
+            drive = moteslam.simulate(scenario(*figures), seed=seed)
+            found = moteslam.run_slam(drive.recording, config, seed=seed)
+            errors[name].append(moteslam.absolute_trajectory_error(found.trajectory, drive.truth).rmse)
+
+    figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
+    for row, values in enumerate(errors.values()):
+        axes.plot(100 * np.array(values), [row] * len(values), "o", alpha=0.7)
+    axes.set(
+        yticks=range(len(errors)), yticklabels=list(errors), xlabel="online ATE [cm], a point a seed", xlim=(0, None)
+    )
+    figure.savefig(folder / "which_lidar.png", dpi=100)
+    plt.close(figure)
+    return {name: float(np.median(values)) for name, values in errors.items()}
+
+
+if __name__ == "__main__":
+    for lidar, error in main(Path(sys.argv[1] if len(sys.argv) > 1 else ".")).items():
+        print(f"{lidar}: {100 * error:.1f} cm")

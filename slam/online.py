@@ -1,0 +1,194 @@
+"""SLAM over messages as they come, or over a recording, scan by scan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moteslam.errors import ConfigError, InputError
+from moteslam.robot.inspection import other_units
+from moteslam.robot.platform import Platform
+from moteslam.robot.recording import Recording
+from moteslam.robot.values import Issue, expect_type
+from moteslam.slam.config import METHODS, SlamConfig
+from moteslam.slam.core import Core, MakeFilter
+from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
+from moteslam.slam.inputs.live import LiveInputs
+from moteslam.slam.inputs.step import steps
+from moteslam.slam.inputs.synchronise import Inputs, synchronise, warnings
+from moteslam.slam.scan_records import Update
+
+
+class OnlineSlam(Core):
+    """SLAM while the robot drives: messages are added as they come; ``estimate()`` gives the result so far.
+
+    A scan is taken in once the odometry covers it; one for which none comes within ``patience`` is taken in as one of
+    which the motion is not known. ``over`` takes a recording, to the same bytes.
+
+    Args:
+        platform: the robot. Messages of scans need the figures of its lidar, counts its wheels; where it has an IMU,
+            wheels wait for the gyro.
+        config: the preset ``default`` if None.
+        seed: from 0 to 2^63 - 1; the same seed gives the same bytes, on one thread and on many.
+        method: makes the filter in place of the configuration's method: a class of your own, for one.
+        patience: how long a scan waits for odometry [s]: 0 for a robot without any.
+        name: of the result.
+
+    Attributes:
+        config, seed, name: as given; the name of a recording is its own.
+
+    Raises:
+        ConfigError: the seed is out of bounds.
+    """
+
+    def __init__(
+        self,
+        platform: Platform,
+        config: SlamConfig | None = None,
+        seed: int = 0,
+        *,
+        method: MakeFilter | None = None,
+        patience: float = 1.0,
+        name: str = "online",
+    ) -> None:
+        expect_type(platform, Platform, "platform", "load_platform(name) reads one")
+        super().__init__(config, seed, method, name)
+        self._platform, self._patience = platform, patience
+        self._recording: Recording | None = None
+        self._doubts: tuple[Issue, ...] = ()
+        self._missing = "none are taken online" if self._filter.uses_camera else ""
+        self._views: FloorViews | None = None
+
+    def add_odometry(
+        self, stamp: float, pose: ArrayLike | None = None, *, counts: ArrayLike | None = None
+    ) -> Update | None:
+        """Take in what the base reports: the pose [3] that it integrates, or what its wheels count.
+
+        Args:
+            stamp: [s], not below that of the message before.
+            counts: [4] since the last, of the front right, front left, rear right and rear left wheel; of two, each
+                stands twice.
+
+        Returns:
+            that of the latest scan that is covered now; None if none is.
+        """
+        live = self._live("odometry", stamp)
+        if (pose is None) is (counts is None):
+            raise InputError("both or neither, expected a pose or counts", field="odometry")
+        if pose is not None:
+            live.odometry_in.add_pose(stamp, _numbers(pose, np.float64, 3, "odometry.pose"))
+        else:
+            live.odometry_in.add_counts(stamp, _numbers(counts, np.int64, 4, "odometry.counts"))
+        return self._take_in(live)
+
+    def add_imu(self, stamp: float, yaw_rate: float) -> Update | None:
+        """Take in the gyro's yaw rate [rad/s], counterclockwise positive; see ``add_odometry``."""
+        live = self._live("imu", stamp)
+        live.odometry_in.add_gyro(stamp, float(yaw_rate))
+        return self._take_in(live)
+
+    def add_scan(self, ranges: ArrayLike, stamp: float, odometry: ArrayLike | None = None) -> Update | None:
+        """Take in a scan.
+
+        Args:
+            ranges: [beams] [m]; infinite where nothing is within reach, NaN or below the lidar's least where it
+                measured nothing.
+            stamp: of its first beam [s].
+            odometry: the base's pose [3] at the scan, where the driver reports one with it.
+
+        Returns:
+            that of the latest scan that is covered now; None while it waits for the odometry after it.
+        """
+        live = self._live("lidar", stamp)
+        pose = None if odometry is None else _numbers(odometry, np.float64, 3, "lidar.odometry")
+        live.add_scan(_numbers(ranges, np.float32, None, "lidar.ranges"), stamp, pose)
+        return self._take_in(live)
+
+    @property
+    def waiting(self) -> int:
+        """How many scans wait for their odometry."""
+        return len(self._taken.waiting) if isinstance(self._taken, LiveInputs) else 0
+
+    def finish(self) -> Update | None:
+        """Take in the scans that still wait: nothing more is to come."""
+        update = self._take_in(self._taken, finish=True) if isinstance(self._taken, LiveInputs) else None
+        self._settle()
+        return update
+
+    @classmethod
+    def over(
+        cls, recording: Recording, config: SlamConfig | None = None, seed: int = 0, *, method: MakeFilter | None = None
+    ) -> OnlineSlam:
+        """SLAM over a recording: iterated it gives an ``Update`` a scan, and finishes.
+
+        Raises:
+            InputError: the recording has no scans, or no odometry and the method needs one.
+        """
+        expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+        slam = cls(recording.platform, config, seed, method=method, name=recording.name)
+        slam._doubts = tuple(other_units(recording))
+        for doubt in slam._doubts:
+            if doubt.code != "implausible-speed":
+                raise InputError(doubt.message, file=recording.name)
+        slam._taken = inputs = synchronise(recording, slam.config.sync, max_range=slam.config.max_range)
+        slam._recording = recording
+        if inputs.path is None and METHODS[slam.config.method].needs_odometry:
+            able = ", ".join(f'"{name}"' for name, method in METHODS.items() if not method.needs_odometry)
+            raise InputError(
+                f'neither encoders nor odometry, expected one of them with method "{slam.config.method}"; '
+                f"method {able} does without",
+                file=recording.name,
+            )
+        if slam._filter.uses_camera:
+            slam._missing = missing_for_floor_views(recording, inputs)
+            if not slam._missing:
+                slam._views = FloorViews(recording, inputs, largest_gap=slam.config.texture.largest_gap)
+        return slam
+
+    def __len__(self) -> int:
+        return len(self._inputs)
+
+    def __iter__(self) -> Iterator[Update]:
+        for step in steps(self._inputs, self._views, thinning=self._filter.thinning, first=self._done):
+            yield self._step(step)
+        self._settle()
+
+    def _warnings(self) -> tuple[Issue, ...]:
+        issues = list(self._doubts)
+        if self._recording is not None and isinstance(self._inputs, Inputs):
+            issues += warnings(self._recording, self._inputs)
+        else:
+            issues += self._inputs.issues
+        if self._missing:
+            issues.append(Issue("no-colours", f"colours: {self._missing}: particles are weighed without"))
+        if self._views is not None:
+            issues += self._views.issues()
+        return (*issues, *super()._warnings())
+
+    def _live(self, stream: str, stamp: float) -> LiveInputs:
+        if self._taken is None:
+            sync, max_range = self.config.sync, self.config.max_range
+            self._taken = LiveInputs(self._platform, sync, max_range=max_range, patience=self._patience)
+        if not isinstance(self._taken, LiveInputs):
+            raise ConfigError("a message after a recording, expected an OnlineSlam of its own", field=stream)
+        self._taken.arrives(stream, stamp)
+        return self._taken
+
+    def _take_in(self, live: LiveInputs, *, finish: bool = False) -> Update | None:
+        update = None
+        while (index := live.take(finish=finish)) is not None:
+            update = self._step(next(steps(live, thinning=self._filter.thinning, first=index)))
+            if not update.updated:
+                live.scans.forget(index)
+        return update
+
+
+def _numbers(values: Any, dtype: type, count: int | None, field: str) -> NDArray[Any]:
+    """A message's numbers as an array of its own, [count] where that is known."""
+    array: NDArray[Any] = np.array(values, dtype)
+    if array.ndim != 1 or count not in (None, len(array)):
+        raise InputError(f"{list(array.shape)}, expected [{count or 'beams'}]", field=field)
+    return array

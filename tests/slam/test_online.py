@@ -1,0 +1,154 @@
+"""Messages as they come give the bytes of the recording; odometry that lags or fails is never a robot that stands."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from slam_messages import cut, fed, first, jumping, logged, platform_of, sparse_corridor
+from slam_rooms import circled_room
+
+from moteslam.errors import ConfigError, InputError
+from moteslam.robot.formats import open_recording
+from moteslam.robot.platform import Platform
+from moteslam.robot.recording import Recording
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import simulate
+from moteslam.slam.estimate import Estimate
+from moteslam.slam.filter.certainty import LocalisationState
+from moteslam.slam.inputs.live import LiveInputs
+from moteslam.slam.inputs.live_odometry import KEPT, MOST_KEPT
+from moteslam.slam.online import OnlineSlam
+from moteslam.slam.run import run_slam
+from moteslam.slam.settings import resolve_config
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+PRESETS = {"paper": ["particles=20"], "default": ["particles=5"]}
+
+
+@pytest.fixture(scope="module")
+def corridor() -> Recording:
+    return sparse_corridor()
+
+
+def check(recording: Recording, preset: str, **late: float) -> None:
+    config = resolve_config(preset, PRESETS[preset])
+    slam = OnlineSlam(platform_of(recording), config, seed=3)
+    updates = list(fed(slam, recording, **late))
+    there, here = run_slam(recording, config, seed=3), slam.estimate()
+    assert updates[-1].index == len(here.trajectory) - 1
+    for name in ("trajectory", "trajectory_final", "dead_reckoning"):
+        one, other = getattr(here, name), getattr(there, name)
+        assert one.stamps.tobytes() == other.stamps.tobytes()
+        assert one.poses.tobytes() == other.poses.tobytes(), name
+    assert here.map.values.tobytes() == there.map.values.tobytes()
+    assert here.particle_paths.tobytes() == there.particle_paths.tobytes()
+    assert here.covariances.tobytes() == there.covariances.tobytes()
+    assert [loop.accepted for loop in here.loops] == [loop.accepted for loop in there.loops]
+    assert about(here) == about(there)
+
+
+def about(estimate: Estimate) -> dict[str, bytes]:
+    return {name: values.tobytes() for name, values in estimate.diagnostics.items() if name != "seconds"}
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("late", [0.0, 0.05, 0.3], ids=str)
+@pytest.mark.parametrize("change", [lambda r: r, logged, jumping], ids=["wheels", "logged", "jumping"])
+def test_messages_give_the_bytes_of_the_recording_however_late_the_odometry_is(
+    corridor: Recording, change: Callable[[Recording], Recording], late: float, preset: str
+):
+    check(cut(change(corridor), 150), preset, encoders=late, odometry=late, imu=late)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("log", ["intel/intel_key_scans.log.gz", "key_scans/fhw.log.gz", "intel/intel_raw_part.log.gz"])
+def test_a_real_log_does_too(data_folder: Path, log: str, preset: str):
+    check(cut(open_recording(data_folder / log), 150), preset)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("scenario", ["doors", "slippery"])
+def test_a_whole_drive_does_too(scenario: str, preset: str):
+    check(simulate(load_scenario(scenario), seed=1).recording, preset)
+
+
+def silent(recording: Recording, seconds: float) -> Recording:
+    """The wheels fall silent after so many seconds, in mid-drive; the scans and the gyro go on."""
+    assert recording.encoders is not None
+    wheels = recording.encoders
+    left = int(np.searchsorted(wheels.stamps, wheels.stamps[0] + seconds))
+    return recording.replace(encoders=first(wheels, left))
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_wheels_that_fall_silent_are_no_robot_that_stands(corridor: Recording, preset: str):
+    config, recording = resolve_config(preset, PRESETS[preset]), silent(corridor, 9.0)
+    slam = OnlineSlam(platform_of(recording), config, patience=0.5)
+    states = {update.index: update.state for update in fed(slam, recording)}
+    found, whole = slam.estimate(), run_slam(corridor, config)
+    lost = found.trajectory.stamps > corridor.lidar.stamps[0] + 9.2
+    (issue,) = [issue for issue in found.warnings if issue.code == "no-odometry"]
+    assert issue.count == pytest.approx(lost.sum(), abs=5)
+    off = np.hypot(*(found.trajectory.poses - whole.trajectory.poses)[:, :2].T)
+    assert off[found.trajectory.stamps < corridor.lidar.stamps[0] + 8.9].max() < 0.02
+    if preset == "default":  # the scans alone say how it drives
+        assert off.max() < 0.1
+    else:  # it has no other motion than the odometry's, and says so
+        assert off.max() > 1.0
+        assert all(states[k] != LocalisationState.SURE for k in np.flatnonzero(off > 0.5).tolist() if k in states)
+
+
+def test_odometry_that_comes_again_counts_what_was_driven_without_it_once(corridor: Recording):
+    """Two seconds of it arrive late, when the scans have not waited for them."""
+    wheels = corridor.encoders
+    slam = OnlineSlam(platform_of(corridor), resolve_config("default", PRESETS["default"]), patience=0.5)
+    late = (wheels.stamps > wheels.stamps[0] + 9) & (wheels.stamps < wheels.stamps[0] + 11)
+    list(fed(slam, corridor, encoders=np.where(late, wheels.stamps[late][-1] - wheels.stamps, 0.0)))
+    found, whole = slam.estimate(), run_slam(corridor, slam.config)
+    assert np.hypot(*(found.dead_reckoning.poses - whole.dead_reckoning.poses)[:, :2].T).max() < 0.02
+    assert np.hypot(*(found.trajectory.poses - whole.trajectory.poses)[:, :2].T).max() < 0.05
+    assert "no-odometry" in [issue.code for issue in found.warnings]
+
+
+def test_what_is_kept_and_what_a_scan_costs_does_not_grow_with_the_scans():
+    """A robot that stands: its scans are forgotten, and the readings beyond those that others are compared with."""
+    recording, _ = circled_room(scans=3)
+    slam = OnlineSlam(platform_of(recording), resolve_config("paper", ["particles=5"]))
+    ranges = np.array(recording.lidar.ranges[0])
+    for k in range(5000):
+        slam.add_odometry(k / 10, (0.0, 0.0, 0.0))
+        slam.add_scan(ranges, k / 10)
+    live = slam._taken
+    assert isinstance(live, LiveInputs)
+    assert len(live) == 5000
+    assert len(live.scans._kept) == 1
+    assert max(len(live._tail), len(live._ranges)) <= 2 * KEPT
+    assert len(live.path.stamps) <= 2 * KEPT + MOST_KEPT
+
+
+@pytest.mark.parametrize(
+    ("add", "error", "field"),
+    [
+        (lambda slam: slam.add_scan([1.0, 2.0], 0.0), InputError, "ranges"),
+        (lambda slam: slam.add_scan(np.ones((2, 2)), 0.0), InputError, "lidar.ranges"),
+        (lambda slam: [slam.add_imu(stamp, 0.0) for stamp in (1.0, 0.5)], InputError, "imu.stamp"),
+        (lambda slam: slam.add_imu(np.nan, 0.0), InputError, "imu.stamp"),
+        (lambda slam: slam.add_odometry(0.0), InputError, "odometry"),
+        (lambda slam: slam.add_odometry(0.0, (0.0, 0.0)), InputError, "odometry.pose"),
+        (lambda slam: slam.add_odometry(0.0, counts=(1, 1, 1, 1)), InputError, "counts"),
+        (lambda slam: slam.estimate(), ConfigError, None),
+    ],
+)
+def test_messages_that_make_no_sense_are_refused(add: Callable[[OnlineSlam], object], error: type, field: str | None):
+    recording, _ = circled_room(scans=3)
+    with pytest.raises(error) as caught:
+        add(OnlineSlam(platform_of(recording)))
+    assert caught.value.field == field
+
+
+def test_a_lidar_of_which_nothing_is_known_is_refused():
+    with pytest.raises(ConfigError, match="beams"):
+        OnlineSlam(Platform()).add_scan(np.ones(100), 0.0)
