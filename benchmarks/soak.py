@@ -97,7 +97,7 @@ def trajectory_bytes(session: OnlineSlam, scans: int) -> int:
     """What the poses of so far are in memory [bytes]: of every scan with its covariance, of every particle's path."""
     inputs, history, backend, records = session._inputs, session._filter.history, session._backend, session._records
     a_scan = [inputs.stamps, inputs.odometry, inputs.motions, inputs.jumped, inputs.measured]
-    a_scan += [records._poses, records._motions, records._covariances, records._diagnostics]
+    a_scan += [records._rows.values]
     paths = sum(poses.nbytes + sys.getsizeof(poses) for poses in history._poses)
     keys = sum(sys.getsizeof(pose) + pose.nbytes for pose in getattr(backend, "_path", ()))
     return int(sum(values.nbytes // len(values) for values in a_scan) * scans + paths + keys)

@@ -154,7 +154,7 @@ class Scenario(Section):
         """What stands in the world at its visit."""
         if self.visit is None:
             return self.world
-        route = self.route.corners if self.route else self.start[None, :2]
+        route = self.route.corners if self.route else np.tile(self.start[:2], (2, 1))
         others = [(np.array(person.waypoints), CLEARANCE) for person in self.people]
         others += [(np.array((door.hinge, door.end)), math.dist(door.hinge, door.end)) for door in self.doors]
         return visited(self.world, self.visit, route, others)

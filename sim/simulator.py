@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,8 @@ LATEST = 5.0
 """Readings are made from so much of the drive [s]: no driver delivers them later."""
 
 
-class Readings(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Readings:
     """What has arrived since the step before: streams of a recording, often without a reading.
 
     Attributes:

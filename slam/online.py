@@ -12,7 +12,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot.inspection import other_units
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import Recording
-from moteslam.robot.values import Issue, expect_type
+from moteslam.robot.values import Issue, expect_type, shortened
 from moteslam.slam.config import METHODS, SlamConfig
 from moteslam.slam.core import Core, MakeFilter
 from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
@@ -76,8 +76,8 @@ class OnlineSlam(Core):
             that of the latest scan that is covered now; None if none is.
         """
         live = self._live("odometry", stamp)
-        if (pose is None) is (counts is None):
-            raise InputError("both or neither, expected a pose or counts", field="odometry")
+        if (pose is None) is (counts is None) or (pose is not None and live.odometry_in.counted):
+            raise InputError("both or neither, expected poses or counts", field="odometry")
         if pose is not None:
             live.odometry_in.add_pose(stamp, _numbers(pose, np.float64, 3, "odometry.pose"))
         else:
@@ -87,15 +87,16 @@ class OnlineSlam(Core):
     def add_imu(self, stamp: float, yaw_rate: float) -> Update | None:
         """Take in the gyro's yaw rate [rad/s], counterclockwise positive; see ``add_odometry``."""
         live = self._live("imu", stamp)
-        live.odometry_in.add_gyro(stamp, float(yaw_rate))
+        (rate,) = _numbers([yaw_rate], np.float64, 1, "imu.yaw_rate").tolist()
+        live.odometry_in.add_gyro(stamp, rate)
         return self._take_in(live)
 
     def add_scan(self, ranges: ArrayLike, stamp: float, odometry: ArrayLike | None = None) -> Update | None:
         """Take in a scan.
 
         Args:
-            ranges: [beams] [m]; infinite where nothing is within reach, NaN or below the lidar's least where it
-                measured nothing.
+            ranges: [beams] [m]; infinite, beyond the lidar's reach or one of its codes where nothing is within
+                reach; NaN or below its least where it measured nothing.
             stamp: of its first beam [s].
             odometry: the base's pose [3] at the scan, where the driver reports one with it.
 
@@ -187,8 +188,14 @@ class OnlineSlam(Core):
 
 
 def _numbers(values: Any, dtype: type, count: int | None, field: str) -> NDArray[Any]:
-    """A message's numbers as an array of its own, [count] where that is known."""
-    array: NDArray[Any] = np.array(values, dtype)
-    if array.ndim != 1 or count not in (None, len(array)):
-        raise InputError(f"{list(array.shape)}, expected [{count or 'beams'}]", field=field)
-    return array
+    """A message's numbers as an array of its own, [count] finite ones where that is known."""
+    try:
+        given = np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        given = np.empty(0)
+    expected = f"[{count or 'beams'}] {'whole ' if dtype is np.int64 else ''}numbers"
+    if given.ndim != 1 or count not in (None, len(given)):
+        raise InputError(f"{shortened(values)}, expected {expected}", field=field)
+    if count is not None and not (np.isfinite(given).all() and (given.astype(dtype) == given).all()):
+        raise InputError(f"{shortened(values)}, expected {expected}", field=field)
+    return given.astype(dtype)

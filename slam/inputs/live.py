@@ -94,7 +94,7 @@ class LiveInputs:
         self._follower = Follower(self._lidar, platform.lidar) if config.travelling else None
         self._seen: dict[tuple[str, float], Lapse] = {}
         self._late: list[int] = []  # scans that did not wait for their odometry any longer ...
-        self._unheard: list[int] = []  # ... and for which none has come since
+        self._unheard: deque[int] = deque()  # ... and for which none has come since
         self._start: NDArray[np.float32] | None = None  # the first scan, until the robot has left it
         self.moves = False
 
@@ -125,6 +125,7 @@ class LiveInputs:
         if row.shape != lidar.ranges.shape[1:]:
             raise InputError(f"{list(row.shape)}, expected [{lidar.ranges.shape[1]}]", field="ranges")
         row[row < lidar.range_min] = np.nan
+        row[(row > lidar.range_max) | np.isin(row, np.array(self._platform.lidar.no_return, np.float32))] = np.inf
         self.waiting.append(Waiting(stamp, given_up(row), odometry))
 
     def take(self, *, finish: bool = False) -> int | None:
@@ -165,8 +166,8 @@ class LiveInputs:
         issues += Lapses(none, none, {}, {}, seen).issues(self.stamps)
         if len(late := np.array(self._late)):
             spans = np.split(self.stamps[late], np.flatnonzero(np.diff(late) > 1) + 1)
-            text = f"{len(late)} of {len(self)} scans for which no odometry came within {self._patience:g} s: constant "
-            text += f"velocity there; {when([(float(some[0]), float(some[-1])) for some in spans])}"
+            text = f"{len(late)} of {len(self)} scans for which no odometry came within {self._patience:g} s: how the "
+            text += f"robot moved is not known; {when([(float(some[0]), float(some[-1])) for some in spans])}"
             issues.append(Issue("no-odometry", text, len(late)))
         return tuple(issues)
 
@@ -189,6 +190,8 @@ class LiveInputs:
             self._unheard.append(index)
             self._late.append(index)
         before = self._tail.values[-2, 1:] if index else pose
+        if index and self.odometry_in.still and (pose == before).all():
+            unmeasured |= not self.measured[-1]  # odometry that failed longer ago than is kept
         driven = se2.between(before[None], pose[None])[0] if index else np.zeros(3)
         ranges, place = scan.ranges, pose
         if self._follower is not None and path is not None:
@@ -221,13 +224,12 @@ class LiveInputs:
 
     def _correct(self, path: OdometryPath | None) -> None:
         """Scans that did not wait for their odometry have it now, for what is driven from them on."""
-        for index in self._unheard if path is not None else ():
+        while path is not None and self._unheard and self.stamps[self._unheard[0]] <= path.stamps[-1]:
+            index = self._unheard.popleft()
             pose = self._pose(Waiting(float(self.stamps[index]), NOTHING, None), path)
             self._rows.values[index, 1:4] = pose if self._follower is None else self._follower.corrected(pose)
             if index - len(self) + len(self._tail) >= 0:
                 self._tail.values[index - len(self), 1:] = pose
-        if path is not None:
-            self._unheard = [index for index in self._unheard if self.stamps[index] > path.stamps[-1]]
 
     def _lapse(self, scan: Waiting, path: OdometryPath | None) -> tuple[bool, bool, Array | None, Open | None]:
         """Whether the motion to the latest scan was not measured, whether it is a jump, and what is known of it."""

@@ -19,7 +19,7 @@ from moteslam.slam.inputs.odometry_path import LowPass, OdometryPath
 Array = NDArray[np.float64]
 KEPT = LATEST + 100
 """Readings that are kept from before the last scan: what is unusual is seen by the latest ``LATEST``."""
-MOST_KEPT = 10 * LATEST
+MOST_KEPT = 4 * LATEST
 """The same of odometry that stands still: from before it did, up to as many."""
 
 
@@ -61,6 +61,7 @@ class LiveOdometry:
     Attributes:
         counted: whether it is of wheel counters.
         begins: stamp of the first reading that is part of the path [s].
+        still: whether it has stood still for longer than is kept.
     """
 
     def __init__(self, platform: Platform, config: SyncConfig) -> None:
@@ -73,7 +74,7 @@ class LiveOdometry:
         self._low_pass = LowPass(config.low_pass_hz)
         self._gyro = Rows(3)  # stamp, yaw rate, heading
         self._gyro_from = self._read = np.inf  # its first stamp; that of the wheels' latest reading
-        self.counted, self.begins = False, np.inf
+        self.counted, self.begins, self.still = False, np.inf, False
 
     @property
     def path(self) -> OdometryPath | None:
@@ -97,6 +98,8 @@ class LiveOdometry:
         """Take in the counts [4] of the wheels since the reading before."""
         if self._wheels is None:
             raise InputError("wheel counts, expected a platform with [wheels]", field="counts")
+        if len(self._rows) and not self.counted:
+            raise InputError("after poses, expected poses or counts", field="odometry")
         (distance,), (turn,) = wheel_motion(counts[None], self._wheels)
         self.counted = True
         self._waiting.append((stamp, float(distance), float(turn)))
@@ -133,7 +136,9 @@ class LiveOdometry:
         first = int(np.searchsorted(self._rows.values[:, 0], before)) - KEPT
         moved = np.flatnonzero((np.diff(self._rows.values[: max(first, 0), 1:4], axis=0) != 0).any(axis=1))
         stood = first - (int(moved[-1]) if len(moved) else 0)
-        self._rows.keep(min(len(self._rows) - first + (stood + 100 if stood > 1 else 0), MOST_KEPT))
+        kept = len(self._rows) - first + (stood + 100 if stood > 1 else 0)
+        self.still = kept > MOST_KEPT or (self.still and not len(moved))
+        self._rows.keep(min(kept, MOST_KEPT))
 
     def _integrate(self, stamp: float, distance: float, turn: float) -> None:
         before, self._read = self._read, stamp

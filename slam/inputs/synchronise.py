@@ -17,7 +17,7 @@ from moteslam.robot import se2
 from moteslam.robot.recording import LATEST, STREAMS, LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
 from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.lapses import Lapses, Open, lapses
+from moteslam.slam.inputs.lapses import Open, lapses
 from moteslam.slam.inputs.odometry_path import OdometryPath, has_moved, jumps, odometry_path, stands
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.travelling import travelling
@@ -40,7 +40,6 @@ class Inputs:
     """A recording as SLAM takes it in: n scans, and the motion between them.
 
     Attributes:
-        name: of the recording.
         stamps: [n] of the scans, in the order in which they were taken [s].
         scans: their endpoints.
         path: by odometry, at its own stamps; None without odometry.
@@ -52,11 +51,10 @@ class Inputs:
             of wheel encoders, has moved by then, or the robot is seen to stand.
         moves: whether the odometry measures any motion.
         logged: [n] the stamps that the recording gives them, where it has them in another order [s].
-        lapses: where the odometry did not measure; None without odometry.
+        open: what is left open of the motion to scans of which more is known than the velocity before, by scan.
         issues: what was seen to travel with the robot, and the lapses.
     """
 
-    name: str
     stamps: Array
     scans: Scans
     path: OdometryPath | None
@@ -65,14 +63,9 @@ class Inputs:
     jumped: NDArray[np.bool_]
     measured: NDArray[np.bool_]
     moves: bool
+    open: dict[int, Open]
     logged: Array | None = None
-    lapses: Lapses | None = None
     issues: tuple[Issue, ...] = ()
-
-    @property
-    def open(self) -> dict[int, Open]:
-        """What is left open of the motion to scans of which more is known than the velocity before, by scan."""
-        return {} if self.lapses is None else self.lapses.open
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -128,7 +121,6 @@ def synchronise(
         swept = sweeps(path, lidar.stamps, seconds, config)
     scans = Scans(lidar, recording.platform.lidar, sweeps=swept, max_range=max_range, travelling=travels)
     return Inputs(
-        name=recording.name,
         stamps=lidar.stamps,
         scans=scans,
         path=path,
@@ -138,7 +130,7 @@ def synchronise(
         measured=measures & ~unmeasured,
         moves=bool(moved.any()),
         logged=logged,
-        lapses=missing,
+        open={} if missing is None else missing.open,
         issues=(
             *(() if travels is None else travels.issues(lidar.stamps)),
             *(() if missing is None else missing.issues(lidar.stamps)),

@@ -14,6 +14,8 @@ from moteslam.slam.odometry.noise import MotionNoise, prediction_noise
 from moteslam.slam.paper.config import MatchConfig
 
 Array = NDArray[np.float64]
+UNKNOWN_SPEED = 0.5
+"""Of a robot of which no motion was measured yet: that of a slow walk [m/s]."""
 
 
 def predict(poses: Array, motion: Array, travelled: Travelled, noise: MotionNoise, *, seed: int, step: int) -> None:
@@ -38,7 +40,7 @@ class ParticleCovariance:
             float(np.max(np.diff(offsets), initial=0.0)) ** 2 / 12
             for offsets in (search.offsets_xy, search.offsets_theta)
         )
-        self._adrift = self._since = self._speed = 0.0  # [m]; driven since [m]; before [m/s]
+        self._adrift, self._since, self._speed = 0.0, 0.0, UNKNOWN_SPEED  # [m]; driven since [m]; before [m/s]
         self._spread: Symmetric = (self._step, 0.0, 0.0, self._step, 0.0, self._turn)
 
     def move(self, motion: se2.Pose, dt: float, *, measured: bool) -> None:

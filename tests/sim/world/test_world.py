@@ -288,3 +288,12 @@ def test_two_visits_have_truths_of_their_own_in_one_building() -> None:
     assert ((first.values == OCCUPIED) & (second.values == FREE)).sum() > 20
     lines = [{tuple(line) for line in maps[seed].world.segments.round(9).tolist()} for seed in (1, 2)]
     assert len(lines[0] & lines[1]) > 0.9 * len(lines[0])
+
+
+def test_where_there_is_no_route_the_start_stays_clear() -> None:
+    for seed in range(10):
+        table = load_scenario("office").model_dump(exclude={"route"}, exclude_none=True)
+        scenario = parse_scenario(
+            {**table, "wander": {"start": [8.0, -3.0], "distance": 20}, "visit": {"seed": seed, "moved": 1.0}}
+        )
+        assert World.of(scenario.standing).distance((8.0, -3.0))[0] > 0.6
