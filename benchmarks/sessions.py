@@ -21,13 +21,14 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 from parts.harness import Case, Row, arguments, benchmark, expect_known, status
+from scipy.ndimage import binary_dilation
 
 from moteslam.eval.cli.simulate import scenario_of
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.map_quality import map_accuracy
 from moteslam.robot import se2
 from moteslam.robot.formats import Cut, cut
-from moteslam.robot.formats.map_server import trinary
+from moteslam.robot.formats.map_server import UNKNOWN, trinary
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
@@ -81,10 +82,14 @@ def false_loops(building: Building, truths: Sequence[Trajectory]) -> tuple[int, 
 
 
 def f1(occupancy: Raster, path: Trajectory, simulation: Simulation) -> float:
-    """Of a map, by the true one where the path ends up on the truth."""
+    """Of a map, laid on the truth as its path is, where the true map is known: not of rooms that are shut now."""
     placed = absolute_trajectory_error(path, simulation.truth).transform
-    grey = Raster(trinary(occupancy.values), occupancy.cell_size, occupancy.origin)
-    return map_accuracy(grey, simulation.true_map(occupancy.cell_size), transform=placed).f1
+    true, values = simulation.true_map(occupancy.cell_size), trinary(occupancy.values)
+    known = Raster(binary_dilation(true.values != UNKNOWN, iterations=2), true.cell_size, true.origin)
+    cells = np.argwhere(values != UNKNOWN)
+    shut = ~known.values_at(se2.transform_points(placed, occupancy.centres(cells)), outside=False)
+    values[tuple(cells[shut].T)] = UNKNOWN
+    return map_accuracy(Raster(values, occupancy.cell_size, occupancy.origin), true, transform=placed).f1
 
 
 def orders(seed: int) -> Row:
