@@ -30,6 +30,8 @@ BEFORE = 0.5
 HARDEST, USUAL = 3.0, 1.0
 """Robots on wheels do not brake harder than the first, nor in a gap, which they know nothing of, than the second
 [m/s^2]."""
+TURN_USUAL, LEAST_TURN = 5.0, 0.02
+"""Nor do they stop turning harder than the first [rad/s^2]; stops of less than the second say nothing [rad]."""
 RESOLVED = 4.0
 """Odometry stands still where it should have gone this many of the smallest steps that it has ..."""
 LEAST_STOPPED = 0.002
@@ -260,13 +262,17 @@ class _Steps:
 
     def speed(self, k: int, *, late: bool = False) -> float:
         """At reading k [m/s], the mean of ``BEFORE``; with ``late`` of the last two steps, if that is less."""
+        return self._rate(self.lengths, k, late=late)
+
+    def _rate(self, values: Array, k: int, *, late: bool) -> float:
+        """Of the steps' values, to a second."""
         first = min(int(np.searchsorted(self.stamps, self.stamps[k] - BEFORE, side="right")), k)
         seconds = float(self.seconds[first : k + 1].sum())
         if seconds <= 0 or k == 0:
             return 0.0
-        mean = float(self.lengths[first : k + 1].sum()) / seconds
+        mean = float(values[first : k + 1].sum()) / seconds
         last = slice(max(k - 1, 1), k + 1)  # two, since stamps come in bursts
-        return min(mean, float(self.lengths[last].sum()) / max(float(self.seconds[last].sum()), 1e-9)) if late else mean
+        return min(mean, float(values[last].sum()) / max(float(self.seconds[last].sum()), 1e-9)) if late else mean
 
     def travelled(self, k: int) -> float:
         """The length of step k along an arc [m]."""
@@ -277,11 +283,16 @@ class _Steps:
         return float(np.percentile(self.lengths[max(0, k - LATEST) : k], 90)) if k else 0.0
 
     def lost(self, k: int) -> bool:
-        """Whether step k is shorter than the way that braking takes: the motion in a gap was not counted."""
+        """Whether step k is shorter than braking takes, on the way or in a turn: its motion was not counted."""
         speed, seconds = self.speed(k - 1), float(self.seconds[k])
         braking = min(speed / USUAL, seconds)
         least = speed * braking - USUAL * braking**2 / 2
-        return bool(least > LEAST_STOPPED and self.travelled(k) < least)
+        if least > LEAST_STOPPED and self.travelled(k) < least:
+            return True
+        rate = max(self._rate(self.turns * np.sign(self.turns[k - 1]), k - 1, late=True), 0.0)  # it turns on the spot
+        least = rate * min(rate / TURN_USUAL, seconds) / 2
+        stopped = least > LEAST_TURN and abs(float(self.turns[k])) < least
+        return bool(stopped and self.travelled(k) <= CAUGHT_UP * self.usual(k))
 
     def bounded(self, k: int) -> Open:
         """What counters leave open of a step over a gap: its length is known, and how far it turned, not when.
@@ -307,7 +318,9 @@ class _Steps:
         mean = length * ahead * float(self._forward[k - 1])
         moved = np.array((mean * math.cos(turn / 2), mean * math.sin(turn / 2), turn))
         heading = min(widest, math.pi / math.sqrt(3))
-        place = length * min(heading, 1.0) / 3
+        recent = slice(max(0, k - LATEST), k)  # one that turns on the spot drives on, as fast as it usually does
+        fast = max(speed, self.usual(k) * (len(self.seconds[recent]) / max(float(self.seconds[recent].sum()), 1e-9)))
+        place = fast * seconds * min(heading, 1.0) / 3
         return moved, Open(place, heading, place)
 
     def standstills(self, since: float) -> Iterator[tuple[int, int, int]]:

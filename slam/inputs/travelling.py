@@ -258,11 +258,12 @@ class Follower:
         both = np.stack((before.ranges, now.ranges)), np.stack((before.odometry, now.odometry))
         flags = compare_scans(self._fan, *both)
         travel, stand, may = (each[0] for each in flags)
-        if self._epochs and near(now.ranges, self._epochs[-1]).any():
+        new = travel & (self._for < TRAVELS)
+        if self._epochs and (known := near(now.ranges, self._epochs[-1])).any():  # of floor new beams, too
             self._see("along", now.scan, now.scan, apart=now.scan)
-        new = int((travel & (self._for < TRAVELS)).sum())
+            new &= ~known
         walls = int(stand.sum())
-        if self._wheels(before, now, new, int(travel.sum()), walls):
+        if self._wheels(before, now, int(new.sum()), walls):
             return
         self._walls = [*self._walls[1:], walls]
         self._stood, self._might = self._stood + walls, self._might + int((may & ~travel).sum())
@@ -296,11 +297,11 @@ class Follower:
         self._begins.append(scan)
         self._epochs.append(held)
 
-    def _wheels(self, before: _Compared, now: _Compared, new: int, travel: int, walls: int) -> bool:
+    def _wheels(self, before: _Compared, now: _Compared, new: int, walls: int) -> bool:
         """Whether the wheels spin on the spot from one scan to the other: then the robot stands from there on."""
         went_on = self._spins
         if went_on:
-            self._spins = travel > walls
+            self._spins = new > walls
         else:
             self._spins = self._trusted and new >= BEAMS and walls <= new / 4 and max(self._walls) >= BEAMS
         if not self._spins:

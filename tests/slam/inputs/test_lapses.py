@@ -138,6 +138,31 @@ def test_over_a_gap_the_motion_is_not_measured_but_known_within_bounds(kept: boo
     assert sum(rest) >= len(rest) - 2
 
 
+@pytest.mark.parametrize("rest", [0, 40])
+def test_who_turned_on_the_spot_before_a_gap_that_was_not_counted_may_have_driven_on(rest: int):
+    """As fast as it usually drives; one that had come to rest stands."""
+    recording = wheels(kept=False)
+    assert recording.encoders is not None
+    counts = np.array(recording.encoders.counts)
+    counts[150 : 200 - rest] = 5 * np.array((1, -1, 1, -1))
+    counts[200 - rest : 200] = 0
+    encoders = EncoderStream(recording.encoders.stamps, counts)
+    inputs = synchronise(recording.replace(encoders=encoders))
+    over = [step for step in steps(inputs) if step.open is not None and step.dt > 8]
+    assert len(over) == 1
+    assert (codes(inputs) == ["gap"]) == (not rest)
+    assert over[0].open is not None
+    assert (over[0].open.place > 0.5) == (not rest)
+
+
+@pytest.mark.usefixtures("taichi")
+def test_floor_that_other_beams_see_does_not_make_wheels_spin():
+    settings = ['faults=[{kind="tilt", pitch=0.087, height=0.2}]']
+    scenario = load_scenario("office", platform="turtlebot3", settings=settings)
+    simulation = simulate(scenario.model_copy(update={"duration": 110.0}), seed=0)
+    assert codes(synchronise(simulation.recording)) == ["travels-along"]
+
+
 @pytest.mark.usefixtures("taichi")
 def test_a_turn_that_counters_alone_leap_by_is_a_jump_though_a_gyro_knows_better():
     fault = 'faults=[{kind="odometry_jump", start=40, theta=0.3}]'
