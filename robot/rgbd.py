@@ -91,13 +91,6 @@ def mount_rotation(mount: CameraSpec) -> NDArray[np.float64]:
     return np.asarray(Rotation.from_euler("ZYX", (mount.yaw, mount.pitch, mount.roll)).as_matrix() @ OPTICAL_TO_BODY)
 
 
-def optical_rays(*, colour: bool) -> NDArray[np.float64]:
-    """Directions [480, 640, 3] of the pixels' centres in optical axes, with z = 1, of the colour or depth camera."""
-    focal, (cx, cy) = (RGB_FOCAL, RGB_CENTRE) if colour else (FOCAL, CENTRE)
-    rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
-    return np.stack(((columns - cx) / focal, (rows - cy) / focal, np.ones_like(rows)), axis=-1)
-
-
 MAX_BYTES = 16 << 20
 """Images are files of at most this size: more than 640 x 480 pixels take."""
 LARGEST_GAP = 0.05

@@ -20,12 +20,6 @@ from moteslam.robot.recording import ImuStream, Recording, gaps
 Array = NDArray[np.float64]
 
 
-def euler_increment(distance: ArrayLike, turn: ArrayLike) -> se2.Poses:
-    """Equation III.1 of the paper: straight along the old heading by v tau [...] [m], then a turn omega tau [rad]."""
-    distance, turn = np.asarray(distance, np.float64), np.asarray(turn, np.float64)
-    return np.stack(np.broadcast_arrays(distance, np.zeros_like(distance), turn), axis=-1)
-
-
 def arc_increment(distance: ArrayLike, turn: ArrayLike) -> se2.Poses:
     """The exact arc of constant v and omega, of lengths [...] [m] and angles [...] [rad]; straight as these go to 0.
 

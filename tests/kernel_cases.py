@@ -229,10 +229,11 @@ def floors() -> Results:
     from moteslam.kernels.raycast import build_buckets, cast_rays
     from moteslam.kernels.texture import add_frame, match_colours
     from moteslam.robot import rgbd
+    from moteslam.sim.sensors.rgbd import optical_rays
     from moteslam.slam.texture.floor_map import calibration
 
     generator, rotation = np.random.default_rng(11), rgbd.mount_rotation(CAMERA)
-    rays = rgbd.optical_rays(colour=False)
+    rays = optical_rays(colour=False)
     seen = view_of(np.concatenate((rays @ rotation.T, rays[..., 2:]), axis=-1), height=0.36)
     depth = depth_view_of(
         seen, scale=1.03, offset=3.31, slope=-0.00304, nothing=2047, nearest=0.4, farthest=4.0, grazing=0.05

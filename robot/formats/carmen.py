@@ -80,6 +80,11 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
         odometry = odometry[:0]
     is_ipc = bool(rows["ipc"].any() or odometry[:, 3].any())
     has_poses = laser is not None and laser.line not in RAW_LASERS
+    clock, moved = "ipc" if is_ipc else "logger", odometry[:, 3 if is_ipc else 4]
+    if laser and has_poses and len(odometry) > 1 and _exchanged(rows, odometry, moved, clock):
+        rows["laser"], rows["robot"] = rows["robot"].copy(), rows["laser"].copy()
+        text = f"{path.name}: poses of robot and laser exchanged in {laser.line} lines, by the ODOM lines: put right"
+        issues.append(Issue("exchanged-poses", text, len(rows)))
     size = {key: log.params[f"robot_{key}"] for key in ("length", "width") if log.params.get(f"robot_{key}", 0) > 0}
     mount = _mount(log.params, rows if has_poses else rows[:0])
     if is_backwards := mount.get("time_increment", 0.0) < 0:  # of a lidar that turns clockwise
@@ -96,15 +101,15 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
         fan = Fan(laser.angle_min, laser.step, 0.0, float(limit), ranges.shape[1])
         if is_backwards:
             fan, ranges = fan.reversed(), ranges[:, ::-1]
-        stamps, poses = rows["ipc" if is_ipc else "logger"], rows["robot"] if has_poses else None
-        lidar = sensors.lidar(path, laser.line, stamps, ranges, fan, poses, laser.interlace)
+        poses = rows["robot"] if has_poses else None
+        lidar = sensors.lidar(path, laser.line, rows[clock], ranges, fan, poses, laser.interlace)
         beams = ranges.shape[1]
         if laser.line == "FLASER" and beams not in CLASSIC_STEPS and "angle_increment" not in given.lidar_figures:
             text = f"{path.name}: FLASER lines state no angles: {beams} beams are assumed to span 180 degrees. Of "
             text += "another lidar the map is wrong: give [lidar] angle_min and angle_increment by --platform"
             issues.append(Issue("assumed-angles", text, len(lidar)))
     name = re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name
-    moves = sensors.odometry(path, "ODOM", odometry[:, 3 if is_ipc else 4], odometry[:, :3])
+    moves = sensors.odometry(path, "ODOM", moved, odometry[:, :3])
     return Recording(name, robot, lidar, odometry=moves, warnings=tuple(issues))
 
 
@@ -145,8 +150,8 @@ class _Lines:
         tail = words[after:]
         count = self.tails.get(line) or (len(tail) if len(tail) in TAILS[line] else TAILS[line][-1])
         _expect_words(words, after + count, f"{end - begin} ranges")
-        if step <= 0:
-            raise ValueError(f"angular resolution {step}, expected more than 0 rad")
+        if step == 0:
+            raise ValueError("angular resolution 0, expected more rad, or less of a lidar that turns clockwise")
         stamps = [tail[k] for k in STAMPS[count]]
         row = [number, end - begin, angle_min, step, max(stated, 0.0)]
         row += [*[0.0] * 6 * is_raw, *_placed([] if is_raw else tail[:6], stamps)]
@@ -236,16 +241,16 @@ def _laser(line: str, rows: Rows) -> _Laser:
     beams, angle_min, step = heads[list(FAN)][usual].item()
     most_others = max(MAX_DROPPED, counts[usual] // 10)
     alike = (heads["stated"] == heads["stated"][usual]) & (np.abs(heads["beams"] - beams) <= 1)
-    alike &= np.abs(heads["angle_min"] - angle_min) < step - SAME_ANGLE
+    alike &= np.abs(heads["angle_min"] - angle_min) < abs(step) - SAME_ANGLE
     alike &= np.abs(heads["step"] - step) * beams < SAME_ANGLE
     if counts[alike].sum() - counts[usual] > most_others:
         for interlace in range(2, MAX_INTERLACE + 1):
             off = (heads["angle_min"] - angle_min) * interlace / step
             begins = np.rint(off).astype(np.intp)
-            fits = alike & (np.abs(off - begins) * step / interlace < SAME_ANGLE)
+            fits = alike & (np.abs(off - begins) * abs(step) / interlace < SAME_ANGLE)
             begins -= begins[fits].min()
             if counts[alike & ~fits].sum() <= most_others and begins[fits].max() < interlace:
-                first = float(heads["angle_min"][fits].min())
+                first = float(heads["angle_min"][fits & (begins == 0)].min())
                 return _Laser(line, rows, np.where(fits, begins, -1)[kinds], first, step / interlace, interlace)
     return _Laser(line, rows, np.where(kinds == usual, 0, -1), angle_min, step, 1)
 
@@ -289,6 +294,14 @@ def _chosen(path: Path, log: _Lines, issues: list[Issue]) -> _Laser | None:
 
 def _words(head: np.void) -> str:
     return f"{counted(int(head['beams']), 'beam')} every {head['step']:.4f} rad from {head['angle_min']:.4f} rad"
+
+
+def _exchanged(rows: Rows, odometry: NDArray[np.float64], stamps: NDArray[np.float64], clock: str) -> bool:
+    """Whether the robot is by ODOM lines [m, 5] [m] where the laser is logged, and not where it is logged itself."""
+    order = np.argsort(stamps, kind="stable")
+    at = se2.interpolate(stamps[order], odometry[order, :3], rows[clock])[:, :2]
+    robot, laser = (float(np.median(np.abs(at - rows[who][:, :2]).max(axis=1))) for who in ("robot", "laser"))
+    return robot > _SAME + 4 * laser
 
 
 def _mount(params: dict[str, float], rows: Rows) -> dict[str, float]:

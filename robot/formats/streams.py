@@ -51,6 +51,8 @@ SLACK = 1.0
 
 CLIPPED, SAME = (0.03, 0.95), 1e-4
 """Where so many of all endpoints, and some of most scans, are the longest range, to the second [m], it is no return."""
+STAYS, CODES = 0.9, 100
+"""Beams that end there in a larger share of the scans see the robot's body; of codes beyond a limit there are fewer."""
 SAMPLE = 64
 """Scans that limits are looked for in."""
 
@@ -81,21 +83,27 @@ class Fan(NamedTuple):
             raise InputError(problem, file=file, field="platform.lidar.range_min")
         return fan
 
-    def below(self, ranges: NDArray[np.float32], issues: list[Issue], head: str) -> Fan:
-        """The same, with the range as its limit that the longest of some scans [n, beams] [m] are clipped at; told.
-
-        A driver that clips ranges says so what did not come back, or is farther away; no walls give so many alike.
+    def within(self, ranges: NDArray[np.float32], issues: list[Issue], head: str) -> Fan:
+        """The same with the limits that some scans [n, beams] [m] show, where many ranges are alike, at changing beams;
+        told, and so is much that is beyond the limit and no code: it may be walls.
         """
         ends = (ranges >= np.float32(self.range_min)) & (ranges < np.float32(self.range_max)) & (ranges > 0)
-        at = ends & (ranges > ranges.max(initial=0.0, where=ends) - SAME)
-        share = at.sum() / max(ends.sum(), 1)
-        stood = len(ranges) < SAMPLE / 2 or (at == at[:1]).all()
-        if stood or not CLIPPED[0] < share < CLIPPED[1] or at.any(axis=1).mean() <= 0.5:
-            return self
-        limit = float(ranges.min(initial=np.inf, where=at))
-        text = f"{100 * share:.0f} % of the endpoints are {limit:g} m away, the longest range: taken for "
-        issues.append(Issue("range-max", f"{head}: {text}no return, as if range_max were {limit:g} m"))
-        return self._replace(range_max=limit)
+        fan, count = self, max(int(ends.sum()), 1)
+        longest, shortest = ranges.max(initial=0.0, where=ends), ranges.min(initial=np.inf, where=ends)
+        for at, name in ((ends & (ranges > longest - SAME), "max"), (ends & (ranges < shortest + SAME), "min")):
+            share, beams = at.sum() / count, at.mean(axis=0)
+            stay = len(ranges) < SAMPLE / 2 or (beams[beams > 0] > STAYS).mean() > 0.5
+            if not stay and CLIPPED[0] < share < CLIPPED[1] and at.any(axis=1).mean() > 0.5:
+                limit, which = float(ranges[at].min()), "longest" if name == "max" else "shortest"
+                text = f"{100 * share:.0f} % of the endpoints are {limit:g} m away, the {which} range: taken for no "
+                issues.append(Issue("range-max", f"{head}: {text}return, as if range_{name} were {limit:g} m"))
+                fan = fan._replace(range_max=limit) if name == "max" else fan._replace(range_min=limit + SAME)
+        beyond = ranges[np.isfinite(ranges) & (ranges >= np.float32(self.range_max))]
+        if len(beyond) > CLIPPED[0] * count and len(np.unique(beyond)) > CODES:
+            text = f"{100 * len(beyond) / (count + len(beyond)):.0f} % of ranges, up to {beyond.max():g} m, are beyond "
+            text = f"{text}range_max ({self.range_max:g} m), no return: if walls, give [lidar] range_max by --platform"
+            issues.append(Issue("range-max", f"{head}: {text}"))
+        return fan
 
     @property
     def angles(self) -> NDArray[np.float64]:
@@ -275,7 +283,7 @@ class Sensors:
         new = ~given_again(file, field, stamps, same, self.issues)
         stamps, order = stamps[new], order[new]
         sequence = None if odometry is None else _sequence(file, field, odometry, order, self.issues)
-        fan = fan.below(ranges[sampled(len(ranges))], self.issues, f"{file.name}: {field}")
+        fan = fan.within(ranges[sampled(len(ranges))], self.issues, f"{file.name}: {field}")
         clean = clean_ranges(ranges[order], fan, self.issues, f"{file.name}: {field}")
         poses = None if odometry is None else odometry[order]
         step = self.robot.lidar.time_increment / interlace

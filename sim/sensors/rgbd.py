@@ -41,6 +41,13 @@ _NOISE_LENGTH = 1 << 20
 """Normal numbers drawn once; every frame reads them from another index on."""
 
 
+def optical_rays(*, colour: bool) -> Array:
+    """Directions [480, 640, 3] of the pixels' centres in optical axes, with z = 1, of the colour or depth camera."""
+    focal, (cx, cy) = (rgbd.RGB_FOCAL, rgbd.RGB_CENTRE) if colour else (rgbd.FOCAL, rgbd.CENTRE)
+    rows, columns = np.mgrid[: rgbd.HEIGHT, : rgbd.WIDTH].astype(np.float64)
+    return np.stack(((columns - cx) / focal, (rows - cy) / focal, np.ones_like(rows)), axis=-1)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Shots(Summarised):
     """What one camera takes."""
@@ -87,7 +94,7 @@ class Renderer:
         self._places = {False: place, True: place + rotation @ np.array((rgbd.RGB_OFFSET, 0.0, 0.0))}
         self.views = {}
         for colour in (False, True):
-            optical = rgbd.optical_rays(colour=colour)
+            optical = optical_rays(colour=colour)
             directions = np.concatenate((optical @ rotation.T, optical[..., 2:]), axis=-1)
             self.views[colour] = view_of(directions, height=float(self._places[colour][2]))
         ground = _bounds(scene, path, settings.farthest + 2.0)

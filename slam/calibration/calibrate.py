@@ -73,25 +73,25 @@ class Calibration:
     """What scans show of their lidar and of the odometry.
 
     Attributes:
-        angle_scale: angles between beams, over the stated; ``angle_deviation`` its standard deviation.
+        angle_scale, angle_deviation, excess: of the angles, over the stated; by how much ranges are too long [m].
         mirrored: the beams, or the odometry, go the other way round.
         form: of `FORMS`, the one that odometry poses fit the scans in.
         quarter: what is to be added to the headings in that form [rad]: a quarter turn to either side where they point
             aside of their own path and of the lidar as it is stated, else 0.
-        wrong: which one turns the wrong way where one does and a third witness (the gyro, or wheels beside it) bears
-            the other out; empty where nothing decides.
+        wrong: which one turns the wrong way by a third witness, the gyro, or wheels beside it; empty without.
         fit: the mount and the rest; its clocks are one where they do not differ clearly.
         correlation: of the turns of scans and odometry.
         clocks: a fit with the difference of the clocks; None if the odometry is logged with the scans.
         shared_clock: the clocks do not differ clearly, or the scans fit no better with two.
         late: ``gyro`` where its stamps alone are off, and not those of the wheels; else empty.
-        reversed: mirrored beams are in the wrong order in time, too: an array that is to be read from its end; None
-            where scans do not show it.
+        reversed: mirrored beams are in the wrong order in time, too; None where scans do not show it.
+        faster: the scans fit clearly better if a sweep takes half as long as stated.
         fits: the odometry measures the motion of the scans; else nothing but the angles is known.
     """
 
     angle_scale: float
     angle_deviation: float
+    excess: tuple[float, float]
     mirrored: bool
     wrong: Literal["", "lidar", "odometry", "gyro"]
     form: str
@@ -103,6 +103,7 @@ class Calibration:
     late: Literal["", "gyro"]
     fits: bool
     reversed: bool | None
+    faster: bool
 
 
 def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None:
@@ -188,7 +189,7 @@ def _calibrate(
     at = _at(in_form(path, form))
     wrong = _wrong(recording, path, scans.pairs) if mirrored else ""
     is_reversed = scans.mirror(lidar, _rates(scans, at, offset, drift)) if mirrored else False
-    angle_scale, deviation = scans.scale_angles()
+    angle_scale, deviation, excess = scans.scale_angles()
     best = fit(scans.pairs, at, (offset, drift), shared=logged)
     quarter = 0.0
     if not mirrored and recording.encoders is None:
@@ -203,7 +204,7 @@ def _calibrate(
         witness = scans.stated()
         as_stated = fit(witness.pairs, at, (offset, drift), shared=logged)
         if (as_stated.cost - clocks.cost) * len(scans.pairs.first) < WITNESS:
-            scans, clocks, deviation = witness, as_stated, abs(angle_scale - 1)
+            scans, clocks, deviation, excess = witness, as_stated, abs(angle_scale - 1), (excess[0], abs(excess[0]))
     one = clocks if logged else fit(scans.pairs, at, (0.0, 0.0), shared=True)
     differ = not logged and _clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
     shared = not (differ and clocks.cost < EXPLAINED * one.cost)
@@ -212,9 +213,7 @@ def _calibrate(
     began_as_one = abs(start) < (LATE_WHEELS if wheels_alone else LATE)
     if wheels_alone and began_as_one:  # the body follows its wheels late, and in turns aside, by about the same time
         clocks = fit(scans.pairs, at, (offset, drift), shared=False, slip=max(-start, 0.0))
-    best = clocks._replace(values=clocks.values.copy())
-    if shared and not logged and not wheels_alone:
-        best = one
+    best = one if shared and not (logged or wheels_alone) else clocks._replace(values=clocks.values.copy())
     if not shared and began_as_one:
         best.values[Parameter.OFFSET] -= start
     if differ and recording.imu is not None and recording.encoders is not None:
@@ -229,6 +228,7 @@ def _calibrate(
     return Calibration(
         angle_scale=angle_scale,
         angle_deviation=deviation,
+        excess=excess,
         mirrored=mirrored,
         wrong=wrong,
         form=form,
@@ -240,6 +240,7 @@ def _calibrate(
         late=late,
         fits=fits,
         reversed=is_reversed,
+        faster=fits and not mirrored and scans.is_faster(_rates(scans, at, *best.values[CLOCKS])),
     )
 
 
@@ -345,5 +346,5 @@ def _read(
         if cost < BETTER * least and (least - cost) * len(pairs.first) > EVIDENCE:
             best, least = (form, mirrored, correlation, (offset, drift)), cost
     if best is not None and best[1] and best[0] in ("turns", "y"):  # one wrong sign in place of two
-        best = ("y" if best[0] == "turns" else "turns", False, *best[2:])
+        return ("y" if best[0] == "turns" else "turns", False, *best[2:])
     return best

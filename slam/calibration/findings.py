@@ -25,6 +25,8 @@ ANGLES = 0.012
 """Smaller differences move no result by a tenth of a metre: of angles over the stated,"""
 PLACE, YAW = 0.07, 0.06
 """of the mount [m], [rad],"""
+EXCESS = 0.07
+"""of ranges that are all too long or too short by as much [m],"""
 SCALE = 0.04
 """and of ranges over the odometry's lengths, which SLAM calibrates while driving."""
 TURNS = 0.15
@@ -129,6 +131,13 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     if (angles := certain.get("angles")) is not None:
         text = f"lidar: angles between beams are {_percent(angles)} stated: walls come out bent, turns wrong. "
         told.append(("lidar-angles", f"{text}In platform.toml: [lidar] {toml}", True))
+    if (excess := certain.get("excess")) is not None:
+        side = "long" if excess.value > 0 else "short"
+        text = f"lidar: all ranges are {abs(excess.value):.2f} m ({_interval(excess)}) too {side}, by scans from other "
+        told.append(("range-offset", f"{text}places: subtract {excess.value:.3f} m from them", True))
+    if c.faster:
+        text = f"lidar: scans fit better if a sweep takes half of the {sweep_seconds(recording, lidar):.3g} s stated: "
+        told.append(("time-increment", f"{text}turns are smeared; give [lidar] time_increment by --platform", True))
     if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
         backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4
         parts = [
@@ -215,11 +224,13 @@ def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
         apart[Parameter.YAW] = se2.wrap(apart[Parameter.YAW])
         far &= np.abs(apart) > np.maximum(least, SIGMAS * each.deviations[MOUNT])
     turns = c.fits and abs(ratio - 1) > TURNS and abs(turns_over_scans - 1) > SIGMAS * about_turns
+    too_long = abs(c.excess[0]) > max(EXCESS, SIGMAS * c.excess[1]) and not angles_differ  # one biases the other
     rows = [
         ("angles between beams, over the stated", c.angle_scale, c.angle_deviation, 1.0, angles_differ),
         ("x of the lidar [m]", x, about_x, mount.x, far[0]),
         ("y of the lidar [m]", y, about_y, mount.y, far[1]),
         ("yaw of the lidar [deg]", degrees(yaw), degrees(about_yaw), degrees(mount.yaw), far[2]),
+        ("excess of the ranges [m]", *c.excess, 0.0, too_long),
         ("lengths by ranges, over odometry", lengths, about_lengths, 1.0, scaled),
         ("turns by scans, over odometry", ratio, about_ratio, 1.0, turns),
     ]
@@ -242,9 +253,12 @@ def _span(lidar: LidarStream | None) -> float:
 
 
 def lidar_of(lidar: LidarStream, c: Calibration, certain: Collection[str]) -> LidarStream:
-    """With the angles that are certain."""
+    """With the angles and ranges that are certain."""
     if c.mirrored and c.reversed:
         lidar = replace(lidar, ranges=changed_ranges(lidar, lambda ranges: np.ascontiguousarray(ranges[:, ::-1])))
+    if "excess" in certain:
+        excess = np.float32(c.excess[0])
+        lidar = replace(lidar, ranges=changed_ranges(lidar, lambda ranges: ranges - excess))
     sign = -1.0 if c.mirrored and not c.reversed else 1.0
     scale = c.angle_scale if "angles" in certain else 1.0
     return replace(lidar, angle_min=sign * lidar.angle_min, angle_increment=sign * scale * lidar.angle_increment)

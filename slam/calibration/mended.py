@@ -13,6 +13,7 @@ from moteslam.slam.calibration.calibrate import Calibration, in_form, with_stamp
 from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar_of, mount_of, stamped_at_end
 from moteslam.slam.calibration.hand_eye import CLOCKS, Parameter
 from moteslam.slam.inputs.odometry_path import OdometryPath
+from moteslam.slam.inputs.synchronise import sweep_seconds
 
 Array = NDArray[np.float64]
 Side = Literal["lidar", "odometry"]
@@ -59,7 +60,11 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
         mended = _in_form(mended, c)
     lidar = mended.lidar
     assert lidar is not None
-    mended = mended.replace(lidar=lidar_of(lidar, c, certain))
+    lidar = lidar_of(lidar, c, certain)
+    if c.faster and side is not None:
+        step = sweep_seconds(recording, lidar) / 2 / (lidar.ranges.shape[1] - 1)
+        lidar = replace(lidar, time_increment=step)
+    mended = mended.replace(lidar=lidar)
     if mirror in ("odometry", "gyro"):
         mended = _mirror_image(mended, gyro=mirror == "gyro" or not c.wrong, poses=mirror == "odometry")
     if c.late == "gyro":

@@ -29,10 +29,12 @@ ROUNDS = 8
 """Of the scale of the angles, at most."""
 OFFSET = 0.1
 """Prior standard deviation of a common offset of the ranges [m]; it would pass for a scale of the angles."""
-ANGLE_FLOOR = 0.0015
-"""The standard deviation of that scale is no smaller."""
+ANGLE_FLOOR, OFFSET_FLOOR = 0.0015, 0.004
+"""The standard deviations of that scale, and of the offset [m], are no smaller."""
 ORDER = 5.0
 """Standard errors by which scans fit better in one reading, of the beams in one order in time, say: then that is it."""
+SWEEP = 0.02
+"""A sweep that is shorter by less moves no result by a tenth of a metre [s]."""
 LEAST_COST = 1e-4
 """A pair costs no less [m]: all endpoints in one place fit, too."""
 SCALES = 1.1 ** np.arange(-8, 9)
@@ -117,21 +119,28 @@ class RegisteredPairs:
         beams, motions = self._beams, self._found.motions * (1, -1, -1)
         turned = beams._replace(angles=-beams.angles)
         backwards = beams._replace(angles=lidar.angles[0] + lidar.angles[-1] - beams.angles, shares=1 - beams.shares)
-        is_reversed: bool | None = False
-        if beams.sweep > 0:
-            as_is, other = (
-                refine(*self._ranges, each, self._seconds, motions, rates=rates) for each in (turned, backwards)
-            )
-            both = as_is.good & other.good
-            better = np.log(cost(as_is)[both] / cost(other)[both])
-            certain = both.sum() >= FEWEST and abs(better.mean()) > ORDER * better.std() / np.sqrt(both.sum())
-            is_reversed = bool(better.mean() > 0) if certain else None
+        is_reversed = self._fits_better(turned, backwards, motions, rates) if beams.sweep > 0 else False
         self._beams = backwards if is_reversed else turned
         self.refine(motions, anew=True)
         return is_reversed
 
-    def scale_angles(self) -> tuple[float, float]:
+    def is_faster(self, rates: tuple[Array, Array]) -> bool:
+        """Whether the scans clearly fit better if a sweep takes half as long as stated; ``rates`` as of ``mirror``."""
+        half = self._beams._replace(sweep=self._beams.sweep / 2)
+        return half.sweep > SWEEP and bool(self._fits_better(self._beams, half, self._found.motions, rates))
+
+    def _fits_better(self, one: Beams, other: Beams, motions: Array, rates: tuple[Array, Array]) -> bool | None:
+        """Whether the other beams clearly fit better, each scan straightened by its own turn; None if neither."""
+        as_is, new = (refine(*self._ranges, each, self._seconds, motions, rates=rates) for each in (one, other))
+        both = as_is.good & new.good
+        better = np.log(cost(as_is)[both] / cost(new)[both])
+        certain = both.sum() >= FEWEST and abs(better.mean()) > ORDER * better.std() / np.sqrt(both.sum())
+        return bool(better.mean() > 0) if certain else None
+
+    def scale_angles(self) -> tuple[float, float, tuple[float, float]]:
         """The scale of the angles between beams at which the scans fit each other best, and its deviation.
+
+        And by how much all ranges are too long, with the deviation of that [m].
 
         Gauss-Newton of what all pairs have in common, this scale and an offset of the ranges; a scale that differs
         between the sectors of the fan adds to the deviation, and the pairs are registered again after each step.
@@ -152,7 +161,7 @@ class RegisteredPairs:
             shift, step = np.clip(-inverse @ (slope @ both), -0.1, 0.1)
             parts = np.array([part.sum(axis=0) for part in np.array_split(gradient @ both, 25)])
             sectors = -np.linalg.solve(about + 1e-6 * np.eye(len(about)), slope)[1:]
-            spread = np.sqrt((inverse @ (parts.T @ parts) @ inverse)[1, 1])
+            about_offset, spread = np.sqrt((inverse @ (parts.T @ parts) @ inverse).diagonal())
             deviation = float(np.linalg.norm((spread, sectors.std() / np.sqrt(len(sectors)), ANGLE_FLOOR)))
             scale, offset = scale * (1 + step), offset + shift
             if abs(step) < 0.002 and abs(shift) < 0.003:
@@ -160,7 +169,7 @@ class RegisteredPairs:
             self._beams = self._beams._replace(angles=stated[0] + scale * (stated - stated[0]))
             self._ranges = self._ranges[0] + shift, self._ranges[1] + shift
             self.refine(self._found.motions, anew=True)
-        return float(scale), deviation
+        return float(scale), deviation, (-float(offset), max(float(about_offset), OFFSET_FLOOR))
 
 
 def best_scale(recording: Recording, lidar: LidarStream, before: Indices, after: Indices) -> float:

@@ -35,7 +35,7 @@ TURN_USUAL, LEAST_TURN = 5.0, 0.02
 RESOLVED = 4.0
 """Odometry stands still where it should have gone this many of the smallest steps that it has ..."""
 LEAST_STOPPED = 0.002
-"""... and this far [m]."""
+"""... and this far [m], [rad]."""
 STILL = 1e-9
 """Odometry that moves by less stands still, to the last bits of its place [m]."""
 TURNS = 0.5
@@ -58,7 +58,7 @@ CAUGHT_UP = 2.0
 class Lapse(NamedTuple):
     """One of them, from a reading of the odometry to another [s]; ``named`` if it is worth a warning."""
 
-    kind: Literal["gap", "held", "stale", "jump"]  # held: a gap after which a scan has the pose from before it
+    kind: Literal["gap", "held", "stale", "missing", "jump"]  # held: a gap; the next scan has the pose from before it
     begin: float
     end: float
     named: bool = True
@@ -124,10 +124,11 @@ class Lapses:
                 "before: where the robot is then the scans must say",
             ),
             ("stale", "stale-odometry", "the odometry stood still while the robot drove: the scans alone there"),
+            ("missing", "no-odometry", "no odometry was recorded while the robot moved: the scans alone there"),
         ):
             spans = [(s.begin, s.end) for s in self.seen if s.kind == kind and s.named and s.begin < stamps[-1]]
             count = len(spans)
-            if kind == "stale":
+            if kind in ("stale", "missing"):
                 count = max(sum(int(((stamps > begin) & (stamps <= end)).sum()) for begin, end in spans), 1)
             if spans:
                 issues.append(Issue(code, f"{when(spans)}: {text}", count))
@@ -176,13 +177,12 @@ def lapses(
         lost = steps.lost(k)
         inside = (stamps[over] > begin) & (stamps[over] < end)
         if inside.sum() > 2:  # the scans go on
-            if lost:
+            if lost or steps.exceeds(k, turning=True):  # when it moved is open
                 unmeasured[over] = True
-                seen.append(Lapse("stale", begin, end))
+                seen.append(Lapse("stale" if lost else "missing", begin, end))
             continue
         longest = int(over[np.argmax(np.diff(stamps)[over - 1])])
-        travelled = steps.travelled(k)
-        if lost or travelled > CAUGHT_UP * steps.usual(k):
+        if lost or steps.exceeds(k, turning=False):
             poses = lidar.odometry
             is_held = poses is not None and (
                 np.array_equal(poses[longest], poses[longest - 1])
@@ -278,9 +278,14 @@ class _Steps:
         """The length of step k along an arc [m]."""
         return float(self.lengths[k] / max(abs(np.sinc(self.turns[k] / (2 * np.pi))), 0.1))
 
-    def usual(self, k: int) -> float:
-        """The 90th percentile of the latest steps before step k [m]."""
-        return float(np.percentile(self.lengths[max(0, k - LATEST) : k], 90)) if k else 0.0
+    def exceeds(self, k: int, *, turning: bool) -> bool:
+        """Whether step k is clearly longer, or turns by more, than the latest before it, their 90th percentile."""
+        most = CAUGHT_UP * self.usual(k, self.turns) + LEAST_STOPPED if turning else np.inf
+        return bool(abs(self.turns[k]) > most or self.travelled(k) > CAUGHT_UP * self.usual(k))
+
+    def usual(self, k: int, of: Array | None = None) -> float:
+        """The 90th percentile of the latest steps before step k [m]; of their turns [rad]."""
+        return float(np.percentile(abs((self.lengths if of is None else of)[max(0, k - LATEST) : k]), 90)) if k else 0
 
     def lost(self, k: int) -> bool:
         """Whether step k is shorter than braking takes, on the way or in a turn: its motion was not counted."""

@@ -12,9 +12,9 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LATEST, gaps, nearest_stamp
-from moteslam.robot.wheel_odometry import arc_increment, euler_increment, wheel_motion
+from moteslam.robot.wheel_odometry import arc_increment, wheel_motion
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.odometry_path import LowPass, OdometryPath
+from moteslam.slam.inputs.odometry_path import LowPass, OdometryPath, euler_increment
 
 Array = NDArray[np.float64]
 KEPT = LATEST + 100

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.recording import ImuStream, Ranges, Recording, nearest_stamp
-from moteslam.robot.wheel_odometry import arc_increment, euler_increment, gyro_turn, wheel_path
+from moteslam.robot.wheel_odometry import arc_increment, gyro_turn, wheel_path
 from moteslam.slam.inputs.config import SyncConfig
 
 Array = NDArray[np.float64]
@@ -42,6 +42,12 @@ class OdometryPath:
         columns = (*self.poses.T[:2], self.unwrapped)
         x, y, heading = (np.interp(stamps, self.stamps, each) for each in columns)
         return np.stack((x, y, se2.wrap(heading)), axis=-1)
+
+
+def euler_increment(distance: ArrayLike, turn: ArrayLike) -> se2.Poses:
+    """Equation III.1 of the paper: straight along the old heading by v tau [...] [m], then a turn omega tau [rad]."""
+    distance, turn = np.asarray(distance, np.float64), np.asarray(turn, np.float64)
+    return np.stack(np.broadcast_arrays(distance, np.zeros_like(distance), turn), axis=-1)
 
 
 def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | None:

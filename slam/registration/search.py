@@ -23,6 +23,8 @@ CROSSING = 0.3
 """What a ray through a surface costs [endpoints]: little, since doors open and people walk."""
 LEAST_KNOWN = 0.3
 """A place that knows less of the endpoints than another counts as if it knew this share of them."""
+AT_ONCE = 2048
+"""Offsets, best first, that are compared at once."""
 ELSEWHERE_DISTANCE, ELSEWHERE_ROTATION = 0.5, 0.15
 """A place this far off is another one [m], [rad]."""
 
@@ -109,13 +111,22 @@ def apart(offsets: Array, most: int, distance: Array) -> NDArray[np.intp]:
     In one component.
     """
     chosen: list[int] = []
-    left = np.arange(len(offsets))
-    while len(left) and len(chosen) < most:
-        chosen.append(int(left[0]))
-        off = offsets[left] - offsets[left[0]]
-        off[:, 2] = se2.wrap(off[:, 2])
-        left = left[~(np.abs(off) < distance).all(axis=1)]
+    for first in range(0, len(offsets), AT_ONCE):  # few of many are looked at
+        left = np.arange(first, min(first + AT_ONCE, len(offsets)))
+        for one in chosen:
+            left = left[_apart(offsets[left], offsets[one], distance)]
+        while len(left) and len(chosen) < most:
+            chosen.append(int(left[0]))
+            left = left[_apart(offsets[left], offsets[left[0]], distance)]
+        if len(chosen) >= most:
+            break
     return np.array(chosen, np.intp)
+
+
+def _apart(offsets: Array, one: Array, distance: Array) -> NDArray[np.bool_]:
+    off = offsets - one
+    off[:, 2] = se2.wrap(off[:, 2])
+    return np.asarray((np.abs(off) >= distance).any(axis=1))
 
 
 @lru_cache(maxsize=16)  # the window of a loop may have megabytes of them

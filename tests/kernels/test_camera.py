@@ -13,6 +13,7 @@ from moteslam.kernels.texture import UNKNOWN, add_frame, match_colours
 from moteslam.robot import rgbd
 from moteslam.robot.rgbd import mount_rotation
 from moteslam.robot.se2 import transform_points
+from moteslam.sim.sensors.rgbd import optical_rays
 from moteslam.slam.texture.floor_map import calibration
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -33,7 +34,7 @@ def place(colour: bool) -> np.ndarray:
 
 
 def view(colour: bool):
-    optical = rgbd.optical_rays(colour=colour)
+    optical = optical_rays(colour=colour)
     return view_of(np.concatenate((optical @ ROTATION.T, optical[..., 2:]), axis=-1), height=float(place(colour)[2]))
 
 

@@ -75,6 +75,34 @@ def test_the_mount_comes_from_the_caller_the_parameters_or_the_poses(tmp_path: P
     assert recording.lidar.time_increment == 1e-3
 
 
+@pytest.mark.parametrize("exchanged", [True, False])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_poses_of_robot_and_laser_that_are_exchanged_are_put_right_by_the_odometry(
+    tmp_path: Path, exchanged: bool, way: float
+) -> None:
+    lines = []
+    for k in range(20):
+        robot, laser = (way * 0.3 * k, 1.0, 0.0), (way * 0.3 * k + 0.2, 1.0, 0.0)
+        lines += [odom(robot, k - 0.05), odom(robot, k + 0.05)]
+        robot, laser = (laser, robot) if exchanged else (robot, laser)
+        lines.append(flaser([1.0], laser=laser, robot=robot, stamp=k))
+    recording = read_carmen(write_log(tmp_path / "x.log", lines))
+    assert ("exchanged-poses" in [issue.code for issue in recording.warnings]) == exchanged
+    assert recording.platform.lidar.pose == pytest.approx((0.2, 0.0, 0.0))
+    np.testing.assert_allclose(recording.lidar.odometry[:, 0], way * 0.3 * np.arange(20))
+
+
+def test_beams_of_a_lidar_that_turns_clockwise_are_read_as_stated(tmp_path: Path) -> None:
+    lines = [robotlaser([1.0, 2.0, 3.0], stamp=k, angle_min=1.0, step=-0.25) for k in range(3)]
+    lidar = read_carmen(write_log(tmp_path / "x.log", lines)).lidar
+    np.testing.assert_allclose(lidar.angles, [1.0, 0.75, 0.5])
+    np.testing.assert_array_equal(lidar.ranges[0], [1, 2, 3])
+    lines = [robotlaser([1.0, 2.0, 3.0], stamp=k, angle_min=1 - 0.125 * (k % 2), step=-0.25) for k in range(31)]
+    lidar = read_carmen(write_log(tmp_path / "interlaced.log", lines)).lidar
+    np.testing.assert_allclose(lidar.angles, 1 - 0.125 * np.arange(6))
+    np.testing.assert_array_equal(np.isfinite(lidar.ranges[:2]), [[1, 0] * 3, [0, 1] * 3])
+
+
 def test_the_stamp_is_the_ipc_one_or_the_loggers_where_all_are_zero(tmp_path: Path) -> None:
     lines = [flaser([1.0], stamp=0.0, logged=5.0 + k) for k in range(3)]
     np.testing.assert_array_equal(read_carmen(write_log(tmp_path / "x.log", lines)).lidar.stamps, [5, 6, 7])

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.platforms import UCSD
-from moteslam.robot.wheel_odometry import arc_increment, euler_increment, wheel_motion
+from moteslam.robot.wheel_odometry import arc_increment, wheel_motion
+from moteslam.slam.inputs.odometry_path import euler_increment
 
 ANGLES = st.floats(-1e3, 1e3, allow_subnormal=False)
 POSES = st.tuples(

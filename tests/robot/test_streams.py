@@ -11,8 +11,10 @@ from issues import messages
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.streams import clock_cuts, stamp_order
+from moteslam.robot.formats.streams import Fan, Sensors, clock_cuts, stamp_order
+from moteslam.robot.platform import Platform
 from moteslam.robot.recording import SICK_REACH, no_return_limit
+from moteslam.robot.values import Issue
 
 FILE = Path("folder/file.npz")
 RUN = np.arange(100) / 5 + 1.4e9
@@ -164,3 +166,40 @@ def test_what_the_log_states_goes_first(stated: float, limit: float) -> None:
     ranges = readings()
     ranges[:1000] = 81.83
     assert no_return_limit(ranges, stated) == limit
+
+
+def scans_of(change: str) -> NDArray[np.float32]:
+    """80 scans of 60 beams of a robot that drives, with ranges to the millimetre of 0.5 to 8 m, and one fault."""
+    rng = np.random.default_rng(0)
+    base = 2 + 3 * np.abs(np.sin(np.linspace(0.3, 4, 60))) + np.linspace(0, 1, 60)
+    ranges = np.round(base + 0.02 * np.arange(80)[:, None] + rng.normal(0, 0.01, (80, 60)), 3)
+    hidden = rng.random(ranges.shape) < 0.2
+    if change in ("near", "far"):
+        ranges[hidden] = 0.25 if change == "near" else 9.0
+    elif change == "mast":
+        ranges[:, 20:26] = 0.25
+    elif change == "codes":
+        ranges[hidden] = rng.choice([65.533, 81.9, 20.0], hidden.sum())
+    return ranges.astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("change", "range_max", "codes", "words", "endpoints"),
+    [
+        ("sound", 10.0, [], "", 1.0),
+        ("sound", 4.0, ["range-max"], "beyond range_max (4 m)", 0.13),
+        ("near", 10.0, ["range-max"], "0.25 m away, the shortest", 0.8),
+        ("far", 10.0, ["range-max"], "9 m away, the longest", 0.8),
+        ("mast", 10.0, [], "", 1.0),
+        ("codes", 10.0, [], "", 0.8),
+    ],
+)
+def test_what_scans_show_of_their_limits(
+    change: str, range_max: float, codes: list[str], words: str, endpoints: float
+) -> None:
+    issues: list[Issue] = []
+    fan = Fan(-1.0, 0.03, 0.1, range_max)
+    lidar = Sensors(Platform(), {}, issues).lidar(FILE, "ranges", np.arange(80) / 5, scans_of(change), fan)
+    assert [issue.code for issue in issues] == codes
+    assert all(words in issue.message for issue in issues)
+    assert np.isfinite(lidar.ranges).mean() == pytest.approx(endpoints, abs=0.03)

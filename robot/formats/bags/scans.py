@@ -124,7 +124,7 @@ def laser_scans(bag: Bag, table: Table) -> Scans:
         limit = no_return_limit(sample, None)
         bag.tell("range-max", topic, f"range_max of {fan.range_max:g} m; {limit:g} m is taken, by the ranges")
         fan = fan._replace(range_min=0.0 if fan.range_min >= limit else fan.range_min, range_max=limit)
-    fan = fan.below(sample, bag.issues, f"{bag.path.name}: {topic}")
+    fan = fan.within(sample, bag.issues, f"{bag.path.name}: {topic}")
     return replace(scans, fan=fan.reversed() if fan.time_increment < 0 else fan)
 
 

@@ -94,6 +94,8 @@ FAULTS: dict[str, tuple[Fault, str, str, float, float]] = {
     "narrow": (NARROW, "lidar-angles", "angles", 1 / 0.95 - 1, 0.005),
     "wide": (lidar(angle_increment=lambda s: s.angle_increment / 0.975), "lidar-angles", "angles", -0.025, 0.005),
     "long": (LONG, "range-scale", "lengths", 0.1, 0.02),
+    "farther": (lidar(ranges=lambda s: s.ranges + np.float32(0.1)), "range-offset", "excess", 0.1, 0.02),
+    "nearer": (lidar(ranges=lambda s: s.ranges - np.float32(0.15)), "range-offset", "excess", -0.15, 0.02),
     "ahead": (mount(x=0.2), "lidar-mount", "x", -0.2, 0.04),
     "aside": (mount(y=-0.2), "lidar-mount", "y", 0.2, 0.04),
     "turned": (mount(yaw=np.radians(10)), "lidar-mount", "yaw", -10, 2),
@@ -246,6 +248,15 @@ def test_scans_stamped_at_the_end_of_their_sweep_are_put_back(seconds: float, at
     was, same = (true.lidar, true.odometry) if at_end else (true.odometry, recording.lidar)
     np.testing.assert_allclose(moved.stamps, was.stamps + (0 if at_end else seconds), atol=0.04)
     np.testing.assert_array_equal(other.stamps, same.stamps)
+
+
+def test_a_sweep_that_is_stated_far_too_long_is_told_and_halved() -> None:
+    slow = lidar(time_increment=lambda s: 0.1 / s.ranges.shape[1])
+    assert codes(found_in(slow(driven("lms200")))[1].moves) == ["time-increment"]
+    recording = slow(driven("lms200"))
+    mended = calibrated(recording, calibrate(recording), "lidar")
+    assert mended.lidar.time_increment == pytest.approx(recording.lidar.time_increment / 2)
+    assert "time-increment" not in codes(found_in(driven("rplidar_a1"))[1].issues)
 
 
 def test_stamps_of_whole_seconds_are_not_taken_for_another_clock() -> None:

@@ -12,7 +12,7 @@ from slam_rooms import ANGLES, ate, recorded, run, seen_from
 
 from moteslam.robot import se2
 from moteslam.robot.platforms import UCSD
-from moteslam.robot.recording import EncoderStream, LidarStream, Recording
+from moteslam.robot.recording import EncoderStream, LidarStream, OdometryStream, Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import simulate
@@ -75,6 +75,24 @@ def test_odometry_that_stops_dead_while_the_robot_drives_is_stale_whatever_comes
     part = synchronise(recording.replace(lidar=first))
     np.testing.assert_array_equal(part.measured[:59], whole.measured[:59])
     np.testing.assert_allclose(se2.between(part.odometry, whole.odometry[:60]), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("moving", ["drives", "turns", "stands"])
+def test_odometry_that_is_missing_while_scans_go_on_measures_nothing_unless_the_robot_stood(moving: str):
+    slows = np.clip(np.abs(np.arange(SCANS) - 55) / 20 - 1, 0.0, 1.0)
+    recording = driven(GOING if moving == "drives" else GOING * slows)
+    lidar = recording.lidar
+    assert lidar is not None
+    assert lidar.odometry is not None
+    poses, kept = lidar.odometry.copy(), np.delete(np.arange(SCANS), np.arange(40, 70))
+    if moving == "turns":
+        poses[40:, 2] += np.minimum(0.05 * np.arange(SCANS - 40), 1.5)
+    odometry = OdometryStream(lidar.stamps[kept], poses[kept])
+    inputs = synchronise(recording.replace(lidar=replace(lidar, odometry=None), odometry=odometry))
+    assert ("no-odometry" in codes(inputs)) == (moving != "stands")
+    np.testing.assert_array_equal(inputs.measured[40:71], moving == "stands")
+    assert inputs.measured[1:40].all()
+    assert inputs.measured[71:].all()
 
 
 @pytest.mark.parametrize("held", [True, False])
