@@ -132,7 +132,7 @@ class KnownMapFilter(TsdfFilter):
         self._unweighed = 0.0  # path since the hypotheses were weighed [m]
         self._begin = 0  # the first update since which the robot is searched for
         self._was_sure = False  # that the robot is in the map
-        self._losses: list[tuple[float, float | None, float]] = []  # from when to when it was [s], how far it was off [m]
+        self._losses: list[tuple[float, float | None, float]] = []  # from when to when [s], how far off [m]
 
     @property
     def lost(self) -> bool:
