@@ -93,7 +93,8 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX
     Args:
         path: the file; other arrays in it are left alone.
         shapes: the arrays and their shapes, such as ``{"time_stamps": ("n",), "counts": (4, "n")}``; an array of
-            shape ``()`` may also come with one element in any number of dimensions. Every size is at least 1.
+            shape ``()`` may also come with one element in any number of dimensions. Every size is at least 1, but one
+            whose name ends in ``*`` may be 0.
         max_bytes: what the arrays may take together, uncompressed; looked at before one is read.
     """
     arrays: dict[str, NDArray[Any]] = {}
@@ -124,7 +125,8 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX
             continue
         for size, have in zip(wanted, array.shape, strict=False):
             sizes.setdefault(size, size if isinstance(size, int) else have)
-        if array.shape != tuple(sizes.get(size) for size in wanted) or 0 in array.shape or not wanted:
+        empty = any(have == 0 and not str(size).endswith("*") for size, have in zip(wanted, array.shape, strict=False))
+        if array.shape != tuple(sizes.get(size) for size in wanted) or empty or not wanted:
             what = f"[{', '.join(map(str, wanted))}], none of them 0" if wanted else "one number"
             raise InputError(f"shape {list(array.shape)}, expected {what}", file=path, field=name)
     return arrays

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from moteslam.eval import building_file
+from moteslam.eval.building_file import write_building
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
 from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops, write_particles
 from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
@@ -81,8 +83,12 @@ def write_results(
     looked = looks_for_loops(estimate.config)
     if looked:
         write_loops(folder / "loops.csv", estimate.loops)
-    if estimate.graph is not None:
-        write_g2o(folder / "graph.g2o", estimate.graph, comments=GRAPH_COMMENTS)
+    if estimate.building is not None:
+        write_g2o(folder / "graph.g2o", estimate.building.graph, comments=GRAPH_COMMENTS)
+        write_building(folder / building_file.NAME, estimate.building)
+        if len(sessions := estimate.building.sessions) > 1:
+            for number, session in enumerate(sessions, start=1):
+                write_tum(folder / f"session_{number}.tum", session.trajectory)
     write_json(folder / "metrics.json", scores)
     write_atomically(folder / "config.toml", estimate.config.to_toml())
     if figures:

@@ -15,6 +15,7 @@ from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, expect_type
+from moteslam.slam.backend.building import Building
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.config import METHODS, SlamConfig
@@ -93,15 +94,15 @@ class Core:
         corrected = self._backend.finish(path)
         finishing = time.perf_counter() - began
         driven = se2.accumulate(records.motions)
-        final = between_known(path if corrected is None else corrected, updates, driven)
-        final = self._losses.parted(final, updates, driven)
+        placed = between_known(path if corrected is None else corrected, updates, driven)
+        final = Trajectory(stamps, self._losses.parted(placed, updates, driven))
         found = Estimate(
             name=self.name,
             config=self.config,
             seed=self.seed,
             versions={name: version(name) for name in ("moteslam", "taichi", "numpy")},
             trajectory=Trajectory(stamps, records.poses),
-            trajectory_final=Trajectory(stamps, final),
+            trajectory_final=final,
             dead_reckoning=odometry,
             map=self.map if corrected is None else self._draw(corrected, n),
             particle_stamps=stamps[updates],
@@ -114,7 +115,7 @@ class Core:
             seconds=float(records.diagnostics["seconds"].sum()) + finishing,
             corrections=tuple(self._corrections),
             loops=self._backend.loops,
-            graph=getattr(self._backend, "graph", None),  # back ends of other packages may have none
+            building=self._building(final),
         )
         return found if self._inputs.logged is None else as_logged(found, self._inputs.logged[:n])
 
@@ -210,6 +211,13 @@ class Core:
             now = revised[-1]
             self._corrections.append(Correction(scan, revised))
         return float(np.hypot(*(now - before)[:2]))
+
+    def _building(self, final: Trajectory) -> Building | None:
+        """The run as a session that others can be bound to."""
+        measured = getattr(self._backend, "measured", None)  # back ends of other packages may have none
+        if measured is None:
+            return None
+        return Building.of(measured, final, self._inputs.scans, self._losses.drawn(measured.nodes))
 
     def _path(self) -> Array:
         """The path [u, 3] of the best particle at every update."""

@@ -12,6 +12,7 @@ from moteslam.robot.formats.map_server import map_image
 from moteslam.robot.raster import Raster, encode_png
 from moteslam.robot.trajectory import PoseGraph, Trajectory
 from moteslam.robot.values import Issue, Summarised
+from moteslam.slam.backend.building import Building
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.texture.floor_map import TextureMap
@@ -57,8 +58,8 @@ class Estimate(Summarised):
         seconds: time spent in filter and back end [s].
         corrections: what the back end corrected while the robot drove, in order.
         loops: what the back end looked for and found, in the order of the search; empty without one.
-        graph: the back end's pose graph: its nodes at their final poses, the steps between them and the loops that were
-            accepted, as they were measured; None without one.
+        building: the run as a session that others can be bound to, or all sessions that it is bound to; None without
+            such a back end.
         texture: the floor in colours, None without images, if not asked for, or if it failed.
     """
 
@@ -80,8 +81,16 @@ class Estimate(Summarised):
     seconds: float
     corrections: tuple[Correction, ...] = ()
     loops: tuple[LoopCandidate, ...] = ()
-    graph: PoseGraph | None = None
+    building: Building | None = None
     texture: TextureMap | None = None
+
+    @property
+    def graph(self) -> PoseGraph | None:
+        """The back end's pose graph: its nodes at their final poses, the steps between them and the accepted loops.
+
+        As these were measured; None without one.
+        """
+        return None if self.building is None else self.building.graph
 
     def _repr_png_(self) -> bytes:
         """What a notebook shows: the map, and the path as known at the end."""

@@ -54,12 +54,15 @@ def bare_corridor(*, scans: int = 120) -> Recording:
     return recorded(np.where(ranges <= REACH, ranges, np.inf), true)
 
 
+CORNERS = [(-4.0, -5.0), (1.5, -5.0), (1.5, -1.2), (3.0, -1.2), (3.0, 3.5), (0.5, 5.0), (-1.5, 3.2)]
+OTHER_ROOM = [*pairwise(CORNERS), (CORNERS[-1], CORNERS[0])]
+
+
 def carried_into_another_room(*, scans: int = 120, at: int = 60) -> Recording:
     """The robot of ``circled_room`` without drift, which from scan ``at`` on stands in another room."""
     recording, true = circled_room(scans=scans, drift=0.0)
     assert recording.lidar is not None
-    corners = [(-4, -5), (1.5, -5), (1.5, -1.2), (3, -1.2), (3, 3.5), (0.5, 5), (-1.5, 3.2)]
-    other = seen_from(true, [*pairwise(corners), (corners[-1], corners[0])])
+    other = seen_from(true, OTHER_ROOM)
     ranges = np.where(np.arange(scans)[:, None] < at, recording.lidar.ranges, other)
     return recorded(ranges, true)
 

@@ -68,6 +68,7 @@ def joint(_seed: int, _settings: list[str], scans: int) -> Row:
     from moteslam.slam.backend.graph import joint as registration
     from moteslam.slam.backend.graph.backend import GraphBackend
     from moteslam.slam.backend.graph.endpoints import Endpoints
+    from moteslam.slam.backend.graph.measured_chain import MeasuredChain
     from moteslam.slam.online import OnlineSlam
 
     config = start_kernels([], 1)
@@ -77,17 +78,11 @@ def joint(_seed: int, _settings: list[str], scans: int) -> Row:
     assert isinstance(session._backend, GraphBackend)
     assert session._backend._closing is not None
     graph = session._backend._closing.graph
-    endpoints, prior = Endpoints.of(graph.nodes.scans[:scans]), graph.chain.prior(graph.poses)
-
-    class First:
-        """The chain of the first nodes."""
-
-        def prior(self, _: Any) -> tuple[Any, ...]:
-            return tuple(part[: scans - 1] for part in prior)
-
+    endpoints = Endpoints.of(graph.nodes.scans[:scans])
+    chain = MeasuredChain._make(part[: scans - 1] for part in graph.measured)
     for _ in range(2):
         began = time.process_time()
-        registration.register_jointly(endpoints, graph.poses[:scans], First(), graph._config)  # type: ignore[arg-type]
+        registration.register_jointly(endpoints, graph.poses[:scans], chain, graph._config)
         spent = time.process_time() - began
     return {"cpu_s": spent, "scans": scans, "points_a_scan": len(endpoints.points) / scans}
 

@@ -27,8 +27,8 @@ def false_loops(seed: int) -> Iterator[None]:
 
     close = LoopClosing.close
 
-    def close_and_inject(self: LoopClosing) -> None:
-        close(self)
+    def close_and_inject(self: LoopClosing[LoopGraph], start: int = 0) -> None:
+        close(self, start)
         inject(self.graph, np.random.default_rng(seed))
 
     with patch.object(LoopClosing, "close", close_and_inject):

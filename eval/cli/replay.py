@@ -93,6 +93,9 @@ def replay(
     dead_reckoning: Annotated[
         bool, typer.Option("--dead-reckoning", help="Odometry alone: no lidar needed, --out optional.")
     ] = False,
+    onto: Annotated[
+        Path | None, typer.Option(metavar="RESULT", help="Go on with the building of this result folder.")
+    ] = None,
     calibrate: Calibrate = None,
     *,
     part: options.RecordingOptions,
@@ -113,6 +116,7 @@ def replay(
       moteslam replay robot.log.gz --out more --preset paper --set particles=300 --seed 7
       moteslam replay robot.bag --topics lidar=/scan_front --start 20 --end 80 --out part
       moteslam replay robot.bag --calibrate lidar --out mended
+      moteslam replay tomorrow.log.gz --onto result --out both
       moteslam replay ucsd --sequence 20 --dead-reckoning
       moteslam replay --preset paper --print-config > mine.toml
     """  # noqa: D301
@@ -125,7 +129,7 @@ def replay(
     if out is None:
         raise typer.BadParameter("missing, expected a folder for the result", param_hint="'--out'")
 
-    _run_over(path, config, out, part, run, calibrate=calibrate)
+    _run_over(path, config, out, part, run, calibrate=calibrate, onto=onto)
 
 
 @options.with_options(part=options.RecordingOptions, run=options.SlamOptions)
@@ -174,6 +178,7 @@ def _run_over(
     run: options.SlamOptions,
     *,
     calibrate: Literal["lidar", "odometry"] | None,
+    onto: Path | None = None,
 ) -> None:
     """Fill a result folder with a run over a recording."""
     from moteslam.eval.cli.running import run_into, run_lines
@@ -194,8 +199,14 @@ def _run_over(
             run,
             truth=truth,
             true_map=None if truth is None else true_map_beside(path),
-            about={"path": str(path), **cut, **({} if calibrate is None else {"calibrate": calibrate})},
+            about={
+                "path": str(path),
+                **cut,
+                **({} if calibrate is None else {"calibrate": calibrate}),
+                **({} if onto is None else {"onto": str(onto)}),
+            },
             issues=(*not_as_stated, *issues),
+            onto=onto,
         )
     found = {"out": str(out), **found}
     answer(found, run_lines(found, f"{recording.name}: {found['distance_m']:.1f} m"), as_json=run.as_json)

@@ -9,7 +9,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from moteslam.eval.building_file import read_building
 from moteslam.eval.cli.evaluate import loop_lines
+from moteslam.eval.cli.options import named
 from moteslam.eval.cli.text import progress_bar, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.report.maps import Snapshots, TextureStages
@@ -24,6 +26,7 @@ from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.run import wants_colours, with_texture
+from moteslam.slam.sessions import expect_graph, go_on
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 if TYPE_CHECKING:
@@ -49,14 +52,21 @@ def run_into(
     true_map: Raster | None = None,
     about: dict[str, Any] | None = None,
     issues: tuple[Issue, ...] = (),
+    onto: Path | None = None,
 ) -> Figures:
     """Run SLAM over a recording and fill a result folder, which exists; what is printed of it.
 
     It is scored with the truth, and its map with the true one, trinary and in the frame of the truth. ``about`` goes
-    into ``run.json``; ``issues`` were found before the run, those of the recording and of SLAM follow.
+    into ``run.json``; ``issues`` were found before the run, those of the recording and of SLAM follow. ``onto`` is the
+    result folder of the sessions before.
     """
     from moteslam.kernels import runtime
 
+    building = None
+    if onto is not None:
+        with named(**{"backend.method": "--onto"}):
+            expect_graph(config)
+        building = read_building(onto)
     began, clock = datetime.now(UTC), time.perf_counter()
     device = runtime.init(options.arch, options.threads)
     session = OnlineSlam.over(recording, config, seed=options.seed)
@@ -68,6 +78,9 @@ def run_into(
             progress(update.index + 1)
     with progress_bar("final path and map", 1.0):
         estimate = session.estimate()
+    if building is not None:
+        with progress_bar("place among the sessions before", 1.0):
+            estimate = go_on(estimate, building)
     seconds = time.perf_counter() - clock
     estimate, stages = _coloured(estimate, recording)
     issues = (*issues, *recording.warnings, *estimate.warnings)
@@ -102,6 +115,8 @@ def described(estimate: Estimate, figures: Figures, issues: tuple[Issue, ...] = 
         "first_stamp": float(estimate.trajectory.stamps[0]),
         "most_particles": int(estimate.diagnostics["particles"].max()),
         "filter_and_back_end_seconds": estimate.seconds,
+        "sessions": 1 if estimate.building is None else len(estimate.building.sessions),
+        "session_loops": 0 if estimate.building is None else int(estimate.building.between.sum()),
         "warnings": [issue.as_dict() for issue in issues],
         **figures,
     }
@@ -131,6 +146,8 @@ def run_lines(found: Figures, driven: str) -> Iterator[str]:
     pace = 1000 * found["filter_and_back_end_seconds"] / found["scans"]
     scans = f"{counted(found['scans'], 'scan')}, {particles}, {pace:.1f} ms a scan"
     yield f"{literal(driven)} in {found['duration_s']:.0f} s, {scans}"
+    if found["sessions"] > 1:
+        yield f"bound to one building of {found['sessions']} sessions by {counted(found['session_loops'], 'loop')}"
     if lost["first_lost_stamp"] is not None:
         after = lost["first_lost_stamp"] - found["first_stamp"]
         yield f"lost at {counted(lost['states']['lost'], 'scan')}, first after {after:.1f} s: see diagnostics.csv"

@@ -31,7 +31,7 @@ class NoBackend:
         return ()
 
     @property
-    def graph(self) -> None:
+    def measured(self) -> None:
         """None."""
 
     @property

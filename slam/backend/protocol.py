@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.trajectory import PoseGraph
 from moteslam.robot.values import Issue, Section, Summarised
+from moteslam.slam.backend.building import Measured
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.inputs.lapses import CLOSED, Open
 
@@ -62,7 +62,7 @@ class Backend(Protocol):
         """The loops that it looked for so far, in the order of the search."""
 
     @property
-    def graph(self) -> PoseGraph | None:
+    def measured(self) -> Measured | None:
         """The pose graph behind the latest ``finish``; None of a back end without one. May be left out."""
 
     @property

@@ -42,7 +42,7 @@ from moteslam.slam.known_map.search import (
     passed,
     sight_of,
 )
-from moteslam.slam.mapping.config import RESOLVED
+from moteslam.slam.mapping.config import LOST_DISTANCE, RESOLVED
 from moteslam.slam.registration.evidence import CORRELATION
 from moteslam.slam.tsdf.doubt import Doubt, ScanFit
 from moteslam.slam.tsdf.filter import WRONG_WHILE_LOST, TsdfFilter
@@ -132,7 +132,7 @@ class KnownMapFilter(TsdfFilter):
         self._unweighed = 0.0  # path since the hypotheses were weighed [m]
         self._begin = 0  # the first update since which the robot is searched for
         self._was_sure = False  # that the robot is in the map
-        self._losses: list[tuple[float, float | None]] = []  # from when to when it was [s]
+        self._losses: list[tuple[float, float | None, float]] = []  # from when to when [s], how far off [m]
 
     @property
     def lost(self) -> bool:
@@ -158,11 +158,14 @@ class KnownMapFilter(TsdfFilter):
             text = f"{self._most_given_up} places, one after the other, did not fit for {WINDOW:g} m: the map may be "
             text += "of another place, mirrored, incomplete or out of date, and poses said to be sure may be wrong"
             issues.append(Issue("places-given-up", text))
-        for begin, end in self._losses:
+        for begin, end, off in self._losses:
             text = f"from {begin:.2f} s on to the end the scans do not say where in the map the robot is: there the "
             text += "trajectory is that of its odometry"
             if end is not None:
                 text = f"from {begin:.2f} to {end:.2f} s the robot was searched for in the whole map"
+            if off > LOST_DISTANCE:
+                text += f", and found {off:.1f} m from where the path until then led: it was carried, or poses before "
+                text += "that were said to be sure are wrong"
             issues.append(Issue("searched-for", text))
         return tuple(issues)
 
@@ -210,7 +213,7 @@ class KnownMapFilter(TsdfFilter):
         self._since = self._since.plus(motion, moved, slipped=False)
         self._driven += 0.0 if first else motion.distance + motion.rotation
         if not self._losses or self._losses[-1][1] is not None:
-            self._losses.append((step.stamp, None))
+            self._losses.append((step.stamp, None, 0.0))
         pose = np.array(self._tracker.pose)
         if not (first or update_due(self._config.update, self._since.travelled)):
             return StepResult(pose, np.array(moved), 1.0, 0.0, False, False, self._certainty())
@@ -296,7 +299,8 @@ class KnownMapFilter(TsdfFilter):
         self._relocated = self.history.path(0)
         self._tracker.pose = as_pose(places[0])
         self._covariance, self._doubt = PoseCovariance(self._config.registration), Presence(self._given_up)
-        self._losses[-1] = (self._losses[-1][0], stamp)
+        off = float(np.hypot(*(places[0] - pose)[:2])) if self._was_sure else 0.0
+        self._losses[-1] = (self._losses[-1][0], stamp, off)
         self._search, self._divided = None, True
 
     def _certainty(self) -> Certainty:

@@ -162,6 +162,10 @@ class WholeMapSearch:
         """That are searched: of the lattice, in all headings."""
         return len(self._places) * len(self._turns)
 
+    def begin(self) -> None:
+        """Begin anew, in the same map."""
+        self._seen = []
+
     def see(self, sight: Sight) -> None:
         """Take in a scan."""
         if not self._seen or self._seen[-1].apart(sight.pose) >= 1:

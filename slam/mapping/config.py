@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from moteslam.robot.values import Number, Positive, Section, Whole
+from moteslam.robot.values import NotNegative, Number, Positive, Section, Whole
 
 MAX_TRUNCATION = 100
 """Cells of a level; no truncation is longer."""
@@ -38,6 +38,10 @@ class MapConfig(Section):
     guard_cells: Annotated[Whole, Field(ge=0, le=16)] = 1
     """Cells this near to an endpoint are not freed by other rays of the same scan (`scan` only): beams that graze a
     wall pass within a cell of where their neighbours end, and would erase it."""
+
+    memory: NotNegative = 4.0
+    """Of several sessions: what the older ones say of a cell counts as at most this much [log-odds], so that the next
+    one overrules it with three scans (at `hit_probability` 0.8); 0 lets all scans count alike."""
 
     @model_validator(mode="after")
     def _can_reach_the_threshold(self) -> MapConfig:

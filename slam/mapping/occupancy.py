@@ -79,6 +79,11 @@ class OccupancyGrid:
             per_ray=per_ray,
         )
 
+    def forget(self, limit: float) -> None:
+        """Keep of every cell at most these log-odds: what newer scans contradict goes, what they do not see stays."""
+        most = round(limit / UNIT)
+        np.clip(self.log_odds, -most, most, out=self.log_odds)
+
     def snapshot(self) -> Raster:
         """The map as it stands, cut to the cells that were ever seen: float32 log-odds, 0 unknown, above 0 occupied."""
         seen = self.log_odds != 0

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.se2 import umeyama
-from moteslam.robot.trajectory import PoseGraph
 from moteslam.robot.values import Issue, counted
-from moteslam.slam.backend.graph.chain import CONTRADICTED
+from moteslam.slam.backend.building import Measured
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, clearly_fewer, sharpness
 from moteslam.slam.backend.graph.joint import register_jointly
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
-from moteslam.slam.backend.graph.loop_graph import LoopGraph, checked
+from moteslam.slam.backend.graph.loop_graph import BoundGraph, LoopGraph, checked
+from moteslam.slam.backend.graph.measured_chain import CONTRADICTED
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.kinds import BackendKind
 from moteslam.slam.backend.ledger import LoopCandidate
@@ -56,15 +56,15 @@ class GraphBackend:
     def __init__(self, config: GraphConfig) -> None:
         self._config = config
         self._nodes = Nodes(config)
-        self._closing: LoopClosing | None = None  # from the first node on
+        self._closing: LoopClosing[LoopGraph] | None = None  # from the first node on
         self._path: list[Array] = []  # of all key scans, as the filter's map has them
         # of each key scan that is no node, since its place is known, the nearest node; or -1
         self._nearest = array("l")
         self._placed = np.zeros((0, 3))  # of the nodes, on that path
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()
-        self._graph: PoseGraph | None = None
         self._issues: tuple[Issue, ...] = ()
+        self._measured: Measured | None = None
 
     @property
     def loops(self) -> tuple[LoopCandidate, ...]:
@@ -72,9 +72,9 @@ class GraphBackend:
         return self._closing.graph.ledger if self._closing is not None and not self._loops else self._loops
 
     @property
-    def graph(self) -> PoseGraph | None:
+    def measured(self) -> Measured | None:
         """See ``Backend``: of the latest estimate."""
-        return self._graph
+        return self._measured
 
     @property
     def issues(self) -> tuple[Issue, ...]:
@@ -138,7 +138,7 @@ class GraphBackend:
             poses, updates = np.concatenate((poses, np.asarray(moved)))[order], known[order]
         return between_known(poses, updates, path)
 
-    def _correction(self, closing: LoopClosing) -> Array | None:
+    def _correction(self, closing: LoopClosing[LoopGraph]) -> Array | None:
         """The corrected path of all key scans where a new loop is off by enough, and the map is sharper after it."""
         graph, updates, path = closing.graph, np.array(self._nodes.updates), np.array(self._path)
         placed = path[updates]
@@ -168,7 +168,7 @@ class GraphBackend:
         if len(before) and off < FAR_OFF:
             free = np.ones(len(poses), bool)
             free[: len(before)] = np.hypot(*(poses[: len(before), :2] - before[:, :2]).T) > MOVED
-        return register_jointly(endpoints, poses, graph.chain, self._config, free, rounds=ROUNDS)
+        return register_jointly(endpoints, poses, graph.measured, self._config, free, rounds=ROUNDS)
 
     def finish(self, path: Array) -> Array | None:
         """See ``Backend``."""
@@ -192,11 +192,12 @@ class GraphBackend:
         best = laid_over(final, frame)
         self._loops = checked(graph.ledger, graph.nodes, best)
         self._issues = contradictions(graph, best, self._loops, measured=measured)
-        self._graph = graph.as_measured(best, self._loops)
+        kept = [pair for pair, loop in zip(graph.loops, self._loops, strict=True) if loop.accepted]
+        self._measured = Measured(np.array(graph.nodes.indices), graph.measured, graph.edges_of(kept))
         return self._between_nodes(best, updates, path)
 
 
-def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> tuple[Array, bool]:
+def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[Array, bool]:
     """The path that is nearest to what was measured, of those that draw about as few cells as any.
 
     Candidates are, in this order, the joint registrations that begin at the graph as measured, at the corrected graph
@@ -222,7 +223,7 @@ def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> tuple[Ar
         for start in starts:
             if any(_off(start, other) < SAME_START for other in tried):
                 continue
-            registered = register_jointly(endpoints, start, graph.chain, config)
+            registered = register_jointly(endpoints, start, graph.measured, config)
             paths.append((registered, start is not filtered))
             tried += [start, registered]
     paths += [(start, start is not filtered) for start in starts]
@@ -253,7 +254,7 @@ def contradictions(
             f"{kept} of {counted(known, 'loop')}"
         )
         issues.append(Issue("graph-left", text, known - kept))
-    off, deviations = graph.chain.errors(poses)
+    off, deviations = graph.measured.errors(poses)
     far = (np.abs(off) > CONTRADICTED * deviations).any(axis=1)
     if far.any():
         size = np.hypot(off[:, 0], off[:, 1]) + np.abs(off[:, 2])

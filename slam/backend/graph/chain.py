@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.graph.measured_chain import MeasuredChain
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.odometry_model import OdometryModel, fit_odometry, turned_aside
 from moteslam.slam.backend.graph.step_registration import Prediction, RegisteredStep, StepRegistration
@@ -27,8 +28,6 @@ AGREEING = 5.0
 """Odometry that differs from a registration by more standard deviations of both is left out of a step."""
 DOUBTED = 2.0
 """A registration that differs from the odometry by this many standard deviations of both is no prior of the joint."""
-CONTRADICTED = 10.0
-"""A path that differs from a step by this many standard deviations is no error of that step but contradicts it."""
 OPEN = 0.5
 """A step is the filter's where the odometry leaves it open by this much [m]: the filter has searched for the robot."""
 LEAST_INFORMATION = 1e-2
@@ -75,16 +74,13 @@ class Chain:
         """[n - 1, 3, 3] of them, in the frames where they end."""
         return np.array(self._fused.covariance).reshape(-1, 3, 3)
 
-    def prior(self, start: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """[n - 1, 3] steps for a joint registration, their covariance [n - 1, 3, 3], and [n - 1] which are doubtful.
+    @property
+    def measured(self) -> MeasuredChain:
+        """The steps as they are now.
 
-        Where a registration is moved much from the odometry, the odometry: all scans together are the better judge.
-        That is doubtful, and so is a step that was not registered. Its heading remains the registration's, which scans
-        know best, and the motion turns by half of what that differs. Where the start contradicts a step, it is the
-        hypothesis that odometry or registration failed there: its own step then, loosely.
-
-        Args:
-            start: [n, 3] poses from which the joint registration starts.
+        For a joint registration, where a registration is moved much from the odometry, the odometry: all scans together
+        are the better judge. That is doubtful, and so is a step that was not registered. Its heading remains the
+        registration's, which scans know best, and the motion turns by half of what that differs.
         """
         steps, covariance = self.steps, self.covariance
         predicted = np.array([each.step for each in self._predicted]).reshape(-1, 3)
@@ -95,19 +91,7 @@ class Chain:
         doubted = np.asarray(_differs(found, predicted, DOUBTED * np.hypot(spread, known)).any(axis=1))
         unregistered = np.array([not each.information.any() for each in self._proved], bool)
         steps[doubted], covariance[doubted] = predicted[doubted], np.square(spread[doubted])[:, None] * np.eye(3)
-        begun = np.asarray(se2.between(start[:-1], start[1:]))
-        deviations = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-        contradicted = _differs(begun, steps, CONTRADICTED * deviations).any(axis=1)
-        for k in np.flatnonzero(contradicted):
-            distance, rotation = float(np.hypot(*begun[k, :2])), abs(float(begun[k, 2]))
-            loose = prior_spread(self._config.registration, distance, rotation, measured=False)
-            steps[k], covariance[k] = begun[k], np.diag(np.square(loose))
-        return steps, covariance, doubted | unregistered | contradicted
-
-    def errors(self, poses: Array) -> tuple[Array, Array]:
-        """[n - 1, 3] how far the steps between poses [n, 3] are off the chain's, and the deviations of these."""
-        off = np.asarray(se2.between(self.steps, se2.between(poses[:-1], poses[1:])))
-        return off, np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        return MeasuredChain(self.steps, self.covariance, steps, covariance, doubted | unregistered)
 
     def last(self) -> tuple[Array, Array]:
         """The latest step [3] and its covariance [3, 3]."""

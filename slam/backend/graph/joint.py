@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from moteslam.kernels.gauss_newton import LEAST_INFORMATION
 from moteslam.kernels.scan_pairs import accumulate, match_endpoints
 from moteslam.robot import se2
-from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
+from moteslam.slam.backend.graph.measured_chain import MeasuredChain
 from moteslam.slam.backend.graph.partners import choose_partners
 from moteslam.slam.backend.graph.pose_graph import relative_jacobians
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
@@ -48,7 +48,7 @@ STILL = 1e-3
 def register_jointly(
     endpoints: Endpoints,
     poses: Array,
-    chain: Chain,
+    chain: MeasuredChain,
     config: GraphConfig,
     free: NDArray[np.bool_] | None = None,
     *,
@@ -75,7 +75,7 @@ def register_jointly(
     if not moving.any():
         return poses
     seen, problem = endpoints.thinned(FIRST_POINTS), None
-    prior = chain.prior(poses)
+    prior = chain.prior(poses, config.registration)
     most = rounds or joint.rounds
     for turn in range(most):
         if problem is None:
@@ -100,7 +100,7 @@ class _Problem:
         seen: endpoints of n scans.
         partners: int32 [n, k] of each, as of ``choose_partners``.
         moving: [n] which of them move.
-        prior: steps [n - 1, 3] between all of them, their covariance, and which are doubtful, see ``Chain.prior``.
+        prior: of all n - 1 steps between them, see ``MeasuredChain.prior``.
         config: of the back end.
         weight: of an endpoint.
     """

@@ -6,6 +6,7 @@ What is proved makes the relative covariance smaller, and with it the next searc
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.loop_graph import PROVED, LoopGraph, Pair
+from moteslam.slam.backend.graph.loop_graph import PROVED, BoundGraph, Pair
 from moteslam.slam.backend.graph.loop_search import (
     FARTHEST,
     WINDOW_DEVIATIONS,
@@ -24,6 +25,7 @@ from moteslam.slam.backend.graph.loop_search import (
 from moteslam.slam.registration.search import is_elsewhere
 
 Array = NDArray[np.float64]
+G = TypeVar("G", bound=BoundGraph)
 
 SAME_PREDICTION, SAME_WINDOW = 0.3, 0.5
 """A pair is not searched again where the prediction moved by less [m], and the window changed by less [share]."""
@@ -40,20 +42,21 @@ PASSAGE_GAP = 3
 """Nodes within reach that follow each other with at most this many between are one passage."""
 
 
-class LoopClosing:
+class LoopClosing(Generic[G]):
     """Looks for a node every ``config.loops.every`` metres in the submaps of those that may show the same place.
 
     Args:
         graph: that the loops are entered into.
         config: of the back end.
+        since: nodes from this one on are looked for, and if it is not the first, in the submaps of those before alone.
 
     Attributes:
         graph: as given.
         news: the loops that were accepted since it was emptied last.
     """
 
-    def __init__(self, graph: LoopGraph, config: GraphConfig) -> None:
-        self.graph, self._config = graph, config
+    def __init__(self, graph: G, config: GraphConfig, since: int = 0) -> None:
+        self.graph, self._config, self._since = graph, config, since
         self._search = LoopSearch(graph.nodes, graph.submaps, config)
         self._searched: dict[int, list[int]] = {}  # the submaps that each node was searched for in
         self._queries: list[int] = []
@@ -67,10 +70,16 @@ class LoopClosing:
             self._queries.append(query)
             self._look_for(query)
 
-    def close(self) -> None:
-        """Look for all nodes again, with what is known at the end, until nothing new is found."""
+    def close(self, start: int = 0) -> None:
+        """Look for all nodes again, with what is known at the end, until nothing new is found.
+
+        Args:
+            start: the node whose place is known best: those near it along the path come first.
+        """
         while (query := self._next()) is not None:
             self._queries.append(query)
+        path = self.graph.submaps.path
+        self._queries.sort(key=lambda query: abs(path[query] - path[start]))
         for _ in range(self._config.loops.rounds):
             found = [self._look_for(query) for query in self._queries]
             self.graph.solve(PROVED)
@@ -81,7 +90,7 @@ class LoopClosing:
         """The next node to look for; None where there is none yet."""
         path = self.graph.submaps.path
         if not self._queries:
-            return 0
+            return self._since
         query = int(np.searchsorted(path, path[self._queries[-1]] + self._config.loops.every))
         return query if query < len(path) else None
 
@@ -89,6 +98,7 @@ class LoopClosing:
         """Search a node in the submaps of those that may show the same place; whether a loop was accepted."""
         c, graph = self._config.loops, self.graph
         before = graph.submaps.path < graph.submaps.path[query] - c.least_path
+        before[self._since or len(before) :] = False
         if not before.any():
             return False
         accepted, deviation = False, c.first_deviation

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,8 @@ SPACING = 0.1
 MAX_POINTS = 400
 """Endpoints of a query, at most."""
 
-
+BETWEEN = 1e4
+"""Sessions are this far apart along the path [m]: no submap reaches from one into the next."""
 CACHED = 64
 """TSDFs of submaps that are kept, those used last: about half a megabyte each, those of wide windows more."""
 
@@ -42,13 +44,21 @@ class Submaps:
 
     def __init__(self, nodes: Nodes, config: GraphConfig) -> None:
         self._nodes, self._config = nodes, config
-        self.poses, self.path = np.zeros((1, 3)), np.zeros(1)
+        self.poses, self.path, self._gaps = np.zeros((1, 3)), np.zeros(1), 0
         self._maps: OrderedDict[tuple[int, int], TsdfMaps] = OrderedDict()
 
-    def follow(self, steps: Array) -> None:
-        """Lay the nodes along the chain anew, by its steps [n - 1, 3]."""
+    @property
+    def driven(self) -> float:
+        """Length of the path [m]."""
+        return float(self.path[-1]) - BETWEEN * self._gaps
+
+    def follow(self, steps: Array, gaps: Sequence[int] = ()) -> None:
+        """Lay the nodes along the chain anew, by its steps [n - 1, 3], of which ``gaps`` lie between two sessions."""
         self.poses = np.vstack((np.zeros(3), se2.accumulate(steps)))
-        self.path = np.r_[0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))]
+        lengths = np.hypot(steps[:, 0], steps[:, 1])
+        lengths[list(gaps)] = BETWEEN
+        self._gaps = len(gaps)
+        self.path = np.r_[0.0, np.cumsum(lengths)]
         self.forget()
 
     def extend(self, step: Array) -> None:

@@ -16,6 +16,7 @@ from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.joint import register_jointly
 from moteslam.slam.backend.graph.loop_search import LoopSearch
+from moteslam.slam.backend.graph.measured_chain import MeasuredChain
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.partners import choose_partners
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
@@ -26,6 +27,7 @@ from moteslam.slam.registration.config import RegistrationConfig
 pytestmark = pytest.mark.usefixtures("taichi")
 
 Array = NDArray[np.float64]
+REGISTRATION = RegistrationConfig()
 BEAMS = np.radians(np.arange(-90, 91, 1.0))
 FREE = GraphConfig(registration=RegistrationConfig(degenerate=0.0))
 """Without offsets along the least informed directions."""
@@ -37,7 +39,7 @@ class Given:
     def __init__(self, steps: Array, deviation: tuple[float, float, float]) -> None:
         self._steps, self._covariance = steps, np.diag(np.square(deviation))
 
-    def prior(self, start: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def prior(self, start: Array, config: RegistrationConfig) -> tuple[Array, Array, NDArray[np.bool_]]:
         n = len(self._steps)
         return self._steps, np.repeat(self._covariance[None], n, axis=0), np.zeros(n, bool)
 
@@ -56,7 +58,7 @@ def moved_along(config: GraphConfig, deviation: float = 0.05) -> float:
     rng = np.random.default_rng(7)
     poses = np.column_stack((0.5 * np.arange(31), np.zeros((31, 2))))
     scans = [scan_between_walls(rng) for _ in poses]
-    chain = cast(Chain, Given(np.asarray(se2.between(poses[:-1], poses[1:])), (deviation, 0.005, 0.002)))
+    chain = cast(MeasuredChain, Given(np.asarray(se2.between(poses[:-1], poses[1:])), (deviation, 0.005, 0.002)))
     return float(register_jointly(Endpoints.of(scans), poses, chain, config)[-1, 0] - poses[-1, 0])
 
 
@@ -103,7 +105,9 @@ def test_where_scans_share_nothing_the_chain_decides():
     steps = np.asarray(se2.between(true[:-1], true[1:]))
     scans = [scan_between_walls(np.random.default_rng(k)) for k in range(6)]
     off = true + np.random.default_rng(1).normal(0, (1.0, 1.0, 0.2), true.shape) * (np.arange(6) > 0)[:, None]
-    found = register_jointly(Endpoints.of(scans), off, cast(Chain, Given(steps, (0.1, 0.05, 0.02))), GraphConfig())
+    found = register_jointly(
+        Endpoints.of(scans), off, cast(MeasuredChain, Given(steps, (0.1, 0.05, 0.02))), GraphConfig()
+    )
     np.testing.assert_allclose(found[:, :2], true[:, :2], atol=1e-3)
     np.testing.assert_allclose(se2.wrap(found[:, 2] - true[:, 2]), 0.0, atol=1e-4)
 
@@ -111,7 +115,7 @@ def test_where_scans_share_nothing_the_chain_decides():
 def test_a_round_comes_next_to_the_place_that_a_scan_fits():
     """It would not with a wrong derivative by where the scans stand, and come there in many rounds all the same."""
     true = np.array([(0.0, 0.0, 0.0), (2.0, 2.5, 0.4)])
-    chain = cast(Chain, Given(np.asarray(se2.between(true[:-1], true[1:])), (1.0, 1.0, 1.0)))
+    chain = cast(MeasuredChain, Given(np.asarray(se2.between(true[:-1], true[1:])), (1.0, 1.0, 1.0)))
     off = true + np.array([(0.0, 0.0, 0.0), (0.05, -0.05, 0.04)])
     found = register_jointly(Endpoints.of(scans_of_the_room(true)), off, chain, GraphConfig(), rounds=1)
     np.testing.assert_allclose(found, true, atol=3e-3)
@@ -123,7 +127,7 @@ def test_scans_that_are_not_free_stay_where_they_are():
     true = np.column_stack((np.linspace(0, 3, 7), np.zeros((7, 2))))
     true[1:, 2] = rng.uniform(-0.2, 0.2, 6)
     scans = scans_of_the_room(true)
-    chain = cast(Chain, Given(np.asarray(se2.between(true[:-1], true[1:])), (0.1, 0.1, 0.1)))
+    chain = cast(MeasuredChain, Given(np.asarray(se2.between(true[:-1], true[1:])), (0.1, 0.1, 0.1)))
     off = true.copy()
     off[[2, 3, 5], 0] += 0.02
     for free in ([3], [2, 3, 5], []):
@@ -140,21 +144,21 @@ def test_a_registration_far_from_the_odometry_is_no_prior():
         drive.on(0.6, (room() - (0.6 * k, 0.0)).astype(np.float32))
     chain = drive.chain
     driven = np.column_stack((0.6 * np.arange(6), np.zeros((6, 2))))
-    steps, covariance, _ = chain.prior(driven)
+    steps, covariance, _ = chain.measured.prior(driven, REGISTRATION)
     np.testing.assert_array_equal(steps, chain.steps)
     np.testing.assert_array_equal(covariance, chain.covariance)
     chain._proved[2] = chain._proved[2]._replace(step=np.array([1.1, 0.0, 0.0]))
-    doubted, deviations, which = chain.prior(driven)
+    doubted, deviations, which = chain.measured.prior(driven, REGISTRATION)
     np.testing.assert_array_equal(doubted[[0, 1, 3, 4]], steps[[0, 1, 3, 4]])
     np.testing.assert_allclose(doubted[2], (0.6, 0.0, 0.0))
     assert deviations[2, 0, 0] > 2 * covariance[2, 0, 0]
     np.testing.assert_array_equal(which, [False, False, True, False, False])
     turned = np.array([0.6 * np.cos(0.2), 0.6 * np.sin(0.2), 0.4])  # as the odometry, but for the heading
     chain._proved[2] = chain._proved[2]._replace(step=turned)
-    assert not chain.prior(driven)[2].any()
+    assert not chain.measured.prior(driven, REGISTRATION)[2].any()
     chain._proved[2] = chain._proved[2]._replace(step=turned + np.array((0.5, 0.0, 0.0)))
     bent = np.asarray(se2.accumulate(np.insert(np.delete(steps, 2, axis=0), 2, turned, axis=0)))
-    doubted, _, which = chain.prior(np.vstack((np.zeros(3), bent)))
+    doubted, _, which = chain.measured.prior(np.vstack((np.zeros(3), bent)), REGISTRATION)
     np.testing.assert_allclose(doubted[2], turned, atol=1e-9)
     assert which[2]
 
@@ -165,14 +169,14 @@ def test_a_path_that_contradicts_a_step_is_its_own_prior_there():
     drive = Driven(scan_between_walls(rng).points)
     for k in range(1, 8):
         drive.on(0.0 if k == 4 else 0.6, scan_between_walls(rng).points)
-    chain = drive.chain
+    chain = drive.chain.measured
     counted = np.vstack((np.zeros(3), se2.accumulate(chain.steps)))
-    steps, covariance, _ = chain.prior(counted)
+    steps, covariance, _ = chain.prior(counted, REGISTRATION)
     lacking = int(np.argmin(steps[:, 0]))
     assert steps[lacking, 0] < 0.01
     true = counted.copy()
     true[lacking + 1 :, 0] += 0.6
-    held, loose, doubted = chain.prior(true)
+    held, loose, doubted = chain.prior(true, REGISTRATION)
     assert held[lacking, 0] == pytest.approx(steps[lacking, 0] + 0.6, abs=1e-3)
     assert doubted[lacking]
     assert loose[lacking, 0, 0] > 4 * covariance[lacking, 0, 0]
@@ -191,11 +195,11 @@ def test_a_step_that_the_odometry_leaves_open_is_the_filters_and_scans_without_p
     drive.on(0.5, scan_between_walls(rng).points, filtered=-1.5)
     for _ in range(2):
         drive.on(0.6, scan_between_walls(rng).points)
-    chain = drive.chain
+    chain = drive.chain.measured
     np.testing.assert_allclose(chain.steps[:, 0], (0.6, 10.0, 0.6), atol=0.05)
     assert chain.covariance[1, 0, 0] > 0.3
     path = np.vstack((np.zeros(3), se2.accumulate(chain.steps)))
-    np.testing.assert_array_equal(chain.prior(path)[2], [False, True, False])
+    np.testing.assert_array_equal(chain.prior(path, REGISTRATION)[2], [False, True, False])
 
 
 def test_a_loop_between_bare_walls_keeps_the_prediction_along_them_and_binds_less_there():

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from slam_rooms import ANGLES, carried_into_another_room, circled_room, seen_from
+from slam_rooms import ANGLES, OTHER_ROOM, carried_into_another_room, circled_room, seen_from
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
@@ -265,6 +265,16 @@ def test_a_robot_that_is_carried_out_of_the_map_is_lost(tmp_path: Path) -> None:
     states = estimate.diagnostics["state"]
     assert (states[30:60] == LocalisationState.SURE).all()
     assert (states[90:] == LocalisationState.LOST).mean() > 0.9
+
+
+def test_how_far_off_a_robot_is_found_again_is_told(tmp_path: Path) -> None:
+    beside = [((x + 20, y), (u + 20, v)) for (x, y), (u, v) in OTHER_ROOM]
+    both = drawn([*WALLS, *BOX, *beside], low=(-5, -6), high=(25, 7))
+    estimate = localized(tmp_path, carried_into_another_room(), both)
+    searched = [issue.message for issue in estimate.warnings if issue.code == "searched-for"]
+    assert len(searched) == 2
+    assert "found 20.0 m from where the path until then led" in searched[1]
+    assert "led" not in searched[0]
 
 
 def test_places_that_were_given_up_one_after_the_other_are_told(tmp_path: Path) -> None:

@@ -1,0 +1,203 @@
+"""Sessions of one building: what is kept of each, so that others can be bound to it, and the map of all of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.kernels.scans import ThinnedScan, thin_scans
+from moteslam.robot import se2
+from moteslam.robot.raster import Raster
+from moteslam.robot.trajectory import PoseGraph, Trajectory
+from moteslam.robot.values import Summarised
+from moteslam.slam.backend.graph.measured_chain import MeasuredChain
+from moteslam.slam.backend.graph.pose_graph import Edges
+from moteslam.slam.inputs.config import ThinningConfig
+from moteslam.slam.inputs.odometry_path import between_known
+from moteslam.slam.inputs.scans import Scans
+from moteslam.slam.mapping.config import MapConfig
+from moteslam.slam.mapping.occupancy import OccupancyGrid
+
+Array = NDArray[np.float64]
+
+
+class Measured(NamedTuple):
+    """What a back end has measured of one recording.
+
+    Attributes:
+        nodes: [n] which of its scans are nodes of the graph.
+        chain: the steps between these.
+        loops: that were accepted.
+    """
+
+    nodes: NDArray[np.int64]
+    chain: MeasuredChain
+    loops: Edges
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Session(Summarised):
+    """One recording, as the back end has left it.
+
+    Attributes:
+        stamps: [s] of its scans [s].
+        path: [s, 3] where they were taken.
+        nodes: [n] which of them are nodes of the graph.
+        chain: the steps between these, as measured.
+        points: float32 [p, 2] endpoints of the nodes' scans in the robot's frame [m], scan by scan.
+        counts: int32 [n] how many are of each.
+        origin: [2] where the rays start, in that frame [m].
+        drawn: [n] whether the map is drawn of them: not of a part of the path that lies nobody knows where.
+    """
+
+    stamps: Array
+    path: Array
+    nodes: NDArray[np.int64]
+    chain: MeasuredChain
+    points: NDArray[np.float32]
+    counts: NDArray[np.int32]
+    origin: Array
+    drawn: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """A pose at every scan."""
+        return Trajectory(self.stamps, self.path)
+
+    @property
+    def begins(self) -> NDArray[np.int32]:
+        """[n] the first endpoint of each node's scan."""
+        return np.asarray(np.cumsum(self.counts, dtype=np.int32) - self.counts)
+
+    def at(self, poses: Array) -> Session:
+        """The session with its nodes at poses [n, 3]; the scans between them move with these."""
+        return replace(self, path=between_known(poses, self.nodes, self.path))
+
+    def thinned(self, config: ThinningConfig, farthest: float) -> list[ThinnedScan]:
+        """The nodes' scans as they are registered: endpoints nearer than ``farthest`` to the sensor [m]."""
+        near = np.hypot(*(self.points - self.origin).T) < farthest
+        counts = np.add.reduceat(np.r_[near, 0], self.begins).astype(np.int32) * (self.counts > 0)
+        begins = np.cumsum(counts, dtype=np.int32) - counts
+        return thin_scans(self.points[near], begins, counts, self.origin, **vars(config))
+
+    def draw_on(self, grid: OccupancyGrid) -> None:
+        """Enter the nodes' scans into a map."""
+        for k in np.flatnonzero(self.drawn):
+            points, pose = self.points[self.begins[k] :][: self.counts[k]], self.path[self.nodes[k]]
+            grid.add_scan(se2.transform_points(pose, self.origin), se2.transform_points(pose, points))
+
+    def _summary(self) -> str:
+        return f"{len(self)} nodes, {self.trajectory._summary()}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Building(Summarised):
+    """Sessions in one frame.
+
+    Attributes:
+        sessions: in the order in which they came to it.
+        loops: that were accepted, within and between them, of nodes that are numbered through all sessions.
+    """
+
+    sessions: tuple[Session, ...]
+    loops: Edges
+
+    @classmethod
+    def of(cls, measured: Measured, path: Trajectory, scans: Scans, drawn: NDArray[np.bool_]) -> Building:
+        """One session.
+
+        Args:
+            measured: of n nodes.
+            path: a pose at every scan.
+            scans: of the recording.
+            drawn: [n], see ``Session``.
+        """
+        seen = [scans.points(int(node)) for node in measured.nodes]
+        counts = np.array([len(points) for points in seen], np.int32)
+        points = np.concatenate(seen)
+        arrays = (measured.nodes, measured.chain, points, counts, scans.origin, drawn)
+        return cls((Session(path.stamps, path.poses, *arrays),), measured.loops)
+
+    @cached_property
+    def firsts(self) -> NDArray[np.int64]:
+        """[k + 1] the number of the first node of each session, and that of all nodes."""
+        return np.concatenate(([0], np.cumsum([len(session) for session in self.sessions])))
+
+    @property
+    def poses(self) -> Array:
+        """[n, 3] of all nodes."""
+        return np.concatenate([session.path[session.nodes] for session in self.sessions])
+
+    @property
+    def chain(self) -> MeasuredChain:
+        """The steps between all nodes."""
+        ends, poses = self.firsts[1:-1], self.poses
+        gaps = np.asarray(se2.between(poses[ends - 1], poses[ends])).reshape(-1, 3)
+        return MeasuredChain.of_sessions([session.chain for session in self.sessions], gaps)
+
+    @property
+    def between(self) -> NDArray[np.bool_]:
+        """Which loops bind two sessions."""
+        of = np.searchsorted(self.firsts, (self.loops.first, self.loops.second), side="right")
+        return np.asarray(of[0] != of[1])
+
+    @property
+    def graph(self) -> PoseGraph:
+        """All nodes, steps and loops."""
+        inner = np.delete(np.arange(self.firsts[-1] - 1), self.firsts[1:-1] - 1)
+        chain, loops = self.chain, self.loops
+        information = np.concatenate((np.linalg.inv(chain.covariance[inner]), loops.information))
+        return PoseGraph(
+            ids=np.arange(self.firsts[-1]),
+            poses=self.poses,
+            first=np.r_[inner, loops.first],
+            second=np.r_[inner + 1, loops.second],
+            relative=np.concatenate((chain.steps[inner], loops.relative)),
+            information=(information + np.swapaxes(information, 1, 2)) / 2,  # inverses are symmetric but for rounding
+            stamps=self.sessions[0].stamps[self.sessions[0].nodes] if len(self.sessions) == 1 else None,
+            fixed=np.zeros(1, np.int64),
+        )
+
+    def at(self, poses: Array) -> Building:
+        """The building with all nodes at poses [n, 3]."""
+        parts = np.split(poses, self.firsts[1:-1])
+        return replace(self, sessions=tuple(one.at(part) for one, part in zip(self.sessions, parts, strict=True)))
+
+    def plus(self, other: Building) -> Building:
+        """The building with the sessions of another one, in its frame; nothing binds the two yet."""
+        first, second = (ends + self.firsts[-1] for ends in (other.loops.first, other.loops.second))
+        return Building(
+            self.sessions + other.sessions, self.loops.plus(replace(other.loops, first=first, second=second))
+        )
+
+    @property
+    def by_age(self) -> list[int]:
+        """The numbers of the sessions, the oldest first.
+
+        A session is older than those that began after it ended. Where stamps overlap, they are of clocks that nothing
+        relates: then the one that came later to the building is newer.
+        """
+        order: list[int] = []
+        for number, session in enumerate(self.sessions):
+            later = (k for k, one in enumerate(order) if self.sessions[one].stamps[0] > session.stamps[-1])
+            order.insert(next(later, len(order)), number)
+        return order
+
+    def draw(self, config: MapConfig) -> Raster:
+        """The map: of the newest scans wherever they contradict older ones, see ``MapConfig.memory``."""
+        grid = OccupancyGrid(config)
+        for number in self.by_age:
+            if config.memory:
+                grid.forget(config.memory)
+            self.sessions[number].draw_on(grid)
+        return grid.snapshot()
+
+    def _summary(self) -> str:
+        return f"{len(self.sessions)} sessions, {len(self.loops)} loops, {int(self.between.sum())} between sessions"

@@ -1,0 +1,71 @@
+"""Going on with a building: the place of a new session in it is found as by localisation, then loops bind the two."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from moteslam.errors import ConfigError
+from moteslam.robot.formats.map_server import trinary
+from moteslam.robot.values import Issue
+from moteslam.slam.backend.building import Building
+from moteslam.slam.backend.graph.binding import bind
+from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.config import SlamConfig
+from moteslam.slam.estimate import Estimate
+from moteslam.slam.known_map.path_search import find_path
+
+
+def expect_graph(config: SlamConfig) -> GraphConfig:
+    """The back end's configuration, if it can bind sessions.
+
+    Raises:
+        ConfigError: it cannot.
+    """
+    if not isinstance(config.backend, GraphConfig):
+        raise ConfigError(f'"{config.backend.method}", expected "graph" to bind sessions', field="backend.method")
+    return config.backend
+
+
+def go_on(estimate: Estimate, building: Building) -> Estimate:
+    """The estimate of a recording bound to a building that was mapped before: in its frame, with the map of both.
+
+    Where no loops prove that it belongs there it stays as it is, with a warning.
+
+    Args:
+        estimate: of the recording.
+        building: of the sessions before.
+    """
+    if estimate.building is None:
+        return _apart(estimate, "it has too few scans for a graph")
+    bound = joined(building, estimate.building, estimate.config)
+    if isinstance(bound, str):
+        return _apart(estimate, bound)
+    final, drawn = bound.sessions[-1].trajectory, bound.draw(estimate.config.map)
+    return replace(estimate, trajectory_final=final, map=drawn, building=bound)
+
+
+def joined(building: Building, new: Building, config: SlamConfig) -> Building | str:
+    """A building with one session more, in its frame; why not, where nothing proves that it belongs there.
+
+    Args:
+        building: of the sessions before.
+        new: of one session, in a frame of its own.
+        config: of map and back end.
+    """
+    backend = expect_graph(config)
+    (session,) = new.sessions
+    drawn = building.draw(config.map)
+    scans = [scan.points for scan in session.thinned(backend.thinning, np.inf)]
+    path, occupancy = session.path[session.nodes], replace(drawn, values=trinary(drawn.values))
+    place, places = find_path(occupancy, building.poses, path, scans, session.origin)
+    if place is None:
+        return "it may lie at several places of their map" if places else "it lies nowhere in their map"
+    bound = bind(building, new, place.node, place.track[place.node], backend)
+    return "no loops prove the place of their map where it seems to lie" if bound is None else bound
+
+
+def _apart(estimate: Estimate, why: str) -> Estimate:
+    text = f"the recording is not bound to the sessions before: {why}; the result is its own, in a frame of its own"
+    return replace(estimate, warnings=(*estimate.warnings, Issue("session-apart", text)))

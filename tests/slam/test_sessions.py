@@ -1,0 +1,181 @@
+"""Sessions of one building: bound in one frame or kept apart, and the map in which newer scans win."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from slam_rooms import ANGLES, ate, run, seen_from
+
+from moteslam.errors import ConfigError
+from moteslam.eval.cli.simulate import scenario_of
+from moteslam.robot import se2
+from moteslam.robot.formats import Cut, cut
+from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
+from moteslam.robot.raster import Raster
+from moteslam.sim.simulate import Simulation, simulate
+from moteslam.slam.backend.building import Building, Session
+from moteslam.slam.backend.graph.measured_chain import MeasuredChain
+from moteslam.slam.backend.graph.pose_graph import Edges
+from moteslam.slam.estimate import Estimate
+from moteslam.slam.known_map.path_search import find_path
+from moteslam.slam.mapping.config import MapConfig
+from moteslam.slam.sessions import go_on
+from moteslam.slam.settings import resolve_config
+
+ROOM = [((-4, -3), (4, -3)), ((4, -3), (4, 3)), ((4, 3), (-4, 3)), ((-4, 3), (-4, -3)), ((-4, -1), (-3, -1))]
+NO_LOOPS = Edges(*np.zeros((2, 0), np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, bool))
+
+
+def box(x: float, y: float) -> list:
+    """The walls of a box of 0.8 m around a place."""
+    corners = [(x - 0.4, y - 0.4), (x + 0.4, y - 0.4), (x + 0.4, y + 0.4), (x - 0.4, y + 0.4)]
+    return list(zip(corners, corners[1:] + corners[:1], strict=True))
+
+
+def endpoints(pose: np.ndarray, walls: list) -> np.ndarray:
+    ranges = seen_from(pose[None], walls)[0]
+    return np.stack((ranges * np.cos(ANGLES), ranges * np.sin(ANGLES)), axis=1)[np.isfinite(ranges)].astype(np.float32)
+
+
+def seen(walls: list, *, begins: float, scans: int = 12, across: float = 2.0) -> Building:
+    """A session of scans along the middle of the room, from -2 m to ``across``."""
+    path = np.column_stack((np.linspace(-2, across, scans), np.zeros((scans, 2))))
+    points = [endpoints(pose, walls) for pose in path]
+    steps, covariance = np.diff(path, axis=0), np.repeat(1e-4 * np.eye(3)[None], scans - 1, axis=0)
+    chain = MeasuredChain(steps, covariance, steps, covariance, np.zeros(scans - 1, bool))
+    counts, drawn = np.array([len(each) for each in points], np.int32), np.ones(scans, bool)
+    arrays = (np.arange(scans), chain, np.concatenate(points), counts, np.zeros(2), drawn)
+    return Building((Session(begins + np.arange(scans), path, *arrays),), NO_LOOPS)
+
+
+def occupied(drawn: Raster, walls: list) -> float:
+    """The share of points on walls that lie on occupied cells or beside one."""
+    ends = np.array(walls, float)
+    along = (ends[:, :1] + np.linspace(0, 1, 41)[None, :, None] * (ends[:, 1:] - ends[:, :1])).reshape(-1, 2)
+    shifts = 0.05 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
+    return float(
+        np.mean((drawn.values_at((along[:, None] + shifts).reshape(-1, 2), outside=0) > 0).reshape(-1, 5).any(1))
+    )
+
+
+def test_a_box_that_was_moved_stands_at_its_new_place_alone() -> None:
+    before, after = seen(ROOM + box(0, 1.5), begins=0.0), seen(ROOM + box(1, -1.5), begins=100.0, scans=8)
+    face = [((-0.4, 1.1), (0.4, 1.1))], [((0.6, -1.1), (1.4, -1.1))]
+    for building in (before.plus(after), after.plus(before)):  # by time, in whatever order they came
+        drawn = building.draw(MapConfig())
+        assert occupied(drawn, face[0]) < 0.1
+        assert occupied(drawn, face[1]) > 0.9
+        assert occupied(drawn, ROOM[:4]) > 0.75  # some of it behind boxes and the robot
+    assert occupied(before.plus(after).draw(MapConfig(memory=0.0)), face[0]) > 0.9
+
+
+def test_what_a_later_session_did_not_see_stays() -> None:
+    before = seen(ROOM + box(0, 1.5), begins=0.0)
+    (session,) = seen(ROOM, begins=100.0).sessions
+    near = np.hypot(*session.points.T) < 1.0
+    blind = replace(session, points=session.points[near], counts=np.zeros_like(session.counts))
+    drawn = before.plus(Building((blind,), NO_LOOPS)).draw(MapConfig())
+    assert occupied(drawn, [((-0.4, 1.1), (0.4, 1.1))]) > 0.9
+
+
+@pytest.mark.parametrize(
+    ("begins", "order"),
+    [
+        ((0, 100, 200), [0, 1, 2]),
+        ((200, 0, 100), [1, 2, 0]),
+        ((0, 0, 0), [0, 1, 2]),  # of clocks that nothing relates
+        ((100, 0, 5), [1, 2, 0]),
+    ],
+)
+def test_sessions_are_in_the_order_of_their_stamps_where_these_tell(begins: tuple[int, ...], order: list[int]) -> None:
+    one, *others = [seen(ROOM, begins=begin, scans=12) for begin in begins]
+    building = one
+    for other in others:
+        building = building.plus(other)
+    assert building.by_age == order
+
+
+def rooms(*each: list) -> Raster:
+    """A map of rooms 20 m apart."""
+    cell, values = 0.05, np.full((160, 200 + 400 * (len(each) - 1)), UNKNOWN, np.int8)
+    for k, walls in enumerate(each):
+        values[40:120, 400 * k + 20 : 400 * k + 180] = FREE
+        for a, b in np.add(walls, (20.0 * k, 0.0)):
+            along = a + np.linspace(0, 1, 4000)[:, None] * (b - a)
+            column, row = np.floor((along - (-5.0, -4.0) + 1e-6) / cell).astype(int).T
+            values[row, column] = OCCUPIED
+    return Raster(values, cell, (-5.0, -4.0, 0.0))
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize(
+    ("others", "places"),
+    [([ROOM], 2), ([ROOM + box(2, -1.5)], 1), ([], 1)],
+    ids=["two alike", "two that differ", "one"],
+)
+def test_a_path_lies_at_the_one_place_that_does_not_contradict_it(others: list, places: int) -> None:
+    there = np.array((0.5, 0.2, 0.3))
+    path = np.asarray([(0.4 * np.cos(k / 2), 0.4 * np.sin(k / 2), k / 2) for k in range(40)])
+    stood = np.array([(20.0 * k, 0.0, 0.0) for k in range(1 + len(others))])
+    scans = [endpoints(pose, ROOM) for pose in se2.compose(there, path)]
+    found, number = find_path(rooms(ROOM, *others), stood, path, scans, np.zeros(2))
+    if places > 1:
+        assert found is None
+        assert number > 1
+    else:
+        assert found is not None
+        np.testing.assert_allclose(found.track[0], se2.compose(there, path[0]), atol=0.06)
+
+
+@pytest.fixture(scope="module")
+def drive() -> Simulation:
+    return simulate(scenario_of("office", 300, duration=70.0), 300)
+
+
+@pytest.fixture(scope="module")
+def parts(drive: Simulation, taichi: None) -> list[Estimate]:
+    return [run(cut(drive.recording, Cut(*span))) for span in ((0.0, 45.0), (25.0, 70.0))]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", [0, 1])
+def test_two_recordings_give_the_same_building_in_any_order(
+    drive: Simulation, parts: list[Estimate], first: int
+) -> None:
+    old, new = parts[first], parts[1 - first]
+    assert old.building is not None
+    found = go_on(new, old.building)
+    building = found.building
+    assert building is not None
+    assert [one.stamps[0] for one in building.sessions] == [each.trajectory.stamps[0] for each in (old, new)]
+    assert building.between.sum() >= 2
+    np.testing.assert_array_equal(found.trajectory_final.poses, building.sessions[1].path)
+    together = [
+        replace(each.trajectory_final, poses=one.path) for each, one in zip((old, new), building.sessions, strict=True)
+    ]
+    stamps, poses = (np.concatenate([getattr(one, name) for one in together]) for name in ("stamps", "poses"))
+    order = np.argsort(stamps, kind="stable")
+    assert ate(type(together[0])(stamps[order], poses[order]), drive.truth) < 0.01
+    # the frame is that of the sessions before
+    assert np.abs(building.sessions[0].path - old.trajectory_final.poses)[:, :2].max() < 0.05
+    assert not [issue for issue in found.warnings if issue.code == "session-apart"]
+
+
+@pytest.mark.slow
+def test_a_recording_of_another_building_stays_apart(parts: list[Estimate]) -> None:
+    elsewhere = run(simulate(scenario_of("lab", 301, duration=40.0), 301).recording)
+    assert parts[0].building is not None
+    found = go_on(elsewhere, parts[0].building)
+    assert [issue.code for issue in found.warnings if issue not in elsewhere.warnings] == ["session-apart"]
+    assert found.building is elsewhere.building
+    assert found.map is elsewhere.map
+
+
+@pytest.mark.slow
+def test_sessions_need_a_graph(parts: list[Estimate]) -> None:
+    building = parts[0].building
+    assert building is not None
+    graph_less = replace(parts[1], config=resolve_config(settings=["backend.method=none"]))
+    with pytest.raises(ConfigError) as caught:
+        go_on(graph_less, building)
+    assert caught.value.field == "backend.method"
