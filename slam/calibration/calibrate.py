@@ -229,9 +229,8 @@ def _calibrate(
     late: Literal["", "gyro"] = ""
     start = clocks.values[Parameter.OFFSET] + clocks.values[Parameter.DRIFT] * (scans.first.min() - clocks.middle)
     began_as_one = abs(start) < (LATE_WHEELS if wheels_alone else LATE)
-    if (
-        wheels_alone and began_as_one and not leaps
-    ):  # the body follows its wheels late, and in turns aside, by about the same time
+    if wheels_alone and began_as_one and not leaps:
+        # the body follows its wheels late, and in turns aside, by about the same time
         clocks = fit(scans.pairs, at, (offset, drift), shared=False, slip=max(-start, 0.0))
     best = one if shared and not (logged or wheels_alone) else clocks._replace(values=clocks.values.copy())
     if not shared and began_as_one:
