@@ -67,7 +67,7 @@ def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_pa
         *("trajectory.tum", "trajectory_final.tum", "dead_reckoning.tum", "truth.tum"),
         *("map.png", "map.pgm", "map.yaml", "map.npz", "metrics.json", "config.toml", "run.json"),
         *("trajectories.png", "over_time.png", "dead_reckoning.png", "particles.png", "error.png"),
-        *("effective_particles.png", "particles.npz", "loops.csv", "graph.g2o", "diagnostics.csv"),
+        *("effective_particles.png", "particles.npz", "loops.csv", "graph.g2o", "sessions.npz", "diagnostics.csv"),
         ".moteslam",
     }
     assert summary["scans"] == len(read_tum(tmp_path / "result/trajectory.tum"))
