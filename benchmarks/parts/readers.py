@@ -52,7 +52,7 @@ class Reader:
 @cache
 def readers() -> tuple[Reader, ...]:
     """One of each, in a fixed order."""
-    return (*_recordings(), *_trajectories(), *_maps(), *_tables())
+    return (*_recordings(), *_trajectories(), *_maps(), *_tables(), *_sessions())
 
 
 def recorded(scans: int = 12, beams: int = 19) -> Recording:
@@ -166,3 +166,21 @@ def _tables() -> Iterator[Reader]:
     numbers = ",".join(["0.5"] * 15)
     loops = f"{','.join(LOOP_COLUMNS)}\n" + "".join(f"{k},{k + 40},{numbers},{VERDICTS[0]}\n" for k in range(6))
     yield Reader("loops", {"loops.csv": loops.encode()}, "loops.csv", read_loops)
+
+
+def _sessions() -> Iterator[Reader]:
+    """What a recording is bound to."""
+    from moteslam.eval.building_file import NAME, read_building, write_building
+    from moteslam.slam.backend.building import Building, Session
+    from moteslam.slam.backend.graph.measured_chain import MeasuredChain
+    from moteslam.slam.backend.graph.pose_graph import Edges
+
+    rng, stamps, nodes = np.random.default_rng(4), np.arange(9) / 2, np.arange(0, 9, 2)
+    path = np.column_stack((stamps, np.sin(stamps), 0.1 * stamps))
+    steps, spread = rng.normal(size=(4, 3)), np.repeat(np.eye(3)[None] * 0.01, 4, axis=0)
+    chain = MeasuredChain(steps, spread, steps, spread, np.zeros(4, bool))
+    points, counts = rng.normal(0, 5, (40, 2)).astype(np.float32), np.full(5, 8, np.int32)
+    session = Session(stamps, path, nodes, chain, points, counts, np.zeros(2), np.ones(5, bool))
+    loops = Edges(np.array([0]), np.array([4]), np.zeros((1, 3)), np.eye(3)[None], np.ones(1, bool))
+    files = _made(NAME, write_building, Building((session,), loops))
+    yield Reader("sessions", files, NAME, lambda file: read_building(file.parent).graph)
