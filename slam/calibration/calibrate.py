@@ -61,6 +61,8 @@ RATE = 0.1
 SPARSE = 0.5
 """Scans laid on one fan whose beams are to a larger share of others, as each begins at another angle, are not held
 against each other."""
+SOME = 256
+"""So many scans show it: those of an hour are not read for that."""
 FEW_FIT = 0.5
 """Scans are told not to fit each other where a smaller share of the pairs does."""
 
@@ -127,7 +129,8 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
     lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
         return None
-    if np.isnan(lidar.ranges).mean() > SPARSE or any(map(is_coarse, recording.stamps().values())):
+    middle = len(lidar) // 2
+    if np.isnan(lidar.ranges[middle : middle + SOME]).mean() > SPARSE or any(map(is_coarse, recording.stamps().values())):
         return None
     try:
         with np.errstate(all="ignore"):

@@ -467,3 +467,10 @@ def test_wheels_that_slip_aside_in_turns_do_not_move_the_mount() -> None:
     found = fitted(slip=0.1)
     assert found.values[Parameter.SLIP] == pytest.approx(0.1, rel=0.05)
     assert found.values[: Parameter.LENGTHS] == pytest.approx(MOUNT, abs=0.002)
+
+
+def test_all_ranges_of_a_long_recording_are_never_held_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    r = driven("lms200")
+    lazy = ChunkedRanges(lambda first, last: r.lidar.ranges[first:last].copy(), *r.lidar.ranges.shape)
+    monkeypatch.setattr(ChunkedRanges, "__array__", None)
+    assert calibrate(r.replace(lidar=replace(r.lidar, ranges=lazy))) is not None
