@@ -48,8 +48,10 @@ near an end of the recording is in few of them."""
 UNFIT = 7.0
 """Odometry that costs more in every way does not measure the motion of the scans."""
 WITNESS = 5.0
-"""With the stated angles the odometry must cost this much more over all pairs, unless it is wheels alone, whose turns
-are poor: scans of one side of the robot are biased by a few percent."""
+"""With the stated angles the odometry must cost this much more over all pairs where scans see one side of the robot
+alone: these are biased by a few percent. Wheels without a gyro, whose turns are poor, are not asked."""
+BESIDE = 0.26
+"""A fan sees a side of the robot from this angle to the side on [rad]: one of 180 degrees may be wrong by as much."""
 SIGMAS = 5.0
 """What differs from what is stated by less than this many standard deviations is not certain."""
 LATE, LATE_WHEELS = 0.16, 0.25
@@ -130,7 +132,8 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
         return None
     middle = len(lidar) // 2
-    if np.isnan(lidar.ranges[middle : middle + SOME]).mean() > SPARSE or any(map(is_coarse, recording.stamps().values())):
+    some = lidar.ranges[middle : middle + SOME]
+    if np.isnan(some).mean() > SPARSE or any(map(is_coarse, recording.stamps().values())):
         return None
     try:
         with np.errstate(all="ignore"):
@@ -218,7 +221,8 @@ def _calibrate(
     scans.expect(GOOD)
     clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged
-    if abs(angle_scale - 1) > SIGMAS * deviation and not wheels_alone:
+    beside = _sees_both_sides(lidar, recording.platform.lidar.yaw)
+    if abs(angle_scale - 1) > SIGMAS * deviation and not (wheels_alone or beside):
         witness = scans.stated()
         as_stated = fit(witness.pairs, at, (offset, drift), shared=logged)
         if (as_stated.cost - clocks.cost) * len(scans.pairs.first) < WITNESS:
@@ -272,6 +276,12 @@ def _clocks_differ(found: Fit, duration: float, *, wheels_alone: bool) -> bool:
     late = abs(offset) > max(LATE_WHEELS if wheels_alone else LATE, SIGMAS * about_offset)
     drifts = abs(drift) > max(DRIFT, SIGMAS * about_drift)
     return bool(late or (drifts and abs(drift) * duration > LATE))
+
+
+def _sees_both_sides(lidar: LidarStream, yaw: float) -> bool:
+    """Whether beams go to the left and to the right of the robot."""
+    bearings = yaw + lidar.angle_min + lidar.angle_increment * np.arange(lidar.ranges.shape[1])
+    return all((np.abs(se2.wrap(bearings - side)) < BESIDE).any() for side in (np.pi / 2, -np.pi / 2))
 
 
 def _wrong(recording: Recording, path: OdometryPath, pairs: Pairs) -> Literal["", "lidar", "odometry", "gyro"]:

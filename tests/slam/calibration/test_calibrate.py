@@ -422,6 +422,17 @@ def test_half_of_a_fan_is_not_said_to_be_too_narrow() -> None:
     assert found.issues == ()
 
 
+@pytest.mark.parametrize("factor", [0.97, 1.03])
+def test_angles_are_found_in_half_a_minute_whatever_the_odometry_says(factor: float) -> None:
+    recording = poses_of(driven("lms200"))
+    early = recording.lidar.stamps < recording.lidar.stamps[0] + 32.0
+    cut = lidar(stamps=lambda s: s.stamps[early], ranges=lambda s: s.ranges[early])(recording)
+    wrong = lidar(angle_min=lambda s: s.angle_min * factor, angle_increment=lambda s: s.angle_increment * factor)(cut)
+    calibration, found = checked(wrong, 150)
+    assert calibration.angle_scale * factor == pytest.approx(1.0, abs=0.006)
+    assert "lidar-angles" in {issue.code for issue in found.issues}
+
+
 MOUNT = np.array((0.15, -0.05, 0.3))
 
 
