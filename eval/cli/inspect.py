@@ -109,6 +109,8 @@ def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Ite
         for one in about.figures:
             held.append((one.name, f"{one.value:.4f}", f"+-{WITHIN * one.deviation:.4f}", f"{one.stated:g}"))
         yield aligned(held)
+    elif found.lidar is not None:
+        yield "by scans and odometry: nothing measured: too few scans fit each other or turn, or there is no odometry"
     if found.wheels is not None:
         yield f"wheels: {_shown(found.wheels.distance, '.1f', 'm')} driven, {found.wheels.at_rest:.1f} s at rest"
     if found.odometry_distance is not None:

@@ -40,11 +40,18 @@ def test_inspect_prints_estimates_and_what_is_certain(reversed_beams: Path, caps
     assert main.run(["inspect", str(reversed_beams)]) == 0
     out = capsys.readouterr().out
     assert "angles between beams, over the stated" in out
+    assert "nothing measured" not in out
     assert "problem: scans and odometry turn in opposite directions" in out
     assert main.run(["inspect", str(reversed_beams), "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     assert "mirrored" in [problem["code"] for problem in shown["problems"]]
     assert {"name", "value", "deviation", "stated", "certain"} == shown["calibration"][0].keys()
+
+
+def test_inspect_says_where_nothing_could_be_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_recording(tmp_path / "short.mcap", winding(seconds=1.0).replace(encoders=None, imu=None))
+    assert main.run(["inspect", str(tmp_path / "short.mcap")]) == 0
+    assert "by scans and odometry: nothing measured" in capsys.readouterr().out
 
 
 def test_inspect_says_all_that_replay_says_of_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
