@@ -1,10 +1,8 @@
 """The scripts of examples/ run, and each draws its picture."""
 
 import ast
-import importlib.util
-import sys
+from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -21,17 +19,6 @@ MOST = {  # what ``main`` returns, at least and at most
 }
 
 
-def loaded(name: str, monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.syspath_prepend(EXAMPLES)
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, name, module)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_every_script_is_run_here():
     assert {path.stem for path in EXAMPLES.glob("*.py")} == {*MOST, "ros2_node"}
 
@@ -39,11 +26,11 @@ def test_every_script_is_run_here():
 @pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
 @pytest.mark.parametrize("name", MOST)
-def test_a_script_draws_its_picture(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_script_draws_its_picture(name: str, tmp_path: Path):
     import matplotlib
 
     matplotlib.use("agg")
-    found = loaded(name, monkeypatch).main(tmp_path)
+    found = import_module(name).main(tmp_path)
     assert (tmp_path / f"{name}.png").stat().st_size > 5000
     least, most = MOST[name]
     assert all(least < each < most for each in (found.values() if isinstance(found, dict) else [found]))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from closed_loop import WANTED, controller
 
 from moteslam.errors import ConfigError
 from moteslam.sim.robot.driver import driver_for
@@ -9,7 +10,7 @@ from moteslam.sim.scenario import Scenario, load_scenario
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.simulate import Sensors, random_generators, simulate
-from moteslam.sim.simulator import Readings, Simulator
+from moteslam.sim.simulator import Simulator
 from moteslam.sim.world.world import World
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -19,27 +20,16 @@ def short(seconds: float, name: str = "corridor") -> Scenario:
     return load_scenario(name).model_copy(update={"duration": seconds})
 
 
-def follow_the_left_wall(readings: Readings, wanted: float = 0.6) -> tuple[float, float]:
-    """A speed and a turn rate."""
-    ranges, angles = readings.lidar.ranges[-1], readings.lidar.angles
-    known = np.isfinite(ranges)
-    ahead, between, left = (np.median(ranges[known & (abs(angles - at) < 0.1)]) for at in (0.0, np.pi / 4, np.pi / 2))
-    if ahead < 1.2:
-        return 0.0, -0.6
-    x, y = between * np.sqrt(0.5), between * np.sqrt(0.5) - left  # along the wall
-    return 0.5, float(np.clip(np.arctan2(y, x) + 0.7 * (left - wanted), -0.6, 0.6))
-
-
 def test_a_controller_of_ten_lines_follows_a_wall():
     simulator = Simulator(short(40.0), seed=0)
     readings, command, apart = simulator.reset(), (0.0, 0.0), list[float]()
     while not simulator.done:
         if len(readings.lidar):
-            command = follow_the_left_wall(readings)
+            command = controller(readings)
         readings = simulator.step(*command)
         apart.append(float(simulator.world.distance(simulator.pose[None, :2])[0]))
     assert simulator.truth.length > 12
-    assert np.median(apart[500:]) == pytest.approx(0.6, abs=0.1)
+    assert np.median(apart[500:]) == pytest.approx(WANTED, abs=0.1)
     assert min(apart) > simulator.scenario.platform.width / 2
 
 
