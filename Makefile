@@ -70,8 +70,8 @@ lint: .venv-lint/.stamp .venv-lint/.links ## style, types and floors
 	$(LINT)/mypy benchmarks
 	$(LINT)/lint-imports --no-logo
 
-docs: .venv-lint/.stamp .venv-lint/.links ## the reference of the Python package, from its docstrings, in build/docs
-	$(LINT)/python -W error::UserWarning -m pdoc --docformat google --no-show-source --output-directory build/docs moteslam
+docs: .venv-lint/.stamp .venv-lint/.links ## the pages of docs/ and the reference of the package as a site in build/docs, links checked
+	NO_MKDOCS_2_WARNING=1 $(LINT)/python -m mkdocs build --quiet --strict
 
 bench: .venv/.stamp ## the kernels beside plain C and Python, ratios measured side by side in one run
 	.venv/bin/python benchmarks/speed.py
