@@ -146,7 +146,8 @@ def test_the_generated_page_says_what_every_key_is():
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 GUIDE = (ROOT / "docs" / "guide" / "python.md").read_text(encoding="utf-8")
-COMMANDS = re.findall(r"^\| `moteslam ([a-z]+)([^`]*)`", README, re.M)
+COMMAND_LINE = (ROOT / "docs" / "guide" / "commands.md").read_text(encoding="utf-8")
+COMMANDS = re.findall(r"^\| `moteslam ([a-z]+)([^`]*)`", COMMAND_LINE, re.M)
 
 
 @pytest.mark.parametrize(("command", "usage"), COMMANDS, ids=[name for name, _ in COMMANDS])
