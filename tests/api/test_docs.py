@@ -3,12 +3,15 @@
 import importlib.util
 import json
 import re
+import shlex
 import subprocess
 import sys
 from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 from pydantic import BaseModel
 
 from moteslam.eval.cli import main
@@ -163,6 +166,53 @@ def test_the_table_has_all_commands(capsys: pytest.CaptureFixture[str]):
     assert main.run(["--help"]) == 0
     listed = re.findall(r"^  ([a-z]+) ", capsys.readouterr().out.partition("Commands:")[2], re.M)
     assert sorted(listed) == sorted(name for name, _ in COMMANDS)
+
+
+def written() -> list[tuple[str, str]]:
+    """The page and the words of every command of the program, in blocks of code and in running text with an option."""
+    found = []
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+        for block in re.findall(r"^```(?:bash)?\n(.*?)^```", text, re.M | re.S):
+            found += [(page.name, line) for line in re.findall(r"^(?:\$ | +)?moteslam (.*)$", block, re.M)]
+        text = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
+        found += [(page.name, line) for line in re.findall(r"`moteslam ([a-z]+ [^`\n]*--[^`\n]*)`", text)]
+    return found
+
+
+WRITTEN = written()
+
+
+def test_the_pages_have_commands():
+    assert len(WRITTEN) > 50
+
+
+@pytest.mark.parametrize(("page", "line"), WRITTEN, ids=[f"{page}: {line}" for page, line in WRITTEN])
+def test_a_command_of_the_pages_is_understood(page: str, line: str):
+    """Its options exist and have values, and it has the arguments that it needs; files need not be there."""
+    words = [word.replace("...", "") for word in shlex.split(line, comments=True)]
+    for end in ("|", ">", "&&", "2>"):
+        words = words[: words.index(end)] if end in words else words
+    command: Any = typer.main.get_command(main.app)
+    context, name = None, "moteslam"
+    while words and hasattr(command, "resolve_command"):
+        context = command.make_context(name, words, parent=context)
+        name, command, words = command.resolve_command(context, [*context._protected_args, *context.args])
+    command.make_context(name, words, parent=context)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("taichi")
+def test_the_commands_of_the_tutorial_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    text = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+    name, content = re.findall(r"<!-- (\S+) -->\n```toml\n(.*?)^```", text, re.M | re.S)[0]
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text(content.replace('"0-5"', '"0-1"'), encoding="utf-8")
+    commands = [line for page, line in WRITTEN if page == "tutorial.md" and " --set " not in line]
+    assert len(commands) >= 10
+    for line in commands:
+        assert main.run(shlex.split(line)) == 0, line
+    assert Path("noise.html").exists()
 
 
 @pytest.mark.slow
