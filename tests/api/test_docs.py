@@ -146,23 +146,6 @@ def test_the_generated_tables_have_all_keys_and_robots(generate: ModuleType):
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 GUIDE = (ROOT / "docs" / "guide" / "python.md").read_text(encoding="utf-8")
-COMMAND_LINE = (ROOT / "docs" / "guide" / "commands.md").read_text(encoding="utf-8")
-COMMANDS = re.findall(r"^\| `moteslam ([a-z]+)([^`]*)`", COMMAND_LINE, re.M)
-
-
-@pytest.mark.parametrize(("command", "usage"), COMMANDS, ids=[name for name, _ in COMMANDS])
-def test_the_commands_of_the_table_have_its_options(command: str, usage: str, capsys: pytest.CaptureFixture[str]):
-    assert main.run([command, "--help"]) == 0
-    said = capsys.readouterr().out
-    for word in usage.split():
-        if word.startswith("--") or word.isupper():
-            assert word in said or word == "DIR"
-
-
-def test_the_table_has_all_commands(capsys: pytest.CaptureFixture[str]):
-    assert main.run(["--help"]) == 0
-    listed = re.findall(r"^  ([a-z]+) ", capsys.readouterr().out.partition("Commands:")[2], re.M)
-    assert sorted(listed) == sorted(name for name, _ in COMMANDS)
 
 
 def written() -> list[tuple[str, str]]:
