@@ -292,7 +292,7 @@ def test_scores_that_are_laid_out_are_those_of_the_tiles(
 def test_each_place_of_a_square_scores_as_by_the_twin(room: Pool) -> None:
     """Half as much, but for the half step that each point's is rounded by."""
     points, turns, near, apart = few(room_scan((0.0, 0.0, 0.7)), 40), np.array((-0.1, 0.0, 0.7)), int(0.5 * STEPS), 2
-    squares = MIDDLE[:2] + lattice(2, 0.31)
+    squares = MIDDLE[:2] + 0.0137 + lattice(2, 0.3071)
     scores = SquareScores.of(room.tiles, apart=apart, cell_size=2 * CELL, near=0.5)
     for place, (x, y) in enumerate(((0, 0), (1, 0), (0, 1), (1, 1))):
         shifts = squares + apart * 2 * CELL * np.array((x, y))
