@@ -18,7 +18,7 @@ from moteslam.slam.core import Core, MakeFilter
 from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
 from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.step import steps
-from moteslam.slam.inputs.synchronise import Inputs, synchronise, warnings
+from moteslam.slam.inputs.synchronise import synchronise, warnings
 from moteslam.slam.scan_records import Update
 
 
@@ -79,16 +79,15 @@ class OnlineSlam(Core):
         if (pose is None) is (counts is None) or (pose is not None and live.odometry_in.counted):
             raise InputError("both or neither, expected poses or counts", field="odometry")
         if pose is not None:
-            live.odometry_in.add_pose(stamp, _numbers(pose, np.float64, 3, "odometry.pose"))
+            live.odometry_in.add_poses(np.array([stamp]), _numbers(pose, np.float64, 3, "odometry.pose")[None])
         else:
-            live.odometry_in.add_counts(stamp, _numbers(counts, np.int64, 4, "odometry.counts"))
+            live.odometry_in.add_counts(np.array([stamp]), _numbers(counts, np.int64, 4, "odometry.counts")[None])
         return self._take_in(live)
 
     def add_imu(self, stamp: float, yaw_rate: float) -> Update | None:
         """Take in the gyro's yaw rate [rad/s], counterclockwise positive; see ``add_odometry``."""
         live = self._live("imu", stamp)
-        (rate,) = _numbers([yaw_rate], np.float64, 1, "imu.yaw_rate").tolist()
-        live.odometry_in.add_gyro(stamp, rate)
+        live.odometry_in.add_yaw_rates(np.array([stamp]), _numbers([yaw_rate], np.float64, 1, "imu.yaw_rate"))
         return self._take_in(live)
 
     def add_scan(self, ranges: ArrayLike, stamp: float, odometry: ArrayLike | None = None) -> Update | None:
@@ -159,7 +158,7 @@ class OnlineSlam(Core):
 
     def _warnings(self) -> tuple[Issue, ...]:
         issues = list(self._doubts)
-        if self._recording is not None and isinstance(self._inputs, Inputs):
+        if self._recording is not None and not isinstance(self._inputs, LiveInputs):
             issues += warnings(self._recording, self._inputs)
         else:
             issues += self._inputs.issues
@@ -180,7 +179,7 @@ class OnlineSlam(Core):
 
     def _take_in(self, live: LiveInputs, *, finish: bool = False) -> Update | None:
         update = None
-        while (index := live.take(finish=finish)) is not None:
+        while (index := live.take_next(finish=finish)) is not None:
             update = self._step(next(steps(live, thinning=self._filter.thinning, first=index)))
             if not update.updated:
                 live.scans.forget(index)
