@@ -75,19 +75,25 @@ class OnlineSlam(Core):
         Returns:
             that of the latest scan that is covered now; None if none is.
         """
-        live = self._live("odometry", stamp)
+        live = self._live("odometry")
         if (pose is None) is (counts is None) or (pose is not None and live.odometry_in.counted):
             raise InputError("both or neither, expected poses or counts", field="odometry")
+        taken, stamps = live.odometry_in, np.array([stamp], np.float64)
         if pose is not None:
-            live.odometry_in.add_poses(np.array([stamp]), _numbers(pose, np.float64, 3, "odometry.pose")[None])
+            given = _numbers(pose, np.float64, 3, "odometry.pose")[None]
+            live.arrives("odometry", stamp)
+            taken.add_poses(stamps, given)
         else:
-            live.odometry_in.add_counts(np.array([stamp]), _numbers(counts, np.int64, 4, "odometry.counts")[None])
+            given = _numbers(counts, np.int64, 4, "odometry.counts")[None]
+            live.arrives("odometry", stamp)
+            taken.add_counts(stamps, given)
         return self._take_in(live)
 
     def add_imu(self, stamp: float, yaw_rate: float) -> Update | None:
         """Take in the gyro's yaw rate [rad/s], counterclockwise positive; see ``add_odometry``."""
-        live = self._live("imu", stamp)
-        live.odometry_in.add_yaw_rates(np.array([stamp]), _numbers([yaw_rate], np.float64, 1, "imu.yaw_rate"))
+        live, rate = self._live("imu"), _numbers([yaw_rate], np.float64, 1, "imu.yaw_rate")
+        live.arrives("imu", stamp)
+        live.odometry_in.add_yaw_rates(np.array([stamp]), rate)
         return self._take_in(live)
 
     def add_scan(self, ranges: ArrayLike, stamp: float, odometry: ArrayLike | None = None) -> Update | None:
@@ -102,7 +108,7 @@ class OnlineSlam(Core):
         Returns:
             that of the latest scan that is covered now; None while it waits for the odometry after it.
         """
-        live = self._live("lidar", stamp)
+        live = self._live("lidar")
         pose = None if odometry is None else _numbers(odometry, np.float64, 3, "lidar.odometry")
         live.add_scan(_numbers(ranges, np.float32, None, "lidar.ranges"), stamp, pose)
         return self._take_in(live)
@@ -149,7 +155,7 @@ class OnlineSlam(Core):
         return slam
 
     def __len__(self) -> int:
-        return len(self._inputs)
+        return 0 if self._taken is None else len(self._taken)
 
     def __iter__(self) -> Iterator[Update]:
         for step in steps(self._inputs, self._views, thinning=self._filter.thinning, first=self._done):
@@ -168,13 +174,12 @@ class OnlineSlam(Core):
             issues += self._views.issues()
         return (*issues, *super()._warnings())
 
-    def _live(self, stream: str, stamp: float) -> LiveInputs:
+    def _live(self, stream: str) -> LiveInputs:
         if self._taken is None:
             sync, max_range = self.config.sync, self.config.max_range
             self._taken = LiveInputs(self._platform, sync, max_range=max_range, patience=self._patience)
         if not isinstance(self._taken, LiveInputs):
             raise ConfigError("a message after a recording, expected an OnlineSlam of its own", field=stream)
-        self._taken.arrives(stream, stamp)
         return self._taken
 
     def _take_in(self, live: LiveInputs, *, finish: bool = False) -> Update | None:

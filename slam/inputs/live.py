@@ -101,6 +101,7 @@ class LiveInputs(Inputs):
         lidar, row = self._lidar, np.array(ranges, np.float32)
         if row.shape != lidar.ranges.shape[1:]:
             raise InputError(f"{list(row.shape)}, expected [{lidar.ranges.shape[1]}]", field="ranges")
+        self.arrives("lidar", stamp)
         row[row < lidar.range_min] = np.nan
         row[(row > lidar.range_max) | np.isin(row, np.array(self._platform.lidar.no_return, np.float32))] = np.inf
         self.waiting.append(Waiting(stamp, given_up(row), odometry))

@@ -22,10 +22,8 @@ from moteslam.slam.inputs.config import SyncConfig
 Array = NDArray[np.float64]
 LATEST = 1000
 """How many steps are compared with."""
-KEPT = LATEST + 100
-"""Readings that are kept from before the last scan: what is unusual is seen by the latest ``LATEST``."""
-MOST_KEPT = 4 * LATEST
-"""The same of odometry that stands still: from before it did, up to as many."""
+KEPT, MOST_KEPT = LATEST + 100, 4 * LATEST
+"""Readings that are kept from before the last scan, and of odometry that stands still from before it did at most."""
 
 
 @dataclass(frozen=True, eq=False)
