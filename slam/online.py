@@ -196,7 +196,7 @@ def _numbers(values: Any, dtype: type, count: int | None, field: str) -> NDArray
     try:
         given = np.asarray(values, np.float64)
     except (TypeError, ValueError):
-        given = np.empty(0)
+        given = np.empty((0, 0))
     expected = f"[{count or 'beams'}] {'whole ' if dtype is np.int64 else ''}numbers"
     if given.ndim != 1 or count not in (None, len(given)):
         raise InputError(f"{shortened(values)}, expected {expected}", field=field)
