@@ -111,8 +111,8 @@ def replay(
     move the result by a tenth of a metre, that is a warning. Headings that do not fit the odometry's own path are not
     used as they are.
 
-    A folder with truth.tum in it, or a log with one beside it, is scored with it, and its map with truth_map.yaml; SLAM
-    does not see them.
+    It is scored by truth.tum in the folder or beside the log, or NAME.reference.tum and NAME.relations beside NAME.log,
+    its map by truth_map.yaml; SLAM does not see them.
 
     \b
     Examples:
@@ -193,7 +193,7 @@ def _run_over(
 ) -> None:
     """Fill a result folder with a run over a recording."""
     from moteslam.eval.cli.running import run_into, run_lines
-    from moteslam.eval.scores import true_map_beside
+    from moteslam.eval.scores import relations_beside, true_map_beside
     from moteslam.files import result_folder
 
     recording, not_as_stated = _checked(part.open(path), calibrate)
@@ -210,6 +210,7 @@ def _run_over(
             run,
             truth=truth,
             true_map=None if truth is None else true_map_beside(path),
+            relations=relations_beside(path),
             about={
                 "path": str(path),
                 **cut,
