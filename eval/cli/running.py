@@ -15,6 +15,7 @@ from moteslam.eval.cli.options import named
 from moteslam.eval.cli.text import progress_bar, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.report.maps import Snapshots, TextureStages
+from moteslam.eval.result_bag import write_result_bag
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import Figures, number
 from moteslam.eval.tables import Column, aligned, literal, rows_of
@@ -104,6 +105,8 @@ def run_into(
             "threads": device.threads,
         },
     )
+    if options.mcap:
+        write_result_bag(folder / "result.mcap", estimate, recording)
     return described(estimate, found, issues)
 
 
