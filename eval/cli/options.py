@@ -129,6 +129,9 @@ class SlamOptions:
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all randomness; same seed, same bytes.")] = 0
     threads: Annotated[int | None, typer.Option(min=1, max=1024, help="CPU threads; all cores by default.")] = None
     arch: Annotated[str, typer.Option(metavar="cpu|cuda", help="Where the kernels run.")] = "cpu"
+    mcap: Annotated[
+        bool, typer.Option("--mcap", help="Write result.mcap too, for Foxglove or Rerun: map, paths, loops, scans.")
+    ] = False
     no_figures: Annotated[bool, typer.Option("--no-figures", help="Leave the figures out.")] = False
     force: Force = False
     print_config: Annotated[

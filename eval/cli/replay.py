@@ -128,7 +128,7 @@ def replay(
     config = run.resolved()
     if stdin:
         others = [name for name in part.given if name != "platform"]
-        if path is not None or dead_reckoning or onto is not None or calibrate is not None or others:
+        if path is not None or dead_reckoning or onto is not None or calibrate is not None or others or run.mcap:
             raise typer.BadParameter("expected no recording, nor what is for one alone", param_hint="'--stdin'")
         _follow(config, out, part, run)
         return

@@ -35,6 +35,7 @@ class Recorded:
     platform: options.Robot = None
     noise: options.NoiseClass = None
     settings: options.Settings = None
+    duration: Annotated[float | None, typer.Option(min=1, metavar="S", help="Stop the drive after S seconds.")] = None
     log_every: Annotated[
         float | None, typer.Option(metavar="M", help="Keep a scan only after M metres, or after --log-turn.")
     ] = None
@@ -67,7 +68,8 @@ class Recorded:
         from moteslam.sim.scenario import with_camera
 
         self.logging()
-        loaded = scenario_of(name, seed, platform=self.platform, noise=self.noise, settings=self.settings or ())
+        robot, settings = self.platform, self.settings or ()
+        loaded = scenario_of(name, seed, platform=robot, noise=self.noise, settings=settings, duration=self.duration)
         if not self.camera:
             return loaded
         with options.in_file(name):

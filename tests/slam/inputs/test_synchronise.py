@@ -12,6 +12,7 @@ from issues import messages
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
+from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.slam.inputs.config import SyncConfig
@@ -211,3 +212,12 @@ def test_the_real_sequences_end_where_they_are_known_to(
     assert np.degrees(path.poses[-1, 2]) == pytest.approx(heading, abs=5)
     if end is not None:
         assert np.hypot(*(path.poses[-1, :2] - end)) < 1.0
+
+
+def test_a_lidar_of_which_nobody_knows_where_it_stands_is_told():
+    recording = circle(imu=False).replace(encoders=None)
+    assert not [issue for issue in warnings(recording, synchronise(recording)) if issue.code == "no-mount"]
+    for platform, told in ((Platform(), 1), (Platform(lidar=LidarSpec(x=0.0)), 0)):
+        changed = recording.replace(platform=platform)
+        codes = [issue.code for issue in warnings(changed, synchronise(changed))]
+        assert codes.count("no-mount") == told
