@@ -133,8 +133,12 @@ def _value(row: Row, axis: str) -> Any:
 
 def pair_of(row: Row, axis: str = CONFIGURATION) -> Key:
     """What two runs of a pair have in common: all but the axis; of result folders the robot may differ."""
-    keys = row.about if axis != CONFIGURATION else SETTINGS if row.folder is None else ("scenario", "noise")
+    keys = row.about if axis != CONFIGURATION else _settings(row)
     return (*(row.about[key] for key in keys if key != axis), row.run.duration, row.run.seed)
+
+
+def _settings(row: Row) -> Sequence[str]:
+    return SETTINGS if row.folder is None else ("scenario", "noise")
 
 
 def apart(rows: Sequence[Row], *but: str) -> list[str]:
@@ -154,7 +158,10 @@ def comparisons(rows: Sequence[Row], name: str, axis: str, first: str) -> dict[s
     Where there are several such places a last comparison is of all of them; its differences, which may be centimetres
     of one and metres of another, have no common median.
     """
-    keys = apart(rows, axis) or [key for key in SETTINGS if key != axis]
+    known = (*_settings(rows[0]), CONFIGURATION) if axis == CONFIGURATION else (*SETTINGS, CONFIGURATION)
+    keys = [key for key in apart(rows, axis) if key in known] or [
+        key for key in known if key in SETTINGS and key != axis
+    ]
     places = grouped(rows, lambda row: name_of(row, keys))
     found: dict[str, dict[str, Comparison]] = {}
     for other in compared(rows, axis):

@@ -9,14 +9,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from moteslam.eval.building_file import read_building
 from moteslam.eval.cli.evaluate import loop_lines
 from moteslam.eval.cli.options import named
 from moteslam.eval.cli.text import progress_bar, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.report.maps import Snapshots, TextureStages
-from moteslam.eval.results import write_results
+from moteslam.eval.results import read_building, write_results
 from moteslam.eval.run_tables import loop_counts
 from moteslam.eval.scores import Figures, number
 from moteslam.eval.tables import aligned, fitting, literal

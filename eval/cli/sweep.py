@@ -199,7 +199,7 @@ def plot(
       moteslam sweep plot particles.sweep --out particles.png
       moteslam sweep plot range.sweep --metric final.ate --metric map_f1 --label "reach [m]" --out range.png
     """  # noqa: D301
-    from moteslam.eval.report.sweep_curves import draw_sweep
+    from moteslam.eval.report.curves import draw_sweep
     from moteslam.eval.runs import axis_of, read_runs, varying
 
     names = metric_names(metrics)
