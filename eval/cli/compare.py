@@ -11,6 +11,7 @@ import typer
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer, note, progress_bar
 from moteslam.eval.tables import FORMATS, aligned, literal, number
 
@@ -43,12 +44,10 @@ def compare(
       moteslam compare particles.sweep
       moteslam compare lidars.sweep --by platform --baseline ucsd
       moteslam compare before.sweep after.sweep --metric final.ate --metric cpu_per_scan
-      moteslam compare result_a result_b --metric map_f1
-      moteslam compare particles.sweep --format markdown
     """  # noqa: D301
     from moteslam.eval import runs
 
-    names = metric_names(metrics)
+    names = runs.metric_names(metrics)
     rows = [row for row in runs.read_runs(paths) if row.status]
     axis = runs.axis_of(rows, by)
     found = runs.compared(rows, axis)
@@ -101,14 +100,6 @@ def _lines(axis: str, first: str, compared: dict[str, dict[str, Any]], form: str
         yield aligned([[one for k, one in enumerate(row, -len(row)) if k not in empty] for row in (head, *cells)])
     if any(one["pairs"] < FEWEST for pairs in compared.values() for each in pairs.values() for one in each.values()):
         yield f"fewer than {FEWEST} pairs have no 95 % interval"
-
-
-def metric_names(given: list[str] | None) -> list[str]:
-    """The metrics that are asked for, ``final.ate`` by default; an unknown one is refused."""
-    from moteslam.eval.metrics.registry import chosen
-
-    chosen(given or ())
-    return given or ["final.ate"]
 
 
 def summed_up(store: Store, wanted: list[str] | None) -> dict[str, Any]:
@@ -194,11 +185,11 @@ def report(
         list[Path],
         typer.Argument(metavar="PATH...", help="Files of sweeps, result folders, and folders with either in them."),
     ],
-    out: Annotated[Path, typer.Option(metavar="FILE.html", help="The page; it must not exist.")] = Path("report.html"),
-    title: Annotated[str | None, typer.Option(metavar="TEXT", help="Of the page [what is compared].")] = None,
+    out: Annotated[Path, opt("The page; it must not exist.", "FILE.html")] = Path("report.html"),
+    title: Annotated[str | None, opt("Of the page [what is compared].", "TEXT")] = None,
     metrics: Annotated[
         list[str] | None,
-        typer.Option("--metric", metavar="NAME", help="Which metrics [those of the sweeps, or the usual]; repeatable."),
+        opt("Which metrics [those of the sweeps, or the usual]; repeatable.", "NAME", "--metric"),
     ] = None,
     by: options.By = None,
     baseline: options.Baseline = None,

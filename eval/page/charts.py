@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from math import ceil, floor, isfinite, log10
 from typing import Any
 
-from moteslam.eval.runs import key_words, lines_over, summary_of
+from moteslam.eval.report.curves import lines_over
+from moteslam.eval.runs import key_words, summary_of
 from moteslam.eval.statistics import Summary
 from moteslam.eval.sweep.store import Row
 from moteslam.eval.tables import literal, number
@@ -67,7 +68,7 @@ def curves(runs: Sequence[Row], key: str, metric: Shown) -> Figure | None:
         values.sort()
     traces: list[Figure] = []
     for index, line in enumerate(lines[:MOST_LINES]):
-        title = line.label or line.name
+        title = line.label or metric.title
         points = [
             (value if numeric else label(value), f"{title}; {key_words(key)} {value}", summary_of(some, metric.name))
             for value in values

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite, log10
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,7 @@ from moteslam.eval.metrics.relations import RelationResult
 from moteslam.eval.metrics.residuals import ResidualResult
 from moteslam.eval.report import style
 from moteslam.eval.report.style import File, curve_axes, line_look
-from moteslam.eval.runs import Line as SweptLine
-from moteslam.eval.runs import better, headings, key_words, lines_over, summary_of
+from moteslam.eval.runs import CONFIGURATION, SETTINGS, better, grouped, headings, key_words, summary_of, varying
 from moteslam.eval.statistics import FEWEST
 from moteslam.eval.sweep.store import Row
 from moteslam.eval.tables import fitting, literal, number
@@ -171,6 +170,37 @@ infinite lie; as shares of the axis."""
 MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
+class SweptLine(NamedTuple):
+    """The runs of one scenario and configuration, by their values of a column.
+
+    ``where`` (scenario, robot, noise) and ``how`` set the line apart from the others.
+    """
+
+    where: str
+    how: str
+    groups: Mapping[Any, Sequence[Row]]
+
+    @property
+    def label(self) -> str:
+        """What sets it apart, in words; empty of a single line."""
+        return ", ".join(filter(None, (self.where, self.how)))
+
+
+def lines_over(rows: Iterable[Row], column: str) -> list[SweptLine]:
+    """The lines of a chart over a column of ``Row.about``; runs without it are left out."""
+    having = [row for row in rows if column in row.about]
+    keys = [key for key in varying([row.about for row in having]) if key != column]
+    keys = [key for key in keys if len({str(row.about.get(key, "")) for row in having}) > 1]
+
+    def words(row: Row, settings: bool) -> str:
+        named = [key for key in keys if (key in SETTINGS) == settings and row.about.get(key, "") != ""]
+        plain = (*SETTINGS, CONFIGURATION, "version")
+        return ", ".join(f"{'' if key in plain else f'{key_words(key)} '}{row.about[key]}" for key in named)
+
+    members = grouped(having, lambda row: (words(row, True), words(row, False)))
+    return [SweptLine(*apart, grouped(some, lambda row: row.about[column])) for apart, some in members.items()]
+
+
 def draw_sweep(
     path: File, rows: Sequence[Row], metrics: Sequence[str], *, column: str, label: str | None = None
 ) -> None:
@@ -246,8 +276,8 @@ def _draw_medians(
         shift = DODGE * (4 if words else 1) * (index - (len(lines) - 1) / 2)
         x = np.array([x for _, x, _ in having])
         x = x * (last / first) ** shift if axes.get_xscale() == "log" else x + shift * (last - first)
-        ends = [(one.median, one.low, one.high) if one.low is not None else [one.median] * 3 for _, _, one in having]
-        shown = factor * np.array(ends, np.float64).reshape(-1, 3).T
+        ranges = [(one.median, one.low, one.high) if one.low is not None else (one.median,) * 3 for *_, one in having]
+        shown = factor * np.array(ranges, np.float64).reshape(-1, 3).T
         y, bottom, top = np.clip(shown, low, high)
         bars = np.array([one.low is not None for _, _, one in having], np.bool_)
         look = {"lw": 1.4, **looks[index], **({"ls": ""} if words else {})}
