@@ -15,7 +15,7 @@ from moteslam.robot.recording import ChunkedRanges, OdometryStream, Recording
 from moteslam.robot.values import Issue
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
-from moteslam.slam.calibration.calibrate import Calibration, calibrate
+from moteslam.slam.calibration.calibrate import Calibration
 from moteslam.slam.calibration.clock_step import with_stamps
 from moteslam.slam.calibration.findings import Findings, checked, findings
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
@@ -66,6 +66,10 @@ def late(seconds: float) -> Fault:
         return r.replace(odometry=replace(r.odometry, stamps=r.odometry.stamps + seconds))
 
     return shifted
+
+
+def calibrate(recording: Recording) -> Calibration | None:
+    return checked(recording)[0]
 
 
 def found_in(recording: Recording) -> tuple[Calibration, Findings]:
