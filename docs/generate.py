@@ -1,6 +1,6 @@
-"""Writes docs/reference/configuration.md from the configuration models: ``.venv/bin/python docs/generate.py``.
+"""What `make docs` adds to the pages of this folder: every key of a run, and every public name of the package.
 
-The text stands in the attribute docstrings of the models. A test compares the page with what this makes of them.
+The keys' texts are the attribute docstrings of the configuration models. MkDocs calls the functions ``on_...``.
 """
 
 from __future__ import annotations
@@ -8,8 +8,8 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import os
 import re
-import sys
 import textwrap
 from collections.abc import Iterator
 from functools import cache
@@ -20,19 +20,19 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+import moteslam
 from moteslam.robot.values import LARGEST, SMALLEST
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.config import METHODS, ParticleFilterConfig, SlamConfig
 
-PAGE = Path(__file__).parent / "reference" / "configuration.md"
+DOCS = Path(__file__).parent
 BUNDLED = ("tsdf", "paper")
 """The methods whose keys are listed, that of the preset ``default`` first."""
 
 HEAD = """# Configuration of a SLAM run
 
-Generated from the models by `.venv/bin/python docs/generate.py`; [how to set keys](../guide/configure.md). Each key has
-its default, the interval of its values, and what it is; `paper` is the default of that method where it differs. A run
-takes the keys of its own method alone and refuses all others.
+Each key has its default, the interval of its values, and what it is ([how to set keys](../guide/configure.md)); `paper`
+is the default of that method where it differs. A run takes the keys of its own method alone and refuses all others.
 """
 
 
@@ -149,11 +149,31 @@ def _shown(value: Any) -> str:
     return json.dumps(value)
 
 
-def main() -> None:
-    """Write the page."""
-    PAGE.write_text(configuration(), encoding="utf-8")
-    sys.stdout.write(f"{PAGE}\n")
+def names() -> str:
+    """Every public name, by the module that defines it; mkdocstrings puts the docstrings in."""
+    lines = ["# The package", "", "Each name is one of `moteslam`: `from moteslam import OnlineSlam`.", ""]
+    for module, defined in moteslam.PUBLIC.items():
+        lines += [f"## {module.removeprefix('moteslam.')}", "", *(f"::: {module}.{name}" for name in defined), ""]
+    return "\n".join(lines)
 
 
-if __name__ == "__main__":
-    main()
+def on_files(files: Any, config: Any) -> Any:
+    """Add the two generated pages."""
+    from mkdocs.structure.files import File
+
+    for name, page in (("configuration", configuration()), ("package", names())):
+        files.append(File.generated(config, f"reference/{name}.md", content=page))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
+    """Links to files outside this folder lead to them in the checkout, as seen from the built page."""
+
+    def outside(link: re.Match[str]) -> str:
+        target, anchor = (DOCS / page.file.src_uri).parent / link[2], link[3] or ""
+        if target.resolve().is_relative_to(DOCS.resolve()):
+            return link[0]
+        seen = os.path.relpath(target.resolve(), Path(page.file.abs_dest_path).resolve().parent)
+        return f'<a href="{seen}{anchor}">{link[1]}</a>'
+
+    return re.sub(r"(?<!!)\[([^\]]*)\]\((\.\./[^)#\s]*)(#[^)\s]*)?\)", outside, markdown)

@@ -18,6 +18,7 @@ import numpy as np
 from moteslam.eval import building_file
 from moteslam.eval.building_file import write_building
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
+from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops, write_particles
 from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
 from moteslam.files import make_folder, write_atomically
@@ -50,6 +51,7 @@ def write_results(
     *,
     recording: Recording | None = None,
     true_map: Raster | None = None,
+    relations: Relations | None = None,
     snapshots: Sequence[Snapshot] = (),
     stages: Stages = (),
     figures: bool = True,
@@ -63,6 +65,7 @@ def write_results(
         truth: what to score it with, on the clock of the recording; it is written too.
         recording: whose scans are drawn along dead reckoning, and show which loops are possible and which walls seen.
         true_map: trinary, in the frame of the truth, to score the map with.
+        relations: hand-checked ones on the same clock, to score all trajectories with.
         snapshots, stages: of the map and of the coloured floor over time, for the figures that show them.
         figures: draw them.
         run: more about the run for ``run.json``: the command, threads, times.
@@ -70,7 +73,7 @@ def write_results(
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     folder = Path(folder)
     make_folder(folder)
-    evidence = evidence_of(estimate, truth, recording=recording, true_map=true_map)
+    evidence = evidence_of(estimate, truth, recording=recording, true_map=true_map, relations=relations)
     scores = figures_of(estimate, evidence)
     paths = {"trajectory": estimate.trajectory, "trajectory_final": estimate.trajectory_final}
     paths |= {"dead_reckoning": estimate.dead_reckoning} | ({} if truth is None else {"truth": truth})
@@ -139,7 +142,7 @@ def draw_figures(
         slam=final,
         dead_reckoning=_begun_at(final.poses[0], odometry),
         truth=true_final,
-        title=title("the map and the paths on it"),
+        title=title("the map and the paths, all from its start"),
     )
     if snapshots:
         file = folder / "over_time.png"

@@ -18,14 +18,21 @@ from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched
 from moteslam.eval.metrics.evidence import FINAL, TRACKS, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
 from moteslam.eval.metrics.registry import Value, measure
-from moteslam.eval.metrics.relations import TOLERANCE, RelationResult, Relations, evaluate_relations
+from moteslam.eval.metrics.relations import (
+    TOLERANCE,
+    RelationResult,
+    Relations,
+    evaluate_relations,
+    is_relations,
+    read_relations,
+)
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import Unit, relative_pose_error
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import OCCUPIED, UNKNOWN, read_map, trinary
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.trajectory import TILT, Trajectory, tilt_of
+from moteslam.robot.trajectory import TILT, Space, Trajectory, tilt_of
 from moteslam.robot.values import Issue, expect_type
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
@@ -56,7 +63,12 @@ class Evaluation:
 
 
 def evidence_of(
-    estimate: Estimate, truth: Truth = None, *, recording: Recording | None = None, true_map: Raster | None = None
+    estimate: Estimate,
+    truth: Truth = None,
+    *,
+    recording: Recording | None = None,
+    true_map: Raster | None = None,
+    relations: Relations | None = None,
 ) -> Evidence:
     """What is known of a run of ours when it is scored; arguments as of ``score_estimate``."""
     tracks = estimate.trajectory_final, estimate.trajectory, estimate.dead_reckoning
@@ -66,6 +78,7 @@ def evidence_of(
     return Evidence(
         trajectories=dict(zip(TRACKS, tracks, strict=True)),
         truth=truth,
+        relations=relations,
         occupancy=Raster(trinary(occupancy.values), occupancy.cell_size, occupancy.origin),
         true_map=true_map,
         recording=recording,
@@ -143,8 +156,14 @@ def beside(recording: Path, name: str) -> Path | None:
 
 
 def truth_file(recording: Path) -> Path | None:
-    """The truth of a recording."""
-    return beside(recording, "truth.tum")
+    """The truth of a recording, or the reference of a log."""
+    return beside(recording, "{}.reference.tum") or beside(recording, "truth.tum")
+
+
+def relations_beside(recording: Path) -> Relations | None:
+    """The hand-checked relations of a log."""
+    file = beside(recording, "{}.relations")
+    return None if file is None or not is_relations(file) else read_relations(file)
 
 
 def true_map_beside(recording: Path) -> Raster | None:
@@ -163,29 +182,31 @@ def against(
     unit: Unit = "m",
     all_pairs: bool = False,
     max_difference: float | None = None,
+    nearest: bool = False,
 ) -> Evaluation:
     """Score a trajectory by another one or by relations; arguments that are not of that kind change nothing.
 
     ``align`` and ``scale`` are those of the absolute error, ``delta``, ``unit`` and ``all_pairs`` of the relative one:
     an estimate that is shorter than ``delta`` has none, which a warning says. Stamps that belong together differ by at
-    most ``max_difference`` [s].
+    most ``max_difference`` [s]; ``nearest`` takes the poses at these in place of interpolated ones, as evo does.
     """
     if isinstance(reference, Relations):
         tolerance = TOLERANCE if max_difference is None else max_difference
-        found, other = (
+        missed, other = (
             evaluate_relations(estimate, one, tolerance=tolerance)
             for one in (reference, replace(reference, poses=se2.inverse(reference.poses)))
         )
         told: tuple[Issue, ...] = ()
-        if other.translation.mean < INVERTED * found.translation.mean:
-            means = f"{other.translation.mean:.4f} m in place of {found.translation.mean:.4f} m"
+        if other.translation.mean < INVERTED * missed.translation.mean:
+            means = f"{other.translation.mean:.4f} m in place of {missed.translation.mean:.4f} m"
             text = f"relations the other way round, t1 seen from t2, are missed by {means}: exchange their stamps?"
             told = (Issue("relations-inverted", text, len(reference)),)
-        figures = {"kind": "relations", **found.as_dict(), "warnings": [issue.as_dict() for issue in told]}
-        return Evaluation(figures, _by_stamp(found), found)
+        figures = {"kind": "relations", **missed.as_dict(), "warnings": [issue.as_dict() for issue in told]}
+        return Evaluation(figures, _by_stamp(missed), missed)
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
+    which: dict[str, Any] = {"max_difference": apart, "interpolate": False if nearest else None}
     try:
-        ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
+        ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, **which)
     except InputError as error:
         causes = [one.message for one in (*estimate.warnings, *reference.warnings) if one.code == "equal-stamps"]
         if not causes and (offset := clock_offset(estimate, reference)) is not None:
@@ -194,9 +215,8 @@ def against(
     issues = doubts(estimate, reference, ate, align=align, apart=apart)
     rpe = None
     try:
-        rpe = relative_pose_error(
-            estimate, reference, delta=delta, unit=unit, all_pairs=all_pairs, max_difference=apart
-        ).as_dict()
+        found = relative_pose_error(estimate, reference, delta=delta, unit=unit, all_pairs=all_pairs, **which)
+        rpe = found.as_dict()
     except InputError as error:
         if error.field != "pairs":
             raise
@@ -205,6 +225,7 @@ def against(
         "kind": "trajectory",
         "aligned": align,
         "scaled": align and scale,
+        "nearest": nearest,
         "oriented": ate.rotation is not None,
         "ate": ate.as_dict(),
         "rpe": rpe,
@@ -216,6 +237,16 @@ def against(
 def _by_stamp(errors: PoseErrors) -> dict[str, Any]:
     turns = None if errors.rotation_errors is None else errors.rotation_errors.tolist()
     return {"stamps": errors.stamps.tolist(), "translation_m": errors.errors.tolist(), "rotation_rad": turns}
+
+
+def carried(trajectory: Trajectory, offset: Sequence[float]) -> Trajectory:
+    """The path of another point of the robot, at a pose x, y [m], theta [rad] seen from the one whose path this is."""
+    moved = replace(trajectory, poses=se2.compose(trajectory.poses, np.array(offset)))
+    if (space := trajectory.space) is None:
+        return moved
+    turn = spatial(Trajectory(np.zeros(1), np.array([offset]))).rotations[0]
+    there = space.positions + space.rotations @ np.array((*offset[:2], 0.0))
+    return replace(moved, space=Space(there, space.rotations @ turn))
 
 
 def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> Evaluation:

@@ -13,12 +13,12 @@ import typer
 from moteslam.errors import InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import answer, note, warn
-from moteslam.eval.tables import Column, aligned, literal, rows_of
+from moteslam.eval.tables import FORMATS, Column, fitting, literal, number, rows_of
 
 NEEDED = {
     "a recording": ("sequence", "platform"),
     "a reference": ("plot", "max_difference", "time_offset"),
-    "a reference trajectory": ("no_align", "scale", "delta", "unit", "all_pairs", "loops", "map"),
+    "a reference trajectory": ("no_align", "scale", "delta", "unit", "all_pairs", "loops", "map", "nearest"),
     "a --map": ("true_map",),
 }
 """What options are about: without it they would change nothing, and are refused."""
@@ -28,7 +28,7 @@ Row = Mapping[str, Any]
 WHOSE = "the reference "
 """Begins a doubt of it."""
 STATISTICS = ("rmse", "mean", "median", "std", "max")
-HEAD = ("error", "count", "RMSE", *STATISTICS[1:])
+Table = list[list[str]]
 RESIDUALS = (
     Column("estimate", "estimate"),
     Column("scans", "residuals/scans"),
@@ -85,11 +85,21 @@ def evaluate(
         float | None,
         typer.Option(min=0, metavar="S", help="Between stamps that belong together [0.01; 0.0001 for relations]."),
     ] = None,
+    nearest: Annotated[
+        bool, typer.Option("--nearest", help="Take the pose at the nearest stamp, as evo does, never one between two.")
+    ] = False,
+    est_offset: Annotated[
+        tuple[float, float, float],
+        typer.Option(
+            metavar="X Y THETA", help="Where REF's point of the robot is, seen from EST's: of the lidar, say."
+        ),
+    ] = (0.0, 0.0, 0.0),
     time_offset: Annotated[float, typer.Option(metavar="S", help="Seconds to add to the stamps of every EST.")] = 0.0,
     save: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the result as JSON, with the error at every stamp.")
     ] = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw errors and trajectories as PNG.")] = None,
+    form: options.Format = "text",
     force: Annotated[bool, typer.Option("--force", help="Replace existing files of --save and --plot.")] = False,
     as_json: options.Json = False,
 ) -> None:
@@ -97,10 +107,10 @@ def evaluate(
 
     Absolute and relative errors against a trajectory; against hand-checked relations, the mean and standard deviation
     of their errors. Several trajectories are scored side by side. Of estimate and reference the one with more poses is
-    interpolated at the stamps of the other; where they have as many, each takes the nearest stamp. Motion out of x and
-    y is compared in space, a reference without orientation by positions and distances. A trajectory in a ROS bag is
-    BAG:TOPIC or BAG:tf:PARENT:CHILD. Relations are interpolated between poses; clear relations are those whose stamps
-    each belong to exactly one pose.
+    interpolated at the stamps of the other; where they have as many, each takes the nearest stamp, and with --nearest
+    throughout, as `evo_ape tum REF EST -a` does. Motion out of x and y is compared in space, a reference without
+    orientation by positions and distances. A trajectory in a ROS bag is BAG:TOPIC or BAG:tf:PARENT:CHILD. Relations are
+    interpolated between poses; clear relations are those whose stamps each belong to exactly one pose.
 
     With --recording, the residuals of every EST: the distances of endpoints to the lines of scans less than 2 m of
     path away.
@@ -119,6 +129,7 @@ def evaluate(
       moteslam evaluate result/trajectory.tum intel.relations
       moteslam evaluate result/trajectory_final.tum --recording robot.log.gz
       moteslam evaluate theirs.tum robot.bag:/ground_truth --time-offset -2.5
+      moteslam evaluate lidar_path.tum truth.tum --est-offset -0.127 0 0 --format latex
       moteslam evaluate theirs.tum truth.tum --map theirs.yaml --true-map truth_map.yaml --metric rpe_10m
       moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
     """  # noqa: D301
@@ -126,7 +137,7 @@ def evaluate(
     from moteslam.eval.metrics.loops import score_loops
     from moteslam.eval.metrics.relations import is_relations, read_relations
     from moteslam.eval.run_tables import read_loops
-    from moteslam.eval.scores import Reference, against, measured, under_recording
+    from moteslam.eval.scores import Reference, against, carried, measured, under_recording
     from moteslam.robot.formats import open_recording
     from moteslam.robot.formats.streams import MAX_STAMP
     from moteslam.robot.trajectories import read_trajectory
@@ -144,6 +155,9 @@ def evaluate(
         trajectories = {str(file): read_trajectory(file) for file in estimates}
         if time_offset:
             trajectories = {name: replace(one, stamps=one.stamps + time_offset) for name, one in trajectories.items()}
+        if any(est_offset):
+            with options.named("--est-offset"):
+                trajectories = {name: carried(oriented(one)[0], est_offset) for name, one in trajectories.items()}
         opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)
         truth: Reference | None = None
         if reference is not None:
@@ -157,7 +171,7 @@ def evaluate(
         whole: list[dict[str, Any]] = []
         """The rows, with the error at every stamp."""
         how: dict[str, Any] = {"align": not no_align, "scale": scale, "delta": delta, "unit": unit}
-        how |= {"all_pairs": all_pairs, "max_difference": max_difference}
+        how |= {"all_pairs": all_pairs, "max_difference": max_difference, "nearest": nearest}
         for name, one in trajectories.items():
             row: dict[str, Any] = {"estimate": name}
             errors: dict[str, Any] = {}
@@ -200,7 +214,10 @@ def evaluate(
         for doubt in _doubts(rows):
             note(f"warning: {doubt}")
     one_or_all = rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}
-    answer(one_or_all | found, _lines(rows, found), as_json=as_json)
+    text = form == "text"
+    parts = (part if isinstance(part, str) else FORMATS[form](part) for part in _parts(rows, found))
+    tables = (FORMATS[form](part) for part in _parts(rows, found) if not isinstance(part, str))
+    answer(one_or_all | found, parts if text else tables, as_json=as_json)
 
 
 def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None, map_file: Path | None) -> None:
@@ -233,24 +250,36 @@ def _refuse_options(context: typer.Context, paths: list[Path], recording: Path |
         raise refuse("given with --no-align, expected one of the two", "scale")
 
 
-def _lines(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str]:
+def _parts(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str | Table]:
+    """Tables, and lines between them."""
+    from moteslam.eval.metrics.registry import title_of
+
     kind, reference = rows[0].get("kind"), literal(rows[0].get("reference"))
     if kind == "trajectory" and len(rows) > 1:
-        yield f"against {reference}"
+        yield f"against {reference}, {_how(rows[0])}"
         yield _comparison(rows)
     elif kind is not None:
         for row in rows:
-            yield f"{literal(row['estimate'])} against {reference}"
-            yield from _relations(row) if kind == "relations" else [aligned([HEAD, *_errors(row)])]
+            yield f"{literal(row['estimate'])} against {reference}{'' if kind == 'relations' else f', {_how(row)}'}"
+            yield from _relations(row) if kind == "relations" else [_errors(row)]
     if "residuals" in rows[0]:
         yield f"scans of {literal(rows[0]['recording'])}"
-        yield aligned(rows_of(RESIDUALS, rows))
+        yield [*map(list, rows_of(RESIDUALS, rows))]
     for name, values in more.get("metrics", {}).items():
         yield f"metrics of {literal(name)}"
-        yield aligned([("metric", "value"), *((metric, _value(value)) for metric, value in values.items())])
+        yield [["metric", "value"], *([title_of(metric), _value(value)] for metric, value in values.items())]
     if "loops" in more:
         yield f"loops of {literal(more['loops']['file'])}"
         yield from loop_lines(more["loops"])
+
+
+def _how(row: Row) -> str:
+    """How the estimate was laid on the reference."""
+    if not row["aligned"]:
+        return "as they are, not aligned"
+    return (
+        f"laid on it rigidly{' and scaled' if row['scaled'] else ''}{', poses at the nearest stamps' * row['nearest']}"
+    )
 
 
 def _doubts(rows: Sequence[Row]) -> Iterator[str]:
@@ -280,49 +309,59 @@ def loop_lines(loops: Row) -> Iterator[str]:
 
 
 def _value(value: Row) -> str:
-    return f"{value['value']:.4g} {value['unit']}".strip() if "value" in value else f"- {value['absent']}"
+    if "value" not in value:
+        return f"- {value['absent']}"
+    unit, factor = fitting(value["unit"], [value["value"]])
+    return f"{number(factor * value['value'])} {unit}".strip()
 
 
-def _errors(row: Row) -> list[tuple[str, ...]]:
-    name = "ATE" if row["aligned"] else "ATE, not aligned"
-    if row["scaled"]:
-        name = f"ATE, scaled by {row['ate']['scale']:.4f}"
+def _errors(row: Row) -> Table:
+    name = f"ATE, scaled by {row['ate']['scale']:.4f}" if row["scaled"] else "ATE"
     errors = [(name, row["ate"])]
     if (rpe := row.get("rpe")) is not None:
         of = "RPE" if rpe["rotation_deg"] is not None else "RPE of distances"
         errors.append((f"{of} over {rpe['delta']:g} {rpe['unit']}", rpe))
-    return [
-        (f"{name} [{unit}]", str(found["count"]), *(f"{found[each]:.{digits}f}" for each in STATISTICS))
-        for name, error in errors
-        for what, unit, digits in (("translation_m", "m", 4), ("rotation_deg", "deg", 3))
-        if (found := error.get(what)) is not None
-    ]
+    table = [["error", "count", "RMSE", *STATISTICS[1:]]]
+    for name, error in errors:
+        for what, unit in (("translation_m", "m"), ("rotation_deg", "deg")):
+            if (found := error.get(what)) is not None:
+                fit, factor = fitting(unit, [found[each] for each in STATISTICS])
+                figures = [number(factor * found[each]) for each in STATISTICS]
+                table.append([f"{name} [{fit}]", str(found["count"]), *figures])
+    return table
 
 
-def _comparison(rows: Sequence[Row]) -> str:
-    ate = "ATE, scale fitted," if rows[0]["scaled"] else "ATE" if rows[0]["aligned"] else "ATE, not aligned,"
-    columns = [
-        Column("estimate", "estimate"),
-        Column("poses", "ate/translation_m/count"),
-        Column(f"{ate} RMSE [m]", "ate/translation_m/rmse", ".4f"),
-        Column("median", "ate/translation_m/median", ".4f"),
-        Column("max", "ate/translation_m/max", ".4f"),
-        Column("heading RMSE [deg]", "ate/rotation_deg/rmse", ".3f"),
-    ]
+def _comparison(rows: Sequence[Row]) -> Table:
+    parts = [("ate", "translation_m", each) for each in ("rmse", "median", "max")]
+    titles = ["ATE RMSE", "median", "max", "heading RMSE [deg]"]
+    parts.append(("ate", "rotation_deg", "rmse"))
     if pairs := next((f"{row['rpe']['delta']:g} {row['rpe']['unit']}" for row in rows if row["rpe"] is not None), ""):
-        columns.append(Column(f"RPE over {pairs}, RMSE [m]", "rpe/translation_m/rmse", ".4f"))
-    return aligned(rows_of(columns, rows))
+        parts.append(("rpe", "translation_m", "rmse"))
+        titles.append(f"RPE over {pairs}")
+    values = [[((row[of] or {}).get(what) or {}).get(each) for row in rows] for of, what, each in parts]
+    unit, factor = fitting(
+        "m",
+        [value for some, (_, what, _) in zip(values, parts, strict=True) for value in some if what != "rotation_deg"],
+    )
+    table = [["estimate", "poses"], *([row["estimate"], str(row["ate"]["translation_m"]["count"])] for row in rows)]
+    for title, some, (_, what, _) in zip(titles, values, parts, strict=True):
+        table[0].append(title if what == "rotation_deg" else f"{title} [{unit}]")
+        for line, value in zip(table[1:], some, strict=True):
+            line.append(number(value if value is None or what == "rotation_deg" else factor * value))
+    return table
 
 
-def _relations(row: Row) -> Iterator[str]:
-    lines = [("relations", "count", "translation [m]", "rotation [deg]")]
-    for name, score in (("clear", row["clear"]), ("at stamps", row["at_stamps"]), ("all used", row["all"])):
+def _relations(row: Row) -> Iterator[str | Table]:
+    scores = {"clear": row["clear"], "at stamps": row["at_stamps"], "all used": row["all"]}
+    unit, factor = fitting("m", [score["translation_m"]["mean"] for score in scores.values() if score is not None])
+    table = [["relations", "count", f"translation [{unit}]", "rotation [deg]"]]
+    for name, score in scores.items():
         if score is None:
-            lines.append((name, "0", "-", "-"))
+            table.append([name, "0", "-", "-"])
             continue
         along, turn = score["translation_m"], score["rotation_deg"]
-        values = (f"{along['mean']:.4f} +- {along['std']:.4f}", f"{turn['mean']:.3f} +- {turn['std']:.3f}")
-        lines.append((name, str(along["count"]), *values))
-    yield aligned(lines)
+        values = [[size * one[part] for part in ("mean", "std")] for one, size in ((along, factor), (turn, 1.0))]
+        table.append([name, str(along["count"]), *(" +- ".join(map(number, pair)) for pair in values)])
+    yield table
     used = f"{row['used']} of {row['total']} relations used, {row['interpolated']} of them between poses"
     yield f"\x1b[1m{used}\x1b[0m" if sys.stdout.isatty() else used

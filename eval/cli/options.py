@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from moteslam.errors import ConfigError, ExistsError, MoteslamError, OutputError
+from moteslam.errors import ConfigError, ExistsError, InputError, MoteslamError, OutputError
 from moteslam.eval.cli.text import answer
 
 if TYPE_CHECKING:
@@ -36,7 +37,13 @@ Metrics = Annotated[
     list[str] | None, typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable.")
 ]
 Baseline = Annotated[
-    str | None, typer.Option("--baseline", metavar="NAME", help="Compare with this configuration [the first].")
+    str | None, typer.Option("--baseline", metavar="NAME", help="Compare with this configuration or robot [the first].")
+]
+By = Annotated[
+    str | None,
+    typer.Option(
+        "--by", metavar="COLUMN", help="What is compared: platform, a key that varies, ... [configuration, if several]."
+    ),
 ]
 ScenarioName = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
@@ -167,6 +174,10 @@ class RecordingOptions:
         """The part of the recording at a path that the options ask for."""
         from moteslam.robot.formats import Cut, cut, open_recording
 
+        if (path / "run.json").is_file() and (path / "metrics.json").is_file():
+            about = json.loads((path / "run.json").read_text(encoding="utf-8"))
+            of = about.get("path") or f"none: {about.get('scenario') or about.get('recording')} was simulated"
+            raise InputError(f"is the result folder of a run, expected a recording; that of the run is {of}", file=path)
         streams = tuple(name.strip() for name in self.streams.split(",")) if self.streams is not None else ()
         with named(start="--start", end="--end", every="--every", streams="--streams"):
             part = Cut(self.start, inf if self.end is None else self.end, self.every, streams)

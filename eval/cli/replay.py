@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from itertools import chain
 from math import degrees
 from pathlib import Path
@@ -97,6 +98,9 @@ def replay(
         Path | None, typer.Option(metavar="RESULT", help="Go on with the building of this result folder.")
     ] = None,
     calibrate: Calibrate = None,
+    stdin: Annotated[
+        bool, typer.Option("--stdin", help="Messages come on stdin as lines of JSON; --out optional.")
+    ] = False,
     *,
     part: options.RecordingOptions,
     run: options.SlamOptions,
@@ -107,8 +111,8 @@ def replay(
     move the result by a tenth of a metre, that is a warning. Headings that do not fit the odometry's own path are not
     used as they are.
 
-    A folder with truth.tum in it, or a log with one beside it, is scored with it, and its map with truth_map.yaml; SLAM
-    does not see them.
+    It is scored by truth.tum in the folder or beside the log, or NAME.reference.tum and NAME.relations beside NAME.log,
+    its map by truth_map.yaml; SLAM does not see them.
 
     \b
     Examples:
@@ -118,9 +122,16 @@ def replay(
       moteslam replay robot.bag --calibrate lidar --out mended
       moteslam replay tomorrow.log.gz --onto result --out both
       moteslam replay ucsd --sequence 20 --dead-reckoning
+      driver | moteslam replay --stdin --platform turtlebot3 --out result
       moteslam replay --preset paper --print-config > mine.toml
     """  # noqa: D301
     config = run.resolved()
+    if stdin:
+        others = [name for name in part.given if name != "platform"]
+        if path is not None or dead_reckoning or onto is not None or calibrate is not None or others:
+            raise typer.BadParameter("expected no recording, nor what is for one alone", param_hint="'--stdin'")
+        _follow(config, out, part, run)
+        return
     if path is None:
         raise typer.BadParameter("missing, expected a recording", param_hint="'PATH'")
     if dead_reckoning:
@@ -182,7 +193,7 @@ def _run_over(
 ) -> None:
     """Fill a result folder with a run over a recording."""
     from moteslam.eval.cli.running import run_into, run_lines
-    from moteslam.eval.scores import true_map_beside
+    from moteslam.eval.scores import relations_beside, true_map_beside
     from moteslam.files import result_folder
     from moteslam.slam.calibration.findings import trusting
 
@@ -199,6 +210,7 @@ def _run_over(
             run,
             truth=truth,
             true_map=None if truth is None else true_map_beside(path),
+            relations=relations_beside(path),
             about={
                 "path": str(path),
                 **cut,
@@ -210,6 +222,17 @@ def _run_over(
         )
     found = {"out": str(out), **found}
     answer(found, run_lines(found, f"{recording.name}: {found['distance_m']:.1f} m"), as_json=run.as_json)
+
+
+def _follow(config: SlamConfig, out: Path | None, part: options.RecordingOptions, run: options.SlamOptions) -> None:
+    from moteslam.eval.cli.stdin import follow
+    from moteslam.robot.platform import Platform
+    from moteslam.robot.platforms import load_platform, read_platform
+
+    robot = part.platform
+    with options.named("--platform"):
+        platform = Platform() if robot is None else (read_platform if robot.suffix == ".toml" else load_platform)(robot)
+    follow(sys.stdin.buffer, platform, config, out, run, {} if robot is None else {"platform": str(robot)})
 
 
 def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) -> tuple[Recording, tuple[Issue, ...]]:

@@ -18,11 +18,12 @@ def report(
         typer.Argument(metavar="PATH...", help="Files of sweeps, result folders, and folders with either in them."),
     ],
     out: Annotated[Path, typer.Option(metavar="FILE.html", help="The page; it must not exist.")] = Path("report.html"),
-    title: Annotated[str | None, typer.Option(metavar="TEXT", help="Of the page [the first path's name].")] = None,
+    title: Annotated[str | None, typer.Option(metavar="TEXT", help="Of the page [what is compared].")] = None,
     metrics: Annotated[
         list[str] | None,
         typer.Option("--metric", metavar="NAME", help="Which metrics [those of the sweeps, or the usual]; repeatable."),
     ] = None,
+    by: options.By = None,
     baseline: options.Baseline = None,
     force: options.ForceFile = False,
     as_json: options.Json = False,
@@ -44,10 +45,8 @@ def report(
         from moteslam.robot.values import counted
 
         material = gather(paths)
-        more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
-        name = title if title is not None else f"{paths[0].absolute().name}{more}"
         with progress_bar("reading runs", len(material.runs), "runs") as update:
-            text = page(material, title=name, metrics=metrics or (), baseline=baseline, progress=update)
+            text = page(material, title=title, metrics=metrics or (), by=by, baseline=baseline, progress=update)
         write_atomically(out, text)
     size = len(text.encode())
     line = f"{counted(len(material.runs), 'run')} in {literal(out)} ({size / 1e6:.1f} MB)"

@@ -160,7 +160,7 @@ def show(
     form: options.Format = "text",
     as_json: options.Json = False,
 ) -> None:
-    """Sum up the runs recorded so far: median with its 95 % interval, quartiles, successes.
+    """Sum up the runs recorded so far: successes, and medians with their 95 % intervals; quartiles in csv and --json.
 
     \b
     Examples:
@@ -189,10 +189,10 @@ def plot(
     label: Annotated[str | None, typer.Option(metavar="TEXT", help="Of that axis [the key].")] = None,
     force: options.ForceFile = False,
 ) -> None:
-    """Draw medians with their 95 % intervals over what varies, a line for each scenario and configuration.
+    """Draw medians with their 95 % intervals over what varies, a line for each scenario, robot and configuration.
 
-    Axes are logarithmic where values are far apart. Where no key varies, --x names a column of `sweep show`, such as
-    configuration.
+    Axes are logarithmic where values are far apart. Where no key varies they are drawn over the configurations, or of
+    one alone over the robots; --x names another column of `sweep show`.
 
     \b
     Examples:
@@ -200,7 +200,7 @@ def plot(
       moteslam sweep plot range.sweep --metric final.ate --metric map_f1 --label "reach [m]" --out range.png
     """  # noqa: D301
     from moteslam.eval.report.sweep_curves import draw_sweep
-    from moteslam.eval.runs import read_runs, varying
+    from moteslam.eval.runs import axis_of, read_runs, varying
 
     names = metric_names(metrics)
     with options.new_file(out, ".png", force=force):
@@ -208,10 +208,9 @@ def plot(
         if not rows:
             raise InputError("no run was made yet, expected some", file=file)
         known = varying([row.about for row in rows])
-        column = along or next((key for row in rows for key, _ in row.run.varied), None)
+        column = along or next((key for row in rows for key, _ in row.run.varied), axis_of(rows))
         if column not in known:
-            problem = "needed where no key varies" if column is None else f"{column!r}"
-            raise ConfigError(f"{problem}, expected one of {', '.join(known)}", field="--x")
+            raise ConfigError(f"{column!r}, expected one of {', '.join(known)}", field="--x")
         for name in names:
             if not any(row.status == "ok" and name in row.known for row in rows):
                 raise InputError(f"no run that ended well has {name}, expected a metric of the sweep", file=file)

@@ -97,7 +97,7 @@ def _offset(search: _Search) -> tuple[float, float, float] | None:
 
 
 def _lever_arm(ate: AteResult) -> Iterator[tuple[float, Issue]]:
-    """The fixed offset on the robot that explains much of the error in the plane, by as much as ``clock_offset``.
+    """The fixed offset on the robot that explains most of the error in the plane (``SHAPE``).
 
     Least squares of ``true - there = e J there + R(theta) arm + t`` over ``e``, ``arm`` and ``t``; J is a quarter turn.
     """
@@ -110,11 +110,15 @@ def _lever_arm(ate: AteResult) -> Iterator[tuple[float, Issue]]:
     design, goal = np.vstack((x, y)), (true - there).T.ravel()
     found, _, rank, _ = np.linalg.lstsq(design, goal, rcond=None)
     rmse = float(np.linalg.norm(goal - design @ found) / np.sqrt(n))
-    if rank == design.shape[1] and rmse < GAIN * ate.rmse and ate.rmse - rmse > GAIN_METRES:
+    if rank == design.shape[1] and rmse < SHAPE * ate.rmse and ate.rmse - rmse > GAIN_METRES:
         text = (
             f"an offset of x {found[1]:.3f} m, y {found[2]:.3f} m on the robot explains the ATE but for {rmse:.4f} m:"
         )
-        yield rmse, Issue("lever-arm", f"{text} the two are paths of different points of it, of lidar and base, say")
+        option = f"(--est-offset {found[1]:.3f} {found[2]:.3f} 0)"
+        yield (
+            rmse,
+            Issue("lever-arm", f"{text} these are paths of different points of it, as of lidar and base {option}"),
+        )
 
 
 def doubts(
@@ -214,7 +218,7 @@ def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
     if rigid <= SMALL or own == 0:
         return
     factor, scaled = straight / own, float(np.sqrt(max(0.0, spread**2 - straight**2 / own)))
-    if scaled < SHAPE * rigid:
+    if scaled < SHAPE * rigid and (ate.rotation_errors is None or ate.rotation_errors.std() < AXES):
         text = f"scaled by {factor:.4g} the estimate fits with an ATE of {scaled:.4f} m in place of {rigid:.4f} m"
         yield (
             scaled,

@@ -1,6 +1,6 @@
 """The metrics by name, the bundled ones and those of other packages, and the values of a run.
 
-The bundled ones stand in ``bundled.csv``: name, unit, which values are better, source, meaning, and where the figure is
+The bundled ones stand in ``bundled.csv``: name, title, unit, which values are better, source, meaning, and where it is
 found in a ``Track`` or in ``Evidence``, unless one of ``FIGURES`` computes it. Other packages bring theirs as entry
 points ``moteslam.metrics``. A metric that cannot be had of a run is absent with its reason, never zero.
 """
@@ -186,6 +186,16 @@ def metric(name: str) -> Metric:
     if found is None:
         raise ConfigError(f"{name!r}, expected one of {', '.join(METRICS.names())}", field="metrics")
     return found
+
+
+def title_of(name: str) -> str:
+    """A metric in words, with its trajectory: ``final ATE``, ``online RPE over 2.5 m``."""
+    track, short = split(name)
+    title, error = _TABLE.get(short, {}).get("title"), RPE.fullmatch(short)
+    if error is not None:
+        over = f"{error['delta']} {'poses' if error['unit'] == 'frames' else error['unit']}"
+        title = f"{'rotation ' if error['rotation'] else ''}RPE over {over}"
+    return f"{track} {title or short}".strip().replace("_", " ")
 
 
 def measure(evidence: Evidence, names: Iterable[str] | None = None) -> dict[str, Value]:

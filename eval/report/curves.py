@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.eval.metrics.association import evenly
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.relations import RelationResult
 from moteslam.eval.metrics.residuals import ResidualResult
 from moteslam.eval.report import style
-from moteslam.eval.report.style import File, broken, curve_axes, line_look
+from moteslam.eval.report.style import File, curve_axes, line_look
+from moteslam.eval.tables import fitting, number
 
 Array = NDArray[np.float64]
 Errors = AteResult | None
@@ -24,10 +24,8 @@ Line = tuple[str, AteResult, dict[str, Any]]
 
 RUG = 1.05
 """Where the marks of resampling stand, as a share of the particles."""
-SINGLE_VALUES, WINDOWS, MEDIANS = 300, 240, 25
-"""A curve of more values is unreadable: their range in windows and their running median are drawn, so many a run."""
 FAR_APART, LEAST_SHOWN = 20, 0.01
-"""Errors of which one is this many times another are drawn on logarithmic axes, from there on [cm], [deg]."""
+"""Errors of which one is this many times another are drawn on logarithmic axes, from there on, whatever the unit."""
 
 
 def draw_error(
@@ -38,32 +36,45 @@ def draw_error(
     """
     given = (
         ("dead reckoning", dead_reckoning, {"color": style.DEAD_RECKONING}),
-        (style.ONLINE, slam, {"color": style.SLAM}),
-        (style.FINAL, final, {"color": style.SLAM, "ls": (0, (3, 1.5))}),
+        (style.ONLINE, slam, {"color": style.SLAM if final is None else style.ONLINE_COLOUR}),
+        (style.FINAL, final, {"color": style.SLAM}),
     )
     lines: list[Line] = [
-        (f"{name}, RMSE {100 * errors.rmse:.1f} cm", errors, look) for name, errors, look in given if errors is not None
+        (f"{name}, RMSE {_length(errors.rmse)}", errors, look) for name, errors, look in given if errors is not None
     ]
     rmse = [errors.rmse for _, errors, _ in lines]
-    with style.saved_figure(path, size=(8.0, 5.0), title=title) as figure:
+    with style.saved_figure(path, size=(8.0, 5.0), title=title, columns=(3, 2)) as figure:
         distance, angle = figure.subplots(2, 1, sharex=True)
         _draw_errors(distance, angle, lines, logarithmic=max(rmse) > FAR_APART * min(rmse))
+
+
+def _length(value: float) -> str:
+    unit, factor = fitting("m", [value])
+    return f"{number(factor * value)} {unit}"
 
 
 def _draw_errors(
     distance: style.Axes, angle: style.Axes | None, lines: Sequence[Line], *, logarithmic: bool = False
 ) -> None:
     start = min(float(errors.stamps[0]) for _, errors, _ in lines)
+    unit, factor = fitting("m", [float(errors.errors.max()) for _, errors, _ in lines])
+    largest = [factor * max(float(errors.errors.max()) for _, errors, _ in lines), 0.0]
     for label, errors, look in lines:
         time = errors.stamps - start
-        distance.plot(*broken(time, 100 * errors.errors), lw=1.0, label=label, **look)
+        style.draw_curve(distance, time, factor * errors.errors, label=label, **look)
         if angle is not None and errors.rotation_errors is not None:
-            angle.plot(*broken(time, np.rad2deg(errors.rotation_errors)), lw=1.0, **look)
-    for axes, label in ((distance, "position error [cm]"), (angle, "heading error [deg]")):
-        if axes is not None:
-            axes.set_yscale("log" if logarithmic else "linear")
-            axes.set_ylim(bottom=LEAST_SHOWN if logarithmic else 0)
-            curve_axes(axes, label)
+            turns = np.rad2deg(errors.rotation_errors)
+            largest[1] = max(largest[1], float(turns.max()))
+            style.draw_curve(angle, time, turns, **look)
+    named = (distance, f"position error [{unit}]"), (angle, "heading error [deg]")
+    for (axes, label), most in zip(named, largest, strict=True):
+        if axes is None:
+            continue
+        curve_axes(axes, label)
+        if logarithmic and most > LEAST_SHOWN:
+            style.log_axis(axes, LEAST_SHOWN, 1.2 * most)
+        else:
+            axes.set_ylim(bottom=0)
     (angle or distance).set_xlabel("time [s]")
 
 
@@ -76,19 +87,7 @@ def draw_effective_particles(
     time, when, most, n = stamps - stamps[0], np.asarray(resampled, bool), int(particles.max()), len(stamps)
     with style.saved_figure(path, size=(10.0, 3.6), title=title) as figure:
         axes = figure.subplots()
-        if n <= SINGLE_VALUES:
-            axes.plot(*broken(time, n_eff), color=style.SLAM, lw=0.8, label="effective particles")
-        else:
-            windows = np.array_split(np.arange(n), WINDOWS)
-            middle = evenly(np.arange(n), WINDOWS)
-            at, low = broken(time[middle], np.array([n_eff[window].min() for window in windows]))
-            _, high = broken(time[middle], np.array([n_eff[window].max() for window in windows]))
-            label = f"effective particles: range in {n // WINDOWS} updates"
-            axes.fill_between(at, low, high, color=style.PARTICLE, alpha=0.5, lw=0, label=label)
-            half = n // MEDIANS // 2
-            trend = np.array([np.median(n_eff[max(k - half, 0) : k + half + 1]) for k in middle])
-            label = f"running median over {n // MEDIANS} updates"
-            axes.plot(*broken(time[middle], trend), color=style.SLAM, lw=1.4, label=label)
+        style.draw_curve(axes, time, n_eff, label="effective particles", color=style.SLAM)
         if particles.min() < most:
             axes.plot(time, particles, color="0.5", lw=0.8, drawstyle="steps-post", label="particles")
         above = np.full(when.sum(), most * RUG)  # over the curve, which marks on it would hide
@@ -118,7 +117,7 @@ def _draw_errors_and_paths(path: File, results: Mapping[str, AteResult], title: 
     has_heading = any(ate.rotation_errors is not None for ate in results.values())
     first = next(iter(results.values())).reference
     lines: list[Line] = [
-        (f"{name}, ATE RMSE {100 * ate.rmse:.1f} cm{', scale fitted' if ate.scale != 1 else ''}", ate, line_look(i))
+        (f"{name}, ATE RMSE {_length(ate.rmse)}{', scale fitted' if ate.scale != 1 else ''}", ate, line_look(i))
         for i, (name, ate) in enumerate(results.items())
     ]
     with style.saved_figure(path, size=(12.0, 5.5), title=title, columns=(1, 1)) as figure:
@@ -137,13 +136,16 @@ def _draw_shares(path: File, results: Mapping[str, RelationResult], title: str) 
         distance, angle = figure.subplots(1, 2, sharey=True)
         for i, (name, result) in enumerate(results.items()):
             look = {"lw": 1.2, **line_look(i)}
-            label = f"{name}, mean {result.translation.mean:.3f} m over {result.pairs} relations"
+            label = f"{name}, mean {_length(result.translation.mean)} over {result.pairs} relations"
             distance.ecdf(result.errors, label=label, **look)
             angle.ecdf(np.rad2deg(result.rotation_errors), **look)
-        for axes, unit in ((distance, "translation error [m]"), (angle, "rotation error [deg]")):
-            axes.set_xlabel(unit)
-            axes.set_xscale("log")
+        far = np.concatenate([one.errors for one in results.values()])
+        turned = np.rad2deg(np.concatenate([one.rotation_errors for one in results.values()]))
+        for axes, label, values in ((distance, "translation error [m]", far), (angle, "rotation error [deg]", turned)):
+            axes.set_xlabel(label)
             axes.grid(color="0.9", lw=0.6)
+            if len(above := values[values > 0]):
+                style.log_axis(axes, float(np.quantile(above, 0.01)), 1.2 * float(above.max()), "x")
         distance.set_ylabel("share of the relations below")
         distance.set_ylim(0, 1)
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.report import style
 from moteslam.eval.report.maps import draw_map
+from moteslam.eval.tables import shortened
 from moteslam.files import write_atomically
 from moteslam.robot import se2
 from moteslam.sim.sensors.clock import EPOCH
@@ -118,7 +119,7 @@ def film(simulation: Simulation, session: OnlineSlam, pace: Pace) -> Iterator[tu
                 legend = figure.legend(handles, labels, loc="lower center", ncols=columns, markerscale=2.5)
                 for line in legend.get_lines():
                     line.set_linewidth(2.0)
-            name = style.shortened(simulation.scenario.name, NAME_SHOWN)
+            name = shortened(simulation.scenario.name, NAME_SHOWN)
             caption.set_text(f"{name}: t = {update.stamp - lidar.stamps[0]:.1f} s, {pace}")
             canvas.draw()
             yield update, (np.asarray(canvas.buffer_rgba())[..., :3].copy(),) * int(shown[update.index])

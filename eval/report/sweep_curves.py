@@ -10,7 +10,8 @@ import numpy as np
 
 from moteslam.eval.report import style
 from moteslam.eval.report.style import File
-from moteslam.eval.runs import Line, better, lines_over, summary_of, unit_of
+from moteslam.eval.runs import Line, better, headings, key_words, lines_over, summary_of
+from moteslam.eval.statistics import FEWEST
 from moteslam.eval.sweep.store import Row
 from moteslam.eval.tables import literal
 
@@ -25,7 +26,8 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 def draw_sweep(
     path: File, rows: Sequence[Row], metrics: Sequence[str], *, column: str, label: str | None = None
 ) -> None:
-    """Medians over a column of ``Row.about`` with bars for their 95 % bootstrap intervals, a panel a metric.
+    """Medians over a column of ``Row.about`` with bars for their 95 % bootstrap intervals, or of few runs each of them
+    as a point; a panel a metric.
 
     A colour stands for a scenario, robot and noise, dashes for a configuration. A median that is infinite, since half
     of the runs failed, is an open marker beyond the others. Bars end at the edge where they go on to infinity.
@@ -37,8 +39,9 @@ def draw_sweep(
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axes, name in zip(panels, metrics, strict=True):
             _draw(axes, lines, looks, name, places)
-            axes.set_xlabel(literal(column if label is None else label), parse_math=False)
-        panels[0].errorbar([], [], yerr=[], color="0.4", ls="", capsize=3.5, label="95 % interval of the median")
+            axes.set_xlabel(literal(key_words(column) if label is None else label), parse_math=False)
+        if max(len(runs) for line in lines for runs in line.groups.values()) >= FEWEST:
+            panels[0].errorbar([], [], yerr=[], color="0.4", ls="", capsize=3.5, label="95 % interval of the median")
 
 
 def places_of(values: Sequence[Any]) -> dict[Any, float]:
@@ -76,41 +79,47 @@ def _draw(
     axes: style.Axes, lines: Sequence[Line], looks: Sequence[dict[str, Any]], name: str, places: dict[Any, float]
 ) -> None:
     summed = [{value: summary_of(rows, name) for value, rows in line.groups.items()} for line in lines]
+    alone = [row.known[name] for line in lines for rows in line.groups.values() for row in rows if name in row.known]
     ends = [end for line in summed for one in line.values() for end in (one.median, one.low, one.high)]
-    finite = [value for value in ends if value is not None and isfinite(value)]
-    unit, factor = axis_unit(unit_of(name), finite)
+    few = all(len(rows) < FEWEST for line in lines for rows in line.groups.values())
+    finite = [value for value in (*ends, *(alone if few else ())) if value is not None and isfinite(value)]
+    title, factor = headings({name: finite})[name]
     finite = [factor * value for value in finite]
     low, high = _limits(finite, logarithmic=far_apart(finite), from_zero=better(name) == "lower")
     first, last = min(places.values()), max(places.values())
     if first == last:
         first, last = first - 0.5, last + 0.5
-    if far_apart(list(places.values()), FAR_APART_BELOW):
+    words = [*places.values()] == [*range(len(places))]  # a line from one to the next would mean nothing
+    if not words and far_apart(list(places.values()), FAR_APART_BELOW):
         axes.set_xscale("log")
     for index, (line, groups) in enumerate(zip(lines, summed, strict=True)):
-        having = [(x, groups[value]) for value, x in places.items() if value in groups]
-        having = [(x, one) for x, one in having if one.median is not None]
-        shift = DODGE * (index - (len(lines) - 1) / 2)
-        x = np.array([x for x, _ in having])
+        having = [(value, x, groups[value]) for value, x in places.items() if value in groups]
+        having = [(value, x, one) for value, x, one in having if one.median is not None]
+        shift = DODGE * (4 if words else 1) * (index - (len(lines) - 1) / 2)
+        x = np.array([x for _, x, _ in having])
         x = x * (last / first) ** shift if axes.get_xscale() == "log" else x + shift * (last - first)
-        shown = [[factor * float(getattr(one, part)) for _, one in having] for part in ("median", "low", "high")]
+        ends = [(one.median, one.low, one.high) if one.low is not None else [one.median] * 3 for _, _, one in having]
+        shown = factor * np.array(ends, np.float64).reshape(-1, 3).T
         y, bottom, top = np.clip(shown, low, high)
-        look = {"lw": 1.4, "ms": 5.5, "capsize": 3.5, "label": line.label or "median", **looks[index]}
-        axes.errorbar(x, y, yerr=(y - bottom, top - y), **look)
+        bars = np.array([one.low is not None for _, _, one in having], np.bool_)
+        look = {"lw": 1.4, **looks[index], **({"ls": ""} if words else {})}
+        axes.plot(x, y, ms=5.5, label=line.label or "median", **look)
+        axes.errorbar(x[bars], y[bars], yerr=((y - bottom)[bars], (top - y)[bars]), capsize=3.5, **look)
+        for at, (value, _, _) in zip(x, having, strict=True) if few else ():  # no interval: every run
+            each = [factor * row.known[name] for row in line.groups[value] if name in row.known]
+            axes.plot([at] * len(each), each, ".", color=looks[index]["color"], ms=4, alpha=0.5)
         failed = ~np.isfinite(shown[0])
         axes.plot(x[failed], y[failed], "o", mfc="white", mec=looks[index]["color"], ms=9, zorder=5)
+    if few:
+        axes.plot([], [], ".", color="0.4", label="every run")
     names = [f"{value:g}" if isinstance(value, float) else str(value) for value in places]
     axes.set_xticks(list(places.values()), names, parse_math=False)
     if far_apart(finite):
         style.log_axis(axes, low, high)
     axes.set_ylim(low, high)
     axes.minorticks_off()
-    axes.set_ylabel(f"{name}{f' [{unit}]' if unit else ''}")
+    axes.set_ylabel(f"median {title}")
     axes.grid(axis="y", color="0.9", lw=0.6)
-
-
-def axis_unit(unit: str, values: Sequence[float]) -> tuple[str, float]:
-    """The unit of an axis and what values are multiplied by: centimetres where all are below a metre."""
-    return ("cm", 100.0) if unit == "m" and values and max(values) < 1 else (unit, 1.0)
 
 
 def _limits(values: Sequence[float], *, logarithmic: bool, from_zero: bool) -> tuple[float, float]:

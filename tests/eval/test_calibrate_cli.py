@@ -66,6 +66,7 @@ def test_replay_says_where_nothing_could_be_measured(tmp_path: Path, capsys: pyt
             assert told.count("not-calibrated") == 1
 
 
+@pytest.mark.slow
 def test_inspect_says_all_that_replay_says_of_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording = with_odometry(winding(seconds=12.0)).replace(encoders=None, imu=None)
     odometry = recording.odometry

@@ -136,7 +136,9 @@ def test_states_in_the_figures_and_in_a_line(lost: Estimate, run, simulation, tm
     assert figures["metrics"]["lost_precision"]["value"] == 0
     seconds = lost.trajectory.stamps[5] - lost.trajectory.stamps[0]
     lines = list(run_lines({"out": "x", **described(lost, figures)}, "room"))
-    assert lines[1] == f"lost at 2 scans, first after {seconds:.1f} s: see diagnostics.csv"
+    assert lines[1] == (
+        f"doubtful at 1, lost at 2 of {len(lost.trajectory)} scans, first after {seconds:.1f} s: diagnostics.csv"
+    )
     found = {"out": "x", **described(run[0], score_estimate(run[0]))}
     assert not any("lost" in line for line in run_lines(found, "room"))
 

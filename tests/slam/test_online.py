@@ -18,7 +18,7 @@ from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.live import LiveInputs
-from moteslam.slam.inputs.live_odometry import KEPT, MOST_KEPT
+from moteslam.slam.inputs.odometry_path import KEPT, MOST_KEPT
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
@@ -136,12 +136,12 @@ def test_odometry_that_repeats_its_last_pose_for_minutes_is_no_robot_that_stands
     dark = np.full(recording.lidar.ranges.shape[1], np.inf, np.float32)
     for k in range(6500):
         live.arrives("odometry", k / 100)
-        live.odometry_in.add_pose(k / 100, np.array((0.005 * min(k, 300), 0.0, 0.0)))
+        live.odometry_in.add_poses(np.array([k / 100]), np.array([(0.005 * min(k, 300), 0.0, 0.0)]))
         if k % 50 == 0:
             live.arrives("lidar", k / 100)
             live.add_scan(dark, k / 100, None)
-            live.take()
-    assert len(live.path.stamps) <= MOST_KEPT + KEPT
+            live.take_next()
+    assert len(live.odometry_in.path.stamps) <= MOST_KEPT + KEPT
     assert live.measured[1:6].all()
     assert not live.measured[10:].any()
 
@@ -159,7 +159,7 @@ def test_what_is_kept_and_what_a_scan_costs_does_not_grow_with_the_scans():
     assert len(live) == 5000
     assert len(live.scans._kept) == 1
     assert max(len(live._tail), len(live._ranges)) <= 2 * KEPT
-    assert len(live.path.stamps) <= 2 * KEPT + MOST_KEPT
+    assert len(live.odometry_in.path.stamps) <= 2 * KEPT + MOST_KEPT
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.odometry_path import OdometryPath, low_pass
+from moteslam.slam.inputs.odometry_path import LowPass, OdometryPath
 from moteslam.slam.inputs.step import steps
 from moteslam.slam.inputs.synchronise import doubtful_stamps, synchronise, warnings
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
@@ -178,6 +178,10 @@ def test_streams_that_do_not_overlap_are_refused_and_blind_ones_told():
 
 def test_the_low_pass_is_scipys_butterworth_whatever_comes_later():
     from scipy.signal import butter, sosfilt, sosfilt_zi
+
+    def low_pass(values: np.ndarray, stamps: np.ndarray, cut_off: float) -> np.ndarray:
+        passing = LowPass(cut_off)
+        return np.array([passing.of(*each) for each in zip(values.tolist(), stamps.tolist(), strict=True)])
 
     values, stamps = np.random.default_rng(0).standard_normal(500), 5.0 + np.arange(500) / 100
     sections = butter(1, 10, fs=100, output="sos")
