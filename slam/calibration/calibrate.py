@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.sensor_reports import turns
 from moteslam.slam.calibration.clock_step import ClockStep, clock_steps, with_stamps
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Fit, Pairs, Parameter, Path, clock, fit
 from moteslam.slam.calibration.odometry_forms import FORMS, in_form, quarter_turn
@@ -180,8 +181,8 @@ def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Ca
         if found is None:
             unmeasured(odometry)
             return None
-        turns = found.fit.values[Parameter.TURNS]
-        if found.fits and abs(found.angle_scale - 1) < FAR_OFF and abs(turns - 1) < TURNS_OFF:
+        turned = found.fit.values[Parameter.TURNS]
+        if found.fits and abs(found.angle_scale - 1) < FAR_OFF and abs(turned - 1) < TURNS_OFF:
             return found
         break
     scale = best_scale(recording, lidar, *chosen)
@@ -194,8 +195,10 @@ def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Ca
     if again is not None and stated is not None and scans.fits_better(stated):
         deviation = scale * again.angle_deviation
         return replace(again, angle_scale=scale * again.angle_scale, angle_deviation=deviation)
-    if found is None and unfit is not None and unfit.share < FEW_FIT:
-        raise unfit
+    if found is None and unfit is not None:
+        if unfit.share < FEW_FIT:
+            raise unfit
+        unmeasured(odometry)
     return found
 
 
@@ -209,7 +212,7 @@ def _calibrate(
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
     form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
     at = _at(in_form(path, form))
-    wrong = _wrong(recording, path, scans.pairs) if mirrored else ""
+    wrong = _wrong(recording, scans.pairs) if mirrored else ""
     is_reversed = scans.mirror(lidar, _rates(scans, at, offset, drift)) if mirrored else False
     angle_scale, deviation, excess = scans.scale_angles()
     best = fit(scans.pairs, at, (offset, drift), shared=logged)
@@ -285,18 +288,13 @@ def _sees_both_sides(lidar: LidarStream, yaw: float) -> bool:
     return all((np.abs(se2.wrap(bearings - side)) < BESIDE).any() for side in (np.pi / 2, -np.pi / 2))
 
 
-def _wrong(recording: Recording, path: OdometryPath, pairs: Pairs) -> Literal["", "lidar", "odometry", "gyro"]:
+def _wrong(recording: Recording, pairs: Pairs) -> Literal["", "lidar", "odometry", "gyro"]:
     """Which of scans and odometry turns the wrong way, by a third that turns: the gyro, or wheels beside a gyro."""
-    imu, alone = recording.imu, path.by_wheels
-    other: Literal["odometry", "gyro"]
-    if recording.encoders is not None and alone is not None:
-        stamps, headings, other = path.stamps, alone[:, 2], "gyro"
-    elif recording.encoders is None and imu is not None and len(imu) > 1:
-        headings = np.cumsum(imu.angular_velocity[:, 2] * np.diff(imu.stamps, prepend=imu.stamps[0]))
-        stamps, other = imu.stamps, "odometry"
-    else:
+    found = turns(recording)
+    if len(found) < 2 or "imu" not in found:
         return ""
-    *_, correlation = clock(pairs, stamps, np.unwrap(headings), shared=False)
+    other: Literal["odometry", "gyro"] = "gyro" if "encoders" in found else "odometry"
+    *_, correlation = clock(pairs, *found["encoders" if other == "gyro" else "imu"], shared=False)
     if abs(correlation) < AGREES:
         return ""
     return "lidar" if correlation < 0 else other

@@ -114,9 +114,7 @@ class RegisteredPairs:
 
     def fits_better(self, other: RegisteredPairs) -> bool | None:
         """Whether the pairs clearly fit better than they do in another reading, or clearly worse; None if neither."""
-        better = other.costs - self.costs
-        certain = abs(better.mean()) > ORDER * better.std() / np.sqrt(len(better))
-        return bool(better.mean() > 0) if certain else None
+        return _clearly_above_zero(other.costs - self.costs)
 
     def expect(self, share: float) -> None:
         """Raise ``UnfitScansError`` unless enough pairs are registered, and this share of all."""
@@ -172,9 +170,7 @@ class RegisteredPairs:
         """Whether the other beams clearly fit better, each scan straightened by its own turn; None if neither."""
         as_is, new = (refine(*self._ranges, each, self._seconds, motions, rates=rates) for each in (one, other))
         both = as_is.good & new.good
-        better = np.log(cost(as_is)[both] / cost(new)[both])
-        certain = both.sum() >= FEWEST and abs(better.mean()) > ORDER * better.std() / np.sqrt(both.sum())
-        return bool(better.mean() > 0) if certain else None
+        return _clearly_above_zero(np.log(cost(as_is)[both] / cost(new)[both]))
 
     def scale_angles(self) -> tuple[float, float, tuple[float, float]]:
         """The scale of the angles between beams at which the scans fit each other best, and its deviation.
@@ -210,6 +206,12 @@ class RegisteredPairs:
             self.refine(self._found.motions, anew=True)
         noise = float(np.median(self._found.deviation[self._found.good]))
         return float(scale), deviation, (-float(offset), max(float(about_offset), OFFSET_FLOOR, NOISY * noise))
+
+
+def _clearly_above_zero(values: Array) -> bool | None:
+    """Whether the mean of some values [k] is, or else below; None where they are few, or neither is clear."""
+    certain = len(values) >= FEWEST and abs(values.mean()) > ORDER * values.std() / np.sqrt(len(values))
+    return bool(values.mean() > 0) if certain else None
 
 
 def best_scale(recording: Recording, lidar: LidarStream, before: Indices, after: Indices) -> float:
