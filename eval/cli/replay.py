@@ -189,11 +189,11 @@ def _run_over(
     from moteslam.eval.cli.running import run_into, run_lines
     from moteslam.eval.scores import relations_beside, true_map_beside
     from moteslam.files import result_folder
+    from moteslam.slam.calibration.findings import trusting
 
     recording, not_as_stated = _checked(part.open(path), calibrate)
-    if calibrate is None and any(issue.code == "lidar-angles" for issue in not_as_stated):
-        # nothing is known of what travels along
-        config = config.model_copy(update={"sync": config.sync.model_copy(update={"travelling": False})})
+    if calibrate is None:
+        config = config.model_copy(update={"sync": trusting(config.sync, not_as_stated)})
     truth, issues = (None, ()) if recording.lidar is None else _truth_beside(path, recording.lidar.stamps)
     cut = {name: value for name, value in part.given.items() if name not in ("sequence", "platform")}
     with result_folder(out, force=run.force, keep=path) as folder:
@@ -243,7 +243,8 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     if found is None or about is None:
         text = "calibration: too few scans that fit each other, or no odometry that turns as they do: nothing is mended"
         unfit = () if about is None else about.moves
-        return recording, unfit if side is None else (*unfit, Issue("not-calibrated", text))
+        told = side is None or any(issue.code == "not-calibrated" for issue in unfit)
+        return recording, unfit if told else (*unfit, Issue("not-calibrated", text))
     if side is None:
         ends = dict.fromkeys(about.decided, "corrected")
         moves = tuple(Issue(one.code, f"{one.message}; {ends.get(one.code, 'see --calibrate')}") for one in about.moves)

@@ -221,3 +221,23 @@ def test_a_lidar_of_which_nobody_knows_where_it_stands_is_told():
         changed = recording.replace(platform=platform)
         codes = [issue.code for issue in warnings(changed, synchronise(changed))]
         assert codes.count("no-mount") == told
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda stamps, rng: stamps + rng.uniform(-0.1, 0.1, len(stamps)), True),
+        (lambda stamps, rng: np.sort(stamps + rng.uniform(-0.2, 0.2, len(stamps))), True),
+        (lambda stamps, rng: stamps + rng.uniform(-0.02, 0.02, len(stamps)), False),
+        (lambda stamps, rng: stamps[rng.random(len(stamps)) > 0.5], False),  # lost scans are no jitter
+        (lambda stamps, rng: np.cumsum(rng.choice((0.2, 0.4, 0.6), len(stamps))), False),
+    ],
+    ids=["jitter", "sorted", "little", "lost", "uneven"],
+)
+def test_stamps_that_jitter_are_told(change, told: bool):
+    stamps = change(np.arange(0.0, 80.0, 0.2), np.random.default_rng(0))
+    lidar = LidarStream(stamps, np.ones((len(stamps), 3), np.float32), -1.0, 1.0, 0.1, 30.0)
+    codes = [issue.code for issue in doubtful_stamps(Recording("drive", UCSD, lidar=lidar), None)]
+    assert codes == ["stamps-jitter"] * told
+    logged = replace(lidar, odometry=np.zeros((len(stamps), 3)))  # motion does not depend on stamps
+    assert not doubtful_stamps(Recording("drive", UCSD, lidar=logged), None)
