@@ -16,6 +16,7 @@ from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.evidence import CORRELATION, heavy_tail, proved
+from moteslam.slam.registration.information import residual_variance
 from moteslam.slam.registration.registrar import (
     Fitted,
     Registration,
@@ -229,7 +230,7 @@ class Localiser:
         """Registered from the most promising places of a window, the best of them."""
         c, costs = self._config, self._registration
         if sought.open:
-            costs = _of_bent_maps(costs)
+            costs = _of_noise(costs, BENT)
         maps, predicted, spread, points, origin, predictions, _ = sought
         likely = candidates(maps, predicted, spread, points, window, most, c)
         starts = np.vstack((predictions, likely))
@@ -259,6 +260,10 @@ class Localiser:
         fitted = found.of(0)
         score = match_score(fitted.known, fitted.likelihood, fitted.crossed, c)
         if sought.open:
+            deviation = self._registration.residual * residual_variance(fitted.likelihood, self._registration) ** 0.5
+            costs = _of_noise(self._registration, min(deviation, BENT))
+            tried = register(maps, many, spread, some, origin, tried.offsets, costs, means=means)
+            odds, _ = sought.log_odds(tried, len(some), c, costs)
             again = register(maps, here, spread, points, origin, found.offsets, costs, means=mean, coarse=False)
             here_odds = float(sought.log_odds(again, len(points), c, costs)[0][0])
             elsewhere = (np.abs(se2.between(start, tried.offsets)) >= APART).any(axis=1)
@@ -268,13 +273,15 @@ class Localiser:
         return Located(fitted, score, Rivals(offsets, scores[rivals] - scores[best], cost[rivals] - cost[best]))
 
 
-def _of_bent_maps(config: RegistrationConfig) -> RegistrationConfig:
-    """Costs by ``BENT``: by ``residual`` a lidar of more noise would fit no place better than one not in the map.
+def _of_noise(config: RegistrationConfig, deviation: float) -> RegistrationConfig:
+    """Costs by endpoints that deviate so much from the surfaces [m], where that is more than ``residual``.
 
-    The endpoints' density about a surface is lower by as much as it is wider: so much less the unknown costs.
+    Else a scan of a noisy lidar would fit no place better than one not in the map. The endpoints' density about a
+    surface is lower by as much as it is wider: by so much less does the unknown cost.
     """
-    unknown = config.unknown_cost - float(np.log(BENT / config.residual))
-    return config.model_copy(update={"residual": BENT, "unknown_cost": max(unknown, 0.0)})
+    wider = max(deviation / config.residual, 1.0)
+    unknown = max(config.unknown_cost - float(np.log(wider)), 0.0)
+    return config.model_copy(update={"residual": config.residual * wider, "unknown_cost": unknown})
 
 
 def _within(most: float, offset: Pose, spread: Spread) -> bool:
