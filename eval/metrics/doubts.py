@@ -26,14 +26,15 @@ LEAST, COARSE, FINE = 10, 200, 5000
 DENSE = 0.5
 """Poses nearer to each other than this [s] are interpolated."""
 GAIN, GAIN_METRES, FITS = 0.5, 0.01, 0.1
-"""The error must fall to less than this share of itself, the less the less of the drives is left in common, and by more
-than this [m]; without a common time to less than this share of the spread of the reference."""
+"""A rate must leave less than this share of what an offset leaves, and the error fall by more than this [m]; without a
+common time to less than this share of the spread of the reference."""
 SHAPE, DRIFTS = 0.3, 0.1
-"""By another scale, sign or rate of the clock the error must fall to less than this share; clocks drift by less."""
+"""By a clock, arm, scale or sign the error must fall to less than this share, by a clock to less the less of the drives
+is left in common; clocks drift by less."""
 OVERLAP = 0.6
 """Share of the shorter drive that they must have in common."""
 ALIKE = 1.2
-"""Of offsets whose errors differ by less than this factor the smallest is taken."""
+"""Errors that differ by less than this factor are alike: the smallest offset is taken, clock and arm are both told."""
 SMALL, SAME = 0.1, 1e-4
 """Errors and sizes below the first [m] are no other unit; no measurement is as near to the truth as the second [m]."""
 AXES = np.deg2rad(30.0)
@@ -48,7 +49,7 @@ of a part where less than the second share is compared; fewer poses than the thi
 
 
 def clock_offset(estimate: Trajectory, reference: Trajectory, before: float | None = None) -> tuple[float, str] | None:
-    """What is said of an offset or a rate of the estimate's clock that fits much better (``GAIN``, ``SHAPE``), and
+    """What is said of an offset or a rate of the estimate's clock that fits much better (``SHAPE``, ``GAIN``), and
     the RMSE [m] after alignment with it; ``before`` is the error to be named, of clocks with a time in common.
     """
     if min(len(estimate), len(reference)) < LEAST:
@@ -100,8 +101,10 @@ def _offset(search: _Search) -> tuple[float, float, float] | None:
     return (best, 0.0, rmse) if rmse < SHAPE * before * share and before - rmse > GAIN_METRES else None
 
 
-def _lever_arm(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> Iterator[tuple[float, Issue]]:
-    """The fixed offset on the robot that explains most of the error (``SHAPE``), in the axes of the body of the
+def _lever_arm(
+    estimate: Trajectory, reference: Trajectory, ate: AteResult, share: float
+) -> Iterator[tuple[float, Issue]]:
+    """The fixed offset on the robot that leaves less than a share of the error, in the axes of the body of the
     estimate, or of the reference where only that has orientations.
 
     Gauss-Newton of ``true = Q (there + R arm) + t`` over ``arm`` [3], the rotation Q and t; where the body turns too
@@ -126,7 +129,7 @@ def _lever_arm(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> I
         step = np.linalg.lstsq(design.reshape(6, -1).T, off.ravel(), rcond=TURNS)[0]
         arm, turn = arm + step[3:], rotations_of(np.array([(*step[:3] / max(size, SAME) / 2, 1.0)]))[0] @ turn
     rmse, (x, y, z) = best
-    if rmse < SHAPE * ate.rmse and ate.rmse - rmse > GAIN_METRES:
+    if rmse < share * ate.rmse and ate.rmse - rmse > GAIN_METRES:
         flat, whose = abs(z) < GAIN_METRES, "estimate" if own else "reference"
         text = f"an offset of x {x:.3f} m, y {y:.3f} m{'' if flat else f', z {z:.3f} m'} on the robot"
         text += f", in the axes of the {whose}'s body, explains the ATE but for {rmse:.4f} m: these are paths of"
@@ -145,14 +148,15 @@ def doubts(
     """
     left_out = "out-of-plane" if in_space(estimate, reference) else ""  # it matters in x and y
     issues = [issue for issue in (*estimate.warnings, *reference.warnings) if issue.code != left_out]
-    reasons = [*_shapes(ate), *(_lever_arm(estimate, reference, ate) if align else ())]
+    reasons, found = [*_shapes(ate)], clock_offset(estimate, reference, ate.rmse) if align else None
     if align:
         reasons += _inverted(estimate, reference, ate, apart)
-    if (found := clock_offset(estimate, reference, ate.rmse) if align else None) is not None:
-        reasons.append((ALIKE * found[0], Issue("clocks-differ", found[1])))  # fits by chance at an even speed
+        reasons += _lever_arm(estimate, reference, ate, SHAPE if found is None else 1.0)
+    if found is not None:  # between poses, where it is fitted, noise is less
+        reasons.append((ALIKE**2 * found[0], Issue("clocks-differ", found[1])))
     reasons.sort(key=lambda reason: reason[0])
     best = [issue for _, issue in reasons[:1]]
-    if found is not None and best[0].code == "lever-arm" and found[0] < ALIKE * reasons[0][0]:
+    if found is not None and best[0].code == "lever-arm" and found[0] < ALIKE * reasons[0][0]:  # at an even speed
         best = [replace(best[0], message=f"{best[0].message}; or else {found[1]}")]
     few_off = float(np.median(ate.errors)) < UNLIKE * float(np.linalg.norm(ate.reference[:, :2].std(axis=0)))
     if few_off and any(issue.code == "implausible-speed" for issue in issues):  # poses far off make any paths unlike
