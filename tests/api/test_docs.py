@@ -135,11 +135,17 @@ def test_the_generated_tables_have_all_keys_and_robots(generate: ModuleType):
         assert {key: noise[part][key] for key in values} == {
             key: pytest.approx(value, rel=1e-5) for key, value in values.items()
         }
+    robot = tomllib.loads(generate.robot().strip("`").removeprefix("toml"))
+    stated = json.loads(UCSD.model_dump_json())
+    for name in ("wheels", "body", "imu"):
+        assert robot[name] == pytest.approx(stated[name], rel=1e-5)
+    assert robot["lidar"].keys() == stated["lidar"].keys()
+    assert {*robot, "noise", "as_recorded"} == {*stated}
     robots = generate.robots().splitlines()
     assert re.findall(r"`(\w+)`", robots[0]) == list(bundled_platforms())
     assert "| `lidar.range_max` | 80 | 12 | 30 | 3.5 | 30 | 4.095 |" in robots
     assert generate.scenarios().count("\n| `") == len(bundled_scenarios())
-    pages = [ROOT / "docs" / "reference" / f"{page}.md" for page in ("platforms", "scenarios")]
+    pages = [ROOT / "docs" / "reference" / f"{page}.md" for page in ("platforms", "scenarios", "formats")]
     marked = re.findall(r"<!-- (.*) -->", "".join(page.read_text(encoding="utf-8") for page in pages))
     assert set(marked) == set(generate.TABLES)
 
