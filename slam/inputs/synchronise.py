@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
+from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LATEST, STREAMS, LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
 from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.config import SyncConfig
@@ -19,6 +20,9 @@ from moteslam.slam.inputs.scans import Scans
 Array = NDArray[np.float64]
 COARSE = 0.5
 """Where more than this share of the readings have the stamp of the one before, the clock is too coarse for them."""
+JITTERS, OPPOSITE = 0.03, -0.15
+"""Stamps that deviate by the first [s] from even steps are told, where a step and the next correlate by less than the
+second: of stamps that are right and uneven they do not."""
 UNMAPPED, BESIDE = 1.0, 0.1
 """A robot that drives farther [m] and longer [s] before its first scan or after its last has a part without a map."""
 ALIKE = 0.1
@@ -202,7 +206,15 @@ def warnings(recording: Recording, inputs: Inputs, *, read_ranges: bool = True) 
         scans = int((~inputs.measured).sum())
         told.append(("still-odometry", scans, f"odometry that never moves: constant velocity over {scans} scans"))
     issues = (Issue(code, text, count) for code, count, text in told if count)
-    return (*doubtful_stamps(recording, inputs.path), *issues, *inputs.issues)
+    return (*unknown_mount(recording.platform), *doubtful_stamps(recording, inputs.path), *issues, *inputs.issues)
+
+
+def unknown_mount(platform: Platform) -> tuple[Issue, ...]:
+    """Whether nothing says where the lidar stands on the robot."""
+    if {"x", "y", "yaw"} & platform.lidar.model_fields_set:
+        return ()
+    text = "lidar: where it stands on the robot is not known: taken to be at its centre, facing ahead"
+    return (Issue("no-mount", text),)
 
 
 def is_coarse(stamps: Array) -> bool:
@@ -210,15 +222,28 @@ def is_coarse(stamps: Array) -> bool:
     return bool((np.diff(stamps) == 0).sum() > COARSE * len(stamps))
 
 
+def jitter(stamps: Array) -> float:
+    """The standard deviation of stamps [n] about even ones [s], by steps that make up for the one before."""
+    steps = np.diff(stamps)
+    steps = np.minimum(steps, 5 * np.median(steps))  # gaps are no jitter
+    steps -= steps.mean()
+    both, own = float(steps[1:] @ steps[:-1]), float(steps @ steps)
+    return float(np.sqrt(-both / len(steps))) if both < OPPOSITE * own else 0.0
+
+
 def doubtful_stamps(recording: Recording, path: OdometryPath | None) -> list[Issue]:
     """Clocks that are too coarse for their readings, and ways that are driven without scans, by a path."""
     issues, scans = list[Issue](), require_lidar(recording).stamps
+    logged = require_lidar(recording).odometry is not None  # the motion then does not depend on stamps
     for name, stamps in recording.stamps().items():
         if name in STREAMS[:4] and is_coarse(stamps):
             equal = int((np.diff(stamps) == 0).sum())
             text = f"{name}: {equal} of {len(stamps)} readings share the stamp of the one before: their clock "
             text += "counts whole seconds" if (stamps == np.rint(stamps)).all() else "is too coarse"
             issues.append(Issue("equal-stamps", f"{text}, so that speeds and turns by it are wrong", equal))
+        elif name in STREAMS[:4] and len(stamps) > 200 and not logged and (noise := jitter(stamps)) > JITTERS:
+            text = f"{name}: stamps jitter by {noise:.2f} s: what is driven meanwhile is missing from motions, "
+            issues.append(Issue("stamps-jitter", f"{text}and from the poses at these stamps"))
     if path is None:
         return issues
     stamps, driven = path.stamps[1:], np.hypot(*np.diff(path.poses[:, :2], axis=0).T)

@@ -12,6 +12,7 @@ from issues import messages
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
+from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.slam.inputs.config import SyncConfig
@@ -211,3 +212,32 @@ def test_the_real_sequences_end_where_they_are_known_to(
     assert np.degrees(path.poses[-1, 2]) == pytest.approx(heading, abs=5)
     if end is not None:
         assert np.hypot(*(path.poses[-1, :2] - end)) < 1.0
+
+
+def test_a_lidar_of_which_nobody_knows_where_it_stands_is_told():
+    recording = circle(imu=False).replace(encoders=None)
+    assert not [issue for issue in warnings(recording, synchronise(recording)) if issue.code == "no-mount"]
+    for platform, told in ((Platform(), 1), (Platform(lidar=LidarSpec(x=0.0)), 0)):
+        changed = recording.replace(platform=platform)
+        codes = [issue.code for issue in warnings(changed, synchronise(changed))]
+        assert codes.count("no-mount") == told
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda stamps, rng: stamps + rng.uniform(-0.1, 0.1, len(stamps)), True),
+        (lambda stamps, rng: np.sort(stamps + rng.uniform(-0.2, 0.2, len(stamps))), True),
+        (lambda stamps, rng: stamps + rng.uniform(-0.02, 0.02, len(stamps)), False),
+        (lambda stamps, rng: stamps[rng.random(len(stamps)) > 0.5], False),  # lost scans are no jitter
+        (lambda stamps, rng: np.cumsum(rng.choice((0.2, 0.4, 0.6), len(stamps))), False),
+    ],
+    ids=["jitter", "sorted", "little", "lost", "uneven"],
+)
+def test_stamps_that_jitter_are_told(change, told: bool):
+    stamps = change(np.arange(0.0, 80.0, 0.2), np.random.default_rng(0))
+    lidar = LidarStream(stamps, np.ones((len(stamps), 3), np.float32), -1.0, 1.0, 0.1, 30.0)
+    codes = [issue.code for issue in doubtful_stamps(Recording("drive", UCSD, lidar=lidar), None)]
+    assert codes == ["stamps-jitter"] * told
+    logged = replace(lidar, odometry=np.zeros((len(stamps), 3)))  # motion does not depend on stamps
+    assert not doubtful_stamps(Recording("drive", UCSD, lidar=logged), None)
