@@ -14,6 +14,7 @@ import tomli_w
 
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map, write_picture
+from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.raster import Raster
 from moteslam.robot.values import Section
