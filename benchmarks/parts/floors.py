@@ -10,7 +10,7 @@ from matplotlib.image import imsave
 
 CELL, WALL = 0.05, 0.2
 """Edge of a pixel, thickness of the walls [m]."""
-AWAY = 0.8
+AWAY = 1.0
 """Furniture is so far from the way into its room at least [m]."""
 
 
@@ -39,7 +39,7 @@ def drawn_floor(seed: int, folder: Path) -> Path:
             end = begin + random.uniform(4, 9)
             end = width if width - end < 3 else end
             fill((end, end + WALL), (low, high))
-            door, half = random.uniform(begin + 1.2, end - 1.2), random.uniform(0.95, 1.3) / 2
+            door, half = random.uniform(begin + 1.2, end - 1.2), random.uniform(1.1, 1.4) / 2
             for x, y, *size in random.uniform((begin, low, 0.2, 0.2), (end, high, 0.7, 0.7), (random.integers(3), 4)):
                 if abs(x - door) > size[0] + AWAY:
                     fill((x - size[0], x + size[0]), (max(y - size[1], low), min(y + size[1], high)))
