@@ -5,6 +5,7 @@ matching", 2009): ``registration`` starts at the places found here.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +14,20 @@ from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
 from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.tiles import SIDE, STEPS, Tiles, address, frames_in_cells, read, steps_of, weight_of
-from moteslam.kernels.types import F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, I32_2D, func, kernel, template
+from moteslam.kernels.types import (
+    F32,
+    F32_1D,
+    F32_2D,
+    F64_2D,
+    I16_1D,
+    I32,
+    I32_1D,
+    I32_2D,
+    I64_1D,
+    func,
+    kernel,
+    template,
+)
 
 MAX_SEARCH_POINTS = 64
 """Points of a scan that a search can look up: they are kept in registers and on the stack of each thread."""
@@ -21,9 +35,18 @@ MAX_SEARCH_COST = 1e8
 """Costs of turns and shifts are at most this [steps]: totals must fit 32 bits."""
 MAX_LAID = 2**24
 """Cells whose scores are laid out, at most: 64 MB."""
+LANE = 16
+"""Bits of the total of each of the four places of a square: half a step each time, at most 767 of 64 points."""
 LOOKED_UP = 2
 """The scores of the cells around a particle are laid out before a search that looks up each of them more often than
 this: then a lookup takes a third of the time."""
+
+
+@func
+def _within(x: F32, last: F32):
+    """As min and max do, but for numbers that are not one: these take three instructions each."""
+    x = ti.select(x > 0.0, x, 0.0)
+    return ti.select(x < last, x, last)
 
 
 @func
@@ -94,9 +117,7 @@ def _search(
             for j in range(points):
                 gx, gy = xs[j] + dx, ys[j] + dy
                 if ti.static(dense):
-                    # as min and max do, but for numbers that are not one: these take three instructions each
-                    gx, gy = ti.select(gx > 0.0, gx, 0.0), ti.select(gy > 0.0, gy, 0.0)
-                    gx, gy = ti.select(gx < last_x, gx, last_x), ti.select(gy < last_y, gy, last_y)
+                    gx, gy = _within(gx, last_x), _within(gy, last_y)
                     total += laid[corner + ti.cast(gy, ti.i32) * side + ti.cast(gx, ti.i32)]
                 else:
                     word = read(pool, table, begin + i * tiles, columns, gx, gy, last_x, last_y, 1)
@@ -104,6 +125,92 @@ def _search(
             if total > best:
                 best, at = total, v
         scores[i, t * blocks + block], chosen[i, t * blocks + block] = best, at
+
+
+@kernel
+def _search_squares(
+    fours: I64_1D, rows: I32, columns: I32, xs: F32_2D, ys: F32_2D, squares: F32_2D, free: I32_1D, blocks: I32,
+    scores: I32_2D, chosen: I32_2D, passes: I32,
+):  # fmt: skip
+    """The best place of every block of squares, the first of equal ones, for every turned scan [coarse cells]."""
+    size = squares.shape[0] // blocks
+    last_x, last_y = ti.cast(columns - 1, ti.f32), ti.cast(rows - 1, ti.f32)
+    ti.loop_config(serialize=ti.static(one_thread()))
+    for p in range(xs.shape[0] * blocks * passes):
+        if p % passes:
+            continue
+        t, block = p // passes // blocks, p // passes % blocks
+        best, at = -1, 0
+        for q in range(block * size, (block + 1) * size):
+            totals = ti.cast(0, ti.i64)
+            for j in range(xs.shape[1]):
+                gx, gy = _within(xs[t, j] + squares[q, 0], last_x), _within(ys[t, j] + squares[q, 1], last_y)
+                totals += fours[ti.cast(gy, ti.i32) * columns + ti.cast(gx, ti.i32)]
+            for lane in ti.static(range(4)):
+                total = ti.cast((totals >> (LANE * lane)) & ((1 << LANE) - 1), ti.i32)
+                if total > best and (free[q] >> lane) & 1:
+                    best, at = total, 4 * q + lane
+        scores[t, block], chosen[t, block] = best, at
+
+
+class SquareScores(NamedTuple):
+    """What a point over each coarse cell of a map counts for the four places of a square of a lattice.
+
+    Attributes:
+        fours: int64 [rows, columns], four times ``LANE`` bits.
+        apart: places of the lattice are so many cells apart.
+        cell_size: of the coarse level [m].
+    """
+
+    fours: NDArray[np.int64]
+    apart: int
+    cell_size: float
+
+    @classmethod
+    def of(cls, tiles: Tiles, *, apart: int, cell_size: float, near: float) -> "SquareScores":
+        """Of one map; see ``search_scans`` for the score, of which this is half, without its negative part."""
+        shape = tiles.rows * (SIDE // 2), tiles.columns * (SIDE // 2)
+        side, least = max(shape), int(near * STEPS)
+        laid = np.zeros((side, side), np.int32)
+        runtime()
+        grid = tiles.pool, tiles.table, tiles.first, tiles.columns, tiles.rows
+        _lay_out(*grid, np.zeros((1, 2), np.int32), side, least, laid.reshape(-1))
+        scores = ((laid + least // 2) // 2).astype(np.int64)
+        padded = np.pad(scores[: shape[0], : shape[1]], ((0, apart), (0, apart)), mode="edge")
+        lanes = [padded[y : y + shape[0], x : x + shape[1]] for y in (0, apart) for x in (0, apart)]
+        return cls(sum(lane << (LANE * k) for k, lane in enumerate(lanes)), apart, cell_size)  # type: ignore[arg-type]
+
+    def best_of(
+        self, points: ArrayLike, turns: ArrayLike, squares: ArrayLike, free: ArrayLike, *, blocks: int
+    ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """The best places of squares: all are scored, four with each lookup (Olson 2009, correlative matching).
+
+        Args:
+            points: [k, 2] of the scan in the robot's frame, at most ``MAX_SEARCH_POINTS`` [m].
+            turns: [a] headings [rad].
+            squares: [m, 2] the lowest place of each, from the tables' corner [m].
+            free: bool [m, 4] which of its places count, x fastest.
+            blocks: number of equal blocks of consecutive squares; the best place of each is returned.
+
+        Returns:
+            int32 [a, blocks] their scores, -1 without a free place, and 4 times the square plus the place, the first of
+            equal ones.
+        """
+        ends = as_finite("points", points, np.float32, (None, 2))
+        if len(ends) > MAX_SEARCH_POINTS:
+            raise InputError(f"{len(ends)}, expected at most {MAX_SEARCH_POINTS}", field="points")
+        angles = as_finite("turns", turns, np.float64, (None,))[:, None]
+        c, s = np.cos(angles), np.sin(angles)
+        xs, ys = c * ends[:, 0] - s * ends[:, 1], s * ends[:, 0] + c * ends[:, 1]
+        corners = as_finite("squares", np.asarray(squares, np.float64) / self.cell_size, np.float32, (None, 2))
+        masks = (np.asarray(free, bool) @ (1 << np.arange(4))).astype(np.int32)
+        scores, chosen = (np.empty((len(angles), blocks), np.int32) for _ in range(2))
+        _search_squares(
+            self.fours.reshape(-1), *self.fours.shape,
+            *(np.ascontiguousarray(of / self.cell_size, np.float32) for of in (xs, ys)),
+            corners, masks, blocks, scores, chosen, passes_for(scores.size),
+        )  # fmt: skip
+        return scores, chosen
 
 
 def search_scans(

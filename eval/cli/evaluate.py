@@ -27,6 +27,8 @@ NEEDED = {
 Row = Mapping[str, Any]
 """Of a trajectory: ``estimate``, ``reference`` with ``kind`` and figures, and ``recording`` with ``residuals``."""
 LOOP_COUNTS = ("accepted", "overruled", "overruled_false", "possible", "bound")
+WHOSE = "the reference "
+"""Begins a doubt of it."""
 STATISTICS = ("rmse", "mean", "median", "std", "max")
 Table = list[list[str]]
 RESIDUALS = (
@@ -268,7 +270,8 @@ def _doubts(rows: Sequence[Row]) -> Iterator[str]:
         files = f"{row['estimate']}: ", f"{row.get('reference')}: "
         for issue in (*row.get("warnings", ()), *row.get("residuals", {}).get("warnings", ())):
             message = issue["message"]  # those of reading begin so
-            yield message if message.startswith(files) else files[0] + message
+            of_reference = message.startswith(WHOSE)
+            yield message if message.startswith(files) else files[of_reference] + message.removeprefix(WHOSE)
 
 
 def _value(value: Row) -> str:

@@ -65,7 +65,7 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
     from moteslam.errors import InputError
     from moteslam.robot.inspection import inspect_recording
     from moteslam.robot.values import Issue
-    from moteslam.slam.calibration.findings import checked
+    from moteslam.slam.calibration.findings import checked, trusting
     from moteslam.slam.inputs.config import SyncConfig
     from moteslam.slam.inputs.synchronise import about_jumps, synchronise, warnings
 
@@ -73,10 +73,9 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
     more = () if about is None else about.issues
     about = about if about is not None and about.figures else None
     if recording.lidar is not None:  # what a replay says of it
-        angles = not any(issue.code == "lidar-angles" for issue in more)  # else it is not known what travels along
         read = deep or isinstance(recording.lidar.ranges, np.ndarray)
         try:
-            inputs = synchronise(recording, SyncConfig(travelling=read and angles, deskew=False))
+            inputs = synchronise(recording, trusting(SyncConfig(travelling=read, deskew=False), more))
             more += warnings(recording, inputs, read_ranges=read)
             more += about_jumps(inputs.stamps, inputs.odometry, inputs.jumped)
         except InputError as error:

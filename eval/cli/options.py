@@ -121,6 +121,9 @@ class SlamOptions:
     seed: Annotated[int, opt("Of all randomness; same seed, same bytes.", min=0, max=2**63 - 1)] = 0
     threads: Annotated[int | None, opt("CPU threads; all cores by default.", min=1, max=1024)] = None
     arch: Annotated[str, opt("Where the kernels run.", "cpu|cuda")] = "cpu"
+    mcap: Annotated[
+        bool, opt("Write result.mcap too, for Foxglove or Rerun: map, paths, loops, scans.", None, "--mcap")
+    ] = False
     no_figures: Annotated[bool, opt("Leave the figures out.", None, "--no-figures")] = False
     force: Force = False
     print_config: Annotated[

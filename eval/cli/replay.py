@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from itertools import chain
 from math import degrees
 from pathlib import Path
@@ -95,6 +96,9 @@ def replay(
     ] = False,
     onto: Annotated[Path | None, opt("Go on with the building of this result folder.", "RESULT")] = None,
     calibrate: Calibrate = None,
+    stdin: Annotated[
+        bool, typer.Option("--stdin", help="Messages come on stdin as lines of JSON; --out optional.")
+    ] = False,
     *,
     part: options.RecordingOptions,
     run: options.SlamOptions,
@@ -115,9 +119,16 @@ def replay(
       moteslam replay robot.bag --topics lidar=/scan_front --start 20 --end 80 --out part
       moteslam replay tomorrow.log.gz --onto result --out both
       moteslam replay ucsd --sequence 20 --dead-reckoning
+      driver | moteslam replay --stdin --platform turtlebot3 --out result
       moteslam replay --preset paper --print-config > mine.toml
     """  # noqa: D301
     config = run.resolved()
+    if stdin:
+        others = [name for name in part.given if name != "platform"]
+        if path is not None or dead_reckoning or onto is not None or calibrate is not None or others or run.mcap:
+            raise typer.BadParameter("expected no recording, nor what is for one alone", param_hint="'--stdin'")
+        _follow(config, out, part, run)
+        return
     if path is None:
         raise typer.BadParameter("missing, expected a recording", param_hint="'PATH'")
     if dead_reckoning:
@@ -178,11 +189,11 @@ def _run_over(
     from moteslam.eval.cli.running import run_into, run_lines
     from moteslam.eval.scores import relations_beside, true_map_beside
     from moteslam.files import result_folder
+    from moteslam.slam.calibration.findings import trusting
 
     recording, not_as_stated = _checked(part.open(path), calibrate)
-    if calibrate is None and any(issue.code == "lidar-angles" for issue in not_as_stated):
-        # nothing is known of what travels along
-        config = config.model_copy(update={"sync": config.sync.model_copy(update={"travelling": False})})
+    if calibrate is None:
+        config = config.model_copy(update={"sync": trusting(config.sync, not_as_stated)})
     truth, issues = (None, ()) if recording.lidar is None else _truth_beside(path, recording.lidar.stamps)
     cut = {name: value for name, value in part.given.items() if name not in ("sequence", "platform")}
     with result_folder(out, force=run.force, keep=path) as folder:
@@ -207,6 +218,17 @@ def _run_over(
     answer(found, run_lines(found, f"{recording.name}: {found['distance_m']:.1f} m"), as_json=run.as_json)
 
 
+def _follow(config: SlamConfig, out: Path | None, part: options.RecordingOptions, run: options.SlamOptions) -> None:
+    from moteslam.eval.cli.stdin import follow
+    from moteslam.robot.platform import Platform
+    from moteslam.robot.platforms import load_platform, read_platform
+
+    robot = part.platform
+    with options.named("--platform"):
+        platform = Platform() if robot is None else (read_platform if robot.suffix == ".toml" else load_platform)(robot)
+    follow(sys.stdin.buffer, platform, config, out, run, {} if robot is None else {"platform": str(robot)})
+
+
 def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) -> tuple[Recording, tuple[Issue, ...]]:
     """The recording as SLAM is to take it in, and what of it is not as stated.
 
@@ -221,7 +243,8 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     if found is None or about is None:
         text = "calibration: too few scans that fit each other, or no odometry that turns as they do: nothing is mended"
         unfit = () if about is None else about.moves
-        return recording, unfit if side is None else (*unfit, Issue("not-calibrated", text))
+        told = side is None or any(issue.code == "not-calibrated" for issue in unfit)
+        return recording, unfit if told else (*unfit, Issue("not-calibrated", text))
     if side is None:
         ends = dict.fromkeys(about.decided, "corrected")
         moves = tuple(Issue(one.code, f"{one.message}; {ends.get(one.code, 'see --calibrate')}") for one in about.moves)

@@ -14,6 +14,7 @@ from moteslam.eval.cli.text import progress_bar, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.report.maps import Snapshots, TextureStages
+from moteslam.eval.result_bag import write_result_bag
 from moteslam.eval.results import read_building, write_results
 from moteslam.eval.run_tables import loop_counts
 from moteslam.eval.scores import Figures, number
@@ -102,6 +103,8 @@ def run_into(
             "threads": device.threads,
         },
     )
+    if options.mcap:
+        write_result_bag(folder / "result.mcap", estimate, recording)
     return described(estimate, found, issues)
 
 

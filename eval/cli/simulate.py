@@ -34,6 +34,7 @@ class Recorded:
     platform: options.Robot = None
     noise: options.NoiseClass = None
     settings: options.Settings = None
+    duration: Annotated[float | None, opt("Stop the drive after S seconds.", "S", min=1)] = None
     log_every: Annotated[float | None, opt("Keep a scan only after M metres, or after --log-turn.", "M")] = None
     log_turn: Annotated[float | None, opt("Keep a scan only after this turn, or after --log-every.", "RAD")] = None
     odometry_noise: Annotated[
@@ -60,7 +61,8 @@ class Recorded:
         from moteslam.sim.scenario import with_camera
 
         self.logging()
-        loaded = scenario_of(name, seed, platform=self.platform, noise=self.noise, settings=self.settings or ())
+        robot, settings = self.platform, self.settings or ()
+        loaded = scenario_of(name, seed, platform=robot, noise=self.noise, settings=settings, duration=self.duration)
         if not self.camera:
             return loaded
         with options.in_file(name):

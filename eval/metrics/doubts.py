@@ -178,8 +178,10 @@ def _of_space(estimate: Trajectory, reference: Trajectory) -> Iterator[Issue]:
         return
     spread = float(spaces[0].positions[:, 2].std())
     if in_space(estimate, reference):
-        tilt = np.rad2deg(max(tilt_of(space.positions) for space in spaces))
-        why = f"moves in a plane {tilt:.0f} degrees out of x and y" if tilt > np.rad2deg(TILT) else "moves in z, too"
+        tilts = [0.0 if one.space is None else tilt_of(one.space.positions) for one in (estimate, reference)]
+        why = "the reference " if tilts[1] > max(TILT, tilts[0]) else ""
+        tilt = max(tilts)
+        why += f"moves in a plane {np.rad2deg(tilt):.0f} degrees out of x and y" if tilt > TILT else "moves in z, too"
         compared = "aligned and compared in space; errors are those of three coordinates, turns those about any axis"
         yield Issue("in-space", f"{why}: {compared}", len(reference))
     elif spread >= HEIGHTS:

@@ -80,18 +80,27 @@ class KnownMaps(TsdfMaps):
         assert side * side == (FINE_CELLS >> (2 * level))
         return tiles.reshape(rows * columns, side * side)
 
-    def free_places(self, step: float) -> Array:
-        """The places [n, 2] of a square lattice that are free, with ``CLEARANCE`` from surfaces; neighbours in turn."""
+    def free_squares(self, step: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Squares of two by two places of a lattice of which one at least is free, with ``CLEARANCE`` from surfaces.
+
+        Returns:
+            [m, 2] the lowest place of each, neighbours in turn; and [m, 4] which of its places are free, x fastest.
+        """
+        low = np.array(self.occupancy.origin[:2]) + step / 2
         left, right, bottom, top = self.occupancy.extent
-        x, y = np.meshgrid(np.arange(left + step / 2, right, step), np.arange(bottom + step / 2, top, step))
-        x, y = x.ravel(), y.ravel()
+        columns, rows = (2 * math.ceil(wide / (2 * step)) for wide in (right - left, top - bottom))
+        x, y = (
+            corner + step * index.ravel()
+            for corner, index in zip(low, np.meshgrid(np.arange(columns), np.arange(rows)), strict=True)
+        )
         distance, _ = self._surface.at(x, y)
         free = self._surface.is_free(x, y) & (np.abs(distance) > CLEARANCE)
-        places = np.column_stack((x[free], y[free]))
-        if not len(places):
+        if not free.any():
             raise InputError("no free cell, expected a map in which a robot can stand")
-        block = np.floor(places / (8 * step))
-        return np.asarray(places[np.lexsort((places[:, 0], places[:, 1], block[:, 0], block[:, 1]))])
+        fours = free.reshape(rows // 2, 2, columns // 2, 2).swapaxes(1, 2).reshape(-1, 4)
+        row, column = np.divmod(np.flatnonzero(fours.any(axis=1)), columns // 2)
+        order = np.lexsort((column, row, column // 4, row // 4))
+        return low + 2 * step * np.stack((column, row), axis=1)[order], fours[fours.any(axis=1)][order]
 
 
 class _Surface:

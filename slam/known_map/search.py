@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
+from moteslam.kernels.correlative import MAX_SEARCH_POINTS, SquareScores
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.inputs.step import Step
@@ -35,8 +35,8 @@ STEP, TURN = 0.2, 0.06
 """Of the lattice: a basin of Gauss-Newton [m], [rad]."""
 NEAR = 0.2
 """Endpoints nearer to a surface than this count for a place [m]."""
-BLOCK = 32
-"""Neighbouring places of which the best is kept."""
+BLOCK = 8
+"""Neighbouring squares of four places of which the best one is kept."""
 PROMISING, STARTS, FINALISTS = 2000, 200, 100
 """Blocks whose best places are looked at; places that are registered with some endpoints; of these with all."""
 START_POINTS, POINTS = 120, 250
@@ -153,14 +153,24 @@ class WholeMapSearch:
 
     def __init__(self, maps: KnownMaps, config: RegistrationConfig) -> None:
         self._maps, self._config = maps, config
-        self._places = maps.free_places(STEP)
+        view = maps.of(0)
+        size = 2 * view.config.cell_size
+        cells = max(round(STEP / size), 1)
+        self._scores = SquareScores.of(
+            view.tiles, apart=cells, cell_size=size, near=NEAR / view.config.coarse_truncation
+        )
+        self._step = cells * size
+        squares, free = maps.free_squares(self._step)
+        some = np.minimum(np.arange(-(-len(squares) // BLOCK) * BLOCK), len(squares) - 1)
+        self._squares, self._free, self._count = squares[some], free[some], int(free.sum())
+        self._corner = np.array(view.corner)
         self._turns = np.arange(-np.pi, np.pi - TURN / 2, TURN)
         self._seen: list[Sight] = []
 
     @property
     def places(self) -> int:
         """That are searched: of the lattice, in all headings."""
-        return len(self._places) * len(self._turns)
+        return self._count * len(self._turns)
 
     def begin(self) -> None:
         """Begin anew, in the same map."""
@@ -193,26 +203,18 @@ class WholeMapSearch:
 
     def _starts(self, points: Points) -> Array:
         """The most promising places [m, 3] for endpoints [k, 2], best first."""
-        view = self._maps.of(0)
-        count = -(-len(self._places) // BLOCK) * BLOCK
-        middle = self._places.mean(axis=0)
-        places = self._places[np.minimum(np.arange(count), len(self._places) - 1)] - middle
-        blocks = count // BLOCK
-        scores, chosen = search_scans(
-            view.tiles,
-            view.frames(np.array([[*middle, 0.0]])),
-            points,
-            self._turns,
-            np.zeros(len(self._turns)),
-            places,
-            np.zeros(count),
-            blocks=blocks,
-            cell_size=view.config.cell_size,
-            near=NEAR / view.config.coarse_truncation,
+        blocks = len(self._squares) // BLOCK
+        scores, chosen = (
+            found.reshape(-1)
+            for found in self._scores.best_of(
+                points, self._turns, self._squares - self._corner, self._free, blocks=blocks
+            )
         )
-        few = np.argpartition(-scores[0], min(PROMISING, scores.shape[1] - 1))[:PROMISING]
-        few = few[np.lexsort((few, -scores[0, few]))]
-        found = np.column_stack((places[chosen[0, few]] + middle, self._turns[few // blocks]))
+        few = np.argpartition(-scores, min(PROMISING, len(scores) - 1))[:PROMISING]
+        few = few[np.lexsort((few, -scores[few]))]
+        square, place = np.divmod(chosen[few], 4)
+        places = self._squares[square] + self._step * np.stack((place % 2, place // 2), axis=1)
+        found = np.column_stack((places, self._turns[few // blocks]))
         return np.asarray(found[apart(found, STARTS, SAME)])
 
     def _odds(self, starts: Array, scans: list[Sight], points: Points) -> tuple[Array, Array]:

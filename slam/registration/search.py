@@ -111,22 +111,23 @@ def apart(offsets: Array, most: int, distance: Array) -> NDArray[np.intp]:
     In one component.
     """
     chosen: list[int] = []
+    places = np.stack((*offsets[:, :2].T, se2.wrap(offsets[:, 2])))
     for first in range(0, len(offsets), AT_ONCE):  # few of many are looked at
         left = np.arange(first, min(first + AT_ONCE, len(offsets)))
         for one in chosen:
-            left = left[_apart(offsets[left], offsets[one], distance)]
+            left = left[_apart(places[:, left], places[:, one], distance)]
         while len(left) and len(chosen) < most:
             chosen.append(int(left[0]))
-            left = left[_apart(offsets[left], offsets[left[0]], distance)]
+            left = left[_apart(places[:, left], places[:, left[0]], distance)]
         if len(chosen) >= most:
             break
     return np.array(chosen, np.intp)
 
 
-def _apart(offsets: Array, one: Array, distance: Array) -> NDArray[np.bool_]:
-    off = offsets - one
-    off[:, 2] = se2.wrap(off[:, 2])
-    return np.asarray((np.abs(off) >= distance).any(axis=1))
+def _apart(places: Array, one: Array, distance: Array) -> NDArray[np.bool_]:
+    """Of places [3, n] those that are so far from one in x, y or heading."""
+    x, y, turn = np.abs(places - one[:, None])
+    return np.asarray((x >= distance[0]) | (y >= distance[1]) | (np.minimum(turn, 2 * np.pi - turn) >= distance[2]))
 
 
 @lru_cache(maxsize=16)  # the window of a loop may have megabytes of them

@@ -169,6 +169,7 @@ def test_a_fault_of_ours_is_one_line_too(monkeypatch, capsys) -> None:
         main.run(["scenarios"])
 
 
+@pytest.mark.slow
 def test_a_truth_on_another_clock_is_left_out(simulated_folder: Path, tmp_path: Path, capsys, taichi) -> None:
     import shutil
 

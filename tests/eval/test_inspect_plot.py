@@ -120,6 +120,7 @@ def scans_read(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return chunks
 
 
+@pytest.mark.slow
 def test_all_ranges_of_a_bag_are_read_for_a_plot_or_deep(bag: Path, scans_read: list[int], drawn, capsys) -> None:
     assert main.run(["inspect", str(bag), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["lidar"]["no_return"] is None

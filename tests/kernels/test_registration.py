@@ -19,7 +19,7 @@ from tile_pools import (
 from twins import tsdf
 
 from moteslam.kernels import correlative
-from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
+from moteslam.kernels.correlative import MAX_SEARCH_POINTS, SquareScores, search_scans
 from moteslam.kernels.gauss_newton import CONVERGED_SHIFT, CONVERGED_TURN
 from moteslam.kernels.registration import (
     COST,
@@ -287,6 +287,25 @@ def test_scores_that_are_laid_out_are_those_of_the_tiles(
     for laid_out, in_tiles in zip(*found, strict=True):
         np.testing.assert_array_equal(laid_out, in_tiles)
     assert len(np.unique(found[0][0])) > 20
+
+
+def test_each_place_of_a_square_scores_as_by_the_twin(room: Pool) -> None:
+    """Half as much, but for the half step that each point's is rounded by."""
+    points, turns, near, apart = few(room_scan((0.0, 0.0, 0.7)), 40), np.array((-0.1, 0.0, 0.7)), int(0.5 * STEPS), 2
+    squares = MIDDLE[:2] + 0.0137 + lattice(2, 0.3071)
+    scores = SquareScores.of(room.tiles, apart=apart, cell_size=2 * CELL, near=0.5)
+    for place, (x, y) in enumerate(((0, 0), (1, 0), (0, 1), (1, 1))):
+        shifts = squares + apart * 2 * CELL * np.array((x, y))
+        twin = tsdf.search(room.tsdf(level=1), (0, 0, 0), points, turns, shifts, cell_size=2 * CELL, near=near)
+        free = np.tile(np.arange(4) == place, (len(squares), 1))
+        alone, _ = scores.best_of(points, turns, squares, free, blocks=len(squares))
+        off = np.abs(2 * alone - twin - len(points) * (near // 2)) > len(points)
+        assert off.sum() <= 1  # a point within float32's rounding of a cell's edge
+        best, chosen = scores.best_of(points, turns, squares, free, blocks=5)
+        np.testing.assert_array_equal(best, alone.reshape(3, 5, 5).max(axis=2))
+        np.testing.assert_array_equal(chosen, 4 * (alone.reshape(3, 5, 5).argmax(axis=2) + 5 * np.arange(5)) + place)
+    assert len(np.unique(best)) > 10
+    assert scores.best_of(points, turns, squares, np.zeros_like(free), blocks=5)[0].max() == -1
 
 
 def test_shifts_drift_with_the_turn(room: Pool) -> None:

@@ -58,6 +58,13 @@ def sight(points: np.ndarray, silent: np.ndarray | None = None) -> Sight:
     return Sight(np.zeros(3), points, np.zeros(2), np.empty((0, 2), np.float32) if silent is None else silent)
 
 
+def free_places(maps: KnownMaps) -> np.ndarray:
+    """The places [n, 2] that are searched."""
+    squares, free = maps.free_squares(search.STEP)
+    square, place = np.nonzero(free)
+    return squares[square] + search.STEP * np.stack((place % 2, place // 2), axis=1)
+
+
 def localized(tmp_path: Path, recording: Recording, occupancy: Raster, *settings: str) -> Estimate:
     write_map(tmp_path / "map.pgm", occupancy)
     return run_slam(recording, resolve_config("localize", [f"known_map={tmp_path / 'map.yaml'}", *settings]))
@@ -69,7 +76,7 @@ def test_the_field_is_the_distance_to_the_middle_of_wall_cells() -> None:
     distance, known = maps._surface.at(x, np.full(4, CELL / 2))
     np.testing.assert_allclose(np.abs(distance), np.abs(x + 2.975), atol=1e-9)
     assert known.tolist() == [True, True, True, False]
-    places = maps.free_places(0.2)
+    places = free_places(maps)
     assert (np.abs(places[:, 0]) < 2.9).all()
     assert len(places) == pytest.approx(6 * 4 / 0.2**2, rel=0.1)
 
@@ -98,7 +105,7 @@ def test_a_turned_map_is_read_upright() -> None:
 @pytest.mark.parametrize("value", [FREE, OCCUPIED])
 def test_a_map_without_walls_or_without_room_is_refused(value: int) -> None:
     with pytest.raises(InputError, match="cell"):
-        KnownMaps(Raster(np.full((40, 40), value, np.int8), CELL), CONFIG.tsdf).free_places(0.2)
+        KnownMaps(Raster(np.full((40, 40), value, np.int8), CELL), CONFIG.tsdf).free_squares(0.2)
 
 
 @pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (-1.7, 1.1, 2.5), (2.2, 1.7, -1.9)])
@@ -127,7 +134,7 @@ def test_the_search_finds_what_an_exhaustive_one_finds() -> None:
         score = np.maximum(search.NEAR - np.minimum(np.abs(distance), reach), -search.NEAR / 2)
         return np.where(known | (np.abs(distance) < reach), score, 0).reshape(x.shape).sum(axis=1)
 
-    best = max(scores(turn, looked_for._places).max() for turn in looked_for._turns)
+    best = max(scores(turn, free_places(maps)).max() for turn in looked_for._turns)
     found = looked_for._starts(points)[0]
     assert scores(found[2], found[None, :2])[0] == pytest.approx(best, rel=0.01)  # in whole steps, a cell to and fro
 
