@@ -218,9 +218,10 @@ def page(
         }
         for one in shown.values()
     ]
-    over, each = [runs.key_words(axis)], columns if axis != runs.CONFIGURATION else {}
-    if axis == runs.CONFIGURATION:  # with what varies: of few names alone
-        over, each = list(map(runs.key_words, varied)) or over, dict.fromkeys(run.run.configuration for run in made)
+    over, each = [runs.key_words(axis)], list(columns)
+    if axis == runs.CONFIGURATION:  # with what varies
+        over = [runs.key_words(key) for key in varied] or over
+        each = list(dict.fromkeys(run.run.configuration for run in made))
     asked = f"{title_of(names[0])} by {', '.join(over)}: {', '.join(each)}" if len(columns) > 1 else made[0].name
     return _render(
         {
