@@ -218,7 +218,7 @@ def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
     if rigid <= SMALL or own == 0:
         return
     factor, scaled = straight / own, float(np.sqrt(max(0.0, spread**2 - straight**2 / own)))
-    if scaled < SHAPE * rigid and (ate.rotation_errors is None or ate.rotation_errors.std() < AXES):
+    if scaled < SHAPE * min(rigid, spread):  # else it shrinks to the middle of a path that it has nothing to do with
         text = f"scaled by {factor:.4g} the estimate fits with an ATE of {scaled:.4f} m in place of {rigid:.4f} m"
         yield (
             scaled,

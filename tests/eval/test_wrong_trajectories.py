@@ -253,3 +253,12 @@ def test_what_is_no_table_is_refused_by_its_column(tmp_path: Path, capsys, text:
     assert main.run(["convert", str(tmp_path / "t.csv"), str(tmp_path / "out.tum")]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out.tum").exists()
+
+
+def test_another_building_is_no_other_scale(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a path with little in common the error falls by any scale that makes it small."""
+    here = drive(0.2)
+    there, since = here.copy(), here[:, 0] - T0
+    aside = 0.6 * here[:, 1:3].std(axis=0).max() * np.column_stack((np.sin(since / 7), np.cos(since / 5)))
+    there[:, 1:3] = 4 * (here[:, 1:3] + aside)
+    assert codes(capsys, write(tmp_path / "a.tum", there), write(tmp_path / "b.tum", here)) == ["unlike"]
