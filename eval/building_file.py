@@ -99,7 +99,8 @@ def read_building(folder: Path) -> Building:
         arrays = {name: own[name] for name in ("stamps", "path", "nodes", "points")}
         counts, drawn = own["counts"].astype(np.int32), own["drawn"].astype(bool)
         sessions.append(Session(**arrays, chain=MeasuredChain(*steps), counts=counts, drawn=drawn, origin=origin))
-    return Building(tuple(sessions), Edges(*(found[name] for name in LOOPS), np.ones(len(found["first"]), bool)))
+    loops = {name: found[name] for name in LOOPS}
+    return Building(tuple(sessions), Edges(**loops, robust=np.ones(len(found["first"]), bool)))
 
 
 def _check(path: Path, found: dict[str, NDArray[Any]]) -> None:
