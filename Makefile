@@ -53,7 +53,7 @@ demo: .venv/.stamp ## drive a simulated corridor, run SLAM, score it: pictures a
 
 examples: .venv/.stamp ## run every script of examples/: pictures in build/examples/
 	@mkdir -p build/examples
-	@set -e; for each in $(filter-out %/ros2_node.py,$(wildcard examples/*.py)); do \
+	@set -e; for each in $(filter-out %/ros2_node.py %/serial_lidar.py,$(wildcard examples/*.py)); do \
 	    echo $$each; .venv/bin/python $$each build/examples; done
 
 test: .venv/.stamp ## every test, then the kernels once more with bounds checks
@@ -70,8 +70,8 @@ lint: .venv-lint/.stamp .venv-lint/.links ## style, types and floors
 	$(LINT)/mypy benchmarks
 	$(LINT)/lint-imports --no-logo
 
-docs: .venv-lint/.stamp .venv-lint/.links ## the reference of the Python package, from its docstrings, in build/docs
-	$(LINT)/python -W error::UserWarning -m pdoc --docformat google --no-show-source --output-directory build/docs moteslam
+docs: .venv-lint/.stamp .venv-lint/.links ## the pages of docs/ and the reference of the package as a site in build/docs, links checked
+	NO_MKDOCS_2_WARNING=1 $(LINT)/python -m mkdocs build --quiet --strict
 
 bench: .venv/.stamp ## the kernels beside plain C and Python, ratios measured side by side in one run
 	.venv/bin/python benchmarks/speed.py

@@ -129,12 +129,12 @@ def true_ate(world: str, platform: str, seed: int) -> float:
 
 def measure_ate(name: str, share: float, world: str, platform: str, seed: int) -> Row:
     """What a fault costs, and what is left of that after ``--calibrate lidar``."""
-    from moteslam.slam.calibration.calibrate import calibrate
+    from moteslam.slam.calibration.findings import checked
     from moteslam.slam.calibration.mended import calibrated, corrected
 
     drive = driven(world, platform, seed)
     recording = FAULTS[name].put(drive.recording, share)
-    calibration = calibrate(recording)
+    calibration, _ = checked(recording)
     if calibration is None:
         return {"codes": "not measured"}
     ate = final_ate(calibrated(recording, calibration, "lidar"), drive, seed)
@@ -145,15 +145,13 @@ def measure_ate(name: str, share: float, world: str, platform: str, seed: int) -
 
 def measure(name: str, share: float, world: str, platform: str, seed: int) -> Row:
     """What is found of a fault."""
-    from moteslam.slam.calibration.calibrate import calibrate
-    from moteslam.slam.calibration.findings import WITHIN, findings
+    from moteslam.slam.calibration.findings import WITHIN, checked
 
     fault = FAULTS[name]
     recording = fault.put(driven(world, platform, seed).recording, share)
-    calibration = calibrate(recording)
-    if calibration is None:
+    calibration, found = checked(recording)
+    if calibration is None or found is None:
         return {"right": False, "codes": "not measured"}
-    found = findings(calibration, recording)
     codes = " ".join(issue.code for issue in found.issues)
     row: Row = {"right": codes == fault.code, "codes": codes or "-"}
     if fault.size is not None:

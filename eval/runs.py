@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from moteslam.errors import ConfigError, InputError, OutputError
-from moteslam.eval.metrics.registry import COSTS, metric
-from moteslam.eval.statistics import Better, Summary
+from moteslam.eval.metrics.registry import COSTS, chosen, metric, split, title_of
+from moteslam.eval.statistics import Better, Comparison, Summary, compare
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.spec import PREFIXES
 from moteslam.eval.sweep.store import Key, Row, opened, within
-from moteslam.eval.tables import comma_separated, literal
+from moteslam.eval.tables import comma_separated, fitting, literal
 from moteslam.files import read_text, write_atomically
 from moteslam.robot.values import first_complaint
 
@@ -24,6 +24,7 @@ MAX_BYTES = 50_000_000
 """No file of a result folder that is read here is larger."""
 SETTINGS = ("scenario", "platform", "noise")
 """Columns that say where a run was made."""
+CONFIGURATION = "configuration"
 G = TypeVar("G", bound=Hashable)
 M = TypeVar("M", bound=BaseModel)
 
@@ -41,6 +42,7 @@ class _Scores(BaseModel):
 
 class _About(BaseModel):
     scenario: str | None = None
+    platform: str = ""
     recording: str | None = None
     seed: int = 0
     warnings: tuple[dict[str, Any], ...] = ()
@@ -59,6 +61,7 @@ def read_result_folder(folder: Path) -> Row:
     about = _read(_About, folder / "run.json")
     run = PlannedRun(
         scenario=about.scenario or about.recording or folder.absolute().name,
+        platform=about.platform,
         seed=about.seed,
         configuration=str(folder),
     )
@@ -108,9 +111,70 @@ def grouped(rows: Iterable[Row], by: Callable[[Row], G]) -> dict[G, list[Row]]:
     return groups
 
 
-def by_configuration(rows: Iterable[Row]) -> dict[str, list[Row]]:
-    """Runs by their configuration, with what varies."""
-    return grouped(rows, lambda row: row.run.configured)
+def axis_of(rows: Sequence[Row], given: str | None = None) -> str:
+    """The column that runs are compared by: the configuration, with what varies, or of one alone robot or noise."""
+    several = [key for key in (CONFIGURATION, *SETTINGS[1:]) if len({_value(row, key) for row in rows}) > 1]
+    if given is None:
+        return next(iter(several), CONFIGURATION)
+    known = varying([row.about for row in rows])
+    if given not in known:
+        raise ConfigError(f"{given!r}, expected one of {', '.join(known)}", field="--by")
+    return given
+
+
+def compared(rows: Iterable[Row], axis: str = CONFIGURATION) -> dict[str, list[Row]]:
+    """Runs by their value of an axis, in the order of the specification."""
+    return grouped(rows, lambda row: str(_value(row, axis)))
+
+
+def _value(row: Row, axis: str) -> Any:
+    return row.run.configured if axis == CONFIGURATION else row.about.get(axis, "")
+
+
+def pair_of(row: Row, axis: str = CONFIGURATION) -> Key:
+    """What two runs of a pair have in common: all but the axis; of result folders the robot may differ."""
+    keys = row.about if axis != CONFIGURATION else _settings(row)
+    return (*(row.about[key] for key in keys if key != axis), row.run.duration, row.run.seed)
+
+
+def _settings(row: Row) -> Sequence[str]:
+    return SETTINGS if row.folder is None else ("scenario", "noise")
+
+
+def apart(rows: Sequence[Row], *but: str) -> list[str]:
+    """What sets runs apart of scenario, robot, noise and configuration, some left out."""
+    keys = [key for key in (*SETTINGS, CONFIGURATION) if key not in but]
+    return [key for key in keys if len({_value(row, key) for row in rows}) > 1]
+
+
+def name_of(row: Row, keys: Iterable[str]) -> str:
+    """The values of a run in some columns, for people."""
+    return ", ".join(str(value) for key in keys if (value := _value(row, key)) != "")
+
+
+def comparisons(rows: Sequence[Row], name: str, axis: str, first: str) -> dict[str, dict[str, Comparison]]:
+    """Each value of an axis against the first, in pairs: by scenario, robot and whatever else sets runs apart.
+
+    Where there are several such places a last comparison is of all of them; its differences, which may be centimetres
+    of one and metres of another, have no common median.
+    """
+    known = (*_settings(rows[0]), CONFIGURATION) if axis == CONFIGURATION else (*SETTINGS, CONFIGURATION)
+    keys = [key for key in apart(rows, axis) if key in known] or [
+        key for key in known if key in SETTINGS and key != axis
+    ]
+    places = grouped(rows, lambda row: name_of(row, keys))
+    found: dict[str, dict[str, Comparison]] = {}
+    for other in compared(rows, axis):
+        if other == first:
+            continue
+        each = {}
+        for place, some in (*places.items(), ("", rows)):
+            both = ([row for row in some if str(_value(row, axis)) == one] for one in (first, other))
+            each[place] = compare(*(values_of(one, name, axis) for one in both), better=better(name))
+        whole = replace(each.pop(""), median=None, low=None, high=None)
+        each = {place: one for place, one in each.items() if one.pairs}
+        found[other] = each if len(each) < 2 else {**each, f"{len(each)} places together": whole}
+    return found
 
 
 def better(name: str) -> Better:
@@ -129,10 +193,38 @@ def unit_of(name: str) -> str:
         return ""
 
 
-def values_of(rows: Iterable[Row], name: str) -> dict[Key, float | None]:
-    """One metric's by case, None of runs that failed; runs of which it is absent are left out."""
+def headings(
+    values: Mapping[str, Iterable[float | None]], units: Mapping[str, str] | None = None
+) -> dict[str, tuple[str, float]]:
+    """Metrics in words with the unit that their values are read best in, ``final ATE [mm]``, and the factor to that.
+
+    One metric of several trajectories has one unit. ``units`` are those of metrics of plug-ins that are not here.
+    """
+    alike: dict[str, list[float | None]] = {}
+    for name, some in values.items():
+        alike.setdefault(split(name)[1], []).extend(some)
+    found = {}
+    for name in values:
+        unit, factor = fitting((units or {}).get(name) or unit_of(name), alike[split(name)[1]])
+        found[name] = f"{title_of(name)} [{unit}]" if unit else title_of(name), factor
+    return found
+
+
+def metric_names(given: list[str] | None) -> list[str]:
+    """The metrics that are asked for, ``final.ate`` by default; an unknown one is refused."""
+    chosen(given or ())
+    return given or ["final.ate"]
+
+
+def success_words(limits: Mapping[str, float]) -> str:
+    """When a run succeeds: ``final ATE at most 0.5 m``."""
+    return ", ".join(f"{title_of(name)} at most {most:g} {unit_of(name)}".strip() for name, most in limits.items())
+
+
+def values_of(rows: Iterable[Row], name: str, axis: str = CONFIGURATION) -> dict[Key, float | None]:
+    """One metric's by ``pair_of``, None of runs that failed; runs of which it is absent are left out."""
     return {
-        row.case: row.known[name] if row.status == "ok" else None
+        pair_of(row, axis): row.known[name] if row.status == "ok" else None
         for row in rows
         if row.status != "ok" or name in row.known
     }
@@ -145,45 +237,9 @@ def summary_of(rows: Iterable[Row], name: str) -> Summary:
     return Summary.of([row.known.get(name) for row in good], len(rows) - len(good), better=better(name))
 
 
-@dataclass(frozen=True)
-class Line:
-    """The runs of one scenario and configuration, by their values of a column.
-
-    ``where`` (scenario, robot, noise) and ``how`` set the line apart from the others; ``name`` is all that it is.
-    """
-
-    where: tuple[str, ...]
-    how: tuple[str, ...]
-    name: str
-    groups: Mapping[Any, Sequence[Row]]
-
-    @property
-    def label(self) -> str:
-        """What sets it apart, in words; empty of a single line."""
-        return ", ".join((*self.where, *self.how))
-
-
-def lines_over(rows: Iterable[Row], column: str) -> list[Line]:
-    """The lines of a chart over a column of ``Row.about``; runs without it are left out."""
-    members: dict[tuple[tuple[str, str], ...], list[Row]] = grouped(
-        (row for row in rows if column in row.about),
-        lambda row: tuple((key, _words(key, value)) for key, value in row.about.items() if key != column),
-    )
-    common = set.intersection(*map(set, members)) if members else set()
-    lines = []
-    for parts, runs in members.items():
-        apart = [part for part in parts if part not in common and part[1]]
-        where = tuple(words for key, words in apart if key in SETTINGS)
-        how = tuple(words for key, words in apart if key not in SETTINGS)
-        name = ", ".join(words for _, words in parts if words)
-        lines.append(Line(where, how, name, grouped(runs, lambda row: row.about[column])))
-    return lines
-
-
-def _words(key: str, value: Any) -> str:
-    if key in (*SETTINGS, "configuration") or value == "":
-        return str(value)
-    return f"{key}={value}"
+def key_words(key: str) -> str:
+    """A column in words: ``slam.tracking.window`` as ``tracking window``."""
+    return (key.partition(".")[2] if key.startswith(PREFIXES) else key).replace(".", " ").replace("_", " ")
 
 
 def varying(groups: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -18,15 +18,23 @@ from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched
 from moteslam.eval.metrics.evidence import FINAL, TRACKS, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
 from moteslam.eval.metrics.registry import Value, measure
-from moteslam.eval.metrics.relations import TOLERANCE, RelationResult, Relations, evaluate_relations
+from moteslam.eval.metrics.relations import (
+    TOLERANCE,
+    RelationResult,
+    Relations,
+    evaluate_relations,
+    is_relations,
+    read_relations,
+)
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import Unit, relative_pose_error
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import OCCUPIED, UNKNOWN, read_map, trinary
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.trajectory import TILT, Trajectory, tilt_of
+from moteslam.robot.trajectory import TILT, Space, Trajectory, tilt_of
 from moteslam.robot.values import Issue, expect_type
+from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
@@ -39,6 +47,7 @@ Truth = Trajectory | None
 
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
+OF_LOOPS = ("loops_precision", "loops_recall", "loops_false")
 INVERTED = 0.1
 """Relations are the other way round where the mean error would fall to less than this share."""
 OUTSIDE, ASTRAY, ALIKE = 2, 10.0, 0.5
@@ -56,7 +65,12 @@ class Evaluation:
 
 
 def evidence_of(
-    estimate: Estimate, truth: Truth = None, *, recording: Recording | None = None, true_map: Raster | None = None
+    estimate: Estimate,
+    truth: Truth = None,
+    *,
+    recording: Recording | None = None,
+    true_map: Raster | None = None,
+    relations: Relations | None = None,
 ) -> Evidence:
     """What is known of a run of ours when it is scored; arguments as of ``score_estimate``."""
     tracks = estimate.trajectory_final, estimate.trajectory, estimate.dead_reckoning
@@ -66,6 +80,7 @@ def evidence_of(
     return Evidence(
         trajectories=dict(zip(TRACKS, tracks, strict=True)),
         truth=truth,
+        relations=relations,
         occupancy=Raster(trinary(occupancy.values), occupancy.cell_size, occupancy.origin),
         true_map=true_map,
         recording=recording,
@@ -111,10 +126,6 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
             "compared": None if run.truth is None else _compared_states(run),
         },
     }
-    if run.loops is not None and run.truth is not None and run.truth.oriented:
-        found = run.loop_result.as_dict()
-        metrics = ("precision", "recall", "false")
-        figures["loops"] = {name: value for name, value in found.items() if name not in metrics}
     figures["metrics"] = {name: value.as_dict() for name, value in measure(run).items()}
     return figures
 
@@ -122,9 +133,7 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
 def _compared_states(run: Evidence) -> dict[str, Any] | None:
     try:
         found = run.localisation.as_dict()
-    except InputError as error:
-        if error.field != "truth":
-            raise
+    except InputError:  # what cannot be had never costs the run
         return None
     return {name: found[name] for name in ("scans", "wrong", "states", "doubtful_or_lost")}
 
@@ -143,8 +152,14 @@ def beside(recording: Path, name: str) -> Path | None:
 
 
 def truth_file(recording: Path) -> Path | None:
-    """The truth of a recording."""
-    return beside(recording, "truth.tum")
+    """The truth of a recording, or the reference of a log."""
+    return beside(recording, "{}.reference.tum") or beside(recording, "truth.tum")
+
+
+def relations_beside(recording: Path) -> Relations | None:
+    """The hand-checked relations of a log."""
+    file = beside(recording, "{}.relations")
+    return None if file is None or not is_relations(file) else read_relations(file)
 
 
 def true_map_beside(recording: Path) -> Raster | None:
@@ -163,29 +178,31 @@ def against(
     unit: Unit = "m",
     all_pairs: bool = False,
     max_difference: float | None = None,
+    nearest: bool = False,
 ) -> Evaluation:
     """Score a trajectory by another one or by relations; arguments that are not of that kind change nothing.
 
     ``align`` and ``scale`` are those of the absolute error, ``delta``, ``unit`` and ``all_pairs`` of the relative one:
     an estimate that is shorter than ``delta`` has none, which a warning says. Stamps that belong together differ by at
-    most ``max_difference`` [s].
+    most ``max_difference`` [s]; ``nearest`` takes the poses at these in place of interpolated ones, as evo does.
     """
     if isinstance(reference, Relations):
         tolerance = TOLERANCE if max_difference is None else max_difference
-        found, other = (
+        missed, other = (
             evaluate_relations(estimate, one, tolerance=tolerance)
             for one in (reference, replace(reference, poses=se2.inverse(reference.poses)))
         )
         told: tuple[Issue, ...] = ()
-        if other.translation.mean < INVERTED * found.translation.mean:
-            means = f"{other.translation.mean:.4f} m in place of {found.translation.mean:.4f} m"
+        if other.translation.mean < INVERTED * missed.translation.mean:
+            means = f"{other.translation.mean:.4f} m in place of {missed.translation.mean:.4f} m"
             text = f"relations the other way round, t1 seen from t2, are missed by {means}: exchange their stamps?"
             told = (Issue("relations-inverted", text, len(reference)),)
-        figures = {"kind": "relations", **found.as_dict(), "warnings": [issue.as_dict() for issue in told]}
-        return Evaluation(figures, _by_stamp(found), found)
+        figures = {"kind": "relations", **missed.as_dict(), "warnings": [issue.as_dict() for issue in told]}
+        return Evaluation(figures, _by_stamp(missed), missed)
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
+    which: dict[str, Any] = {"max_difference": apart, "interpolate": False if nearest else None}
     try:
-        ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
+        ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, **which)
     except InputError as error:
         causes = [one.message for one in (*estimate.warnings, *reference.warnings) if one.code == "equal-stamps"]
         if not causes and (offset := clock_offset(estimate, reference)) is not None:
@@ -194,9 +211,8 @@ def against(
     issues = doubts(estimate, reference, ate, align=align, apart=apart)
     rpe = None
     try:
-        rpe = relative_pose_error(
-            estimate, reference, delta=delta, unit=unit, all_pairs=all_pairs, max_difference=apart
-        ).as_dict()
+        found = relative_pose_error(estimate, reference, delta=delta, unit=unit, all_pairs=all_pairs, **which)
+        rpe = found.as_dict()
     except InputError as error:
         if error.field != "pairs":
             raise
@@ -205,6 +221,7 @@ def against(
         "kind": "trajectory",
         "aligned": align,
         "scaled": align and scale,
+        "nearest": nearest,
         "oriented": ate.rotation is not None,
         "ate": ate.as_dict(),
         "rpe": rpe,
@@ -216,6 +233,16 @@ def against(
 def _by_stamp(errors: PoseErrors) -> dict[str, Any]:
     turns = None if errors.rotation_errors is None else errors.rotation_errors.tolist()
     return {"stamps": errors.stamps.tolist(), "translation_m": errors.errors.tolist(), "rotation_rad": turns}
+
+
+def carried(trajectory: Trajectory, offset: Sequence[float]) -> Trajectory:
+    """The path of another point of the robot, at a pose x, y [m], theta [rad] seen from the one whose path this is."""
+    moved = replace(trajectory, poses=se2.compose(trajectory.poses, np.array(offset)))
+    if (space := trajectory.space) is None:
+        return moved
+    turn = spatial(Trajectory(np.zeros(1), np.array([offset]))).rotations[0]
+    there = space.positions + space.rotations @ np.array((*offset[:2], 0.0))
+    return replace(moved, space=Space(there, space.rotations @ turn))
 
 
 def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> Evaluation:
@@ -237,12 +264,13 @@ def measured(
     recording: Recording | None = None,
     occupancy: Path | None = None,
     true_map: Path | None = None,
+    loops: Sequence[LoopCandidate] | None = None,
     names: Sequence[str] | None = None,
 ) -> dict[str, Value]:
     """Metrics of a trajectory of any SLAM, by name; those that need what is not there are absent, with the reason.
 
     ``occupancy`` and ``true_map`` are map_server ``.yaml`` files of its map, in the frame of the estimate, and of the
-    true one; with a true map its accuracy is measured, too.
+    true one; with a true map its accuracy is measured, too, and with the candidates of its back end those of loops.
     """
     truth = reference if isinstance(reference, Trajectory) else None
     if truth is not None and any(tilt_of(spatial(one).positions) > TILT for one in (estimate, truth)):
@@ -262,8 +290,10 @@ def measured(
         recording=recording,
         occupancy=maps[0],
         true_map=maps[1],
+        loops=loops,
     )
-    found = measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))
+    asked = [*(ACCURACY_OF_MAPS if true_map is not None else ()), *(() if loops is None else OF_LOOPS), *(names or ())]
+    found = measure(evidence, dict.fromkeys(asked))
     precise = found.get("map_precision")
     if precise is not None and precise.number is not None and (alike := evidence.map_accuracy.alike) < ALIKE:
         text = f"{true_map}: {100 * alike:.0f} % of the walls of {occupancy} are at its walls: "

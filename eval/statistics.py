@@ -15,6 +15,8 @@ Better = Literal["lower", "higher"]
 K = TypeVar("K", bound=Hashable)
 
 CONFIDENCE = 0.95
+FEWEST = 6
+"""Fewer values have no interval of the median: even the range of five holds it in 94 % of samples alone."""
 RESAMPLES, SEED = 2000, 0
 """Of the bootstrap; the same values have the same interval."""
 ROUNDING = 1e-12
@@ -157,7 +159,7 @@ def compare(
     wins = sum((b < a) if better == "lower" else (b > a) for a, b in apart)
     losses = len(apart) - wins
     differences = np.sort(np.array([b - a for a, b in values if isfinite(a) or isfinite(b)]))
-    low, high = median_interval(differences) if len(differences) else (None, None)
+    low, high = median_interval(differences)
     return Comparison(
         pairs=len(common),
         wins=wins,
@@ -182,10 +184,11 @@ def quantile(ranked: Array, share: float) -> float:
     return float((1 - share) * below + share * above)
 
 
-def median_interval(ranked: Array) -> tuple[float, float]:
+def median_interval(ranked: Array) -> tuple[float, float] | tuple[None, None]:
     """The 95 % percentile bootstrap interval of the median of values [n] in rising order (Efron 1979)."""
+    if (n := len(ranked)) < FEWEST:
+        return None, None
     generator = np.random.default_rng(SEED)
-    n = len(ranked)
     drawn = np.sort(generator.integers(0, n, (RESAMPLES, n)), axis=1)
     below, above = ranked[drawn[:, (n - 1) // 2]], ranked[drawn[:, n // 2]]
     with np.errstate(invalid="ignore"):  # infinities of both signs in the middle

@@ -5,8 +5,12 @@ from __future__ import annotations
 import csv
 import io
 import re
+import shutil
+import textwrap
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import zip_longest
+from math import floor, isfinite, isinf, isnan, log10
 from typing import Any, NamedTuple
 
 Rows = Sequence[Sequence[str]]
@@ -29,6 +33,27 @@ MARKDOWN = re.compile(r"([\\`*_{}\[\]<>|~$&#])")
 """Characters that mark something up, in GitHub's dialect too."""
 NUMBER = re.compile(r"([-+±]*[0-9][0-9.]*(e[-+][0-9]+)?( .*|$))?|-|failed")
 """Cells of columns that are flush right: numbers, with what follows them, and what stands in their place."""
+LENGTHS = (("mm", 1e3, 0.02), ("cm", 1e2, 1.0))
+"""Units of lengths, of each how many are a metre, and below which length [m] it is taken."""
+
+
+def fitting(unit: str, values: Iterable[float | None]) -> tuple[str, float]:
+    """The unit that values in SI are read best in, and the factor to it: lengths in mm, cm or m, all others as is."""
+    sizes = [abs(value) for value in values if value is not None and isfinite(value)]
+    if unit == "m" and sizes:
+        return next(((name, factor) for name, factor, below in LENGTHS if max(sizes) < below), (unit, 1.0))
+    return unit, 1.0
+
+
+def number(value: float | None, *, sign: bool = False) -> str:
+    """Three significant digits, never as a power of ten; a dash for none, ``failed`` for one that is infinite."""
+    if value is None or isnan(value):
+        return "-"
+    if isinf(value):
+        return "failed"
+    decimals = min(max(2 - floor(log10(abs(value))), 0), 4) if value else 0
+    text = f"{value:{'+' if sign else ''}.{decimals}f}"
+    return text if float(text) else "0"
 
 
 def literal(text: object) -> str:
@@ -48,6 +73,20 @@ def _literal(character: str) -> str:
     return character
 
 
+def shortened(text: str, longest: int) -> str:
+    """Printable text of at most this number of characters."""
+    text = literal(text)
+    return text if len(text) <= longest else f"{text[: longest - 1]}…"
+
+
+def found_at(figures: Mapping[str, Any], place: str) -> Any:
+    """What is at a place in tables within tables, as ``ate/rmse``; None where there is nothing."""
+    found: Any = figures
+    for key in place.split("/"):
+        found = None if found is None else found.get(key)
+    return found
+
+
 class Column(NamedTuple):
     """A figure in a table: the head of its column, its place in a dict, as ``ate/rmse``, and how it is written."""
 
@@ -59,9 +98,7 @@ class Column(NamedTuple):
 
     def cell(self, figures: Mapping[str, Any]) -> str:
         """The figure of a dict, a dash where it has none."""
-        found: Any = figures
-        for key in self.place.split("/"):
-            found = None if found is None else found.get(key)
+        found = found_at(figures, self.place)
         if found is None:
             return "-"
         return f"{found if isinstance(found, str) else self.factor * found:{self.form}} {self.unit}".rstrip()
@@ -73,19 +110,35 @@ def rows_of(columns: Sequence[Column], figures: Iterable[Mapping[str, Any]]) -> 
 
 
 def aligned(rows: Rows) -> str:
-    """Columns two spaces apart, as wide as their text, control characters escaped."""
+    """Columns two spaces apart, as wide as their text, control characters escaped.
+
+    On a terminal that is narrower heads are broken between words, then cells, those of the widest columns first.
+    """
     from rich.cells import cell_len
 
     rows = [[literal(cell) for cell in row] for row in rows]
-    widths = [max(map(cell_len, column)) for column in zip(*rows, strict=True)]
     right = _numeric(rows)
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    widths = [max(map(cell_len, column)) for column in columns]
+    words = [max((cell_len(word) for cell in column for word in cell.split(" ")), default=0) for column in columns]
+    below = [max(map(cell_len, column[1:]), default=0) for column in columns]
+    over = sum(widths) + 2 * (len(widths) - 1) - shutil.get_terminal_size((10_000, 0)).columns
+    for least in (list(map(max, words, below)), words):
+        for k in sorted(range(len(widths)), key=lambda k: least[k] - widths[k]):
+            cut = max(min(over, widths[k] - least[k]), 0)
+            widths[k], over = widths[k] - cut, over - cut
 
-    def padded(row: Sequence[str]) -> str:
-        gaps = [" " * (width - cell_len(cell)) for cell, width in zip(row, widths, strict=True)]
-        cells = [gap + cell if k in right else cell + gap for k, (cell, gap) in enumerate(zip(row, gaps, strict=True))]
-        return "  ".join(cells).rstrip()
+    def padded(cells: Sequence[str]) -> str:
+        gaps = [" " * (width - cell_len(cell)) for cell, width in zip(cells, widths, strict=True)]
+        pairs = enumerate(zip(gaps, cells, strict=True))
+        return "  ".join(gap + cell if k in right else cell + gap for k, (gap, cell) in pairs).rstrip()
 
-    return "\n".join(map(padded, rows))
+    lines: list[str] = []
+    for row in rows:
+        parts = zip(row, widths, strict=True)
+        broken = [textwrap.wrap(cell, width) if cell_len(cell) > width else [cell] for cell, width in parts]
+        lines += map(padded, zip_longest(*broken, fillvalue=""))
+    return "\n".join(lines)
 
 
 def markdown(rows: Rows) -> str:
@@ -98,7 +151,7 @@ def markdown(rows: Rows) -> str:
 
 
 def latex(rows: Rows) -> str:
-    """A ``tabular`` of LaTeX that needs no package."""
+    """A ``tabular`` of LaTeX with the rules of booktabs."""
     right = _numeric(rows)
     columns = "".join("r" if index in right else "l" for index in range(len(rows[0])))
 
@@ -107,7 +160,7 @@ def latex(rows: Rows) -> str:
 
     head, *lines = [f"{' & '.join(map(written, row))} \\\\" for row in rows]
     begin, end = f"\\begin{{tabular}}{{{columns}}}", "\\end{tabular}"
-    return "\n".join([begin, "\\hline", head, "\\hline", *lines, "\\hline", end])
+    return "\n".join(["% \\usepackage{booktabs}", begin, "\\toprule", head, "\\midrule", *lines, "\\bottomrule", end])
 
 
 def comma_separated(rows: Rows) -> str:

@@ -174,7 +174,7 @@ def turns(recording: Recording) -> dict[str, tuple[Array, Array]]:
     if imu is not None and len(imu) > 1:
         found["imu"] = imu.stamps, np.cumsum(gyro_turn(imu.stamps, imu))
     if encoders is not None and len(encoders) > 1 and recording.platform.wheels is not None:
-        found["encoders"] = encoders.stamps, np.unwrap(wheel_path(recording, turn_of=None)[:, 2])
+        found["encoders"] = encoders.stamps, np.unwrap(wheel_path(recording, gyro=False)[:, 2])
     if odometry is not None and len(odometry[0]) > 1:
         found["odometry"] = odometry[0], np.unwrap(odometry[1][:, 2])
     return found

@@ -7,8 +7,6 @@ increment is a pose in the frame of the pose before it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -42,42 +40,31 @@ def wheel_motion(counts: NDArray[np.int64], wheels: Wheels) -> tuple[Array, Arra
     return (left + right) / 2, (right - left) / wheels.effective_track
 
 
-def gyro_covers(stamps: Array, imu: ImuStream | None) -> NDArray[np.bool_]:
+def gyro_covers(stamps: Array, readings: Array) -> NDArray[np.bool_]:
     """At which stamps [n] the turn since the stamp before is the gyro's; nowhere with less than two readings of it.
 
-    From its first reading to its last, but for gaps: the yaw rates before and after say nothing of the turns in one.
+    From its first reading to its last [m] [s], but for gaps: rates before and after one say nothing of the turns in it.
     """
-    if imu is None or len(imu) < 2:
+    if len(readings) < 2:
         return np.zeros(len(stamps), np.bool_)
-    covered = (stamps >= imu.stamps[0]) & (stamps <= imu.stamps[-1])
-    for k in np.flatnonzero(gaps(imu.stamps)).tolist():
-        first, last = np.searchsorted(stamps, (imu.stamps[k - 1], imu.stamps[k]), side="right")
+    covered = (stamps >= readings[0]) & (stamps <= readings[-1])
+    for k in np.flatnonzero(gaps(readings)).tolist():
+        first, last = np.searchsorted(stamps, (readings[k - 1], readings[k]), side="right")
         covered[first : last + 1] = False
     return np.asarray(covered)
 
 
-def gyro_turn(stamps: Array, imu: ImuStream, yaw_rate: Array | None = None) -> Array:
-    """The turn [n] [rad] between rising stamps [n] [s], the integral of yaw rates that are linear between readings.
-
-    Outside the gyro's time there is no turn; the first counts from its start. ``yaw_rate`` [rad/s] is in place of the
-    gyro's readings, of which there are at least two, where they are filtered.
-    """
-    rate = imu.angular_velocity[:, 2].astype(np.float64) if yaw_rate is None else yaw_rate
-    steps = (rate[1:] + rate[:-1]) / 2 * np.diff(imu.stamps)
-    heading = np.concatenate(([0.0], np.cumsum(steps)))
+def gyro_turn(stamps: Array, imu: ImuStream) -> Array:
+    """The turn [n] [rad] between rising stamps [n] [s], of yaw rates linear between readings; 0 outside of these."""
+    rate = imu.angular_velocity[:, 2].astype(np.float64)
+    heading = np.append(0.0, np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(imu.stamps)))
     return np.diff(np.interp(stamps, imu.stamps, heading), prepend=0.0)
 
 
-def wheel_path(
-    recording: Recording,
-    *,
-    turn_of: Callable[[Array, ImuStream], Array] | None = gyro_turn,
-    increment: Callable[[ArrayLike, ArrayLike], se2.Poses] = arc_increment,
-) -> se2.Poses:
+def wheel_path(recording: Recording, *, gyro: bool = True) -> se2.Poses:
     """Dead reckoning at the encoders' stamps, [n, 3], from the identity; the first count has no interval before it.
 
-    ``turn_of`` gives the turns [n] between stamps [n] by the gyro; the wheels' own are taken where it does not measure,
-    or where this is None. ``increment`` is that of a distance and a turn.
+    The turns are the gyro's where it measures, unless ``gyro`` is False, else the wheels' own.
     """
     encoders, imu, wheels = recording.encoders, recording.imu, recording.platform.wheels
     if encoders is None or not len(encoders):
@@ -85,8 +72,7 @@ def wheel_path(
     if wheels is None:
         raise InputError("encoders without wheels, expected a platform with [wheels]", file=recording.name)
     distance, turn = wheel_motion(encoders.counts, wheels)
-    covered = gyro_covers(encoders.stamps, imu)
-    if turn_of is not None and imu is not None and covered.any():
-        turn = np.where(covered, turn_of(encoders.stamps, imu), turn)
+    if gyro and imu is not None and (covered := gyro_covers(encoders.stamps, imu.stamps)).any():
+        turn = np.where(covered, gyro_turn(encoders.stamps, imu), turn)
     distance[0], turn[0] = 0.0, 0.0
-    return se2.accumulate(increment(distance, turn))
+    return se2.accumulate(arc_increment(distance, turn))

@@ -15,7 +15,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream, Recording, nearest_stamp
-from moteslam.robot.wheel_odometry import gyro_covers, gyro_turn, wheel_motion, wheel_path
+from moteslam.robot.wheel_odometry import gyro_covers, wheel_motion, wheel_path
 from moteslam.sim.sensors.faults import with_gaps, with_odometry_faults
 from moteslam.sim.simulate import Simulation, random_generators
 
@@ -70,7 +70,7 @@ def with_odometry(recording: Recording, *, gyro: bool = False) -> Recording:
     """
     if gyro and (recording.imu is None or len(recording.imu) < 2):
         raise InputError("no gyro, expected at least two readings", file=recording.name, field="imu")
-    poses = wheel_path(recording, turn_of=gyro_turn if gyro else None)
+    poses = wheel_path(recording, gyro=gyro)
     assert recording.encoders is not None  # else there is no path
     odometry, lidar = OdometryStream(recording.encoders.stamps, poses), recording.lidar
     if lidar is not None:
@@ -153,7 +153,7 @@ def with_odometry_noise(
     factors = 1 + rng.standard_normal((len(odometry) - 1, 2)) * (distance, rotation)
     if encoders is not None and (wheels := recording.platform.wheels) is not None:
         encoders = EncoderStream(encoders.stamps, _with_whole_counts(encoders.counts, factors, wheels))
-    by_gyro = gyro_covers(odometry.stamps, recording.imu)[1:]
+    by_gyro = gyro_covers(odometry.stamps, np.empty(0) if recording.imu is None else recording.imu.stamps)[1:]
     steps = se2.between(odometry.poses[:-1], odometry.poses[1:])
     noisy = _scaled(steps, factors[:, 0], np.where(by_gyro, 1.0, factors[:, 1]))
     poses = np.concatenate((odometry.poses[:1], se2.accumulate(noisy, odometry.poses[0])))

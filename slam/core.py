@@ -22,11 +22,11 @@ from moteslam.slam.config import METHODS, SlamConfig
 from moteslam.slam.estimate import Correction, Estimate, as_logged
 from moteslam.slam.filter.certainty import certainty_of_particles, spread
 from moteslam.slam.filter.protocol import Filter
+from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.lapses import left_open
-from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.odometry_path import between_known
 from moteslam.slam.inputs.step import Step
-from moteslam.slam.inputs.synchronise import Inputs, about_jumps
+from moteslam.slam.inputs.synchronise import about_jumps
 from moteslam.slam.mapping.occupancy import draw_map
 from moteslam.slam.odometry.dead_reckoning import dead_reckoning
 from moteslam.slam.scan_records import Losses, ScanRecords, Update
@@ -49,7 +49,7 @@ class Core:
         self.seed, self.name = seed, name
         self._filter = (method or METHODS[config.method].make)(config, seed)
         self._backend = BACKENDS[config.backend.method].make(config.backend)
-        self._taken: Inputs | LiveInputs | None = None
+        self._taken: Inputs | None = None
         self._records = ScanRecords()
         self._updates: list[int] = []
         self._waiting: list[KeyScan] = []  # for the back end, until the filter is settled
@@ -59,7 +59,7 @@ class Core:
         self._drawn: tuple[int, Raster | None] = (0, None)  # the map, and after how many scans
 
     @property
-    def _inputs(self) -> Inputs | LiveInputs:
+    def _inputs(self) -> Inputs:
         if self._taken is None:
             raise ConfigError("no scan was taken in yet, expected some first")
         return self._taken
@@ -141,7 +141,8 @@ class Core:
         if result.updated:
             self._spreads.append(spread(poses, weights))
         certainty = result.certainty or certainty_of_particles(poses, weights, result.pose)
-        known = result.pose, poses, weights, *result[2:6], seconds, corrected
+        weighed = self._filter.history.weighed or (poses, weights)
+        known = result.pose, *weighed, *result[2:6], seconds, corrected
         update = Update(step.index, step.stamp, *known, *certainty)
         self._records.add(update, result.motion)
         return update

@@ -18,7 +18,7 @@ from moteslam.slam.core import Core, MakeFilter
 from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
 from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.step import steps
-from moteslam.slam.inputs.synchronise import Inputs, synchronise, warnings
+from moteslam.slam.inputs.synchronise import synchronise, unknown_mount, warnings
 from moteslam.slam.scan_records import Update
 
 
@@ -75,20 +75,25 @@ class OnlineSlam(Core):
         Returns:
             that of the latest scan that is covered now; None if none is.
         """
-        live = self._live("odometry", stamp)
+        live = self._live("odometry")
         if (pose is None) is (counts is None) or (pose is not None and live.odometry_in.counted):
             raise InputError("both or neither, expected poses or counts", field="odometry")
+        taken, stamps = live.odometry_in, np.array([stamp], np.float64)
         if pose is not None:
-            live.odometry_in.add_pose(stamp, _numbers(pose, np.float64, 3, "odometry.pose"))
+            given = _numbers(pose, np.float64, 3, "odometry.pose")[None]
+            live.arrives("odometry", stamp)
+            taken.add_poses(stamps, given)
         else:
-            live.odometry_in.add_counts(stamp, _numbers(counts, np.int64, 4, "odometry.counts"))
+            given = _numbers(counts, np.int64, 4, "odometry.counts")[None]
+            live.arrives("odometry", stamp)
+            taken.add_counts(stamps, given)
         return self._take_in(live)
 
     def add_imu(self, stamp: float, yaw_rate: float) -> Update | None:
         """Take in the gyro's yaw rate [rad/s], counterclockwise positive; see ``add_odometry``."""
-        live = self._live("imu", stamp)
-        (rate,) = _numbers([yaw_rate], np.float64, 1, "imu.yaw_rate").tolist()
-        live.odometry_in.add_gyro(stamp, rate)
+        live, rate = self._live("imu"), _numbers([yaw_rate], np.float64, 1, "imu.yaw_rate")
+        live.arrives("imu", stamp)
+        live.odometry_in.add_yaw_rates(np.array([stamp]), rate)
         return self._take_in(live)
 
     def add_scan(self, ranges: ArrayLike, stamp: float, odometry: ArrayLike | None = None) -> Update | None:
@@ -103,7 +108,7 @@ class OnlineSlam(Core):
         Returns:
             that of the latest scan that is covered now; None while it waits for the odometry after it.
         """
-        live = self._live("lidar", stamp)
+        live = self._live("lidar")
         pose = None if odometry is None else _numbers(odometry, np.float64, 3, "lidar.odometry")
         live.add_scan(_numbers(ranges, np.float32, None, "lidar.ranges"), stamp, pose)
         return self._take_in(live)
@@ -150,7 +155,7 @@ class OnlineSlam(Core):
         return slam
 
     def __len__(self) -> int:
-        return len(self._inputs)
+        return 0 if self._taken is None else len(self._taken)
 
     def __iter__(self) -> Iterator[Update]:
         for step in steps(self._inputs, self._views, thinning=self._filter.thinning, first=self._done):
@@ -159,28 +164,27 @@ class OnlineSlam(Core):
 
     def _warnings(self) -> tuple[Issue, ...]:
         issues = list(self._doubts)
-        if self._recording is not None and isinstance(self._inputs, Inputs):
+        if self._recording is not None and not isinstance(self._inputs, LiveInputs):
             issues += warnings(self._recording, self._inputs)
         else:
-            issues += self._inputs.issues
+            issues += unknown_mount(self._platform) + self._inputs.issues
         if self._missing:
             issues.append(Issue("no-colours", f"colours: {self._missing}: particles are weighed without"))
         if self._views is not None:
             issues += self._views.issues()
         return (*issues, *super()._warnings())
 
-    def _live(self, stream: str, stamp: float) -> LiveInputs:
+    def _live(self, stream: str) -> LiveInputs:
         if self._taken is None:
             sync, max_range = self.config.sync, self.config.max_range
             self._taken = LiveInputs(self._platform, sync, max_range=max_range, patience=self._patience)
         if not isinstance(self._taken, LiveInputs):
             raise ConfigError("a message after a recording, expected an OnlineSlam of its own", field=stream)
-        self._taken.arrives(stream, stamp)
         return self._taken
 
     def _take_in(self, live: LiveInputs, *, finish: bool = False) -> Update | None:
         update = None
-        while (index := live.take(finish=finish)) is not None:
+        while (index := live.take_next(finish=finish)) is not None:
             update = self._step(next(steps(live, thinning=self._filter.thinning, first=index)))
             if not update.updated:
                 live.scans.forget(index)
@@ -192,7 +196,7 @@ def _numbers(values: Any, dtype: type, count: int | None, field: str) -> NDArray
     try:
         given = np.asarray(values, np.float64)
     except (TypeError, ValueError):
-        given = np.empty(0)
+        given = np.empty((0, 0))
     expected = f"[{count or 'beams'}] {'whole ' if dtype is np.int64 else ''}numbers"
     if given.ndim != 1 or count not in (None, len(given)):
         raise InputError(f"{shortened(values)}, expected {expected}", field=field)

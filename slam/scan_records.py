@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.values import Issue, Summarised
 from moteslam.slam.filter.certainty import LocalisationState, state_of
-from moteslam.slam.inputs.live_odometry import Rows
+from moteslam.slam.inputs.odometry_path import Rows
 
 Array = NDArray[np.float64]
 DIAGNOSTICS = (
@@ -27,7 +27,8 @@ class Update(Summarised):
     Attributes:
         index, stamp: of the scan; stamp in s.
         pose: [3] estimate at the scan.
-        poses, weights: [N, 3] and [N] of the particles, at the last scan that the filter updated them with.
+        poses, weights: [N, 3] and [N] of the particles, at the last scan that the filter updated them with; of `paper`
+            before they were resampled, as ``n_eff`` is.
         n_eff, score, updated, resampled: see ``StepResult``.
         seconds: spent on it.
         corrected: how far the back end then moved the robot, with the map [m]; 0 where it did not. The next pose is
@@ -82,7 +83,7 @@ class ScanRecords:
         if update.state == LocalisationState.SURE:
             self.last_sure = self.done
         diagnostics = [float(getattr(update, name)) for name in DIAGNOSTICS]
-        self._rows.add(update.pose, motion, update.covariance, diagnostics)
+        self._rows.add(np.concatenate((update.pose, motion, update.covariance, diagnostics), axis=None)[None])
 
     def add_to_last(self, *, seconds: float, corrected: float) -> None:
         """What the latest scan cost, and was corrected by, beyond what is recorded of it."""

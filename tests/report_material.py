@@ -23,10 +23,15 @@ slam.particles = [1, 10, 100]
 
 
 def run_of(
-    configuration: str = "a", seed: int = 0, status: str = "ok", ate: float | None = None, scenario: str = "corridor"
+    configuration: str = "a",
+    seed: int = 0,
+    status: str = "ok",
+    ate: float | None = None,
+    scenario: str = "corridor",
+    platform: str = "",
 ) -> Row:
     """A run of which the error alone is known: 0.1 m more than its seed by default."""
-    run = PlannedRun(scenario=scenario, seed=seed, configuration=configuration)
+    run = PlannedRun(scenario=scenario, platform=platform, seed=seed, configuration=configuration)
     scores = {"final.ate": {"value": 0.1 + seed if ate is None else ate, "unit": "m"}} if status == "ok" else {}
     return Row(run, status, scenario, scores, succeeded=status == "ok")
 

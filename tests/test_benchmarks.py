@@ -32,6 +32,7 @@ def test_a_sample_holds_its_bars(script: str, tmp_path: Path):
     assert not any(row.get("error") for row in rows)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
 @pytest.mark.skipif(not any(map(shutil.which, speed.COMPILERS)), reason="no C compiler")
 def test_kernels_twins_and_loops_compute_the_same(tmp_path: Path):

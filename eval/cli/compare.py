@@ -1,10 +1,9 @@
-"""``moteslam compare``: configurations on the same runs, in pairs; and what ``sweep show`` finds of a sweep."""
+"""``moteslam compare`` and ``report``: configurations in pairs, as tables and as a page; what ``sweep show`` prints."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
-from math import isinf, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,15 +11,15 @@ import typer
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import answer, note
-from moteslam.eval.tables import FORMATS, literal
+from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.text import answer, note, progress_bar
+from moteslam.eval.tables import FORMATS, aligned, literal, number
 
 if TYPE_CHECKING:
     from moteslam.eval.sweep.store import Row, Store
 
-COUNTS = ("configuration", "pairs", "better", "worse", "equal")
-HEAD = (*COUNTS, "median difference", "95 %", "p", "failed", "failed, first")
-CSV_HEAD = ("metric", *COUNTS, "median", "low", "high", "p", "failed", "failed_first")
+COUNTS = ("pairs", "wins", "losses", "ties")
+HEAD = ("pairs", "better", "worse", "equal", "median difference", "95 %", "p", "failed", "failed, first")
 
 
 def compare(
@@ -29,89 +28,78 @@ def compare(
         typer.Argument(metavar="PATH...", help="Files of sweeps, or result folders; the first is compared with."),
     ],
     metrics: options.Metrics = None,
+    by: options.By = None,
     baseline: options.Baseline = None,
     form: options.Format = "text",
     as_json: options.Json = False,
 ) -> None:
-    """Compare configurations on the same scenarios, platforms and seeds, in pairs.
+    """Compare configurations, or robots, on the same scenarios and seeds, in pairs.
 
     Of each against the first: how often it is better, the median difference with its 95 % interval, and how probable
-    so uneven wins are between equals (sign test). A run that failed loses against one that did not.
+    so uneven wins are between equals (sign test). A run that failed loses against one that did not. Each scenario has
+    a row: differences of a corridor and of a hall have no common median.
 
     \b
     Examples:
       moteslam compare particles.sweep
+      moteslam compare lidars.sweep --by platform --baseline ucsd
       moteslam compare before.sweep after.sweep --metric final.ate --metric cpu_per_scan
-      moteslam compare result_a result_b --metric map_f1
-      moteslam compare particles.sweep --format markdown
     """  # noqa: D301
-    from moteslam.eval import statistics
-    from moteslam.eval.runs import better, by_configuration, read_runs, values_of
+    from moteslam.eval import runs
 
-    names = metric_names(metrics)
-    found = by_configuration(row for row in read_runs(paths) if row.status)
+    names = runs.metric_names(metrics)
+    rows = [row for row in runs.read_runs(paths) if row.status]
+    axis = runs.axis_of(rows, by)
+    found = runs.compared(rows, axis)
     if len(found) < 2:
-        raise InputError(f"{len(found)} configuration, expected two or more to compare", file=paths[0])
+        raise InputError(f"{len(found)} {axis}, expected two or more to compare", file=paths[0])
     first = next(iter(found)) if baseline is None else baseline
     if first not in found:
         raise ConfigError(f"{first!r}, expected one of {', '.join(map(repr, found))}", field="--baseline")
-    for other, rows in found.items():
-        of, counts = values_of(found[first], "scans"), values_of(rows, "scans")
+    for other in (other for other in found if other != first and axis == runs.CONFIGURATION):
+        of, counts = (runs.values_of(found[one], "scans") for one in (first, other))
         if unlike := [case for case in of if of[case] and (counts.get(case) or of[case]) != of[case]]:
             text = f"warning: {other}: other numbers of scans in {len(unlike)} of its runs"
             note(f"{text}: another recording of that name, whose errors cannot be compared?")
     compared = {
-        name: {
-            other: asdict(statistics.compare(values_of(found[first], name), values_of(rows, name), better=better(name)))
-            for other, rows in found.items()
-            if other != first
-        }
+        name: {other: {place: asdict(one) for place, one in each.items()} for other, each in pairs.items()}
         for name in names
+        for pairs in [runs.comparisons(rows, name, axis, first)]
     }
-    if not any(one["pairs"] for each in compared.values() for one in each.values()):
+    if not any(each for pairs in compared.values() for each in pairs.values()):
         raise InputError(f"no run in common with {first} that has {', '.join(names)}", file=paths[-1])
-    answer({"baseline": first, "metrics": compared}, _lines(first, compared, form), as_json=as_json)
+    answer({"by": axis, "baseline": first, "metrics": compared}, _lines(axis, first, compared, form), as_json=as_json)
 
 
-def _lines(first: str, compared: dict[str, dict[str, Any]], form: str) -> Iterator[str]:
-    if form == "text":
-        for name, each in compared.items():
-            yield f"{with_unit(name)}, against {literal(first)}"
-            yield FORMATS[form]([HEAD, *(_shown(other, one) for other, one in each.items())])
+def _lines(axis: str, first: str, compared: dict[str, dict[str, Any]], form: str) -> Iterator[str]:
+    """A table a metric, or of them all: a row a place of each configuration."""
+    from moteslam.eval.runs import headings
+    from moteslam.eval.statistics import FEWEST
+    from moteslam.robot.values import interval
+
+    several = any(len(each) > 1 for pairs in compared.values() for each in pairs.values())
+    head = (axis, *(["where"] if several else []), *HEAD)
+    medians = {
+        name: [one["median"] for each in pairs.values() for one in each.values()] for name, pairs in compared.items()
+    }
+    tables: dict[str, list[tuple[str, ...]]] = {}
+    for name, (title, factor) in headings(medians).items():
+        cells = tables[title] = []
+        for other, place, one in ((other, *item) for other, each in compared[name].items() for item in each.items()):
+            ends = (None if one[end] is None else factor * one[end] for end in ("median", "low", "high"))
+            median, low, high = (number(end, sign=True) for end in ends)
+            counts = [str(count) for count in (*(one[count] for count in COUNTS), *one["failed"][::-1])]
+            shown = (*counts[:-2], median, interval(low, high), f"{one['p']:.2g}", *counts[-2:])
+            cells.append((other, *([place] if several else []), *shown))
+    if form != "text":
+        yield FORMATS[form]([("metric", *head), *((title, *cell) for title, cells in tables.items() for cell in cells)])
         return
-    row = _numbers if form == "csv" else _shown
-    rows = [(name, *row(other, one)) for name, each in compared.items() for other, one in each.items()]
-    yield FORMATS[form]([CSV_HEAD if form == "csv" else ("metric", *HEAD), *rows])
-
-
-def _shown(name: str, one: dict[str, Any]) -> tuple[str, ...]:
-    interval = "-" if one["low"] is None else f"{_signed(one['low'])} to {_signed(one['high'])}"
-    counts = (str(one[count]) for count in ("pairs", "wins", "losses", "ties"))
-    failed, failed_first = one["failed"][::-1]
-    return (name, *counts, _signed(one["median"]), interval, f"{one['p']:.2g}", str(failed), str(failed_first))
-
-
-def _numbers(name: str, one: dict[str, Any]) -> tuple[str, ...]:
-    columns = ("pairs", "wins", "losses", "ties", "median", "low", "high", "p")
-    return (name, *(digits(one[column]) for column in columns), *map(str, one["failed"][::-1]))
-
-
-def _signed(value: float | None) -> str:
-    if value is None or isnan(value):
-        return "-"
-    return "failed" if isinf(value) else f"{value:+.3g}"
-
-
-PARTS = ("median", "low", "high", "low_quartile", "high_quartile")
-"""Of a summary, in the table for programs."""
-
-
-def metric_names(given: list[str] | None) -> list[str]:
-    """The metrics that are asked for, ``final.ate`` by default; an unknown one is refused."""
-    from moteslam.eval.metrics.registry import chosen
-
-    chosen(given or ())
-    return given or ["final.ate"]
+    for title, cells in tables.items():
+        yield f"{title}, against {literal(first)}"
+        empty = [k for k in (-1, -2, -4) if all(cell[k] in ("0", "-") for cell in cells)]
+        yield aligned([[one for k, one in enumerate(row, -len(row)) if k not in empty] for row in (head, *cells)])
+    if any(one["pairs"] < FEWEST for pairs in compared.values() for each in pairs.values() for one in each.values()):
+        yield f"fewer than {FEWEST} pairs have no 95 % interval"
 
 
 def summed_up(store: Store, wanted: list[str] | None) -> dict[str, Any]:
@@ -131,17 +119,17 @@ def summed_up(store: Store, wanted: list[str] | None) -> dict[str, Any]:
         for about, members in grouped(rows, lambda row: tuple(row.about.items())).items()
     ]
     counts = {name or "pending": count for name, count in store.counts().items()}
-    return {"hash": store.digest, "runs": counts, "groups": groups}
+    return {"hash": store.digest, "runs": counts, "success": store.success, "groups": groups}
 
 
 def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[str]:
-    """The metrics that are wanted; by default ``final.ate``, or the first of those that were measured."""
+    """The metrics that are wanted; by default ``final.ate``, or the first that was measured, and the time if it was."""
     there = list(dict.fromkeys(name for row in rows if row.status == "ok" for name in (*row.values, *row.costs)))
     if not there:
         return wanted or ["final.ate"]
     if wanted is None:
-        others = [name for name in there if name not in ("scans", "distance")]
-        return ["final.ate"] if "final.ate" in there else others[:1]
+        others = [name for name in ("final.ate", *there) if name in there and name not in ("scans", "distance")]
+        return [*others[:1], *(name for name in ("cpu_per_scan", "memory") if name in others[1:])]
     for name in wanted:
         if name not in there:
             alike = [one for one in there if one.endswith(f".{name}")] or there
@@ -151,31 +139,37 @@ def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[s
 
 
 def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
-    """A row a group: of each metric the median with its intervals; in ``csv`` every number has a column of its own."""
-    from moteslam.eval.runs import varying
+    """A row a group: of each metric the median with its interval."""
+    from moteslam.eval.runs import headings, success_words, varying
+    from moteslam.eval.statistics import FEWEST
     from moteslam.robot.values import interval
 
     groups = found["groups"]
     if groups:
         about, names = varying([each["group"] for each in groups]), list(groups[0]["metrics"])
-        if form == "csv":
-            columns = [f"{name}.{part}" for name in names for part in PARTS]
-        else:
-            columns = [column for name in names for column in (with_unit(name), "95 %", "quartiles")]
-        rows = [[*about, "runs", "success", *columns]]
+        alike = [key for key in about if len({str(each["group"].get(key, "")) for each in groups}) == 1]
+        if form == "text" and len(groups) > 1:
+            about = [key for key in about if key not in alike]
+        rows = [[*about, "runs", "success"]]
         for each in groups:
-            success = each["success"]
-            share = f" ({100 * success['low']:.0f} to {100 * success['high']:.0f} %)" * (form != "csv")
-            cells = [*(str(each["group"].get(key, "")) for key in about), str(each["runs"])]
-            cells.append(f"{success['count']}{share}")
-            for one in each["metrics"].values():
-                if form == "csv":
-                    cells += [digits(one[part]) for part in PARTS]
-                else:
-                    median, *ends = (shown(one[part]) for part in PARTS)
-                    cells += [median, interval(*ends[:2]), interval(*ends[2:])]
-            rows.append(cells)
+            one = each["success"]
+            success = f"{one['count']} ({100 * one['low']:.0f} to {100 * one['high']:.0f} %)"
+            rows.append([*(str(each["group"].get(key, "")) for key in about), str(each["runs"]), success])
+        medians = {name: [each["metrics"][name]["median"] for each in groups] for name in names}
+        for name, (title, factor) in headings(medians).items():
+            rows[0] += [title, "95 %"]
+            for row, one in zip(rows[1:], (each["metrics"][name] for each in groups), strict=True):
+                ends = (None if one[end] is None else factor * one[end] for end in ("median", "low", "high"))
+                median, low, high = map(number, ends)
+                row += [median, interval(low, high)]
+        if form == "text" and all(each["runs"] < FEWEST for each in groups):
+            rows = [[cell for k, cell in enumerate(row) if rows[0][k] != "95 %"] for row in rows]
         yield FORMATS[form](rows)
+        if form == "text":
+            yield from (f"{key} {literal(groups[0]['group'][key])} throughout" for key in alike if len(groups) > 1)
+            if any(each["runs"] < FEWEST for each in groups):
+                yield f"medians; fewer than {FEWEST} runs have no 95 % interval"
+            yield f"success: {success_words(found['success'])}"
     if form == "text":
         yield total(found)
 
@@ -186,18 +180,42 @@ def total(found: dict[str, Any]) -> str:
     return ", ".join(f"{count} {names.get(name, name)}" for name, count in found["runs"].items())
 
 
-def with_unit(name: str) -> str:
-    """A metric with its unit, as ``final.ate [m]``; what is no metric as it is."""
-    from moteslam.eval.runs import unit_of
+def report(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(metavar="PATH...", help="Files of sweeps, result folders, and folders with either in them."),
+    ],
+    out: Annotated[Path, opt("The page; it must not exist.", "FILE.html")] = Path("report.html"),
+    title: Annotated[str | None, opt("Of the page [what is compared].", "TEXT")] = None,
+    metrics: Annotated[
+        list[str] | None,
+        opt("Which metrics [those of the sweeps, or the usual]; repeatable.", "NAME", "--metric"),
+    ] = None,
+    by: options.By = None,
+    baseline: options.Baseline = None,
+    force: options.ForceFile = False,
+    as_json: options.Json = False,
+) -> None:
+    """Make one HTML page of sweeps and result folders: tables, charts, and a player of the runs.
 
-    return f"{name} [{unit}]" if (unit := unit_of(name)) else name
+    It holds all that it shows and needs no network: open it in a browser, send it, print it. Runs of result folders can
+    be played; a sweep keeps the figures of its runs alone.
 
+    \b
+    Examples:
+      moteslam report particles.sweep --out particles.html
+      moteslam report result
+      moteslam report before after --metric final.ate --metric map_f1 --title "before and after"
+    """  # noqa: D301
+    with options.new_file(out, ".html", ".htm", force=force):
+        from moteslam.eval.page.document import gather, page
+        from moteslam.files import write_atomically
+        from moteslam.robot.values import counted
 
-def digits(value: float | None) -> str:
-    """For programs: all digits, nothing where there is no number, ``inf`` for failures."""
-    return "" if value is None else repr(value)
-
-
-def shown(value: float | None) -> str:
-    """For people."""
-    return "-" if value is None else "failed" if isinf(value) else f"{value:.4g}"
+        material = gather(paths)
+        with progress_bar("reading runs", len(material.runs), "runs") as update:
+            text = page(material, title=title, metrics=metrics or (), by=by, baseline=baseline, progress=update)
+        write_atomically(out, text)
+    size = len(text.encode())
+    line = f"{counted(len(material.runs), 'run')} in {literal(out)} ({size / 1e6:.1f} MB)"
+    answer({"file": str(out), "bytes": size, "runs": len(material.runs)}, [line], as_json=as_json)

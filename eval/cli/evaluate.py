@@ -12,21 +12,25 @@ import typer
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer, note, warn
-from moteslam.eval.tables import Column, aligned, literal, rows_of
+from moteslam.eval.tables import FORMATS, Column, fitting, found_at, literal, number, rows_of
 
 NEEDED = {
     "a recording": ("sequence", "platform"),
     "a reference": ("plot", "max_difference", "time_offset"),
-    "a reference trajectory": ("no_align", "scale", "delta", "unit", "all_pairs", "loops", "map"),
+    "a reference trajectory": ("no_align", "scale", "delta", "unit", "all_pairs", "loops", "map", "nearest"),
     "a --map": ("true_map",),
 }
 """What options are about: without it they would change nothing, and are refused."""
 
 Row = Mapping[str, Any]
 """Of a trajectory: ``estimate``, ``reference`` with ``kind`` and figures, and ``recording`` with ``residuals``."""
+LOOP_COUNTS = ("accepted", "overruled", "overruled_false", "possible", "bound")
+WHOSE = "the reference "
+"""Begins a doubt of it."""
 STATISTICS = ("rmse", "mean", "median", "std", "max")
-HEAD = ("error", "count", "RMSE", *STATISTICS[1:])
+Table = list[list[str]]
 RESIDUALS = (
     Column("estimate", "estimate"),
     Column("scans", "residuals/scans"),
@@ -50,55 +54,55 @@ def evaluate(
     ],
     recording: Annotated[
         Path | None,
-        typer.Option(metavar="PATH", help="Also the residuals of this recording's scans; one EST needs no REF then."),
+        opt("Also the residuals of this recording's scans; one EST needs no REF then.", "PATH"),
     ] = None,
     loops: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Also precision, with --recording recall, of the loops of a loops.csv."),
+        opt("Also precision, with --recording recall, of the loops of a loops.csv.", "FILE"),
     ] = None,
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", metavar="FILE.yaml", help="The map that goes with the one EST, map_server; for metrics."),
+        opt("The map that goes with the one EST, map_server; for metrics.", "FILE.yaml", "--map"),
     ] = None,
-    true_map: Annotated[
-        Path | None, typer.Option(metavar="FILE.yaml", help="The true map in the frame of REF: also scores --map.")
-    ] = None,
-    metrics: Annotated[
-        list[str] | None, typer.Option("--metric", metavar="NAME", help="Also these of moteslam metrics; repeatable.")
-    ] = None,
+    true_map: Annotated[Path | None, opt("The true map in the frame of REF: also scores --map.", "FILE.yaml")] = None,
+    metrics: Annotated[list[str] | None, opt("Also these of moteslam metrics; repeatable.", "NAME", "--metric")] = None,
     sequence: options.Sequence = None,
     platform: options.PlatformFile = None,
     no_align: Annotated[
-        bool, typer.Option("--no-align", help="Take all in the frame they are in, for the absolute error.")
+        bool, opt("Take all in the frame they are in, for the absolute error.", None, "--no-align")
     ] = False,
     scale: Annotated[
-        bool, typer.Option("--scale", help="Fit the scale too, for the absolute error: ranges or wheels may be off.")
+        bool, opt("Fit the scale too, for the absolute error: ranges or wheels may be off.", None, "--scale")
     ] = False,
-    delta: Annotated[float, typer.Option(help="Length of a pair for the relative error.")] = 1.0,
-    unit: Annotated[Literal["m", "s", "frames"], typer.Option(metavar="m|s|frames", help="Unit of --delta.")] = "m",
-    all_pairs: Annotated[
-        bool, typer.Option("--all-pairs", help="A pair from every pose on, not one after another.")
-    ] = False,
+    delta: Annotated[float, opt("Length of a pair for the relative error.")] = 1.0,
+    unit: Annotated[Literal["m", "s", "frames"], opt("Unit of --delta.", "m|s|frames")] = "m",
+    all_pairs: Annotated[bool, opt("A pair from every pose on, not one after another.", None, "--all-pairs")] = False,
     max_difference: Annotated[
         float | None,
-        typer.Option(min=0, metavar="S", help="Between stamps that belong together [0.01; 0.0001 for relations]."),
+        opt("Between stamps that belong together [0.01; 0.0001 for relations].", "S", min=0),
     ] = None,
-    time_offset: Annotated[float, typer.Option(metavar="S", help="Seconds to add to the stamps of every EST.")] = 0.0,
-    save: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the result as JSON, with the error at every stamp.")
-    ] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw errors and trajectories as PNG.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace existing files of --save and --plot.")] = False,
+    nearest: Annotated[
+        bool, opt("Take the pose at the nearest stamp, as evo does, never one between two.", None, "--nearest")
+    ] = False,
+    est_offset: Annotated[
+        tuple[float, float, float],
+        opt("Where REF's point of the robot is, seen from EST's: of the lidar, say.", "X Y THETA"),
+    ] = (0.0, 0.0, 0.0),
+    time_offset: Annotated[float, opt("Seconds to add to the stamps of every EST.", "S")] = 0.0,
+    save: Annotated[Path | None, opt("Write the result as JSON, with the error at every stamp.", "FILE")] = None,
+    plot: Annotated[Path | None, opt("Draw errors and trajectories as PNG.", "FILE")] = None,
+    form: options.Format = "text",
+    force: Annotated[bool, opt("Replace existing files of --save and --plot.", None, "--force")] = False,
     as_json: options.Json = False,
 ) -> None:
     """Score trajectories by another one, by relations, or by the scans of their recording.
 
     Absolute and relative errors against a trajectory; against hand-checked relations, the mean and standard deviation
     of their errors. Several trajectories are scored side by side. Of estimate and reference the one with more poses is
-    interpolated at the stamps of the other; where they have as many, each takes the nearest stamp. Motion out of x and
-    y is compared in space, a reference without orientation by positions and distances. A trajectory in a ROS bag is
-    BAG:TOPIC or BAG:tf:PARENT:CHILD. Relations are interpolated between poses; clear relations are those whose stamps
-    each belong to exactly one pose.
+    interpolated at the stamps of the other; where they have as many, each takes the nearest stamp, and with --nearest
+    throughout, as `evo_ape tum REF EST -a` does. Motion out of x and y is compared in space, a reference without
+    orientation by positions and distances. A trajectory in a ROS bag is BAG:TOPIC or BAG:tf:PARENT:CHILD. Relations are
+    interpolated between poses; clear relations are those whose stamps each belong to exactly one pose.
 
     With --recording, the residuals of every EST: the distances of endpoints to the lines of scans less than 2 m of
     path away.
@@ -106,25 +110,22 @@ def evaluate(
     With --map and --true-map, how much of the map is right, laid on the true one as EST is on REF. With --metric, any
     metric by name; what it needs and was not given is named.
 
-    With --loops, the loops that a run accepted: how many are right by the reference, and of the key scans whose place
-    was seen before, how many are bound to it.
+    With --loops, the loops that a run accepted: the share that is right by the reference, and of the key scans whose
+    place was seen before the share that is bound to it.
 
     \b
     Examples:
       moteslam evaluate demo/trajectory.tum demo/truth.tum
-      moteslam evaluate demo/trajectory.tum demo/truth.tum --delta 5 --unit s --json
       moteslam evaluate mine.tum theirs.tum truth.tum --plot errors.png
       moteslam evaluate result/trajectory.tum intel.relations
-      moteslam evaluate result/trajectory_final.tum --recording robot.log.gz
-      moteslam evaluate theirs.tum robot.bag:/ground_truth --time-offset -2.5
+      moteslam evaluate lidar_path.tum truth.tum --est-offset -0.127 0 0 --format latex
       moteslam evaluate theirs.tum truth.tum --map theirs.yaml --true-map truth_map.yaml --metric rpe_10m
       moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
     """  # noqa: D301
     from moteslam.eval.metrics.association import oriented
-    from moteslam.eval.metrics.loops import score_loops
     from moteslam.eval.metrics.relations import is_relations, read_relations
     from moteslam.eval.run_tables import read_loops
-    from moteslam.eval.scores import Reference, against, measured, under_recording
+    from moteslam.eval.scores import Reference, against, carried, measured, under_recording
     from moteslam.robot.formats import open_recording
     from moteslam.robot.formats.streams import MAX_STAMP
     from moteslam.robot.trajectories import read_trajectory
@@ -142,6 +143,9 @@ def evaluate(
         trajectories = {str(file): read_trajectory(file) for file in estimates}
         if time_offset:
             trajectories = {name: replace(one, stamps=one.stamps + time_offset) for name, one in trajectories.items()}
+        if any(est_offset):
+            with options.named("--est-offset"):
+                trajectories = {name: carried(oriented(one)[0], est_offset) for name, one in trajectories.items()}
         opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)
         truth: Reference | None = None
         if reference is not None:
@@ -155,7 +159,7 @@ def evaluate(
         whole: list[dict[str, Any]] = []
         """The rows, with the error at every stamp."""
         how: dict[str, Any] = {"align": not no_align, "scale": scale, "delta": delta, "unit": unit}
-        how |= {"all_pairs": all_pairs, "max_difference": max_difference}
+        how |= {"all_pairs": all_pairs, "max_difference": max_difference, "nearest": nearest}
         for name, one in trajectories.items():
             row: dict[str, Any] = {"estimate": name}
             errors: dict[str, Any] = {}
@@ -174,12 +178,9 @@ def evaluate(
         if opened is not None:
             warn(opened.warnings)
         found: dict[str, Any] = {}
-        if loops is not None:
-            assert isinstance(truth, Trajectory)  # or --loops was refused
-            ledger = score_loops(read_loops(loops), oriented(truth)[0], opened, scans=scans)
-            found["loops"] = {"file": str(loops), **ledger.as_dict()}
-        if metrics or true_map is not None:
+        if metrics or true_map is not None or loops is not None:
             known: dict[str, Any] = {"recording": opened, "occupancy": map_file, "true_map": true_map}
+            known["loops"] = None if loops is None else read_loops(loops)
             with options.named(metrics="--metric"):
                 measures = {name: measured(one, truth, names=metrics, **known) for name, one in trajectories.items()}
             found["metrics"] = {
@@ -198,7 +199,10 @@ def evaluate(
         for doubt in _doubts(rows):
             note(f"warning: {doubt}")
     one_or_all = rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}
-    answer(one_or_all | found, _lines(rows, found), as_json=as_json)
+    text = form == "text"
+    parts = (part if isinstance(part, str) else FORMATS[form](part) for part in _parts(rows, found))
+    tables = (FORMATS[form](part) for part in _parts(rows, found) if not isinstance(part, str))
+    answer(one_or_all | found, parts if text else tables, as_json=as_json)
 
 
 def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None, map_file: Path | None) -> None:
@@ -231,24 +235,33 @@ def _refuse_options(context: typer.Context, paths: list[Path], recording: Path |
         raise refuse("given with --no-align, expected one of the two", "scale")
 
 
-def _lines(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str]:
+def _parts(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str | Table]:
+    """Tables, and lines between them."""
+    from moteslam.eval.metrics.registry import title_of
+
     kind, reference = rows[0].get("kind"), literal(rows[0].get("reference"))
     if kind == "trajectory" and len(rows) > 1:
-        yield f"against {reference}"
+        yield f"against {reference}, {_how(rows[0])}"
         yield _comparison(rows)
     elif kind is not None:
         for row in rows:
-            yield f"{literal(row['estimate'])} against {reference}"
-            yield from _relations(row) if kind == "relations" else [aligned([HEAD, *_errors(row)])]
+            yield f"{literal(row['estimate'])} against {reference}{'' if kind == 'relations' else f', {_how(row)}'}"
+            yield from _relations(row) if kind == "relations" else [_errors(row)]
     if "residuals" in rows[0]:
         yield f"scans of {literal(rows[0]['recording'])}"
-        yield aligned(rows_of(RESIDUALS, rows))
+        yield [*map(list, rows_of(RESIDUALS, rows))]
     for name, values in more.get("metrics", {}).items():
         yield f"metrics of {literal(name)}"
-        yield aligned([("metric", "value"), *((metric, _value(value)) for metric, value in values.items())])
-    if "loops" in more:
-        yield f"loops of {literal(more['loops']['file'])}"
-        yield from loop_lines(more["loops"])
+        yield [["metric", "value"], *([title_of(metric), _value(value)] for metric, value in values.items())]
+
+
+def _how(row: Row) -> str:
+    """How the estimate was laid on the reference."""
+    if not row["aligned"]:
+        return "as they are, not aligned"
+    return (
+        f"laid on it rigidly{' and scaled' if row['scaled'] else ''}{', poses at the nearest stamps' * row['nearest']}"
+    )
 
 
 def _doubts(rows: Sequence[Row]) -> Iterator[str]:
@@ -257,69 +270,65 @@ def _doubts(rows: Sequence[Row]) -> Iterator[str]:
         files = f"{row['estimate']}: ", f"{row.get('reference')}: "
         for issue in (*row.get("warnings", ()), *row.get("residuals", {}).get("warnings", ())):
             message = issue["message"]  # those of reading begin so
-            yield message if message.startswith(files) else files[0] + message
-
-
-def loop_lines(loops: Row) -> Iterator[str]:
-    """Precision and recall of loops, a line each, with the counts that they are shares of, or why there is none."""
-    from moteslam.robot.values import counted
-
-    if loops["precision"] is not None:
-        right, accepted = loops["accepted"] - round(loops["false"]), counted(loops["accepted"], "accepted loop")
-        yield f"loop precision {100 * loops['precision']:.1f} %: {right} of {accepted} right"
-    if loops["overruled"]:
-        overruled = counted(loops["overruled"], "loop")
-        yield f"overruled by the final path: {overruled}, {loops['overruled_false']} of them false"
-    if loops["recall"] is not None:
-        share = f"{loops['bound']} of {counted(loops['possible'] or 0, 'key scan')} with a possible loop"
-        yield f"loop recall {100 * loops['recall']:.1f} %: {share} bound by an accepted one"
-    yield from (issue["message"] for issue in loops["warnings"])
+            of_reference = message.startswith(WHOSE)
+            yield message if message.startswith(files) else files[of_reference] + message.removeprefix(WHOSE)
 
 
 def _value(value: Row) -> str:
-    return f"{value['value']:.4g} {value['unit']}".strip() if "value" in value else f"- {value['absent']}"
+    if "value" not in value:
+        return f"- {value['absent']}"
+    more = ", ".join(f"{name.replace('_', ' ')} {value[name]}" for name in LOOP_COUNTS if name in value)
+    unit, factor = fitting(value["unit"], [value["value"]])
+    return f"{number(factor * value['value'])} {unit}".strip() + f" ({more})" * bool(more)
 
 
-def _errors(row: Row) -> list[tuple[str, ...]]:
-    name = "ATE" if row["aligned"] else "ATE, not aligned"
-    if row["scaled"]:
-        name = f"ATE, scaled by {row['ate']['scale']:.4f}"
+def _errors(row: Row) -> Table:
+    name = f"ATE, scaled by {row['ate']['scale']:.4f}" if row["scaled"] else "ATE"
     errors = [(name, row["ate"])]
     if (rpe := row.get("rpe")) is not None:
         of = "RPE" if rpe["rotation_deg"] is not None else "RPE of distances"
         errors.append((f"{of} over {rpe['delta']:g} {rpe['unit']}", rpe))
-    return [
-        (f"{name} [{unit}]", str(found["count"]), *(f"{found[each]:.{digits}f}" for each in STATISTICS))
-        for name, error in errors
-        for what, unit, digits in (("translation_m", "m", 4), ("rotation_deg", "deg", 3))
-        if (found := error.get(what)) is not None
-    ]
+    table = [["error", "count", "RMSE", *STATISTICS[1:]]]
+    for name, error in errors:
+        for what, unit in (("translation_m", "m"), ("rotation_deg", "deg")):
+            if (found := error.get(what)) is not None:
+                fit, factor = fitting(unit, [found[each] for each in STATISTICS])
+                figures = [number(factor * found[each]) for each in STATISTICS]
+                table.append([f"{name} [{fit}]", str(found["count"]), *figures])
+    return table
 
 
-def _comparison(rows: Sequence[Row]) -> str:
-    ate = "ATE, scale fitted," if rows[0]["scaled"] else "ATE" if rows[0]["aligned"] else "ATE, not aligned,"
-    columns = [
-        Column("estimate", "estimate"),
-        Column("poses", "ate/translation_m/count"),
-        Column(f"{ate} RMSE [m]", "ate/translation_m/rmse", ".4f"),
-        Column("median", "ate/translation_m/median", ".4f"),
-        Column("max", "ate/translation_m/max", ".4f"),
-        Column("heading RMSE [deg]", "ate/rotation_deg/rmse", ".3f"),
-    ]
-    if pairs := next((f"{row['rpe']['delta']:g} {row['rpe']['unit']}" for row in rows if row["rpe"] is not None), ""):
-        columns.append(Column(f"RPE over {pairs}, RMSE [m]", "rpe/translation_m/rmse", ".4f"))
-    return aligned(rows_of(columns, rows))
+def _comparison(rows: Sequence[Row]) -> Table:
+    pairs = next((f"{row['rpe']['delta']:g} {row['rpe']['unit']}" for row in rows if row["rpe"] is not None), "")
+    columns = {
+        "ATE RMSE": "ate/translation_m/rmse",
+        "median": "ate/translation_m/median",
+        "max": "ate/translation_m/max",
+        "heading RMSE [deg]": "ate/rotation_deg/rmse",
+        **({f"RPE over {pairs}": "rpe/translation_m/rmse"} if pairs else {}),
+    }
+    unit, factor = fitting("m", [row["ate"]["translation_m"]["max"] for row in rows])
+    table = [["estimate", "poses"], *([row["estimate"], str(row["ate"]["translation_m"]["count"])] for row in rows)]
+    for title, place in columns.items():
+        turn = "rotation" in place
+        table[0].append(title if turn else f"{title} [{unit}]")
+        for line, row in zip(table[1:], rows, strict=True):
+            value = found_at(row, place)
+            line.append(number(None if value is None else value * (1 if turn else factor)))
+    return table
 
 
-def _relations(row: Row) -> Iterator[str]:
-    lines = [("relations", "count", "translation [m]", "rotation [deg]")]
-    for name, score in (("clear", row["clear"]), ("at stamps", row["at_stamps"]), ("all used", row["all"])):
+def _relations(row: Row) -> Iterator[str | Table]:
+    scores = {"clear": row["clear"], "at stamps": row["at_stamps"], "all used": row["all"]}
+    unit, factor = fitting("m", [score["translation_m"]["mean"] for score in scores.values() if score is not None])
+    table = [["relations", "count", f"translation [{unit}]", "rotation [deg]"]]
+    for name, score in scores.items():
         if score is None:
-            lines.append((name, "0", "-", "-"))
+            table.append([name, "0", "-", "-"])
             continue
         along, turn = score["translation_m"], score["rotation_deg"]
-        values = (f"{along['mean']:.4f} +- {along['std']:.4f}", f"{turn['mean']:.3f} +- {turn['std']:.3f}")
-        lines.append((name, str(along["count"]), *values))
-    yield aligned(lines)
+        values = [[size * one[part] for part in ("mean", "std")] for one, size in ((along, factor), (turn, 1.0))]
+        table.append([name, str(along["count"]), *(" +- ".join(map(number, pair)) for pair in values)])
+    yield table
     used = f"{row['used']} of {row['total']} relations used, {row['interpolated']} of them between poses"
     yield f"\x1b[1m{used}\x1b[0m" if sys.stdout.isatty() else used

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from moteslam.eval.cli import options
+from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer
 from moteslam.eval.tables import aligned, literal
 
@@ -32,10 +33,8 @@ Row = tuple[str, str, str]
 @options.with_options(part=options.RecordingOptions)
 def inspect(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, a bag, or a folder of arrays.")],
-    deep: Annotated[bool, typer.Option("--deep", help="Read all ranges of a bag, and all images.")] = False,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw streams, gaps, rates, clocks and ranges over time.")
-    ] = None,
+    deep: Annotated[bool, opt("Read all ranges of a bag, and all images.", None, "--deep")] = False,
+    plot: Annotated[Path | None, opt("Draw streams, gaps, rates, clocks and ranges over time.", "FILE.png")] = None,
     force: options.ForceFile = False,
     as_json: options.Json = False,
     *,
@@ -66,7 +65,7 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
     from moteslam.errors import InputError
     from moteslam.robot.inspection import inspect_recording
     from moteslam.robot.values import Issue
-    from moteslam.slam.calibration.findings import checked
+    from moteslam.slam.calibration.findings import checked, trusting
     from moteslam.slam.inputs.config import SyncConfig
     from moteslam.slam.inputs.synchronise import about_jumps, synchronise, warnings
 
@@ -74,10 +73,9 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
     more = () if about is None else about.issues
     about = about if about is not None and about.figures else None
     if recording.lidar is not None:  # what a replay says of it
-        angles = not any(issue.code == "lidar-angles" for issue in more)  # else it is not known what travels along
         read = deep or isinstance(recording.lidar.ranges, np.ndarray)
         try:
-            inputs = synchronise(recording, SyncConfig(travelling=read and angles, deskew=False))
+            inputs = synchronise(recording, trusting(SyncConfig(travelling=read, deskew=False), more))
             more += warnings(recording, inputs, read_ranges=read)
             more += about_jumps(inputs.stamps, inputs.odometry, inputs.jumped)
         except InputError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from itertools import chain
 from math import degrees
 from pathlib import Path
@@ -12,6 +13,7 @@ import typer
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer, simulation_bar, warn
 from moteslam.eval.tables import literal
 
@@ -26,9 +28,9 @@ if TYPE_CHECKING:
 
 Calibrate = Annotated[
     Literal["lidar", "odometry"] | None,
-    typer.Option(
-        metavar="lidar|odometry",
-        help="Mend what is certainly not as stated; where the two contradict each other, this one is wrong.",
+    opt(
+        "Mend what is certainly not as stated; where the two contradict each other, this one is wrong.",
+        "lidar|odometry",
     ),
 ]
 FEW_PAIRS = 150
@@ -37,11 +39,11 @@ FEW_PAIRS = 150
 
 @options.with_options(run=options.SlamOptions)
 def demo(
-    out: Annotated[Path, typer.Option(help=options.OUT)] = Path("demo"),
-    scenario: Annotated[str, typer.Option(metavar="NAME", help="Scenario to drive.")] = "corridor",
+    out: Annotated[Path, opt(options.OUT)] = Path("demo"),
+    scenario: Annotated[str, opt("Scenario to drive.", "NAME")] = "corridor",
     platform: options.Robot = None,
     noise: options.NoiseClass = None,
-    duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop the drive after S seconds.")] = None,
+    duration: Annotated[float | None, opt("Stop the drive after S seconds.", "S", min=12)] = None,
     *,
     run: options.SlamOptions,
 ) -> None:
@@ -52,7 +54,6 @@ def demo(
     \b
     Examples:
       moteslam demo
-      moteslam demo --duration 20 --out short
       moteslam demo --scenario loop --seed 7 --out loop
       moteslam demo --scenario office --platform turtlebot3 --noise as_recorded --out small
     """  # noqa: D301
@@ -89,14 +90,15 @@ def replay(
     path: Annotated[
         Path | None, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.", show_default=False)
     ] = None,
-    out: Annotated[Path | None, typer.Option(help=options.OUT)] = None,
+    out: Annotated[Path | None, opt(options.OUT)] = None,
     dead_reckoning: Annotated[
-        bool, typer.Option("--dead-reckoning", help="Odometry alone: no lidar needed, --out optional.")
+        bool, opt("Odometry alone: no lidar needed, --out optional.", None, "--dead-reckoning")
     ] = False,
-    onto: Annotated[
-        Path | None, typer.Option(metavar="RESULT", help="Go on with the building of this result folder.")
-    ] = None,
+    onto: Annotated[Path | None, opt("Go on with the building of this result folder.", "RESULT")] = None,
     calibrate: Calibrate = None,
+    stdin: Annotated[
+        bool, typer.Option("--stdin", help="Messages come on stdin as lines of JSON; --out optional.")
+    ] = False,
     *,
     part: options.RecordingOptions,
     run: options.SlamOptions,
@@ -107,20 +109,26 @@ def replay(
     move the result by a tenth of a metre, that is a warning. Headings that do not fit the odometry's own path are not
     used as they are.
 
-    A folder with truth.tum in it, or a log with one beside it, is scored with it, and its map with truth_map.yaml; SLAM
-    does not see them.
+    It is scored by truth.tum in the folder or beside the log, or NAME.reference.tum and NAME.relations beside NAME.log,
+    its map by truth_map.yaml; SLAM does not see them.
 
     \b
     Examples:
       moteslam replay robot.log.gz --out result
       moteslam replay robot.log.gz --out more --preset paper --set particles=300 --seed 7
       moteslam replay robot.bag --topics lidar=/scan_front --start 20 --end 80 --out part
-      moteslam replay robot.bag --calibrate lidar --out mended
       moteslam replay tomorrow.log.gz --onto result --out both
       moteslam replay ucsd --sequence 20 --dead-reckoning
+      driver | moteslam replay --stdin --platform turtlebot3 --out result
       moteslam replay --preset paper --print-config > mine.toml
     """  # noqa: D301
     config = run.resolved()
+    if stdin:
+        others = [name for name in part.given if name != "platform"]
+        if path is not None or dead_reckoning or onto is not None or calibrate is not None or others or run.mcap:
+            raise typer.BadParameter("expected no recording, nor what is for one alone", param_hint="'--stdin'")
+        _follow(config, out, part, run)
+        return
     if path is None:
         raise typer.BadParameter("missing, expected a recording", param_hint="'PATH'")
     if dead_reckoning:
@@ -135,14 +143,11 @@ def replay(
 @options.with_options(part=options.RecordingOptions, run=options.SlamOptions)
 def localize(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.")],
-    known: Annotated[Path, typer.Option("--map", metavar="MAP", help="A map_server .yaml file, or a result folder.")],
-    out: Annotated[Path, typer.Option(help=options.OUT)],
+    known: Annotated[Path, opt("A map_server .yaml file, or a result folder.", "MAP", "--map")],
+    out: Annotated[Path, opt(options.OUT)],
     near: Annotated[
         tuple[float, float, float, float] | None,
-        typer.Option(
-            metavar="X Y THETA SPREAD",
-            help="Where the robot starts [m, m, rad], and the standard deviation of x and y [m].",
-        ),
+        opt("Where the robot starts [m, m, rad], and the standard deviation of x and y [m].", "X Y THETA SPREAD"),
     ] = None,
     calibrate: Calibrate = None,
     *,
@@ -182,13 +187,13 @@ def _run_over(
 ) -> None:
     """Fill a result folder with a run over a recording."""
     from moteslam.eval.cli.running import run_into, run_lines
-    from moteslam.eval.scores import true_map_beside
+    from moteslam.eval.scores import relations_beside, true_map_beside
     from moteslam.files import result_folder
+    from moteslam.slam.calibration.findings import trusting
 
     recording, not_as_stated = _checked(part.open(path), calibrate)
-    if calibrate is None and any(issue.code == "lidar-angles" for issue in not_as_stated):
-        # nothing is known of what travels along
-        config = config.model_copy(update={"sync": config.sync.model_copy(update={"travelling": False})})
+    if calibrate is None:
+        config = config.model_copy(update={"sync": trusting(config.sync, not_as_stated)})
     truth, issues = (None, ()) if recording.lidar is None else _truth_beside(path, recording.lidar.stamps)
     cut = {name: value for name, value in part.given.items() if name not in ("sequence", "platform")}
     with result_folder(out, force=run.force, keep=path) as folder:
@@ -199,6 +204,7 @@ def _run_over(
             run,
             truth=truth,
             true_map=None if truth is None else true_map_beside(path),
+            relations=relations_beside(path),
             about={
                 "path": str(path),
                 **cut,
@@ -210,6 +216,17 @@ def _run_over(
         )
     found = {"out": str(out), **found}
     answer(found, run_lines(found, f"{recording.name}: {found['distance_m']:.1f} m"), as_json=run.as_json)
+
+
+def _follow(config: SlamConfig, out: Path | None, part: options.RecordingOptions, run: options.SlamOptions) -> None:
+    from moteslam.eval.cli.stdin import follow
+    from moteslam.robot.platform import Platform
+    from moteslam.robot.platforms import load_platform, read_platform
+
+    robot = part.platform
+    with options.named("--platform"):
+        platform = Platform() if robot is None else (read_platform if robot.suffix == ".toml" else load_platform)(robot)
+    follow(sys.stdin.buffer, platform, config, out, run, {} if robot is None else {"platform": str(robot)})
 
 
 def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) -> tuple[Recording, tuple[Issue, ...]]:
@@ -226,7 +243,8 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     if found is None or about is None:
         text = "calibration: too few scans that fit each other, or no odometry that turns as they do: nothing is mended"
         unfit = () if about is None else about.moves
-        return recording, unfit if side is None else (*unfit, Issue("not-calibrated", text))
+        told = side is None or any(issue.code == "not-calibrated" for issue in unfit)
+        return recording, unfit if told else (*unfit, Issue("not-calibrated", text))
     if side is None:
         ends = dict.fromkeys(about.decided, "corrected")
         moves = tuple(Issue(one.code, f"{one.message}; {ends.get(one.code, 'see --calibrate')}") for one in about.moves)

@@ -9,15 +9,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from moteslam.eval.building_file import read_building
-from moteslam.eval.cli.evaluate import loop_lines
 from moteslam.eval.cli.options import named
 from moteslam.eval.cli.text import progress_bar, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
+from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.report.maps import Snapshots, TextureStages
-from moteslam.eval.results import write_results
+from moteslam.eval.result_bag import write_result_bag
+from moteslam.eval.results import read_building, write_results
+from moteslam.eval.run_tables import loop_counts
 from moteslam.eval.scores import Figures, number
-from moteslam.eval.tables import Column, aligned, literal, rows_of
+from moteslam.eval.tables import aligned, fitting, literal
+from moteslam.eval.tables import number as shown
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
@@ -32,14 +34,8 @@ from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 if TYPE_CHECKING:
     from moteslam.eval.cli.options import SlamOptions
 
-SCORES = (
-    Column("", ""),
-    Column("ATE RMSE", "ate/value", ".1f", "cm", 100),
-    Column("median", "ate_median/value", ".1f", "cm", 100),
-    Column("max", "ate_max/value", ".1f", "cm", 100),
-    Column("heading RMSE", "heading/value", ".2f", "deg"),
-    Column("RPE over 1 m", "rpe_1m/value", ".2f", "cm", 100),
-)
+LENGTHS = {"ate": "ATE RMSE", "ate_median": "median", "ate_max": "max", "rpe_1m": "RPE over 1 m"}
+TRACKS = {"dead reckoning": DEAD_RECKONING, "SLAM (online)": ONLINE, "SLAM (final)": FINAL}
 
 
 def run_into(
@@ -50,6 +46,7 @@ def run_into(
     *,
     truth: Trajectory | None = None,
     true_map: Raster | None = None,
+    relations: Relations | None = None,
     about: dict[str, Any] | None = None,
     issues: tuple[Issue, ...] = (),
     onto: Path | None = None,
@@ -91,10 +88,12 @@ def run_into(
         truth,
         recording=recording,
         true_map=true_map,
+        relations=relations,
         snapshots=snapshots.kept,
         stages=stages,
         figures=not options.no_figures,
         run={
+            "platform": recording.platform.name,
             **(about or {}),
             "warnings": [issue.as_dict() for issue in issues],
             "command": ["moteslam", *sys.argv[1:]],
@@ -104,6 +103,8 @@ def run_into(
             "threads": device.threads,
         },
     )
+    if options.mcap:
+        write_result_bag(folder / "result.mcap", estimate, recording)
     return described(estimate, found, issues)
 
 
@@ -116,6 +117,7 @@ def described(estimate: Estimate, figures: Figures, issues: tuple[Issue, ...] = 
         "most_particles": int(estimate.diagnostics["particles"].max()),
         "filter_and_back_end_seconds": estimate.seconds,
         "sessions": 1 if estimate.building is None else len(estimate.building.sessions),
+        "loop_candidates": loop_counts(estimate.loops),
         "session_loops": 0 if estimate.building is None else int(estimate.building.between.sum()),
         "warnings": [issue.as_dict() for issue in issues],
         **figures,
@@ -148,21 +150,36 @@ def run_lines(found: Figures, driven: str) -> Iterator[str]:
     yield f"{literal(driven)} in {found['duration_s']:.0f} s, {scans}"
     if found["sessions"] > 1:
         yield f"bound to one building of {found['sessions']} sessions by {counted(found['session_loops'], 'loop')}"
-    if lost["first_lost_stamp"] is not None:
-        after = lost["first_lost_stamp"] - found["first_stamp"]
-        yield f"lost at {counted(lost['states']['lost'], 'scan')}, first after {after:.1f} s: see diagnostics.csv"
+    counts, loops = lost["states"], found["loop_candidates"]
+    if counts["doubtful"] or counts["lost"]:
+        since = ""
+        if lost["first_lost_stamp"] is not None:
+            since = f", first after {lost['first_lost_stamp'] - found['first_stamp']:.1f} s"
+        doubtful = f"doubtful at {counts['doubtful']}, lost at {counts['lost']} of {found['scans']} scans"
+        yield f"{doubtful}{since}: diagnostics.csv"
+    if loops["candidates"]:
+        yield f"{counted(loops['accepted'], 'loop')} accepted of {counted(loops['candidates'], 'candidate')}: loops.csv"
     if number(found, "final.ate") is not None:
         yield from score_lines(found)
+    if (missed := number(found, "final.relations")) is not None:
+        unit, factor = fitting("m", [missed])
+        turn = number(found, "final.relations_rotation") or 0.0
+        yield f"SLAM (final) misses the relations by {factor * missed:.3g} {unit} and {turn:.3g} deg in the mean"
     yield f"result in {literal(found['out'])}"
 
 
 def score_lines(figures: Figures) -> Iterator[str]:
     """The absolute error, and the relative error over 1 m, which is drift a metre; then the scores of loops."""
-    rows = []
-    for name, track in (("dead reckoning", DEAD_RECKONING), ("SLAM (online)", ONLINE), ("SLAM (final)", FINAL)):
-        own = {key.removeprefix(f"{track}."): one for key, one in figures["metrics"].items() if key.startswith(track)}
-        rows.append({"": name, **own})
-    yield aligned(rows_of(SCORES, rows))
-    if "loops" in figures:
-        shares = {name: number(figures, f"loops_{name}") for name in ("precision", "recall", "false")}
-        yield from loop_lines(figures["loops"] | shares)
+    values = {of: {name: number(figures, f"{of}.{name}") for name in (*LENGTHS, "heading")} for of in TRACKS.values()}
+    unit, factor = fitting("m", [values[FINAL][name] for name in LENGTHS])
+    heads = [*(f"{title} [{unit}]" for title in LENGTHS.values()), "heading RMSE [deg]"]
+    rows = [["laid on the truth, rigidly", *heads]]
+    for title, of in TRACKS.items():
+        scaled = [None if (one := values[of][name]) is None else factor * one for name in LENGTHS]
+        rows.append([title, *map(shown, (*scaled, values[of]["heading"]))])
+    yield aligned(rows)
+    for name in ("precision", "recall"):
+        if (share := number(figures, f"loops_{name}")) is not None:
+            counts = figures["metrics"][f"loops_{name}"]
+            of = f"{counts['accepted']} accepted" if name == "precision" else f"{counts['possible']} possible"
+            yield f"{name} of loops {100 * share:.1f} % of {of}"

@@ -97,7 +97,7 @@ def _offset(search: _Search) -> tuple[float, float, float] | None:
 
 
 def _lever_arm(ate: AteResult) -> Iterator[tuple[float, Issue]]:
-    """The fixed offset on the robot that explains much of the error in the plane, by as much as ``clock_offset``.
+    """The fixed offset on the robot that explains most of the error in the plane (``SHAPE``).
 
     Least squares of ``true - there = e J there + R(theta) arm + t`` over ``e``, ``arm`` and ``t``; J is a quarter turn.
     """
@@ -110,11 +110,15 @@ def _lever_arm(ate: AteResult) -> Iterator[tuple[float, Issue]]:
     design, goal = np.vstack((x, y)), (true - there).T.ravel()
     found, _, rank, _ = np.linalg.lstsq(design, goal, rcond=None)
     rmse = float(np.linalg.norm(goal - design @ found) / np.sqrt(n))
-    if rank == design.shape[1] and rmse < GAIN * ate.rmse and ate.rmse - rmse > GAIN_METRES:
+    if rank == design.shape[1] and rmse < SHAPE * ate.rmse and ate.rmse - rmse > GAIN_METRES:
         text = (
             f"an offset of x {found[1]:.3f} m, y {found[2]:.3f} m on the robot explains the ATE but for {rmse:.4f} m:"
         )
-        yield rmse, Issue("lever-arm", f"{text} the two are paths of different points of it, of lidar and base, say")
+        option = f"(--est-offset {found[1]:.3f} {found[2]:.3f} 0)"
+        yield (
+            rmse,
+            Issue("lever-arm", f"{text} these are paths of different points of it, as of lidar and base {option}"),
+        )
 
 
 def doubts(
@@ -174,8 +178,10 @@ def _of_space(estimate: Trajectory, reference: Trajectory) -> Iterator[Issue]:
         return
     spread = float(spaces[0].positions[:, 2].std())
     if in_space(estimate, reference):
-        tilt = np.rad2deg(max(tilt_of(space.positions) for space in spaces))
-        why = f"moves in a plane {tilt:.0f} degrees out of x and y" if tilt > np.rad2deg(TILT) else "moves in z, too"
+        tilts = [0.0 if one.space is None else tilt_of(one.space.positions) for one in (estimate, reference)]
+        why = "the reference " if tilts[1] > max(TILT, tilts[0]) else ""
+        tilt = max(tilts)
+        why += f"moves in a plane {np.rad2deg(tilt):.0f} degrees out of x and y" if tilt > TILT else "moves in z, too"
         compared = "aligned and compared in space; errors are those of three coordinates, turns those about any axis"
         yield Issue("in-space", f"{why}: {compared}", len(reference))
     elif spread >= HEIGHTS:
@@ -212,7 +218,7 @@ def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
     if rigid <= SMALL or own == 0:
         return
     factor, scaled = straight / own, float(np.sqrt(max(0.0, spread**2 - straight**2 / own)))
-    if scaled < SHAPE * rigid:
+    if scaled < SHAPE * rigid and (ate.rotation_errors is None or ate.rotation_errors.std() < AXES):
         text = f"scaled by {factor:.4g} the estimate fits with an ATE of {scaled:.4f} m in place of {rigid:.4f} m"
         yield (
             scaled,

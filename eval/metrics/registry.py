@@ -1,6 +1,6 @@
 """The metrics by name, the bundled ones and those of other packages, and the values of a run.
 
-The bundled ones stand in ``bundled.csv``: name, unit, which values are better, source, meaning, and where the figure is
+The bundled ones stand in ``bundled.csv``: name, title, unit, which values are better, source, meaning, and where it is
 found in a ``Track`` or in ``Evidence``, unless one of ``FIGURES`` computes it. Other packages bring theirs as entry
 points ``moteslam.metrics``. A metric that cannot be had of a run is absent with its reason, never zero.
 """
@@ -95,6 +95,13 @@ def _quantile(run: Evidence, share: float) -> float | None:
     return 1e3 * float(np.quantile(times, share)) if times else None
 
 
+def _of_loops(run: Evidence, name: str, *more: str) -> Found:
+    found = run.loop_result
+    if (share := getattr(found, name)) is None:
+        raise InputError(next(issue.message for issue in found.issues if issue.code == f"no-loop-{name}"))
+    return share, {each: getattr(found, each) for each in more}
+
+
 FIGURES: dict[str, Callable[[Any], Found]] = {
     "ate": _ate,
     "ate_scaled": lambda track: _moved(track).once(absolute_trajectory_error, scale=True).rmse,
@@ -110,6 +117,8 @@ FIGURES: dict[str, Callable[[Any], Found]] = {
     "effective_particles": lambda run: float(needed(run.certainty, "diagnostics").effective.mean()),
     "lost_precision": lambda run: run.localisation.precision(LocalisationState.LOST),
     "lost_recall": lambda run: run.localisation.recall(LocalisationState.LOST),
+    "loops_precision": lambda run: _of_loops(run, "precision", "accepted", "overruled", "overruled_false"),
+    "loops_recall": lambda run: _of_loops(run, "recall", "possible", "bound"),
     "cpu_per_scan": lambda run: 1e3 * run.time_taken.cpu_seconds / len(run.track(FINAL).trajectory),
     "wall_per_scan": lambda run: 1e3 * run.time_taken.wall_seconds / len(run.track(FINAL).trajectory),
     "wall_per_scan_median": lambda run: _quantile(run, 0.5),
@@ -186,6 +195,16 @@ def metric(name: str) -> Metric:
     if found is None:
         raise ConfigError(f"{name!r}, expected one of {', '.join(METRICS.names())}", field="metrics")
     return found
+
+
+def title_of(name: str) -> str:
+    """A metric in words, with its trajectory: ``final ATE``, ``online RPE over 2.5 m``."""
+    track, short = split(name)
+    title, error = _TABLE.get(short, {}).get("title"), RPE.fullmatch(short)
+    if error is not None:
+        over = f"{error['delta']} {'poses' if error['unit'] == 'frames' else error['unit']}"
+        title = f"{'rotation ' if error['rotation'] else ''}RPE over {over}"
+    return f"{track} {title or short}".strip().replace("_", " ")
 
 
 def measure(evidence: Evidence, names: Iterable[str] | None = None) -> dict[str, Value]:

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from dataclasses import dataclass
+from math import ceil, floor, isfinite, log10
 from typing import Any
 
-from moteslam.eval.runs import lines_over, summary_of, values_of
+from moteslam.eval.report.curves import lines_over
+from moteslam.eval.runs import key_words, summary_of
 from moteslam.eval.statistics import Summary
 from moteslam.eval.sweep.store import Row
-from moteslam.eval.tables import literal
+from moteslam.eval.tables import literal, number
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#B8A700")
 """Of lines: the palette of Okabe and Ito, made for colour-blind readers, its black and yellow fit for both schemes."""
@@ -25,6 +27,8 @@ WIDE = 20.0
 """Values whose largest is at least this multiple of the smallest are drawn on a logarithmic axis."""
 DECADES = 1e3
 """Values over more have a tick a decade."""
+LABEL = 28
+"""Characters of a line of a label; of a longer one the end is shown, where such names differ."""
 
 Figure = dict[str, Any]
 
@@ -34,7 +38,26 @@ def label(text: object) -> str:
     return html.escape(literal(text), quote=False)
 
 
-def curves(runs: Sequence[Row], key: str, metric: str, unit: str) -> Figure | None:
+def _lines(name: str) -> str:
+    """A name under its column, a line a part."""
+    parts = map(literal, name.split(", "))
+    return "<br>".join(label(part if len(part) <= LABEL else f"…{part[1 - LABEL :]}") for part in parts)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A metric as charts show it: its name, words with the unit, and the factor to that."""
+
+    name: str
+    title: str
+    factor: float = 1.0
+
+    def text(self, value: float | None) -> str:
+        """A value as a point says it."""
+        return number(None if value is None else self.factor * value)
+
+
+def curves(runs: Sequence[Row], key: str, metric: Shown) -> Figure | None:
     """The median of a metric over the values of one key that varies, with its 95 % interval; None of fewer than two
     values.
     """
@@ -44,78 +67,57 @@ def curves(runs: Sequence[Row], key: str, metric: str, unit: str) -> Figure | No
     if numeric:
         values.sort()
     traces: list[Figure] = []
-    for number, line in enumerate(lines[:MOST_LINES]):
-        title = line.label or line.name
+    for index, line in enumerate(lines[:MOST_LINES]):
+        title = line.label or metric.title
         points = [
-            (value if numeric else label(value), f"{title}; {key}={value}", summary_of(line.groups[value], metric))
+            (value if numeric else label(value), f"{title}; {key_words(key)} {value}", summary_of(some, metric.name))
             for value in values
-            if value in line.groups
+            if (some := line.groups.get(value))
         ]
-        dash = DASHES[(number // len(COLOURS)) % len(DASHES)]
-        look = {"line": {"color": COLOURS[number % len(COLOURS)], "width": 2, "dash": dash}, "marker": _marker(number)}
-        traces.append({**_medians(points, mode="lines+markers", thickness=1.5), "name": label(title), **look})
+        dash = DASHES[(index // len(COLOURS)) % len(DASHES)]
+        look = {"line": {"color": COLOURS[index % len(COLOURS)], "width": 2, "dash": dash}, "marker": _marker(index)}
+        traces.append({**_medians(points, metric, mode="lines+markers", thickness=1.5), "name": label(title), **look})
     if len(values) < 2 or not any(trace["y"] for trace in traces):
         return None
-    x_axis = {"title": {"text": label(key)}, "type": "category", **(_axis(values) if numeric else {})}
-    return _figure(traces, x_axis, _y(metric, unit, traces), len(lines), "lines")
+    x_axis = {"title": {"text": label(key_words(key))}, "type": "category", **(_axis(values) if numeric else {})}
+    return _figure(traces, x_axis, _y(metric, traces), len(lines), "lines")
 
 
-def spread(columns: Mapping[str, Sequence[Row]], metric: str, unit: str) -> Figure | None:
-    """Every run as a point, a column a configuration; its median and 95 % interval beside them; None of fewer than two
-    runs.
+def spread(columns: Mapping[str, Sequence[Row]], metric: Shown) -> Figure | None:
+    """Every run as a point, a column a group, a colour a scenario, and beside them the median with its 95 % interval;
+    None of fewer than two runs.
     """
-    traces: list[Figure] = []
     names = list(columns)[:MOST_LINES]
-    for number, name in enumerate(names):
-        having = [run for run in columns[name] if run.status == "ok" and metric in run.known]
-        if not having:
-            continue
-        values = [run.known[metric] for run in having]
-        places = [number + 0.5 * (((7 * k) % 23) / 23 - 0.5) for k in range(len(values))]  # apart, the same each time
-        texts = [f"{name}; {run.name}: {run.known[metric]:.4g}" for run in having]
-        look = {"color": COLOURS[number % len(COLOURS)], "size": 5, "opacity": 0.5}
-        traces.append({**_points("markers", places, values, texts), "name": label(name), "marker": look})
-        median = _medians([(number + 0.36, name, summary_of(columns[name], metric))], mode="markers", thickness=2.0)
-        traces.append({**median, "marker": {**look, "size": 9, "opacity": 1.0, "symbol": "diamond"}})
+    places = list(dict.fromkeys(run.about["scenario"] for name in names for run in columns[name]))
+    several, wide = len(places) > 1, 0.8 / max(len(places), 1)
+    traces: list[Figure] = []
+    for k, place in enumerate(places):
+        x, y, texts, medians = [], [], [], []
+        for index, name in enumerate(names):
+            some = [run for run in columns[name] if run.about["scenario"] == place]
+            having = [run for run in some if run.status == "ok" and metric.name in run.known]
+            middle = index + wide * (k - (len(places) - 1) / 2)
+            x += [middle + 0.4 * wide * (((7 * n) % 23) / 23 - 0.5) for n in range(len(having))]  # the same each time
+            y += [metric.factor * run.known[metric.name] for run in having]
+            texts += [f"{name}; {run.name}: {metric.text(run.known[metric.name])}" for run in having]
+            if having:
+                medians.append((middle + 0.35 * wide, name, summary_of(some, metric.name)))
+        colour = {"color": COLOURS[k % len(COLOURS)]}
+        legend = {"name": label(place), "legendgroup": label(place)}
+        traces.append({**_points("markers", x, y, texts), **legend, "marker": {**colour, "size": 6, "opacity": 0.5}})
+        look = {"marker": {**colour, "size": 9, "symbol": "diamond"}, "showlegend": False}
+        traces.append({**_medians(medians, metric, mode="markers", thickness=2.0), **legend, **look})
     if sum(len(trace["y"]) for trace in traces[::2]) < 2:
         return None
     x_axis = {
         "tickvals": list(range(len(names))),
-        "ticktext": [label(name if len(name) <= 40 else f"{name[:39]}…") for name in names],
+        "ticktext": list(map(_lines, names)),
         "automargin": True,
         "ticklabeloverflow": "allow",
         "range": [-0.6, len(names) - 0.4],
     }
-    traces = [{**trace, "showlegend": False} for trace in traces]
-    return _figure(traces, x_axis, _y(metric, unit, traces), len(columns), "configurations")
-
-
-def paired(columns: Mapping[str, Sequence[Row]], baseline: str, metric: str, unit: str) -> Figure | None:
-    """A point for each pair of runs of a configuration and the baseline on the same case. None without any."""
-    first = values_of(columns[baseline], metric)
-    traces: list[Figure] = []
-    others = [name for name in columns if name != baseline]
-    for number, name in enumerate(others[:MOST_LINES]):
-        names = {run.case: run.name for run in columns[name]}
-        pairs = [
-            (case, one, value)
-            for case, value in values_of(columns[name], metric).items()
-            if (one := first.get(case)) is not None and value is not None
-        ]
-        if not pairs:
-            continue
-        _, x, y = zip(*pairs, strict=True)
-        texts = [f"{name}; {names[case]}: {b:.4g}, {baseline}: {a:.4g}" for case, a, b in pairs]
-        marker = {**_marker(number + 1), "opacity": 0.7}
-        traces.append({**_points("markers", x, y, texts), "name": label(name), "marker": marker})
-    if not traces:
-        return None
-    everything = [value for trace in traces for value in (*trace["x"], *trace["y"])]
-    ends = [min(everything), max(everything)]
-    look = {"hoverinfo": "skip", "line": {"color": "#7F7F7F", "width": 1, "dash": "dot"}}
-    line = {"type": "scatter", "mode": "lines", "name": "equal", "x": ends, "y": ends, **look}
-    x_axis, y_axis = ({**_axis(everything), **_title(f"{metric} of the {of}", unit)} for of in ("baseline", "others"))
-    return _figure([line, *traces], x_axis, y_axis, len(others), "configurations")
+    traces = [{**trace, "showlegend": several and trace.get("showlegend", True)} for trace in traces]
+    return _figure(traces, x_axis, _y(metric, traces), len(columns), "configurations")
 
 
 def _figure(traces: list[Figure], x_axis: Figure, y_axis: Figure, count: int, what: str) -> Figure:
@@ -128,44 +130,42 @@ def _points(mode: str, x: Sequence[Any], y: Sequence[float], texts: Sequence[str
     return {"type": "scatter", "mode": mode, "x": list(x), "y": list(y), **hover}
 
 
-def _medians(points: Sequence[tuple[Any, str, Summary]], *, mode: str, thickness: float) -> Figure:
-    """Medians with their 95 % intervals at places of x, each with its name; to a side where an interval goes on to
-    infinity it has no bar, and a median that is infinite is left out.
+def _medians(points: Sequence[tuple[Any, str, Summary]], metric: Shown, *, mode: str, thickness: float) -> Figure:
+    """Medians with their 95 % intervals, if there are any, at places of x, each with its name; to a side where an
+    interval goes on to infinity it has no bar, and a median that is infinite is left out.
     """
     shown = [(x, name, one) for x, name, one in points if one.median is not None and isfinite(one.median)]
     medians = [one.median or 0.0 for _, _, one in shown]
-    ends = [(_finite(one.low, y), _finite(one.high, y)) for (_, _, one), y in zip(shown, medians, strict=True)]
-    texts = [
-        f"{name}: median {one.median:.4g}, 95 % {one.low:.4g} to {one.high:.4g}, {one.runs} runs, {one.failed} failed"
-        for _, name, one in shown
+    ends = [
+        [y if end is None or not isfinite(end) else end for end in (one.low, one.high)]
+        for (_, _, one), y in zip(shown, medians, strict=True)
     ]
+    texts = []
+    for _, name, one in shown:
+        within = "" if one.low is None else f"95 % {metric.text(one.low)} to {metric.text(one.high)}, "
+        texts.append(f"{name}: median {metric.text(one.median)}, {within}{one.runs} runs, {one.failed} failed")
     bars = {
-        "array": [max(high - y, 0.0) for (_, high), y in zip(ends, medians, strict=True)],
-        "arrayminus": [max(y - low, 0.0) for (low, _), y in zip(ends, medians, strict=True)],
+        "array": [metric.factor * max(high - y, 0.0) for (_, high), y in zip(ends, medians, strict=True)],
+        "arrayminus": [metric.factor * max(y - low, 0.0) for (low, _), y in zip(ends, medians, strict=True)],
     }
     error = {"type": "data", "symmetric": False, "thickness": thickness, **bars}
-    return {**_points(mode, [x for x, _, _ in shown], medians, texts), "error_y": error}
+    return {**_points(mode, [x for x, _, _ in shown], [metric.factor * y for y in medians], texts), "error_y": error}
 
 
-def _marker(number: int) -> Figure:
-    return {"color": COLOURS[number % len(COLOURS)], "size": 8, "symbol": SYMBOLS[number % len(SYMBOLS)]}
+def _marker(index: int) -> Figure:
+    return {"color": COLOURS[index % len(COLOURS)], "size": 8, "symbol": SYMBOLS[index % len(SYMBOLS)]}
 
 
-def _title(name: str, unit: str) -> Figure:
-    return {"title": {"text": label(f"{name} [{unit}]" if unit else name)}}
-
-
-def _y(metric: str, unit: str, traces: Sequence[Figure]) -> Figure:
+def _y(metric: Shown, traces: Sequence[Figure]) -> Figure:
     look = _axis([value for trace in traces for value in trace["y"]])
-    return {**_title(metric, unit), **look} | ({} if look["type"] == "log" else {"rangemode": "tozero"})
+    return {"title": {"text": label(metric.title)}, **look} | ({} if look["type"] == "log" else {"rangemode": "tozero"})
 
 
 def _axis(values: Sequence[float]) -> Figure:
-    """Linear, or logarithmic with ticks at 1, 2 and 5; of more than three decades at 1."""
+    """Linear, or logarithmic with ticks at 1, 2 and 5 times a power of ten; over more than three decades at these."""
     if not (min(values) > 0 and max(values) >= WIDE * min(values)):
         return {"type": "linear"}
-    return {"type": "log", "dtick": "D2" if max(values) < DECADES * min(values) else 1}
-
-
-def _finite(value: float | None, other: float) -> float:
-    return value if value is not None and isfinite(value) else other
+    steps = (1, 2, 5) if max(values) < DECADES * min(values) else (1,)
+    powers = range(floor(log10(min(values))) - 1, ceil(log10(max(values))) + 1)
+    ticks = [step * 10.0**power for power in powers for step in steps]
+    return {"type": "log", "tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}

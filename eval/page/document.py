@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import hashlib
 import json
 import os
@@ -14,7 +15,6 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import distribution
 from importlib.resources import files
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +24,13 @@ from markupsafe import Markup, escape
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval import runs
-from moteslam.eval.metrics.registry import chosen, metric
+from moteslam.eval.metrics.registry import chosen, metric, title_of
 from moteslam.eval.page import charts
-from moteslam.eval.page.player import Budget, playable
-from moteslam.eval.statistics import Proportion, compare
+from moteslam.eval.page.player import budget_of, playable
+from moteslam.eval.statistics import FEWEST, Proportion
+from moteslam.eval.sweep.spec import SUCCESS
 from moteslam.eval.sweep.store import Row, opened
-from moteslam.eval.tables import literal
+from moteslam.eval.tables import literal, shortened
 from moteslam.files import read_text
 from moteslam.robot.values import interval, read_toml
 
@@ -46,6 +47,7 @@ class Material:
         documents: title and text of what was run: specifications of sweeps, configurations.
         facts: title, and names with values: versions, hardware.
         pending, wanted: runs of sweeps that were not made yet, and metrics that the specifications name.
+        success: of these, the limits of a run that succeeds; empty for the usual ones.
     """
 
     runs: list[Row] = field(default_factory=list)
@@ -53,6 +55,7 @@ class Material:
     facts: dict[str, dict[str, str]] = field(default_factory=dict)
     pending: int = 0
     wanted: list[str] = field(default_factory=list)
+    success: dict[str, float] = field(default_factory=dict)
 
     @property
     def issues(self) -> Counter[str]:
@@ -98,6 +101,7 @@ def _within(top: Path) -> Iterator[Path]:
 def _take_sweep(material: Material, path: Path, prefix: str) -> None:
     with opened(path) as store:
         spec = json.loads(store.spec)
+        material.success |= store.success
         material.wanted += [name for name in spec.get("metrics") or () if name not in material.wanted]
         material.documents.append((f"Specification of {path.name}", tomli_w.dumps(spec)))
         for title, facts in store.environment.items():
@@ -168,64 +172,73 @@ STYLE_OF_MAPS = re.compile(r'getElementById\("([0-9a-f]{32,})"\)')
 def page(
     material: Material,
     *,
-    title: str,
+    title: str | None = None,
     metrics: Sequence[str] = (),
+    by: str | None = None,
     baseline: str | None = None,
     progress: Callable[[float], None] = lambda _read: None,
 ) -> str:
     """The report, as HTML.
 
-    Without metrics it has those that the specifications name, else the usual ones; without a baseline the others are
-    compared with the first configuration. ``progress`` is called with how many runs were read. ``ConfigError``: an
-    unknown metric or baseline.
+    Without metrics it has those that the specifications name, else the usual ones; without an axis and a baseline the
+    others are compared as of ``axis_of`` with the first; the title says so. ``progress`` is called with how many runs
+    were read. ``ConfigError``: an unknown metric, axis or baseline.
     """
     made, names = material.runs, _metrics(material, metrics)
-    configurations = runs.by_configuration(made)
-    if baseline is not None and baseline not in configurations:
-        expected = ", ".join(map(repr, list(configurations)[:8]))
+    axis = runs.axis_of(made, by)
+    columns = runs.compared(made, axis)
+    if baseline is not None and baseline not in columns:
+        expected = ", ".join(map(repr, list(columns)[:8]))
         raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
-    first = baseline or next(iter(configurations))
+    first = baseline or next(iter(columns))
+    # with the units that were recorded: a plug-in's metric may not be here
     measured = {name: unit for run in made for name, one in run.scores.items() if (unit := one.get("unit"))}
-    units = {name: measured.get(name) or runs.unit_of(name) for name in names}
+    known = {name: [run.known.get(name) for run in made] for name in names}
+    shown = {name: charts.Shown(name, *heading) for name, heading in runs.headings(known, measured).items()}
     meanings = dict.fromkeys(names, "")
     for name in names:
-        with suppress(ConfigError):  # of a plug-in that is not here
+        with suppress(ConfigError):
             meanings[name] = metric(name).meaning
     played = [run for run in made if run.folder is not None]
-    budget = Budget.of(max(len(played), 1))
+    budget = budget_of(max(len(played), 1))
     players: list[tuple[str, Markup]] = []
     for run in played:
         assert run.folder is not None
-        players.append((f"{run.run.configured}: {run.name}", data_block(playable(run.folder, budget))))
+        name = f"{runs.name_of(run, runs.apart(made)) or run.name}, seed {run.run.seed}"
+        players.append((name, data_block(playable(run.folder, budget))))
         progress(len(players))
-    keys = list(dict.fromkeys(key for run in made for key, _ in run.run.varied))
+    keys = runs.apart(made, "scenario")
+    groups = runs.grouped(made, lambda run: runs.name_of(run, keys) or run.run.configured)
+    several = {key: len({runs.name_of(run, [key]) for run in made}) for key in runs.apart(made)}
+    varied = list(dict.fromkeys(key for run in made for key, _ in run.run.varied))
     drawn = [
         {
-            "spread": charts.spread(configurations, name, units[name]),
-            "pairs": charts.paired(configurations, first, name, units[name]),
-            "curves": [one for key in keys if (one := charts.curves(made, key, name, units[name])) is not None],
+            "spread": charts.spread(groups, one),
+            "curves": [curve for key in varied if (curve := charts.curves(made, key, one)) is not None],
         }
-        for name in names
+        for one in shown.values()
     ]
-    others = [name for name in configurations if name != first]
-    values = {name: {each: runs.values_of(rows, name) for each, rows in configurations.items()} for name in names}
-    pairs = {
-        name: [(other, compare(each[first], each[other], better=runs.better(name))) for other in others]
-        for name, each in values.items()
-    }
+    asked = (
+        f"{title_of(names[0])} by {runs.key_words(axis)}: {', '.join(columns)}" if len(columns) > 1 else made[0].name
+    )
     return _render(
         {
-            "title": title,
+            "title": shortened(asked, 160) if title is None else title,
             "made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
             "material": material,
             "names": names,
-            "units": units,
+            "shown": shown,
             "meanings": meanings,
             "runs": made,
-            "configurations": configurations,
-            "places": runs.grouped(made, lambda run: run.place),
+            "axis": runs.key_words(axis),
+            "groups": groups,
+            "group": " and ".join(keys) or axis,
+            "several": {**several, "seed": len({run.run.seed for run in made})},
+            "places": runs.grouped(made, lambda run: run.about["scenario"]),
             "baseline": first,
-            "pairs": pairs if others else {},
+            "pairs": {name: runs.comparisons(made, name, axis, first) for name in names} if len(columns) > 1 else {},
+            "fewest": FEWEST,
+            "limits": runs.success_words(material.success or SUCCESS),
             "failures": [run for run in made if run.status != "ok"],
             "players": players,
             "charts": data_block(drawn),
@@ -244,9 +257,11 @@ def data_block(value: Any) -> Markup:
 
 def _render(context: dict[str, Any]) -> str:
     assets = files("moteslam.eval.page")
-    style, *own = (assets.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "player.js", "page.js"))
-    plotly = distribution("plotly").locate_file("plotly/package_data/plotly.min.js")  # the package is not imported
-    scripts = [Path(str(plotly)).read_text(encoding="utf-8"), *own]
+    style, *scripts = (
+        assets.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "player.js", "page.js")
+    )
+    library = distribution("plotly").locate_file("plotly/package_data/plotly.min.js")  # the package is not imported
+    plotly = Path(str(library)).read_text(encoding="utf-8")
     environment = Environment(
         loader=BaseLoader(),
         autoescape=True,
@@ -256,23 +271,27 @@ def _render(context: dict[str, Any]) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {
-        "number": _number,
-        "interval": lambda low, high: interval(_number(low), _number(high)),
+        "interval": interval,
         "share": _share,
         "lines": lambda text: Markup("\n").join(escape(literal(line)) for line in text.splitlines()),
         "key": lambda value: "" if value is None else repr(value),  # by which a cell is sorted
         "success": lambda runs: Proportion(sum(run.succeeded for run in runs), len(runs)),
         "summary": runs.summary_of,
-        "by_configuration": runs.by_configuration,
         "s": lambda count: "" if count == 1 else "s",
     }
+    allowed = " ".join(map(_hash, (plotly, *scripts)))
     policy = (
-        f"default-src 'none'; script-src {' '.join(map(_hash, scripts))}; style-src {_hash(style)} {_hash('')}; "
+        f"default-src 'none'; script-src {allowed}; style-src {_hash(style)} {_hash('')}; "
         "img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
-    context["no_styles"] = STYLE_OF_MAPS.findall(scripts[0])
-    template = environment.from_string(assets.joinpath("page.html").read_text(encoding="utf-8"))
-    return template.render(**context, policy=Markup(policy), style=Markup(style), scripts=list(map(Markup, scripts)))
+    context |= {
+        "no_styles": STYLE_OF_MAPS.findall(plotly),
+        "library": Markup(base64.b64encode(gzip.compress(plotly.encode(), mtime=0)).decode()),
+        "policy": Markup(policy),
+        "style": Markup(style),
+        "scripts": list(map(Markup, scripts)),
+    }
+    return environment.from_string(assets.joinpath("page.html").read_text(encoding="utf-8")).render(**context)
 
 
 def _hash(text: str) -> str:
@@ -293,12 +312,6 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(found or having or material.wanted or ["final.ate"]))[
         : max(MOST_METRICS, len(set(material.wanted)))
     ]
-
-
-def _number(value: float | None) -> str:
-    if value is None:
-        return "–"
-    return f"{value:.4g}" if isfinite(value) else "failed"
 
 
 def _share(one: Proportion) -> str:

@@ -5,6 +5,11 @@
   const data = (id) => JSON.parse(get(id).textContent);
   const figures = data("charts");
   const variable = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const logTicks = (low, high) => {
+    const steps = high < 1000 * low ? [1, 2, 5] : [1], ticks = [];
+    for (let p = Math.floor(Math.log10(low)) - 1; p <= Math.ceil(Math.log10(high)); p++) ticks.push(...steps.map((step) => step * 10 ** p));
+    return { type: "log", tickvals: ticks, ticktext: ticks.map((tick) => String(Number(tick.toPrecision(1)))) };
+  };
   const CONFIG = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d"] };
   let number = 0, player = null, ignoreTime = false;
 
@@ -14,7 +19,7 @@
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: text, size: 13 },
       margin: { l: 60, r: 16, t: 16, b: 48 }, hovermode: "closest", hoverlabel: { align: "left" },
       modebar: { bgcolor: "rgba(0,0,0,0)", color: variable("--quiet"), activecolor: text },
-      legend: { orientation: "h", y: innerWidth < 600 ? -0.35 : -0.22, yanchor: "top" }, ...own,
+      legend: { orientation: "h", y: (innerWidth < 600 ? -0.28 : -0.2) * (own.xaxis.title ? 1 : 0.6), yanchor: "top" }, ...own,
       xaxis: { ...style, ...own.xaxis }, yaxis: { ...style, ...own.yaxis },
     };
   }
@@ -54,13 +59,14 @@
     place.parentElement.hidden = !known.length;
     if (!known.length) return;
     const all = known.flatMap(([name]) => [Math.min(...run.errors[name].filter((e) => e > 0)), Math.max(...run.errors[name])]);
+    const largest = Math.max(...all), [unit, factor] = largest < 0.02 ? ["mm", 1000] : largest < 1 ? ["cm", 100] : ["m", 1];
     const traces = known.map(([name, title, colour, dash]) => ({
-      type: "scatter", mode: "lines", name: title, x: Array.from(run.t), y: Array.from(run.errors[name]),
-      line: { color: variable(colour), dash, width: 1.5 }, hovertemplate: "%{x:.1f} s: %{y:.4f} m<extra></extra>",
+      type: "scatter", mode: "lines", name: title, x: Array.from(run.t), y: Array.from(run.errors[name], (e) => factor * e),
+      line: { color: variable(colour), dash, width: 1.5 }, hovertemplate: `%{x:.1f} s: %{y:.3~g} ${unit}<extra></extra>`,
     }));
-    const span = Math.max(...all) / Math.min(...all), scale = span < 20 ? {} : { type: "log", dtick: span < 1000 ? "D2" : 1 };
+    const least = Math.min(...all), scale = largest < 20 * least ? {} : logTicks(factor * least, factor * largest);
     Plotly.react(place, traces, layout({
-      xaxis: { title: { text: "time [s]" } }, yaxis: { title: { text: "error [m]" }, ...scale },
+      xaxis: { title: { text: "time [s]" } }, yaxis: { title: { text: `position error [${unit}]` }, ...scale },
       shapes: [cursor(player.time)],
     }), CONFIG);
     place.removeAllListeners("plotly_click");
@@ -170,7 +176,16 @@
   let scheme = "";
   window.addEventListener("beforeprint", () => { scheme = document.documentElement.dataset.scheme || ""; document.documentElement.dataset.scheme = "light"; recolour(); });
   window.addEventListener("afterprint", () => { if (scheme) document.documentElement.dataset.scheme = scheme; else delete document.documentElement.dataset.scheme; recolour(); });
-  setUpPlayer();
-  drawCharts();
-  document.documentElement.dataset.ready = "yes";
+  async function library() {
+    const packed = Uint8Array.from(atob(get("library").textContent), (letter) => letter.charCodeAt(0));
+    const script = document.createElement("script"), stream = new Blob([packed]).stream();
+    script.textContent = await new Response(stream.pipeThrough(new DecompressionStream("gzip"))).text();
+    document.head.append(script);
+  }
+
+  library().then(() => {
+    setUpPlayer();
+    drawCharts();
+    document.documentElement.dataset.ready = "yes";
+  });
 })();

@@ -1,21 +1,25 @@
-"""Figures of errors, and of the effective number of particles, over time."""
+"""Curves: errors and the effective number of particles over time, and medians of a sweep over what varies."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite, log10
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.eval.metrics.association import evenly
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.relations import RelationResult
 from moteslam.eval.metrics.residuals import ResidualResult
 from moteslam.eval.report import style
-from moteslam.eval.report.style import File, broken, curve_axes, line_look
+from moteslam.eval.report.style import File, curve_axes, line_look
+from moteslam.eval.runs import CONFIGURATION, SETTINGS, better, grouped, headings, key_words, summary_of, varying
+from moteslam.eval.statistics import FEWEST
+from moteslam.eval.sweep.store import Row
+from moteslam.eval.tables import fitting, literal, number
 
 Array = NDArray[np.float64]
 Errors = AteResult | None
@@ -24,10 +28,8 @@ Line = tuple[str, AteResult, dict[str, Any]]
 
 RUG = 1.05
 """Where the marks of resampling stand, as a share of the particles."""
-SINGLE_VALUES, WINDOWS, MEDIANS = 300, 240, 25
-"""A curve of more values is unreadable: their range in windows and their running median are drawn, so many a run."""
 FAR_APART, LEAST_SHOWN = 20, 0.01
-"""Errors of which one is this many times another are drawn on logarithmic axes, from there on [cm], [deg]."""
+"""Errors of which one is this many times another are drawn on logarithmic axes, from there on, whatever the unit."""
 
 
 def draw_error(
@@ -38,32 +40,45 @@ def draw_error(
     """
     given = (
         ("dead reckoning", dead_reckoning, {"color": style.DEAD_RECKONING}),
-        (style.ONLINE, slam, {"color": style.SLAM}),
-        (style.FINAL, final, {"color": style.SLAM, "ls": (0, (3, 1.5))}),
+        (style.ONLINE, slam, {"color": style.SLAM if final is None else style.ONLINE_COLOUR}),
+        (style.FINAL, final, {"color": style.SLAM}),
     )
     lines: list[Line] = [
-        (f"{name}, RMSE {100 * errors.rmse:.1f} cm", errors, look) for name, errors, look in given if errors is not None
+        (f"{name}, RMSE {_length(errors.rmse)}", errors, look) for name, errors, look in given if errors is not None
     ]
     rmse = [errors.rmse for _, errors, _ in lines]
-    with style.saved_figure(path, size=(8.0, 5.0), title=title) as figure:
+    with style.saved_figure(path, size=(8.0, 5.0), title=title, columns=(3, 2)) as figure:
         distance, angle = figure.subplots(2, 1, sharex=True)
         _draw_errors(distance, angle, lines, logarithmic=max(rmse) > FAR_APART * min(rmse))
+
+
+def _length(value: float) -> str:
+    unit, factor = fitting("m", [value])
+    return f"{number(factor * value)} {unit}"
 
 
 def _draw_errors(
     distance: style.Axes, angle: style.Axes | None, lines: Sequence[Line], *, logarithmic: bool = False
 ) -> None:
     start = min(float(errors.stamps[0]) for _, errors, _ in lines)
+    unit, factor = fitting("m", [float(errors.errors.max()) for _, errors, _ in lines])
+    largest = [factor * max(float(errors.errors.max()) for _, errors, _ in lines), 0.0]
     for label, errors, look in lines:
         time = errors.stamps - start
-        distance.plot(*broken(time, 100 * errors.errors), lw=1.0, label=label, **look)
+        style.draw_curve(distance, time, factor * errors.errors, label=label, **look)
         if angle is not None and errors.rotation_errors is not None:
-            angle.plot(*broken(time, np.rad2deg(errors.rotation_errors)), lw=1.0, **look)
-    for axes, label in ((distance, "position error [cm]"), (angle, "heading error [deg]")):
-        if axes is not None:
-            axes.set_yscale("log" if logarithmic else "linear")
-            axes.set_ylim(bottom=LEAST_SHOWN if logarithmic else 0)
-            curve_axes(axes, label)
+            turns = np.rad2deg(errors.rotation_errors)
+            largest[1] = max(largest[1], float(turns.max()))
+            style.draw_curve(angle, time, turns, **look)
+    named = (distance, f"position error [{unit}]"), (angle, "heading error [deg]")
+    for (axes, label), most in zip(named, largest, strict=True):
+        if axes is None:
+            continue
+        curve_axes(axes, label)
+        if logarithmic and most > LEAST_SHOWN:
+            style.log_axis(axes, LEAST_SHOWN, 1.2 * most)
+        else:
+            axes.set_ylim(bottom=0)
     (angle or distance).set_xlabel("time [s]")
 
 
@@ -76,19 +91,7 @@ def draw_effective_particles(
     time, when, most, n = stamps - stamps[0], np.asarray(resampled, bool), int(particles.max()), len(stamps)
     with style.saved_figure(path, size=(10.0, 3.6), title=title) as figure:
         axes = figure.subplots()
-        if n <= SINGLE_VALUES:
-            axes.plot(*broken(time, n_eff), color=style.SLAM, lw=0.8, label="effective particles")
-        else:
-            windows = np.array_split(np.arange(n), WINDOWS)
-            middle = evenly(np.arange(n), WINDOWS)
-            at, low = broken(time[middle], np.array([n_eff[window].min() for window in windows]))
-            _, high = broken(time[middle], np.array([n_eff[window].max() for window in windows]))
-            label = f"effective particles: range in {n // WINDOWS} updates"
-            axes.fill_between(at, low, high, color=style.PARTICLE, alpha=0.5, lw=0, label=label)
-            half = n // MEDIANS // 2
-            trend = np.array([np.median(n_eff[max(k - half, 0) : k + half + 1]) for k in middle])
-            label = f"running median over {n // MEDIANS} updates"
-            axes.plot(*broken(time[middle], trend), color=style.SLAM, lw=1.4, label=label)
+        style.draw_curve(axes, time, n_eff, label="effective particles", color=style.SLAM)
         if particles.min() < most:
             axes.plot(time, particles, color="0.5", lw=0.8, drawstyle="steps-post", label="particles")
         above = np.full(when.sum(), most * RUG)  # over the curve, which marks on it would hide
@@ -118,7 +121,7 @@ def _draw_errors_and_paths(path: File, results: Mapping[str, AteResult], title: 
     has_heading = any(ate.rotation_errors is not None for ate in results.values())
     first = next(iter(results.values())).reference
     lines: list[Line] = [
-        (f"{name}, ATE RMSE {100 * ate.rmse:.1f} cm{', scale fitted' if ate.scale != 1 else ''}", ate, line_look(i))
+        (f"{name}, ATE RMSE {_length(ate.rmse)}{', scale fitted' if ate.scale != 1 else ''}", ate, line_look(i))
         for i, (name, ate) in enumerate(results.items())
     ]
     with style.saved_figure(path, size=(12.0, 5.5), title=title, columns=(1, 1)) as figure:
@@ -137,13 +140,16 @@ def _draw_shares(path: File, results: Mapping[str, RelationResult], title: str) 
         distance, angle = figure.subplots(1, 2, sharey=True)
         for i, (name, result) in enumerate(results.items()):
             look = {"lw": 1.2, **line_look(i)}
-            label = f"{name}, mean {result.translation.mean:.3f} m over {result.pairs} relations"
+            label = f"{name}, mean {_length(result.translation.mean)} over {result.pairs} relations"
             distance.ecdf(result.errors, label=label, **look)
             angle.ecdf(np.rad2deg(result.rotation_errors), **look)
-        for axes, unit in ((distance, "translation error [m]"), (angle, "rotation error [deg]")):
-            axes.set_xlabel(unit)
-            axes.set_xscale("log")
+        far = np.concatenate([one.errors for one in results.values()])
+        turned = np.rad2deg(np.concatenate([one.rotation_errors for one in results.values()]))
+        for axes, label, values in ((distance, "translation error [m]", far), (angle, "rotation error [deg]", turned)):
+            axes.set_xlabel(label)
             axes.grid(color="0.9", lw=0.6)
+            if len(above := values[values > 0]):
+                style.log_axis(axes, float(np.quantile(above, 0.01)), 1.2 * float(above.max()), "x")
         distance.set_ylabel("share of the relations below")
         distance.set_ylim(0, 1)
 
@@ -154,3 +160,155 @@ def _short(names: list[str]) -> list[str]:
         return [Path(names[0]).name]
     shared = Path(os.path.commonpath([Path(name).absolute().parent for name in names]))
     return [str(Path(name).absolute().relative_to(shared)) for name in names]
+
+
+LOG_Y, LOG_X = 12.0, 5.0
+"""Values of which one is this many times another have a logarithmic axis, if all are above 0; so have those below."""
+DODGE, MARGIN = 0.012, 0.08
+"""Between the same place on two lines, whose intervals lie side by side, and beyond the values, where medians that are
+infinite lie; as shares of the axis."""
+MARKERS = ("o", "s", "^", "D", "v", "P")
+
+
+class SweptLine(NamedTuple):
+    """The runs of one scenario and configuration, by their values of a column.
+
+    ``where`` (scenario, robot, noise) and ``how`` set the line apart from the others.
+    """
+
+    where: str
+    how: str
+    groups: Mapping[Any, Sequence[Row]]
+
+    @property
+    def label(self) -> str:
+        """What sets it apart, in words; empty of a single line."""
+        return ", ".join(filter(None, (self.where, self.how)))
+
+
+def lines_over(rows: Iterable[Row], column: str) -> list[SweptLine]:
+    """The lines of a chart over a column of ``Row.about``; runs without it are left out."""
+    having = [row for row in rows if column in row.about]
+    keys = [key for key in varying([row.about for row in having]) if key != column]
+    keys = [key for key in keys if len({str(row.about.get(key, "")) for row in having}) > 1]
+
+    def words(row: Row, settings: bool) -> str:
+        named = [key for key in keys if (key in SETTINGS) == settings and row.about.get(key, "") != ""]
+        plain = (*SETTINGS, CONFIGURATION, "version")
+        return ", ".join(f"{'' if key in plain else f'{key_words(key)} '}{row.about[key]}" for key in named)
+
+    members = grouped(having, lambda row: (words(row, True), words(row, False)))
+    return [SweptLine(*apart, grouped(some, lambda row: row.about[column])) for apart, some in members.items()]
+
+
+def draw_sweep(
+    path: File, rows: Sequence[Row], metrics: Sequence[str], *, column: str, label: str | None = None
+) -> None:
+    """Medians over a column of ``Row.about`` with bars for their 95 % bootstrap intervals, or of few runs each of them
+    as a point; a panel a metric.
+
+    A colour stands for a scenario, robot and noise, dashes for a configuration. A median that is infinite, since half
+    of the runs failed, is an open marker beyond the others. Bars end at the edge where they go on to infinity.
+    """
+    lines = lines_over(rows, column)
+    places = places_of([value for line in lines for value in line.groups])
+    looks = _looks(lines)
+    with style.saved_figure(path, size=(1.0 + 5.2 * len(metrics), 4.6)) as figure:
+        panels = figure.subplots(1, len(metrics), squeeze=False)[0]
+        for axes, name in zip(panels, metrics, strict=True):
+            _draw_medians(axes, lines, looks, name, places)
+            axes.set_xlabel(literal(key_words(column) if label is None else label), parse_math=False)
+        if max(len(runs) for line in lines for runs in line.groups.values()) >= FEWEST:
+            panels[0].errorbar([], [], yerr=[], color="0.4", ls="", capsize=3.5, label="95 % interval of the median")
+
+
+def places_of(values: Sequence[Any]) -> dict[Any, float]:
+    """Where the values of a column lie on the axis, in their order there.
+
+    Numbers, also those that were written as words, lie where they are; words and truth values side by side.
+    """
+    once = list(dict.fromkeys(values))
+    try:
+        numbers = {value: float(value) for value in once}
+    except (TypeError, ValueError):
+        numbers = {}
+    if not numbers or any(isinstance(value, bool) or not isfinite(numbers[value]) for value in once):
+        return {value: float(k) for k, value in enumerate(once)}
+    return dict(sorted(numbers.items(), key=lambda item: item[1]))
+
+
+def _looks(lines: Sequence[SweptLine]) -> list[dict[str, Any]]:
+    wheres, hows = list(dict.fromkeys(line.where for line in lines)), list(dict.fromkeys(line.how for line in lines))
+    looks = []
+    for line in lines:
+        first, second = wheres.index(line.where), hows.index(line.how)
+        marker = MARKERS[(second if len(hows) > 1 else first) % len(MARKERS)]
+        dashes = style.DASHES[second % len(style.DASHES)]
+        looks.append({"color": style.COLOURS[first % len(style.COLOURS)], "ls": dashes, "marker": marker})
+    return looks
+
+
+def far_apart(values: Sequence[float], factor: float = LOG_Y) -> bool:
+    """Whether values are all above 0 and one is this many times another."""
+    return len(values) > 0 and min(values) > 0 and max(values) >= factor * min(values)
+
+
+def _draw_medians(
+    axes: style.Axes, lines: Sequence[SweptLine], looks: Sequence[dict[str, Any]], name: str, places: dict[Any, float]
+) -> None:
+    summed = [{value: summary_of(rows, name) for value, rows in line.groups.items()} for line in lines]
+    alone = [row.known[name] for line in lines for rows in line.groups.values() for row in rows if name in row.known]
+    ends = [end for line in summed for one in line.values() for end in (one.median, one.low, one.high)]
+    few = all(len(rows) < FEWEST for line in lines for rows in line.groups.values())
+    finite = [value for value in (*ends, *(alone if few else ())) if value is not None and isfinite(value)]
+    title, factor = headings({name: finite})[name]
+    finite = [factor * value for value in finite]
+    low, high = _limits(finite, logarithmic=far_apart(finite), from_zero=better(name) == "lower")
+    first, last = min(places.values()), max(places.values())
+    if first == last:
+        first, last = first - 0.5, last + 0.5
+    words = [*places.values()] == [*range(len(places))]  # a line from one to the next would mean nothing
+    if not words and far_apart(list(places.values()), LOG_X):
+        axes.set_xscale("log")
+    for index, (line, groups) in enumerate(zip(lines, summed, strict=True)):
+        having = [(value, x, groups[value]) for value, x in places.items() if value in groups]
+        having = [(value, x, one) for value, x, one in having if one.median is not None]
+        shift = DODGE * (4 if words else 1) * (index - (len(lines) - 1) / 2)
+        x = np.array([x for _, x, _ in having])
+        x = x * (last / first) ** shift if axes.get_xscale() == "log" else x + shift * (last - first)
+        ranges = [(one.median, one.low, one.high) if one.low is not None else (one.median,) * 3 for *_, one in having]
+        shown = factor * np.array(ranges, np.float64).reshape(-1, 3).T
+        y, bottom, top = np.clip(shown, low, high)
+        bars = np.array([one.low is not None for _, _, one in having], np.bool_)
+        look = {"lw": 1.4, **looks[index], **({"ls": ""} if words else {})}
+        axes.plot(x, y, ms=5.5, label=line.label or "median", **look)
+        axes.errorbar(x[bars], y[bars], yerr=((y - bottom)[bars], (top - y)[bars]), capsize=3.5, **look)
+        for at, (value, _, _) in zip(x, having, strict=True) if few else ():  # no interval: every run
+            each = [factor * row.known[name] for row in line.groups[value] if name in row.known]
+            axes.plot([at] * len(each), each, ".", color=looks[index]["color"], ms=4, alpha=0.5)
+        failed = ~np.isfinite(shown[0])
+        axes.plot(x[failed], y[failed], "o", mfc="white", mec=looks[index]["color"], ms=9, zorder=5)
+    if few:
+        axes.plot([], [], ".", color="0.4", label="every run")
+    names = [f"{value:g}" if isinstance(value, float) else str(value) for value in places]
+    axes.set_xticks(list(places.values()), names, parse_math=False)
+    if far_apart(finite):
+        style.log_axis(axes, low, high)
+    axes.set_ylim(low, high)
+    axes.minorticks_off()
+    axes.set_ylabel(f"median {title}")
+    axes.grid(axis="y", color="0.9", lw=0.6)
+
+
+def _limits(values: Sequence[float], *, logarithmic: bool, from_zero: bool) -> tuple[float, float]:
+    """Of the axis: beyond the values by ``MARGIN``; a linear one begins at 0 where that is the best value."""
+    if not values:
+        return 0.0, 1.0
+    low, high = min(values), max(values)
+    if logarithmic:
+        factor = 10 ** (MARGIN * log10(high / low))
+        return low / factor, high * factor
+    if from_zero and low >= 0:
+        return 0.0, high + MARGIN * (high or 1.0)
+    margin = MARGIN * (high - low) or 0.05 * abs(high) or 1.0
+    return low - margin, high + margin

@@ -12,12 +12,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.eval.tables import literal
+from moteslam.eval.tables import literal, shortened
 from moteslam.files import write_atomically
 
 if TYPE_CHECKING:
@@ -79,6 +79,8 @@ STYLE = PictureStyle()
 SLAM, TRUTH, DEAD_RECKONING, PARTICLE = STYLE.slam, STYLE.truth, STYLE.dead_reckoning, STYLE.particle
 UNKNOWN = str(STYLE.map_unknown)
 """The grey of cells that the map does not know, and beyond it."""
+ONLINE_COLOUR = "#CC79A7"
+"""Of the online trajectory where the final one is drawn, too."""
 ONLINE, FINAL = "SLAM (online)", "SLAM (final)"
 """The two trajectories of SLAM: each pose as it was known then, and all as they were known at the end."""
 COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -88,6 +90,8 @@ STEPS = tuple(step * 10.0**power for power in range(-9, 10) for step in (1, 2, 5
 """Round numbers."""
 TRUTH_BAND: dict[str, Any] = {"color": TRUTH, "lw": 4.0, "alpha": 0.55}
 """The path of the truth, under the others."""
+SINGLE_VALUES, WINDOWS, MEDIANS = 300, 240, 60
+"""A curve of more values is unreadable: their range in windows and their running median are drawn, so many a run."""
 GAP = 10
 """Median intervals, and at least a second: a curve is broken at a longer gap, in which nothing was measured."""
 
@@ -149,12 +153,6 @@ def saved_plan(
         yield axes
 
 
-def shortened(text: str, longest: int) -> str:
-    """Printable text of at most this number of characters."""
-    text = literal(text)
-    return text if len(text) <= longest else f"{text[: longest - 1]}…"
-
-
 def plan(axes: Axes) -> None:
     """Axes of a floor plan: metres, and equal in x and y."""
     axes.set_aspect("equal", adjustable="box")
@@ -198,14 +196,14 @@ def curve_axes(axes: Axes, label: str) -> None:
     axes.grid(axis="y", color="0.9", lw=0.6)
 
 
-def log_axis(axes: Axes, low: float, high: float) -> None:
-    """A logarithmic axis of y with a tick at each 1, 2 and 5 times a power of ten."""
+def log_axis(axes: Axes, low: float, high: float, which: Literal["x", "y"] = "y") -> None:
+    """A logarithmic axis with a tick at each 1, 2 and 5 times a power of ten."""
     from matplotlib.ticker import LogLocator
 
-    axes.set_yscale("log")
-    axes.set_ylim(low, high)
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter("{x:g}")
+    axes.set(**{f"{which}scale": "log", f"{which}lim": (low, high)})
+    axis = axes.yaxis if which == "y" else axes.xaxis
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter("{x:g}")
     axes.minorticks_off()
 
 
@@ -216,6 +214,23 @@ def broken(time: Array, values: Array) -> tuple[Array, Array]:
         return time, values
     gaps = np.flatnonzero(steps > max(1.0, GAP * float(np.median(steps)))) + 1
     return np.insert(time, gaps, time[gaps]), np.insert(values, gaps, np.nan)
+
+
+def draw_curve(axes: Axes, time: Array, values: Array, *, label: str = "", **look: Any) -> None:
+    """Values [n] over time [n] [s], broken at gaps; of many the range in windows, and the running median over it."""
+    n = len(time)
+    if n <= SINGLE_VALUES:
+        axes.plot(*broken(time, values), lw=1.0, label=label, **look)
+        return
+    windows, half = np.array_split(np.arange(n), WINDOWS), n // MEDIANS // 2
+    middle = np.linspace(0, n - 1, WINDOWS).round().astype(np.intp)
+    at, low = broken(time[middle], np.array([values[window].min() for window in windows]))
+    _, high = broken(time[middle], np.array([values[window].max() for window in windows]))
+    axes.fill_between(at, low, high, color=look["color"], alpha=0.3, lw=0)
+    trend = np.array([np.median(values[max(k - half, 0) : k + half + 1]) for k in middle])
+    axes.plot(*broken(time[middle], trend), lw=1.4, label=label, **look)
+    if label:
+        axes.plot([], [], " ", label="lines: running medians, bands: ranges")
 
 
 def line_look(index: int) -> dict[str, Any]:

@@ -174,8 +174,11 @@ def _runs(spec: SweepSpec) -> Iterator[PlannedRun]:
                 _run(spec, case, name, one, values)
                 for name, one in spec.configurations.items()
                 for values in (apart if one.command else combinations)
+                # of one recording a command without a seed has one result
+                if not one.command or case[0] or case[-1] == seeds[0] or "{seed}" in " ".join(one.command)
             ]
-            yield from sorted(runs, key=lambda run: run.case)
+            order = {run.case: number for number, run in reversed([*enumerate(runs)])}
+            yield from sorted(runs, key=lambda run: order[run.case])
 
 
 def _run(

@@ -10,8 +10,8 @@ from typing import Any
 
 from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
 from moteslam.eval.metrics.registry import COSTS, Value, measure
-from moteslam.eval.metrics.relations import Relations, is_relations, read_relations
-from moteslam.eval.scores import beside, evidence_of, true_map_beside, truth_file
+from moteslam.eval.metrics.relations import Relations
+from moteslam.eval.scores import evidence_of, relations_beside, true_map_beside, truth_file
 from moteslam.eval.sweep.external import Command, estimate
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.robot.raster import Raster
@@ -51,11 +51,10 @@ def load_case(run: PlannedRun) -> Case:
     from moteslam.robot.formats import open_recording
 
     path = Path(run.recording)
-    file = beside(path, "{}.reference.tum") or truth_file(path)
+    file = truth_file(path)
     truth = None if file is None else read_tum(file)
-    pairs = beside(path, "{}.relations")
-    relations = None if pairs is None or not is_relations(pairs) else read_relations(pairs)
-    return Case(open_recording(path), truth, None if truth is None else true_map_beside(path), relations)
+    true_map = None if truth is None else true_map_beside(path)
+    return Case(open_recording(path), truth, true_map, relations_beside(path))
 
 
 _latest: dict[Any, Case] = {}

@@ -88,11 +88,6 @@ class Row:
         }
 
     @property
-    def case(self) -> Key:
-        """Where, robot, noise, duration and seed: runs of two configurations with the same are a pair."""
-        return self.about["scenario"], self.about["platform"], self.run.noise, self.run.duration, self.run.seed
-
-    @property
     def place(self) -> str:
         """For people: where it drove, with which robot and noise."""
         return ", ".join(filter(None, (str(self.about[key]) for key in ("scenario", "platform", "noise"))))
@@ -125,6 +120,7 @@ class Store:
         self.path, self._connection = path, connection
         self.spec, self.part, self.digest = str(about["spec"]), str(about["part"]), str(about.get("digest", ""))
         self.environment: dict[str, dict[str, str]] = json.loads(about.get("environment", "{}"))
+        self.success: dict[str, float] = json.loads(self.spec).get("success", SUCCESS)
 
     def pending(self) -> list[PlannedRun]:
         """The runs that were not made yet, in their order."""
@@ -145,11 +141,10 @@ class Store:
     def rows(self) -> Iterator[Row]:
         """All runs, in their order."""
         columns = "run, coalesce(status, ''), coalesce(error, ''), coalesce(result, '{}')"
-        success = json.loads(self.spec).get("success", SUCCESS)
         for text, status, error, result in self._connection.execute(f"SELECT {columns} FROM runs ORDER BY number"):
             found = json.loads(result)
             scores, issues = dict(sorted(found.get("values", {}).items())), tuple(found.get("issues", ()))
-            succeeded = status == "ok" and within(scores, success)
+            succeeded = status == "ok" and within(scores, self.success)
             yield Row(PlannedRun.model_validate_json(text), status, error, scores, issues, succeeded)
 
     def take(self, other: Store) -> None:

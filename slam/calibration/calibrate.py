@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.values import expect_type
+from moteslam.robot.sensor_reports import turns
 from moteslam.slam.calibration.clock_step import ClockStep, clock_steps, with_stamps
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Fit, Pairs, Parameter, Path, clock, fit
 from moteslam.slam.calibration.odometry_forms import FORMS, in_form, quarter_turn
@@ -21,8 +21,11 @@ from moteslam.slam.calibration.registered import (
     TURNING,
     RegisteredPairs,
     UnfitScansError,
+    UnmeasuredError,
     best_scale,
     choose_pairs,
+    expect_one_order,
+    unmeasured,
 )
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
@@ -41,15 +44,14 @@ AGREES, AGREES_LOGGED = 0.6, 0.35
 BETTER, EVIDENCE = 0.4, 60.0
 """Odometry is read in another way where that costs less than this share, and over all pairs less by this much."""
 EXPLAINED = 0.6
-"""Two clocks explain what scans show where the odometry costs less than this share of what it does with one."""
+"""Two clocks explain what scans show where the odometry costs less than this share of what it does with one; and so do
+other angles than stated where scans see one side of the robot alone: these are biased by a few percent. Wheels without
+a gyro, whose turns are poor, are not asked."""
 STEPPED = 0.8
 """A clock steps where the odometry costs less than this share without, and over all pairs less by ``EVIDENCE``: a step
 near an end of the recording is in few of them."""
 UNFIT = 7.0
 """Odometry that costs more in every way does not measure the motion of the scans."""
-WITNESS = 5.0
-"""With the stated angles the odometry must cost this much more over all pairs where scans see one side of the robot
-alone: these are biased by a few percent. Wheels without a gyro, whose turns are poor, are not asked."""
 BESIDE = 0.26
 """A fan sees a side of the robot from this angle to the side on [rad]: one of 180 degrees may be wrong by as much."""
 SIGMAS = 5.0
@@ -109,7 +111,7 @@ class Calibration:
     step: ClockStep | None = None
 
 
-def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None:
+def estimate(recording: Recording, pairs: int = PAIRS) -> Calibration | None:
     """Estimate what a recording shows of its sensors, from scans alone and from scans and odometry.
 
     Args:
@@ -117,17 +119,11 @@ def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None
         pairs: of scans that are registered: the more, the longer it takes, and the smaller the deviations.
 
     Returns:
-        None if too few scans can be registered, the robot hardly turns, or there is no odometry.
+        None if too little is there.
+
+    Raises:
+        UnmeasuredError: scans do not fit each other, or the robot drives and shows nothing.
     """
-    try:
-        return estimate(recording, pairs)
-    except UnfitScansError:
-        return None
-
-
-def estimate(recording: Recording, pairs: int) -> Calibration | None:
-    """The same; scans that could be registered and do not fit raise ``UnfitScansError``."""
-    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
         return None
@@ -137,6 +133,7 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
         return None
     try:
         with np.errstate(all="ignore"):
+            expect_one_order(some)
             return _without_step(recording, _in_some_reading(recording, in_order(lidar), pairs), pairs)
     except (InputError, np.linalg.LinAlgError):  # encoders without wheels; values that are not finite
         return None
@@ -149,7 +146,10 @@ def _without_step(recording: Recording, found: Calibration | None, pairs: int) -
     for step in clock_steps(recording, LATE):
         undone = step.undone(recording)
         assert undone.lidar is not None
-        again = _in_some_reading(undone, in_order(undone.lidar), pairs)
+        try:
+            again = _in_some_reading(undone, in_order(undone.lidar), pairs)
+        except UnmeasuredError:
+            continue
         if again is None or again.clocks is None or not again.fits:
             continue
         cost, less = (min(each.fit.cost, each.clocks.cost) for each in (found, again) if each.clocks is not None)
@@ -169,6 +169,7 @@ def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Ca
     stated, found, unfit = None, None, None
     for some in (chosen, choose_pairs(lidar, odometry, pairs, NEARER)):
         if len(some[0]) < FEWEST:
+            unmeasured(odometry)
             return None
         scans = RegisteredPairs(recording, lidar, *some)
         stated = stated or scans
@@ -178,9 +179,10 @@ def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Ca
             unfit = unfit or error
             continue
         if found is None:
+            unmeasured(odometry)
             return None
-        turns = found.fit.values[Parameter.TURNS]
-        if found.fits and abs(found.angle_scale - 1) < FAR_OFF and abs(turns - 1) < TURNS_OFF:
+        turned = found.fit.values[Parameter.TURNS]
+        if found.fits and abs(found.angle_scale - 1) < FAR_OFF and abs(turned - 1) < TURNS_OFF:
             return found
         break
     scale = best_scale(recording, lidar, *chosen)
@@ -193,8 +195,10 @@ def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Ca
     if again is not None and stated is not None and scans.fits_better(stated):
         deviation = scale * again.angle_deviation
         return replace(again, angle_scale=scale * again.angle_scale, angle_deviation=deviation)
-    if found is None and unfit is not None and unfit.args[0] < FEW_FIT * unfit.args[1]:
-        raise unfit
+    if found is None and unfit is not None:
+        if unfit.share < FEW_FIT:
+            raise unfit
+        unmeasured(odometry)
     return found
 
 
@@ -208,7 +212,7 @@ def _calibrate(
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
     form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
     at = _at(in_form(path, form))
-    wrong = _wrong(recording, path, scans.pairs) if mirrored else ""
+    wrong = _wrong(recording, scans.pairs) if mirrored else ""
     is_reversed = scans.mirror(lidar, _rates(scans, at, offset, drift)) if mirrored else False
     angle_scale, deviation, excess = scans.scale_angles()
     best = fit(scans.pairs, at, (offset, drift), shared=logged)
@@ -225,7 +229,7 @@ def _calibrate(
     if abs(angle_scale - 1) > SIGMAS * deviation and not (wheels_alone or beside):
         witness = scans.stated()
         as_stated = fit(witness.pairs, at, (offset, drift), shared=logged)
-        if (as_stated.cost - clocks.cost) * len(scans.pairs.first) < WITNESS:
+        if clocks.cost > EXPLAINED * as_stated.cost:
             scans, clocks, deviation, excess = witness, as_stated, abs(angle_scale - 1), (excess[0], abs(excess[0]))
     one = clocks if logged else fit(scans.pairs, at, (0.0, 0.0), shared=True)
     drifts_by, about_drift = (float(each[Parameter.DRIFT]) for each in (clocks.values, clocks.deviations))
@@ -284,18 +288,13 @@ def _sees_both_sides(lidar: LidarStream, yaw: float) -> bool:
     return all((np.abs(se2.wrap(bearings - side)) < BESIDE).any() for side in (np.pi / 2, -np.pi / 2))
 
 
-def _wrong(recording: Recording, path: OdometryPath, pairs: Pairs) -> Literal["", "lidar", "odometry", "gyro"]:
+def _wrong(recording: Recording, pairs: Pairs) -> Literal["", "lidar", "odometry", "gyro"]:
     """Which of scans and odometry turns the wrong way, by a third that turns: the gyro, or wheels beside a gyro."""
-    imu, alone = recording.imu, path.by_wheels
-    other: Literal["odometry", "gyro"]
-    if recording.encoders is not None and alone is not None:
-        stamps, headings, other = path.stamps, alone[:, 2], "gyro"
-    elif recording.encoders is None and imu is not None and len(imu) > 1:
-        headings = np.cumsum(imu.angular_velocity[:, 2] * np.diff(imu.stamps, prepend=imu.stamps[0]))
-        stamps, other = imu.stamps, "odometry"
-    else:
+    found = turns(recording)
+    if len(found) < 2 or "imu" not in found:
         return ""
-    *_, correlation = clock(pairs, stamps, np.unwrap(headings), shared=False)
+    other: Literal["odometry", "gyro"] = "gyro" if "encoders" in found else "odometry"
+    *_, correlation = clock(pairs, *found["encoders" if other == "gyro" else "imu"], shared=False)
     if abs(correlation) < AGREES:
         return ""
     return "lidar" if correlation < 0 else other

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from itertools import product
 from math import degrees
@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recording
 from moteslam.robot.values import Issue
-from moteslam.slam.calibration.calibrate import PAIRS, SIGMAS, Calibration, estimate
+from moteslam.slam.calibration.calibrate import LATE, PAIRS, SIGMAS, Calibration, estimate
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
-from moteslam.slam.calibration.registered import UnfitScansError
+from moteslam.slam.calibration.registered import UnmeasuredError
+from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
 Array = NDArray[np.float64]
@@ -90,17 +91,14 @@ class Findings:
 
 
 def checked(recording: Recording, pairs: int = PAIRS) -> tuple[Calibration | None, Findings | None]:
-    """A recording held against itself, and what that says: of scans that do not fit each other that they do not.
+    """A recording held against itself, and what that says, also of one of which nothing can be measured.
 
     Both are None where too little is there, or the robot hardly turns; ``pairs`` as of ``calibrate``.
     """
     try:
         calibration = estimate(recording, pairs)
-    except UnfitScansError as unfit:
-        good, total = unfit.args
-        text = f"lidar: {good} of {total} pairs of scans fit each other, at no scale of their angles more: the angles, "
-        text += "the unit of ranges or what stands for no return are not as stated, or scans are too far apart. "
-        issue = Issue("scans-unfit", f"{text}They cannot be held against the odometry, and a map of them may be wrong")
+    except UnmeasuredError as error:
+        issue = Issue(*error.args)
         return None, Findings((), (issue,), (issue,), frozenset())
     return calibration, None if calibration is None else findings(calibration, recording)
 
@@ -146,6 +144,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         where = "backwards, unless the odometry drives so," if backwards else "elsewhere"
         text = f"lidar: mounted {where} by the odometry: {'; '.join(parts)}. "
         text += f"In platform.toml: [lidar] x = {x:.3f}, y = {y:.3f}, yaw = {yaw:.4f}"
+        if (np.abs(c.fit.values[MOUNT]) < (PLACE, PLACE, YAW)).all():
+            text += ". The odometry is that of the lidar itself: are the poses of robot and lidar exchanged?"
         told.append(("lidar-mount", text))
     if (scale := certain.get("lengths")) is not None:
         wheels = recording.platform.wheels
@@ -167,7 +167,12 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
             text = f"imu: stamped {abs(late.value):.2f} s ({_interval(late)}) {side} than scans and wheels"
         if stamped_at_end(c, recording):
             text += f", by about the {sweep_seconds(recording, lidar):.2f} s of a sweep, as if stamped at its end"
-        told.append(("clock-offset", f"{text}: every turn is smeared"))
+        text += ": every turn is smeared"
+        runs, about = (float(values[Parameter.DRIFT]) for values in (c.fit.values, c.fit.deviations))
+        if SIGMAS * about * np.ptp(lidar.stamps) > LATE:
+            text += f". It may drift, by {-1000 * runs:+.1f} +-{1000 * SIGMAS * about:.1f} ms a second: turns are too "
+            text += "few to tell, and stamps far from them not known"
+        told.append(("clock-offset", text))
     if (drift := certain.get("drift")) is not None:
         text = f"lidar: its clock runs {1000 * -drift.value:+.2f} ms a second against the odometry's, 95 %: "
         text += f"{1000 * (-drift.value - WITHIN * drift.deviation):+.2f} to "
@@ -183,6 +188,12 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     little = scale is not None and abs(scale.value - 1) < LONG
     moves = tuple(issue for issue in issues if not (little and issue.code == "range-scale"))
     return Findings(figures, issues, moves, frozenset(decided & {issue.code for issue in issues}))
+
+
+def trusting(sync: SyncConfig, issues: Iterable[Issue]) -> SyncConfig:
+    """How streams are synchronised: what travels along is known only where the angles are as stated."""
+    wrong = any(issue.code == "lidar-angles" for issue in issues)
+    return sync.model_copy(update={"travelling": False}) if wrong else sync
 
 
 def stamped_at_end(c: Calibration, recording: Recording) -> bool:

@@ -173,8 +173,8 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, 
         less = min(max(float(np.median(square)) / MEDIAN_OF_3, 0.1), 1.0)
         weights = weights / less
         robust = 1 / (1 + square / less / TAIL**2)
-        normal = np.einsum("kip,kij,kjq,k->pq", jacobian, weights, jacobian, robust) + prior
-        gradient = np.einsum("kip,kij,kj,k->kp", jacobian, weights, apart, robust)
+        weighted = jacobian.swapaxes(1, 2) @ (weights * robust[:, None, None])
+        normal, gradient = (weighted @ jacobian).sum(axis=0) + prior, (weighted @ apart[..., None])[..., 0]
         p = p + np.linalg.solve(normal, gradient.sum(axis=0) - prior @ (p - begin))
         return p, square, robust, gradient, normal
 

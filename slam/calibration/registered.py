@@ -29,8 +29,9 @@ ROUNDS = 8
 """Of the scale of the angles, at most."""
 OFFSET = 0.1
 """Prior standard deviation of a common offset of the ranges [m]; it would pass for a scale of the angles."""
-ANGLE_FLOOR, OFFSET_FLOOR = 0.0015, 0.004
-"""The standard deviations of that scale, and of the offset [m], are no smaller."""
+ANGLE_FLOOR, OFFSET_FLOOR, NOISY = 0.0015, 0.004, 1.5
+"""The standard deviations of that scale, and of the offset [m], are no smaller; nor is the latter than ``NOISY`` times
+the usual residual: noise that grows with the range biases it, by 0.015 m of ranges that are off by 0.1 m at 1 %."""
 ORDER = 5.0
 """Standard errors by which scans fit better in one reading, of the beams in one order in time, say: then that is it."""
 SWEEP = 0.02
@@ -45,8 +46,46 @@ TURNING = 0.05
 """Scans whose turns deviate by less show nothing of odometry [rad]."""
 
 
-class UnfitScansError(Exception):
-    """Scans do not fit each other: how many pairs do, and of how many."""
+DRIVES = 2.0
+"""A robot that goes no farther is not said to show nothing [m]."""
+BACKWARDS, SOME_BACKWARDS = 3.0, 0.1
+"""Neighbouring scans are in opposite order where one, turned round, is this many times more like the other; told of
+more than this share of them."""
+
+
+class UnmeasuredError(Exception):
+    """Nothing can be measured: the code and the text of what is said of it."""
+
+
+class UnfitScansError(UnmeasuredError):
+    """Scans do not fit each other: ``share`` of the pairs do."""
+
+    def __init__(self, good: int, total: int) -> None:
+        self.share = good / max(total, 1)
+        text = f"lidar: {good} of {total} pairs of scans fit each other, at no scale of their angles more: the angles, "
+        text += "the unit of ranges or what stands for no return are not as stated, or scans are too far apart. They "
+        super().__init__("scans-unfit", f"{text}cannot be held against the odometry, and a map of them may be wrong")
+
+
+def unmeasured(odometry: Array) -> None:
+    """Raise ``UnmeasuredError`` of a robot that drives, by poses [n, 3] at scans."""
+    if (extent := float(np.hypot(*np.ptp(odometry[:, :2], axis=0)))) > DRIVES:
+        text = f"the robot hardly turns over {extent:.0f} m, or scans are too few to be held against odometry. "
+        text += "Ranges, wheels or clocks that are not as stated make path and map wrong by as much, and nothing tells"
+        raise UnmeasuredError("not-calibrated", text)
+
+
+def expect_one_order(ranges: NDArray[np.float32]) -> None:
+    """Raise ``UnmeasuredError`` where the beams of some scans [k, beams], one after the other, go the other way."""
+    one, other = ranges[:-1], ranges[1:]
+    straight, turned = (np.abs(one - each) for each in (other, other[:, ::-1]))
+    both = np.isfinite(straight) & np.isfinite(turned)
+    as_is, back = (np.where(both, np.minimum(each, 1.0), 0.0).sum(axis=1) for each in (straight, turned))
+    count = int((as_is > BACKWARDS * np.maximum(back, 0.01 * both.sum(axis=1))).sum())
+    if count > SOME_BACKWARDS * len(one):
+        text = f"lidar: {count} of {len(one)} scans have their beams in the other order than the scan before, as of "
+        text += "two lidars in one stream: a map of them is wrong. Turn those round"
+        raise UnmeasuredError("scans-unfit", text)
 
 
 class RegisteredPairs:
@@ -75,9 +114,7 @@ class RegisteredPairs:
 
     def fits_better(self, other: RegisteredPairs) -> bool | None:
         """Whether the pairs clearly fit better than they do in another reading, or clearly worse; None if neither."""
-        better = other.costs - self.costs
-        certain = abs(better.mean()) > ORDER * better.std() / np.sqrt(len(better))
-        return bool(better.mean() > 0) if certain else None
+        return _clearly_above_zero(other.costs - self.costs)
 
     def expect(self, share: float) -> None:
         """Raise ``UnfitScansError`` unless enough pairs are registered, and this share of all."""
@@ -133,9 +170,7 @@ class RegisteredPairs:
         """Whether the other beams clearly fit better, each scan straightened by its own turn; None if neither."""
         as_is, new = (refine(*self._ranges, each, self._seconds, motions, rates=rates) for each in (one, other))
         both = as_is.good & new.good
-        better = np.log(cost(as_is)[both] / cost(new)[both])
-        certain = both.sum() >= FEWEST and abs(better.mean()) > ORDER * better.std() / np.sqrt(both.sum())
-        return bool(better.mean() > 0) if certain else None
+        return _clearly_above_zero(np.log(cost(as_is)[both] / cost(new)[both]))
 
     def scale_angles(self) -> tuple[float, float, tuple[float, float]]:
         """The scale of the angles between beams at which the scans fit each other best, and its deviation.
@@ -169,7 +204,14 @@ class RegisteredPairs:
             self._beams = self._beams._replace(angles=stated[0] + scale * (stated - stated[0]))
             self._ranges = self._ranges[0] + shift, self._ranges[1] + shift
             self.refine(self._found.motions, anew=True)
-        return float(scale), deviation, (-float(offset), max(float(about_offset), OFFSET_FLOOR))
+        noise = float(np.median(self._found.deviation[self._found.good]))
+        return float(scale), deviation, (-float(offset), max(float(about_offset), OFFSET_FLOOR, NOISY * noise))
+
+
+def _clearly_above_zero(values: Array) -> bool | None:
+    """Whether the mean of some values [k] is, or else below; None where they are few, or neither is clear."""
+    certain = len(values) >= FEWEST and abs(values.mean()) > ORDER * values.std() / np.sqrt(len(values))
+    return bool(values.mean() > 0) if certain else None
 
 
 def best_scale(recording: Recording, lidar: LidarStream, before: Indices, after: Indices) -> float:

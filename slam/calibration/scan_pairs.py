@@ -173,8 +173,8 @@ def _register(
             (normal[..., 0], normal[..., 1], normal[..., 1] * arm[..., 0] - normal[..., 0] * arm[..., 1]), axis=-1
         )
         jacobian = np.where(held[..., None], jacobian, 0.0)
-        information = np.einsum("kbi,kbj,kb->kij", jacobian, jacobian, weight)
-        gradient = np.einsum("kbi,kb->ki", jacobian, weight * residual)
+        weighted = jacobian.swapaxes(1, 2) * weight[:, None]
+        information, gradient = weighted @ jacobian, (weighted @ residual[..., None])[..., 0]
         damped = information + np.eye(3) * (1e-3 * np.trace(information, axis1=1, axis2=2)[:, None, None] / 3 + 1e-6)
         if k < STEPS - 1:
             motion -= np.clip(np.linalg.solve(damped, gradient[..., None])[..., 0], -0.3, 0.3)
@@ -186,10 +186,10 @@ def _register(
     good = (fits.sum(axis=1) >= LEAST_BEAMS) & (fit > LEAST_FIT) & (count > 0.3 * np.isfinite(latter).sum(axis=1))
     good &= _turns_known(information, np.where(held[..., None], arm, 0.0), weight, deviation)
     bend = np.where(held[..., None], _warps(own, end, normal, beams, index, cos, sin), 0.0)
-    across = np.einsum("kbi,kbw,kb->kiw", jacobian, bend, weight)
+    across = weighted @ bend
     solved = np.linalg.solve(damped, np.concatenate((across, gradient[..., None]), axis=-1))
     by_warp = np.einsum("kbw,kb->kw", bend, weight * residual) - np.einsum("kiw,ki->kw", across, solved[..., -1])
-    about = np.einsum("kbv,kbw,kb->kvw", bend, bend, weight) - np.einsum("kiv,kiw->kvw", across, solved[..., :-1])
+    about = (bend.swapaxes(1, 2) * weight[:, None]) @ bend - np.einsum("kiv,kiw->kvw", across, solved[..., :-1])
     return Motions(motion, information, deviation, fit, good, by_warp, about)
 
 

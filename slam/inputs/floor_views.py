@@ -12,7 +12,7 @@ from moteslam.robot.platform import CameraSpec
 from moteslam.robot.recording import Recording
 from moteslam.robot.rgbd import CameraFrame, FrameCount, has_images, pairs, read_frame
 from moteslam.robot.values import Issue
-from moteslam.slam.inputs.synchronise import Inputs
+from moteslam.slam.inputs.inputs import Inputs
 
 
 @dataclass(frozen=True, eq=False)

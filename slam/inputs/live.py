@@ -1,7 +1,7 @@
-"""Streams that arrive message by message: what SLAM takes in of them, a scan at a time, once its motion is known.
+"""Streams that arrive message by message: a scan is taken in once its motion is known.
 
-The same as ``synchronise`` makes of the complete recording, to the last bit, with the same functions over the latest
-readings alone: a scan costs the same at any time, and what is not needed again is forgotten.
+A stretch of the latest readings is looked at alone: a scan costs the same at any time, and what is not needed again is
+forgotten.
 """
 
 from __future__ import annotations
@@ -14,17 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot import se2
 from moteslam.robot.platform import Platform
-from moteslam.robot.recording import LidarStream, gaps, nearest_stamp
+from moteslam.robot.recording import LidarStream, gaps
 from moteslam.robot.values import Issue, given_up, when
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.lapses import Lapse, Lapses, Open, lapses
-from moteslam.slam.inputs.live_odometry import KEPT, LiveOdometry, Rows
-from moteslam.slam.inputs.odometry_path import OdometryPath, has_left
+from moteslam.slam.inputs.inputs import Inputs
+from moteslam.slam.inputs.odometry_path import KEPT, OdometryPath, OdometryReadings, Rows
 from moteslam.slam.inputs.scans import Scans, without
-from moteslam.slam.inputs.synchronise import is_stale, sweeps
-from moteslam.slam.inputs.travelling import Follower
+from moteslam.slam.inputs.synchronise import at_scans, sweeps
 
 Array = NDArray[np.float64]
 BEFORE_WHEELS = 0.5
@@ -61,8 +58,8 @@ class Waiting(NamedTuple):
     odometry: Array | None
 
 
-class LiveInputs:
-    """What ``Inputs`` is of a recording, of the scans that were taken in so far.
+class LiveInputs(Inputs):
+    """The scans that were taken in so far.
 
     Args:
         patience: a scan waits this long for odometry that comes later [s], and wheels half as long for the gyro; then
@@ -71,46 +68,26 @@ class LiveInputs:
     Attributes:
         odometry_in: takes in the odometry's messages.
         waiting: scans that are not taken in yet.
-        open: what is left open of motions that were not measured, by scan.
     """
 
-    logged = None
+    scans: LiveScans
 
     def __init__(self, platform: Platform, config: SyncConfig, *, max_range: float, patience: float) -> None:
         figures = platform.lidar.scan
-        self._platform, self._config, self._patience = platform, config, patience
         geometry = figures.angle_min, figures.angle_increment, figures.range_min, figures.range_max
         empty = np.empty((0, figures.beams), np.float32)
         self._lidar = LidarStream(np.empty(0), empty, *geometry, platform.lidar.time_increment)
+        super().__init__(platform, config, self._lidar)
+        self._patience = patience
         self.scans = LiveScans(self._lidar, platform, max_range)
-        self.odometry_in = LiveOdometry(platform, config)
+        self.odometry_in = OdometryReadings(platform, config)
         self.waiting: deque[Waiting] = deque()
-        self.open: dict[int, Open] = {}
         self._newest = -np.inf  # of all messages
         self._latest: dict[str, float] = {}  # stamps, by stream
-        self._rows, self._flags = Rows(7), Rows(2, np.bool_)  # stamp, odometry, motion; jumped, measured
-        self._tail = Rows(4)  # stamp, odometry with wheels that spin, of the latest scans
+        self._tail = Rows(7)  # stamp, odometry with wheels that spin, that logged with them, of the latest scans
         self._ranges = Rows(figures.beams, np.float32)  # of the same
-        self._follower = Follower(self._lidar, platform.lidar) if config.travelling else None
-        self._seen: dict[tuple[str, float], Lapse] = {}
         self._late: list[int] = []  # scans that did not wait for their odometry any longer ...
         self._unheard: deque[int] = deque()  # ... and for which none has come since
-        self._start: NDArray[np.float32] | None = None  # the first scan, until the robot has left it
-        self.moves = False
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    stamps = property(lambda self: self._rows.values[:, 0], doc="[n] of the scans [s].")
-    odometry = property(lambda self: self._rows.values[:, 1:4], doc="[n, 3] the pose at every scan by odometry.")
-    motions = property(lambda self: self._rows.values[:, 4:7], doc="[n, 3] the increment since the scan before.")
-    jumped = property(lambda self: self._flags.values[:, 0], doc="[n] whether the odometry jumps at the scan.")
-    measured = property(lambda self: self._flags.values[:, 1], doc="[n] whether it measured the motion.")
-
-    @property
-    def path(self) -> OdometryPath | None:
-        """The latest part of the path by odometry; None without any."""
-        return self.odometry_in.path
 
     def arrives(self, stream: str, stamp: float) -> None:
         """Note a message of a stream; its stamps do not fall."""
@@ -124,11 +101,13 @@ class LiveInputs:
         lidar, row = self._lidar, np.array(ranges, np.float32)
         if row.shape != lidar.ranges.shape[1:]:
             raise InputError(f"{list(row.shape)}, expected [{lidar.ranges.shape[1]}]", field="ranges")
+        self.arrives("lidar", stamp)
+        beyond = (row > lidar.range_max) | np.isin(row, np.array(self._platform.lidar.no_return, np.float32))
         row[row < lidar.range_min] = np.nan
-        row[(row > lidar.range_max) | np.isin(row, np.array(self._platform.lidar.no_return, np.float32))] = np.inf
+        row[beyond] = np.inf
         self.waiting.append(Waiting(stamp, given_up(row), odometry))
 
-    def take(self, *, finish: bool = False) -> int | None:
+    def take_next(self, *, finish: bool = False) -> int | None:
         """Take in the scan that waits longest, if the odometry covers it, or it has waited long enough.
 
         Args:
@@ -140,7 +119,7 @@ class LiveInputs:
         self.odometry_in.integrate(waited=np.inf if finish else self._newest - self._patience / 2)
         if not self.waiting:
             return None
-        scan, path = self.waiting[0], self.path
+        scan, path = self.waiting[0], self.odometry_in.path
         covered = path is not None and self.odometry_in.until >= scan.stamp + self._sweep_seconds
         ready = covered
         if scan.odometry is not None:  # the reading after its own is that of the next scan
@@ -158,18 +137,12 @@ class LiveInputs:
     @property
     def issues(self) -> tuple[Issue, ...]:
         """What was seen to travel with the robot, the lapses, and scans without odometry."""
-        issues = list[Issue]()
-        if self._follower is not None and (found := self._follower.found(np.empty(0, bool), np.empty((0, 3)))):
-            issues += found.issues(self.stamps)
-        seen = tuple(sorted(self._seen.values(), key=lambda one: one.begin))
-        none = np.empty(0, np.bool_)
-        issues += Lapses(none, none, {}, {}, seen).issues(self.stamps)
-        if len(late := np.array(self._late)):
-            spans = np.split(self.stamps[late], np.flatnonzero(np.diff(late) > 1) + 1)
-            text = f"{len(late)} of {len(self)} scans for which no odometry came within {self._patience:g} s: how the "
-            text += f"robot moved is not known; {when([(float(some[0]), float(some[-1])) for some in spans])}"
-            issues.append(Issue("no-odometry", text, len(late)))
-        return tuple(issues)
+        if not len(late := np.array(self._late)):
+            return super().issues
+        spans = np.split(self.stamps[late], np.flatnonzero(np.diff(late) > 1) + 1)
+        text = f"{len(late)} of {len(self)} scans for which no odometry came within {self._patience:g} s: how the "
+        text += f"robot moved is not known; {when([(float(some[0]), float(some[-1])) for some in spans])}"
+        return (*super().issues, Issue("no-odometry", text, len(late)))
 
     @property
     def _sweep_seconds(self) -> float:
@@ -178,34 +151,34 @@ class LiveInputs:
         return lidar.time_increment * (lidar.ranges.shape[1] - 1) if self._config.deskew else 0.0
 
     def _take(self, scan: Waiting, path: OdometryPath | None, *, covered: bool) -> None:
-        index = len(self)
-        pose = self._pose(scan, path)
+        index, pose = len(self), self._pose(scan, path)
         self._correct(path)
-        self._tail.add(scan.stamp, pose)
-        self._ranges.add(scan.ranges)
-        unmeasured, jumped, motion, left = True, False, None, None
-        if covered:
-            unmeasured, jumped, motion, left = self._lapse(scan, path)
-        else:
+        self._tail.add([scan.stamp], pose[None], pose[None] if scan.odometry is None else scan.odometry[None])
+        self._ranges.add(scan.ranges[None])
+        rows, ranges = self._tail.values, self._ranges.values
+        last, logged = len(rows), rows[:, 4:] if scan.odometry is not None else None
+        if logged is not None and self.waiting and (after := self.waiting[0]).odometry is not None:
+            rows = np.vstack((rows, (after.stamp, *after.odometry, *after.odometry)))  # the reading after
+            ranges, logged = np.vstack((ranges, after.ranges)), rows[:, 4:]
+        stamps, odometry = rows[:, 0], np.ascontiguousarray(rows[:, 1:4])
+        lidar = replace(self._lidar, stamps=stamps, ranges=given_up(ranges[:]), odometry=logged)
+        if path is None and logged is not None:
+            path = OdometryPath(stamps, odometry)
+        absent = not covered
+        if self.odometry_in.counted and scan.odometry is None:
+            absent |= scan.stamp < self.odometry_in.begins - BEFORE_WHEELS
+        if index and self.odometry_in.still and (pose == odometry[last - 2]).all():
+            absent |= not self.measured[-1]  # odometry that failed longer ago than is kept
+        if not covered:
             self._unheard.append(index)
             self._late.append(index)
-        before = self._tail.values[-2, 1:] if index else pose
-        if index and self.odometry_in.still and (pose == before).all():
-            unmeasured |= not self.measured[-1]  # odometry that failed longer ago than is kept
-        driven = se2.between(before[None], pose[None])[0] if index else np.zeros(3)
-        ranges, place = scan.ranges, pose
-        if self._follower is not None and path is not None:
-            place = self._follower.add(ranges, pose, float(np.hypot(*driven[:2]) + np.abs(driven[2])), unmeasured)
-            ranges = without(ranges, self._follower.hides(ranges))
-        if motion is None:
-            last = self.odometry[-1:] if index else place[None]
-            motion = np.asarray(se2.between(last, place[None])[0])
-        if left is not None:
-            self.open[index] = left
-        measured = covered and not unmeasured and self._measures(scan, place)
-        self._rows.add(scan.stamp, place, motion if index else np.zeros(3))
-        self._flags.add(jumped, measured)
-        self.scans.keep(index, ranges, self._sweep(scan, path))
+        counted = self.odometry_in.counted
+        self.take(lidar, odometry, path, first=last - 1, last=last, absent=np.array([absent]), counted=counted)
+        hidden = None if self._follower is None or path is None else self._follower.hides(scan.ranges)
+        sweep = None
+        if (seconds := self._sweep_seconds) > 0 and path is not None:
+            sweep = np.asarray(sweeps(path, np.array([scan.stamp]), seconds, self._config)[0])
+        self.scans.keep(index, without(scan.ranges, hidden), sweep)
         if len(self._tail) > 2 * KEPT:
             self._tail.keep(KEPT)
             self._ranges.keep(KEPT)
@@ -213,14 +186,10 @@ class LiveInputs:
 
     def _pose(self, scan: Waiting, path: OdometryPath | None) -> Array:
         """The pose [3] by odometry."""
-        stamp = np.array([scan.stamp])
-        if scan.odometry is not None and not (path and is_stale(stamp, scan.odometry[None], path)[0]):
-            return scan.odometry
         if path is None:
-            return np.zeros(3)
-        if self._config.method == "interpolate" or scan.odometry is not None:
-            return np.asarray(path.at(stamp)[0])
-        return np.asarray(path.poses[nearest_stamp(path.stamps, stamp)[0]])
+            return np.zeros(3) if scan.odometry is None else scan.odometry
+        logged = None if scan.odometry is None else scan.odometry[None]
+        return np.asarray(at_scans(np.array([scan.stamp]), logged, path, self._config)[0])
 
     def _correct(self, path: OdometryPath | None) -> None:
         """Scans that did not wait for their odometry have it now, for what is driven from them on."""
@@ -229,46 +198,4 @@ class LiveInputs:
             pose = self._pose(Waiting(float(self.stamps[index]), NOTHING, None), path)
             self._rows.values[index, 1:4] = pose if self._follower is None else self._follower.corrected(pose)
             if index - len(self) + len(self._tail) >= 0:
-                self._tail.values[index - len(self), 1:] = pose
-
-    def _lapse(self, scan: Waiting, path: OdometryPath | None) -> tuple[bool, bool, Array | None, Open | None]:
-        """Whether the motion to the latest scan was not measured, whether it is a jump, and what is known of it."""
-        rows, counted = self._tail.values, self.odometry_in.counted and scan.odometry is None
-        stamps, odometry = rows[:, 0], np.ascontiguousarray(rows[:, 1:])
-        lidar = replace(self._lidar, stamps=stamps, ranges=given_up(self._ranges.values[:]))
-        if path is None or scan.odometry is not None:  # the scans' poses are its readings, with that of the next
-            path = OdometryPath(stamps, odometry)
-            if self.waiting and (after := self.waiting[0]).odometry is not None:
-                path = OdometryPath(np.append(stamps, after.stamp), np.vstack((odometry, after.odometry)))
-        last = len(rows) - 1
-        since = float(rows[last - 1, 0]) if last else -np.inf
-        found = lapses(path, odometry, lidar, self._platform.lidar, self._config, counted=counted, since=since)
-        for lapse in found.seen:
-            self._seen[lapse.kind, lapse.begin] = lapse
-        early = counted and scan.stamp < self.odometry_in.begins - BEFORE_WHEELS
-        return (
-            bool(found.unmeasured[last]) or early,
-            bool(found.jumped[last]),
-            found.motions.get(last),
-            found.open.get(last),
-        )
-
-    def _measures(self, scan: Waiting, place: Array) -> bool:
-        """Whether the odometry has moved by now, or the robot is seen to stand; wheels count from the first turn."""
-        if self.odometry_in.counted:
-            self.moves = True
-            return True
-        first = self.odometry[0] if len(self) else place
-        self._start = scan.ranges if not len(self) else self._start
-        self.moves = self.moves or bool((place != first).any())
-        if self.moves or self._start is None:
-            return self.moves
-        left, seen = has_left(self._start, scan.ranges, self._config)
-        self._start = None if left else self._start
-        return seen and not left
-
-    def _sweep(self, scan: Waiting, path: OdometryPath | None) -> Array | None:
-        """How the robot moves while the scan is taken, [3]; None if unknown."""
-        if not self._config.deskew or self._sweep_seconds <= 0 or path is None:
-            return None
-        return np.asarray(sweeps(path, np.array([scan.stamp]), self._sweep_seconds, self._config)[0])
+                self._tail.values[index - len(self), 1:4] = pose

@@ -1,22 +1,29 @@
 """The robot's path by its own odometry: wheel counters with the gyro's yaw rate, or the poses that a log has.
 
-How counts and yaw rates are integrated is in `robot/wheel_odometry.py`; here are the choices of a configuration.
+Readings are taken in as they come, or all of a recording at once: to the same bytes. How counts and yaw rates are
+integrated is in `robot/wheel_odometry.py`; here are the choices of a configuration.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.recording import ImuStream, Ranges, Recording, nearest_stamp
-from moteslam.robot.wheel_odometry import arc_increment, gyro_turn, wheel_path
+from moteslam.robot.platform import Platform
+from moteslam.robot.recording import Recording, nearest_stamp
+from moteslam.robot.wheel_odometry import arc_increment, gyro_covers, wheel_motion
 from moteslam.slam.inputs.config import SyncConfig
 
 Array = NDArray[np.float64]
+LATEST = 1000
+"""How many steps are compared with."""
+KEPT, MOST_KEPT = LATEST + 100, 4 * LATEST
+"""Readings that are kept from before the last scan, and of odometry that stands still from before it did at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +66,16 @@ def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | No
     Raises:
         InputError: encoders on a platform without wheels.
     """
-    if recording.encoders is not None and len(recording.encoders):
-        increment = euler_increment if config.kinematics == "euler" else arc_increment
-        poses = wheel_path(recording, turn_of=partial(_gyro_turn, config=config), increment=increment)
-        alone = wheel_path(recording, turn_of=None) if recording.imu is not None else None
-        return OdometryPath(recording.encoders.stamps, poses, alone)
+    encoders, imu = recording.encoders, recording.imu
+    if encoders is not None and len(encoders):
+        if recording.platform.wheels is None:
+            raise InputError("encoders without wheels, expected a platform with [wheels]", file=recording.name)
+        readings = OdometryReadings(recording.platform, config)
+        if imu is not None and len(imu):
+            readings.add_yaw_rates(imu.stamps, imu.angular_velocity[:, 2].astype(np.float64))
+        readings.add_counts(encoders.stamps, encoders.counts)
+        readings.integrate(waited=np.inf)
+        return readings.path
     if recording.odometry is not None and len(recording.odometry):
         return OdometryPath(recording.odometry.stamps, recording.odometry.poses)
     if recording.lidar is not None and recording.lidar.odometry is not None:
@@ -102,18 +114,164 @@ class LowPass:
         return self._output
 
 
-def low_pass(values: Array, stamps: Array, cut_off: float) -> Array:
-    """The values [n] of rising stamps [n] [s], filtered."""
-    passing = LowPass(cut_off)
-    return np.array([passing.of(value, stamp) for value, stamp in zip(values.tolist(), stamps.tolist(), strict=True)])
+class Rows:
+    """Rows [n, columns] that are added at the end, and may be forgotten from the beginning on."""
+
+    def __init__(self, columns: int, dtype: type = np.float64) -> None:
+        self._table: NDArray[Any] = np.empty((64, columns), dtype)
+        self._first = self._last = 0
+
+    def __len__(self) -> int:
+        return self._last - self._first
+
+    def add(self, *columns: ArrayLike) -> None:
+        """Add rows, of columns [m] and [m, k]."""
+        rows, kept = np.column_stack(columns), self.values
+        if self._last + len(rows) > len(self._table):
+            size = 2 * len(kept) + len(rows)
+            table = self._table if size <= len(self._table) else np.empty((size, kept.shape[1]), kept.dtype)
+            table[: len(kept)] = kept
+            self._table, self._first, self._last = table, 0, len(kept)
+        self._table[self._last : self._last + len(rows)] = rows
+        self._last += len(rows)
+
+    @property
+    def values(self) -> NDArray[Any]:
+        """[n, columns]; they hold until the next row is added."""
+        return self._table[self._first : self._last]
+
+    def keep(self, count: int) -> None:
+        """Forget all but the latest."""
+        self._first = max(self._first, self._last - count)
 
 
-def _gyro_turn(stamps: Array, imu: ImuStream, config: SyncConfig) -> Array:
-    """The turn [n] [rad] between consecutive stamps [n] by the gyro; the first is 0."""
-    yaw_rate = low_pass(imu.angular_velocity[:, 2].astype(np.float64), imu.stamps, config.low_pass_hz)
-    if config.method == "nearest":
-        return np.asarray(yaw_rate[nearest_stamp(imu.stamps, stamps)] * np.diff(stamps, prepend=stamps[0]))
-    return gyro_turn(stamps, imu, yaw_rate)
+class OdometryReadings:
+    """Takes in what wheels and gyro, or a base that integrates them itself, report.
+
+    A reading of the wheels waits for the gyro's reading after it, where the robot has a gyro.
+
+    Attributes:
+        counted: whether it is of wheel counters.
+        begins: stamp of the first reading that is part of the path [s].
+        still: whether it has stood still for longer than is kept.
+    """
+
+    def __init__(self, platform: Platform, config: SyncConfig) -> None:
+        self._wheels, self._config = platform.wheels, config
+        self._has_gyro = platform.imu is not None
+        self._rows = Rows(8)  # stamp; x, y, heading; the heading not wrapped; x, y, heading of the wheels alone
+        self._poses = np.zeros((2, 3))  # the latest, headings not wrapped: with the gyro, and of the wheels alone
+        self._turns = 0.0  # what unwraps the heading
+        self._waiting = Rows(3)  # readings of the wheels: stamp, distance, turn
+        self._low_pass = LowPass(config.low_pass_hz)
+        self._gyro = Rows(3)  # stamp, yaw rate, heading
+        self.counted, self.begins, self.still = False, np.inf, False
+
+    @property
+    def path(self) -> OdometryPath | None:
+        """What is kept of it; None without a reading."""
+        if not len(self._rows):
+            return None
+        rows = self._rows.values
+        alone = rows[:, 5:] if self.counted and len(self._gyro) else None
+        return OdometryPath(rows[:, 0], rows[:, 1:4], alone, rows[:, 4])
+
+    @property
+    def until(self) -> float:
+        """Stamp of the latest reading that is part of the path [s]."""
+        return float(self._rows.values[-1, 0]) if len(self._rows) else -np.inf
+
+    def add_poses(self, stamps: Array, poses: Array) -> None:
+        """Take in poses [m, 3] that the base has integrated."""
+        self._add(stamps, poses, poses)
+
+    def add_counts(self, stamps: Array, counts: NDArray[np.int64]) -> None:
+        """Take in the counts [m, 4] of the wheels, each since the reading before."""
+        if self._wheels is None:
+            raise InputError("wheel counts, expected a platform with [wheels]", field="counts")
+        if len(self._rows) and not self.counted:
+            raise InputError("after poses, expected poses or counts", field="odometry")
+        self.counted = True
+        self._waiting.add(stamps, *wheel_motion(counts, self._wheels))
+
+    def add_yaw_rates(self, stamps: Array, rates: Array) -> None:
+        """Take in the gyro's yaw rates [m] [rad/s]."""
+        if self._config.low_pass_hz > 0:
+            rates = np.array([self._low_pass.of(*each) for each in zip(rates.tolist(), stamps.tolist(), strict=True)])
+        last, rate, heading = self._gyro.values[-1] if len(self._gyro) else (stamps[:1], rates[:1], 0.0)
+        turns = (rates + np.append(rate, rates[:-1])) / 2 * np.diff(stamps, prepend=last)
+        self._gyro.add(stamps, rates, _summed(heading, turns))
+
+    def integrate(self, *, waited: float) -> None:
+        """Add the wheels' readings to the path of which the gyro has said how the robot turned.
+
+        Those up to a stamp have waited long enough [s], and go without.
+        """
+        stamps, distance, turn = self._waiting.values.T
+        if self._has_gyro or len(self._gyro):
+            newest = self._gyro.values[-1, 0] if len(self._gyro) else -np.inf
+            ready = np.searchsorted(stamps, max(newest, waited), side="right")
+            stamps, distance, turn = stamps[:ready], distance[:ready], turn[:ready]
+        if not len(stamps):
+            return
+        self._waiting.keep(len(self._waiting) - len(stamps))
+        if not len(self._rows):
+            distance[0] = turn[0] = 0.0  # has no interval before it
+        before = self.until if len(self._rows) else stamps[0]
+        turned = self._gyro_turns(np.append(before, stamps), turn)
+        increment = euler_increment if self._config.kinematics == "euler" else arc_increment
+        paths = []
+        for latest, steps in zip(
+            self._poses, (increment(distance, turned), arc_increment(distance, turn)), strict=True
+        ):
+            headings = _summed(latest[2], steps[:, 2])
+            cos, sin = (f(np.append(latest[2], headings[:-1])) for f in (np.cos, np.sin))
+            x = _summed(latest[0], cos * steps[:, 0] - sin * steps[:, 1])
+            y = _summed(latest[1], sin * steps[:, 0] + cos * steps[:, 1])
+            latest[:] = x[-1], y[-1], headings[-1]
+            paths.append(np.column_stack((x, y, se2.wrap(headings))))
+        self._add(stamps, *paths)
+
+    def forget(self, before: float) -> None:
+        """Forget the readings that nothing of after a stamp [s] is compared with."""
+        if len(self._gyro) > 2 * KEPT:
+            since = np.searchsorted(self._gyro.values[:, 0], self.until)
+            self._gyro.keep(max(KEPT, len(self._gyro) - int(since) + 1))
+        if len(self._rows) < 2 * KEPT:
+            return
+        first = int(np.searchsorted(self._rows.values[:, 0], before)) - KEPT
+        moved = np.flatnonzero((np.diff(self._rows.values[: max(first, 0), 1:4], axis=0) != 0).any(axis=1))
+        stood = first - (int(moved[-1]) if len(moved) else 0)
+        kept = len(self._rows) - first + (stood + 100 if stood > 1 else 0)
+        self.still = kept > MOST_KEPT or (self.still and not len(moved))
+        self._rows.keep(min(kept, MOST_KEPT))
+
+    def _gyro_turns(self, stamps: Array, turn: Array) -> Array:
+        """The turns [m] between stamps [m + 1], the gyro's where it measured them, else the wheels' own [rad]."""
+        known, rate, heading = self._gyro.values.T
+        covered = gyro_covers(stamps, known)[1:]
+        if not covered.any():
+            return turn
+        if self._config.method == "nearest":
+            by_gyro = rate[nearest_stamp(known, stamps[1:])] * np.diff(stamps)
+        else:
+            by_gyro = np.diff(np.interp(stamps, known, heading))
+        return np.where(covered, by_gyro, turn)
+
+    def _add(self, stamps: Array, poses: Array, alone: Array) -> None:
+        last = self._rows.values[-1, 3] if len(self._rows) else poses[0, 2]
+        self.begins = min(self.begins, float(stamps[0]))
+        steps = np.diff(poses[:, 2], prepend=last)
+        wrapped = (steps + np.pi) % (2 * np.pi) - np.pi  # as np.unwrap, to the last bit
+        wrapped[(wrapped == -np.pi) & (steps > 0)] = np.pi
+        turns = _summed(self._turns, np.where(np.abs(steps) < np.pi, 0.0, wrapped - steps))
+        self._turns = float(turns[-1])
+        self._rows.add(stamps, poses, poses[:, 2] + turns, alone)
+
+
+def _summed(start: float, steps: Array) -> Array:
+    """The running sum [m], added up one by one from a start."""
+    return np.cumsum(np.append(start, steps))[1:]
 
 
 def between_known(path: Array, known: NDArray[np.intp], motion: Array) -> Array:
@@ -143,8 +301,6 @@ def between_known(path: Array, known: NDArray[np.intp], motion: Array) -> Array:
 
 USUAL = 90
 """The percentile of the latest steps that a step is compared with."""
-LATEST = 1000
-"""How many steps are compared with."""
 
 
 def jumps(
@@ -185,31 +341,6 @@ def jumps(
             farthest = max(most * np.median(dt[latest]), c.jump_factor * np.percentile(size[latest], USUAL))
             jump[step + 1] |= size[step] > farthest
     return jump
-
-
-def has_moved(odometry: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether the odometry [n, 3] has moved by each scan, [n]."""
-    return np.logical_or.accumulate((odometry != odometry[0]).any(axis=1))
-
-
-def stands(ranges: Ranges, moved: NDArray[np.bool_], config: SyncConfig | None = None) -> NDArray[np.bool_]:
-    """At which scans the robot is seen to stand where it began, before its odometry moves.
-
-    Args:
-        ranges: [n, beams] of the scans [m].
-        moved: [n] whether the odometry has moved by each.
-        config: what counts as another place; the defaults if None.
-
-    Returns:
-        [n]; False from the first scan on that differs from scan 0, and where no beam has an endpoint in both.
-    """
-    there = np.zeros(len(moved), np.bool_)
-    for scan in range(int((~moved).sum())):
-        left, there[scan] = has_left(ranges[0], ranges[scan], config or SyncConfig())
-        if left:
-            there[scan] = False
-            break
-    return there
 
 
 def has_left(first: NDArray[np.float32], here: NDArray[np.float32], config: SyncConfig) -> tuple[bool, bool]:

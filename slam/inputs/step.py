@@ -13,10 +13,9 @@ from moteslam.kernels.scans import ThinnedScan, thin_scan, thin_scans
 from moteslam.robot.values import Summarised
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.floor_views import FloorView, FloorViews
+from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.lapses import Open
-from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.scans import Scans
-from moteslam.slam.inputs.synchronise import Inputs
 
 BLOCK = 64
 """Scans that are projected and thinned at a time: of 1081 beams 0.5 MB."""
@@ -58,7 +57,7 @@ class Step(Summarised):
 
 
 def steps(
-    inputs: Inputs | LiveInputs,
+    inputs: Inputs,
     views: FloorViews | None = None,
     *,
     thinning: ThinningConfig | None = None,

@@ -1,30 +1,28 @@
-"""From streams with their own clocks to what SLAM takes in: scans, and the motion between them, settled once.
-
-It is causal: a scan and the motion up to it depend on what has arrived when the scan is complete and the odometry has
-given its next reading (wheels with a gyro: when the gyro has given its next one after that). Interpolation between
-readings costs this delay of one reading. No statistic of the complete recording is used.
-"""
+"""From streams with their own clocks to what SLAM takes in: scans, and the motion between them, settled once."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
+from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LATEST, STREAMS, LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
 from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.lapses import Open, lapses
-from moteslam.slam.inputs.odometry_path import OdometryPath, has_moved, jumps, odometry_path, stands
+from moteslam.slam.inputs.inputs import Inputs
+from moteslam.slam.inputs.odometry_path import OdometryPath, jumps, odometry_path
 from moteslam.slam.inputs.scans import Scans
-from moteslam.slam.inputs.travelling import travelling
 
 Array = NDArray[np.float64]
 COARSE = 0.5
 """Where more than this share of the readings have the stamp of the one before, the clock is too coarse for them."""
+JITTERS, OPPOSITE = 0.03, -0.15
+"""Stamps that deviate by the first [s] from even steps are told, where a step and the next correlate by less than the
+second: of stamps that are right and uneven they do not."""
 UNMAPPED, BESIDE = 1.0, 0.1
 """A robot that drives farther [m] and longer [s] before its first scan or after its last has a part without a map."""
 ALIKE = 0.1
@@ -35,49 +33,13 @@ APART = 1.0
 """Scans and odometry whose times are this far apart [s] are of different recordings, or on different clocks."""
 
 
-@dataclass(frozen=True, eq=False)
-class Inputs:
-    """A recording as SLAM takes it in: n scans, and the motion between them.
-
-    Attributes:
-        stamps: [n] of the scans, in the order in which they were taken [s].
-        scans: their endpoints.
-        path: by odometry, at its own stamps; None without odometry.
-        odometry: [n, 3] the pose at every scan by odometry; zeros without.
-        motions: [n, 3] the increment since the scan before, in the frame of the pose there; zeros where nothing
-            measured it.
-        jumped: [n] whether the odometry jumps at the scan.
-        measured: [n] whether the odometry measured the motion since the scan before: it does not jump there, and it is
-            of wheel encoders, has moved by then, or the robot is seen to stand.
-        moves: whether the odometry measures any motion.
-        logged: [n] the stamps that the recording gives them, where it has them in another order [s].
-        open: what is left open of the motion to scans of which more is known than the velocity before, by scan.
-        issues: what was seen to travel with the robot, and the lapses.
-    """
-
-    stamps: Array
-    scans: Scans
-    path: OdometryPath | None
-    odometry: Array
-    motions: Array
-    jumped: NDArray[np.bool_]
-    measured: NDArray[np.bool_]
-    moves: bool
-    open: dict[int, Open]
-    logged: Array | None = None
-    issues: tuple[Issue, ...] = ()
-
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-
 def synchronise(
     recording: Recording,
     config: SyncConfig | None = None,
     *,
     max_range: float = np.inf,
 ) -> Inputs:
-    """Bring the streams of a recording onto the stamps of its scans.
+    """Bring the streams of a recording onto the stamps of its scans: they are taken in at once.
 
     Args:
         recording: with a lidar; odometry of any kind is optional.
@@ -88,54 +50,26 @@ def synchronise(
         InputError: no scans, encoders without wheels, or odometry that does not overlap with the scans in time.
     """
     config = config or SyncConfig()
-    lidar = require_lidar(recording)
-    n = len(lidar)
-    path = odometry_path(recording, config)
-    odometry = np.zeros((n, 3)) if path is None else _at_scans(lidar, path, config, name=recording.name)
-    logged = None
+    lidar, path, platform = require_lidar(recording), odometry_path(recording, config), recording.platform
+    odometry, logged = np.zeros((len(lidar), 3)), None
+    if path is not None:
+        odometry = _at_recorded_scans(lidar, path, config, name=recording.name)
     if lidar.sequence is not None:
         taken = np.argsort(lidar.sequence, kind="stable")
         logged, odometry, lidar = lidar.stamps[taken], odometry[taken], in_order(lidar)
-    counted = recording.encoders is not None and len(recording.encoders) > 0 and lidar.odometry is None
-    travels = missing = None
-    unmeasured = jumped = np.zeros(n, np.bool_)
-    if path is not None and (logged is not None or is_coarse(lidar.stamps)):  # stamps do not show lapses
-        unmeasured = jumped = jumps(lidar.stamps, odometry, config)
-    elif path is not None:
-        missing = lapses(path, odometry, lidar, recording.platform.lidar, config, counted=counted)
-        unmeasured, jumped = missing.unmeasured, missing.jumped
-        if lidar.odometry is None:
-            unmeasured = unmeasured | _without(recording, path)
-    if path is not None and config.travelling:
-        travels = travelling(lidar, recording.platform.lidar, odometry, unmeasured)
-        odometry = odometry if travels is None else travels.odometry
-    motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))
-    for scan, motion in ({} if missing is None else missing.motions).items():
-        motions[scan] = motion
-    moved = measures = np.full(n, path is not None)
-    if path is not None and (recording.encoders is None or not len(recording.encoders)):
-        moved = has_moved(odometry)
-        measures = moved | stands(lidar.ranges, moved, config)
+    lapsing, absent = logged is None and not is_coarse(lidar.stamps), np.zeros(len(lidar), np.bool_)
+    if path is not None and lapsing and lidar.odometry is None:
+        absent = _without(recording, path)
+    counted = recording.encoders is not None and len(recording.encoders) > 0
+    inputs = Inputs(platform, config, lidar)
+    inputs.logged = logged
+    repeated = inputs.take(lidar, odometry, path, absent=absent, counted=counted, lapsing=lapsing)
     seconds, swept = sweep_seconds(recording, lidar), None
     if config.deskew and seconds > 0 and path is not None:
         swept = sweeps(path, lidar.stamps, seconds, config)
-    scans = Scans(lidar, recording.platform.lidar, sweeps=swept, max_range=max_range, travelling=travels)
-    return Inputs(
-        stamps=lidar.stamps,
-        scans=scans,
-        path=path,
-        odometry=odometry,
-        motions=motions,
-        jumped=jumped,
-        measured=measures & ~unmeasured,
-        moves=bool(moved.any()),
-        logged=logged,
-        open={} if missing is None else missing.open,
-        issues=(
-            *(() if travels is None else travels.issues(lidar.stamps)),
-            *(() if missing is None else missing.issues(lidar.stamps)),
-        ),
-    )
+    travels = inputs.travels(repeated)
+    inputs.scans = Scans(lidar, platform.lidar, sweeps=swept, max_range=max_range, travelling=travels)
+    return inputs
 
 
 def require_lidar(recording: Recording) -> LidarStream:
@@ -182,14 +116,11 @@ def apart(lidar: LidarStream, path: OdometryPath) -> float:
     return 0.0
 
 
-def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, name: str) -> Array:
-    """The odometry's pose [n, 3] at every scan; the pose logged with a scan where the log has one."""
-    if lidar.odometry is not None:
-        if lidar.sequence is not None:  # by its stamp a scan may lie in a gap that it was not taken in
-            return lidar.odometry
-        held = is_stale(lidar.stamps, lidar.odometry, path)
-        return np.where(held[:, None], path.at(lidar.stamps), lidar.odometry) if held.any() else lidar.odometry
-    if late := apart(lidar, path):
+def _at_recorded_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, name: str) -> Array:
+    """The odometry's pose [n, 3] at every scan."""
+    if lidar.odometry is not None and lidar.sequence is not None:
+        return lidar.odometry  # by its stamp a scan may lie in a gap that it was not taken in
+    if lidar.odometry is None and (late := apart(lidar, path)):
         raise InputError(
             f"scans from {lidar.stamps[0]:.3f} to {lidar.stamps[-1]:.3f} s, odometry from {path.stamps[0]:.3f} to "
             f"{path.stamps[-1]:.3f} s, {abs(late):.0f} s {'after' if late > 0 else 'before'} them, expected "
@@ -197,9 +128,17 @@ def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, nam
             file=name,
             field="time_stamps",
         )
+    return at_scans(lidar.stamps, lidar.odometry, path, config)
+
+
+def at_scans(stamps: Array, logged: Array | None, path: OdometryPath, config: SyncConfig) -> Array:
+    """The odometry's pose [n, 3] at scans: that logged with them [n, 3] where there is one, unless it is stale."""
+    if logged is not None:
+        held = is_stale(stamps, logged, path)
+        return np.where(held[:, None], path.at(stamps), logged) if held.any() else logged
     if config.method == "interpolate":
-        return path.at(lidar.stamps)
-    return path.poses[nearest_stamp(path.stamps, lidar.stamps)]
+        return path.at(stamps)
+    return path.poses[nearest_stamp(path.stamps, stamps)]
 
 
 def is_stale(scans: Array, logged: Array, path: OdometryPath) -> NDArray[np.bool_]:
@@ -267,7 +206,15 @@ def warnings(recording: Recording, inputs: Inputs, *, read_ranges: bool = True) 
         scans = int((~inputs.measured).sum())
         told.append(("still-odometry", scans, f"odometry that never moves: constant velocity over {scans} scans"))
     issues = (Issue(code, text, count) for code, count, text in told if count)
-    return (*doubtful_stamps(recording, inputs.path), *issues, *inputs.issues)
+    return (*unknown_mount(recording.platform), *doubtful_stamps(recording, inputs.path), *issues, *inputs.issues)
+
+
+def unknown_mount(platform: Platform) -> tuple[Issue, ...]:
+    """Whether nothing says where the lidar stands on the robot."""
+    if {"x", "y", "yaw"} & platform.lidar.model_fields_set:
+        return ()
+    text = "lidar: where it stands on the robot is not known: taken to be at its centre, facing ahead"
+    return (Issue("no-mount", text),)
 
 
 def is_coarse(stamps: Array) -> bool:
@@ -275,15 +222,28 @@ def is_coarse(stamps: Array) -> bool:
     return bool((np.diff(stamps) == 0).sum() > COARSE * len(stamps))
 
 
+def jitter(stamps: Array) -> float:
+    """The standard deviation of stamps [n] about even ones [s], by steps that make up for the one before."""
+    steps = np.diff(stamps)
+    steps = np.minimum(steps, 5 * np.median(steps))  # gaps are no jitter
+    steps -= steps.mean()
+    both, own = float(steps[1:] @ steps[:-1]), float(steps @ steps)
+    return float(np.sqrt(-both / len(steps))) if both < OPPOSITE * own else 0.0
+
+
 def doubtful_stamps(recording: Recording, path: OdometryPath | None) -> list[Issue]:
     """Clocks that are too coarse for their readings, and ways that are driven without scans, by a path."""
     issues, scans = list[Issue](), require_lidar(recording).stamps
+    logged = require_lidar(recording).odometry is not None  # the motion then does not depend on stamps
     for name, stamps in recording.stamps().items():
         if name in STREAMS[:4] and is_coarse(stamps):
             equal = int((np.diff(stamps) == 0).sum())
             text = f"{name}: {equal} of {len(stamps)} readings share the stamp of the one before: their clock "
             text += "counts whole seconds" if (stamps == np.rint(stamps)).all() else "is too coarse"
             issues.append(Issue("equal-stamps", f"{text}, so that speeds and turns by it are wrong", equal))
+        elif name in STREAMS[:4] and len(stamps) > 200 and not logged and (noise := jitter(stamps)) > JITTERS:
+            text = f"{name}: stamps jitter by {noise:.2f} s: what is driven meanwhile is missing from motions, "
+            issues.append(Issue("stamps-jitter", f"{text}and from the poses at these stamps"))
     if path is None:
         return issues
     stamps, driven = path.stamps[1:], np.hypot(*np.diff(path.poses[:, :2], axis=0).T)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.platform import LidarSpec
-from moteslam.robot.recording import LidarStream, chunks
+from moteslam.robot.recording import LidarStream
 from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.comparison import ComparedBeams, compare_scans
 
@@ -65,14 +65,12 @@ class Travelling:
         begins: [e] the scan from which on each row of ``ranges`` holds, in order.
         ranges: [e, beams] the range at which something travels along each beam [m]; NaN where nothing does.
         repeated: [n] scans that are not new: the driver gave the one before again.
-        odometry: [n, 3] without the motion of wheels that spun on the spot.
         seen: what there was, in order.
     """
 
     begins: NDArray[np.intp]
     ranges: NDArray[np.float32]
     repeated: Flags
-    odometry: Array
     seen: tuple[Episode, ...]
 
     def hides(self, scan: int, ranges: NDArray[np.float32]) -> Flags | None:
@@ -111,29 +109,6 @@ class Travelling:
 def near(ranges: NDArray[Any], held: NDArray[Any]) -> Flags:
     """Which ranges [...] are those at which something travels, ``held`` [...] [m]."""
     return np.asarray(np.abs(ranges - held) <= NEAR + NEAR_SHARE * held)
-
-
-def travelling(
-    lidar: LidarStream, mount: LidarSpec, odometry: Array, unmeasured: Flags | None = None
-) -> Travelling | None:
-    """Find what travels with the robot.
-
-    Args:
-        odometry: [n, 3] the robot's pose at each by odometry.
-        unmeasured: [n] at which scans that does not say how the robot has moved since the one before.
-
-    Returns:
-        None if nothing does.
-    """
-    follower, motion = Follower(lidar, mount), se2.between(odometry[:-1], odometry[1:])
-    driven = np.append(0.0, np.hypot(motion[:, 0], motion[:, 1]) + np.abs(motion[:, 2])).tolist()
-    flags = [False] * len(lidar) if unmeasured is None else unmeasured.tolist()
-    scans = (ranges for some in chunks(lidar.ranges) for ranges in some)
-    poses, repeated = np.empty_like(odometry), np.zeros(len(lidar), np.bool_)
-    for scan, each in enumerate(zip(scans, odometry, driven, flags, strict=True)):
-        poses[scan] = follower.add(*each)
-        repeated[scan] = follower.repeats
-    return follower.found(repeated, poses)
 
 
 def _line(angles: Array, ranges: Array) -> Array:
@@ -235,13 +210,13 @@ class Follower:
             return np.ones(len(ranges), np.bool_)
         return near(ranges, self._epochs[-1][self._nearest].astype(np.float32)) if self._epochs else None
 
-    def found(self, repeated: Flags, odometry: Array) -> Travelling | None:
-        """What there was so far, with which scans [n] repeat, and the poses [n, 3]; None if nothing travelled."""
+    def found(self, repeated: Flags) -> Travelling | None:
+        """What there was so far, with which scans [n] repeat; None if nothing travelled."""
         if not self._seen:
             return None
         ranges = np.array(self._epochs, np.float32).reshape(-1, len(self._range))[:, self._nearest]
         seen = tuple(sorted(self._seen, key=lambda one: one.first))
-        return Travelling(np.array(self._begins, np.intp), ranges, repeated, odometry, seen)
+        return Travelling(np.array(self._begins, np.intp), ranges, repeated, seen)
 
     def _see(self, kind: str, first: int, last: int, *, apart: int = 1) -> None:
         """Note an episode, which goes on with the latest of its kind that ended this many scans before at most."""

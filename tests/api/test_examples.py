@@ -1,11 +1,13 @@
-"""The scripts of examples/ run, and each draws its picture."""
+"""The scripts of examples/ run, and each draws its picture; the notebook runs in a kernel of Jupyter."""
 
 import ast
 import gzip
+import json
 import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,12 +21,19 @@ MOST = {  # what ``main`` returns, at least and at most
     "my_weight_update": (20.0, 90.0),
     "score_my_trajectory": (0.02, 0.2),
     "real_log": (10.0, 60.0),
+    "paper_figures": (2.0, 40.0),
+    "particles_film": (1.0, 50.0),
+    "my_filter": (0.001, 0.1),
+    "gym_env": (20.0, 60.0),
     "which_lidar": (0.0, 0.1),
 }
+PICTURES = {"paper_figures": [f"paper_figures_{number}.png" for number in range(1, 9)]}
+PICTURES["particles_film"] = ["particles_film.gif"]
+OF_DEVICES = {"ros2_node": "rclpy", "serial_lidar": "serial"}  # and the package that they need
 
 
 def test_every_script_is_run_here():
-    assert {path.stem for path in EXAMPLES.glob("*.py")} == {*MOST, "ros2_node"}
+    assert {path.stem for path in EXAMPLES.glob("*.py")} == {*MOST, *OF_DEVICES}
 
 
 @pytest.mark.slow
@@ -34,10 +43,69 @@ def test_a_script_draws_its_picture(name: str, tmp_path: Path):
     import matplotlib
 
     matplotlib.use("agg")
+    if name == "gym_env":
+        pytest.importorskip("gymnasium")
     found = import_module(name).main(tmp_path)
-    assert (tmp_path / f"{name}.png").stat().st_size > 5000
+    for picture in PICTURES.get(name, [f"{name}.png"]):
+        assert (tmp_path / picture).stat().st_size > 5000
     least, most = MOST[name]
     assert all(least < each < most for each in (found.values() if isinstance(found, dict) else [found]))
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("taichi")
+def test_the_environment_is_one_of_gymnasium(monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("gymnasium")
+    from gymnasium.utils.env_checker import check_env
+
+    check_env(import_module("gym_env").DriveToGoal(), skip_render_check=True)
+
+
+def test_the_bytes_of_a_serial_lidar_are_ranges(monkeypatch: pytest.MonkeyPatch):
+    turn = b"".join(
+        bytes((0b111110 if degrees else 0b111101, (64 * degrees & 127) << 1 | 1, 64 * degrees >> 7, *metres))
+        for degrees in range(360)
+        for metres in [(4000 + 100 * degrees).to_bytes(2, "little")]
+    )
+    sent = b"\xa5\x5a\x05\0\0\x40\x81" + turn[:500] + turn + b"\0" + turn + turn[:5]
+
+    class Device:
+        def __init__(self, *_: object, **__: object) -> None:
+            self.left = sent
+
+        def __enter__(self) -> "Device":
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def write(self, command: bytes) -> None:
+            assert command == b"\xa5\x20"
+
+        def read(self, count: int) -> bytes:
+            taken, self.left = self.left[:count], self.left[count:]
+            return taken
+
+    monkeypatch.setitem(sys.modules, "serial", SimpleNamespace(Serial=Device))
+    scans = import_module("serial_lidar").scans("port")
+    found = [next(scans)[1] for _ in range(2)]
+    monkeypatch.delitem(sys.modules, "serial_lidar")
+    with pytest.raises(SystemExit, match="no reading"):
+        next(scans)
+    degrees = (180 - np.arange(360)) % 360  # clockwise from ahead, of beams counterclockwise from behind
+    for ranges in found:
+        np.testing.assert_allclose(ranges, 1 + degrees / 40, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_notebook_of_the_course_runs(tmp_path: Path):
+    nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
+    pytest.importorskip("ipykernel")
+    notebook = nbformat.read(EXAMPLES / "course.ipynb", as_version=4)
+    assert not [cell for cell in notebook.cells if cell.get("outputs")]
+    nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3").execute(cwd=str(tmp_path))
+    shown = json.dumps([cell.get("outputs") for cell in notebook.cells])
+    assert shown.count('"image/png"') == 6
+    assert "trajectory_final: " in shown
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)

@@ -35,7 +35,7 @@ def test_names_with_markup_and_escape_codes_are_printed_as_they_are(
     assert "\x1b" not in refused(capsys, "evaluate", "one", "two", name)  # a usage error, printed by Typer
     Path(name).write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
     assert main.run(["evaluate", name, name]) == 0
-    assert capsys.readouterr().out.startswith(f"{shown} against {shown}\n")
+    assert capsys.readouterr().out.startswith(f"{shown} against {shown}, laid on it rigidly\n")
     assert main.run(["evaluate", name, name, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["estimate"] == name
 
@@ -169,6 +169,7 @@ def test_a_fault_of_ours_is_one_line_too(monkeypatch, capsys) -> None:
         main.run(["scenarios"])
 
 
+@pytest.mark.slow
 def test_a_truth_on_another_clock_is_left_out(simulated_folder: Path, tmp_path: Path, capsys, taichi) -> None:
     import shutil
 

@@ -54,6 +54,19 @@ def test_inspect_says_where_nothing_could_be_measured(tmp_path: Path, capsys: py
     assert "by scans and odometry: nothing measured" in capsys.readouterr().out
 
 
+@pytest.mark.slow
+def test_replay_says_where_nothing_could_be_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    straight = load_scenario("corridor", platform="lms200", settings=["route.waypoints=[[3.5, 0.0], [12.0, 0.0]]"])
+    write_recording(tmp_path / "straight.mcap", with_odometry(simulate(straight, 0).recording))
+    for command in (["inspect"], ["replay", "--no-figures", "--out", str(tmp_path / "out")]):
+        for more in ([], ["--calibrate", "lidar", "--force"]) if len(command) > 1 else ([],):
+            assert main.run([*command, str(tmp_path / "straight.mcap"), "--json", *more]) == 0
+            shown = json.loads(capsys.readouterr().out)
+            told = [issue["code"] for issue in shown.get("problems", shown.get("warnings"))]
+            assert told.count("not-calibrated") == 1
+
+
+@pytest.mark.slow
 def test_inspect_says_all_that_replay_says_of_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording = with_odometry(winding(seconds=12.0)).replace(encoders=None, imu=None)
     odometry = recording.odometry
@@ -81,6 +94,7 @@ def test_scans_that_do_not_fit_are_told(tmp_path: Path, capsys: pytest.CaptureFi
     assert "replay --calibrate" not in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scale", "expected"), [(1.0, {"travels-along"}), (1.06, {"lidar-angles"})])
 def test_what_travels_along_is_known_only_where_the_angles_are_right(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], scale: float, expected: set[str]

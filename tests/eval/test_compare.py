@@ -10,7 +10,7 @@ from command_lines import printed, refused
 from made_sweeps import Values, recorded
 
 from moteslam.eval.cli import main
-from moteslam.eval.runs import by_configuration, read_runs
+from moteslam.eval.runs import compared, read_runs
 from moteslam.eval.sweep.plan import PlannedRun
 
 TWO = 'scenarios = ["corridor"]\n[configurations.plain]\n[configurations.better]\nset = { slam.particles = 50 }\n'
@@ -33,13 +33,13 @@ def swept(folder: Path, name: str, factor: float = 1.0, *, failed: tuple[int, ..
 def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = swept(tmp_path, "a", failed=(3,))
     found = json.loads(printed(capsys, "compare", file, "--json"))
-    better = found["metrics"]["final.ate"]["better"]
-    assert found["baseline"] == "plain"
+    better = found["metrics"]["final.ate"]["better"]["corridor"]
+    assert (found["by"], found["baseline"]) == ("configuration", "plain")
     assert (better["pairs"], better["wins"], better["losses"], better["failed"]) == (10, 9, 1, [0, 1])
     assert better["p"] == pytest.approx(22 / 1024)
     assert better["high"] < 0
     text = printed(capsys, "compare", file, "--baseline", "better")
-    assert text.startswith("final.ate [m], against better\n")
+    assert text.startswith("final ATE [cm], against better\n")
     assert text.splitlines()[2].split()[:4] == ["plain", "10", "1", "9"]
 
 
@@ -47,13 +47,37 @@ def test_two_sweeps_are_matched_by_scenario_platform_and_seed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = swept(tmp_path, "a"), swept(tmp_path, "b", 2.0)
-    assert list(by_configuration(read_runs(files))) == ["a: plain", "a: better", "b: plain", "b: better"]
+    assert list(compared(read_runs(files))) == ["a: plain", "a: better", "b: plain", "b: better"]
     found = json.loads(printed(capsys, "compare", *files, "--json"))["metrics"]["final.ate"]
+    found = {name: each["corridor"] for name, each in found.items()}
     assert [found[name]["losses"] for name in ("a: better", "b: plain", "b: better")] == [0, 10, 10]
     assert found["b: plain"]["median"] == pytest.approx(5.5)
     alike = swept(tmp_path / "other", "a", 0.5)  # of one name: named by their folders
     found = json.loads(printed(capsys, "compare", files[0], alike, "--json"))["metrics"]["final.ate"]
-    assert found[f"{alike}: plain"]["wins"] == 10
+    assert found[f"{alike}: plain"]["corridor"]["wins"] == 10
+
+
+ROBOTS = 'scenarios = ["corridor", "office"]\nplatforms = ["ucsd", "turtlebot3"]\nseeds = "0-2"\n'
+
+
+def test_robots_are_compared_where_they_vary_and_each_scenario_has_a_row(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    far = {"corridor": 1.0, "office": 100.0}
+    file = recorded(
+        *(tmp_path / "a.sweep", ROBOTS),
+        lambda run: {"final.ate": (0.01 * far[run.scenario] * (1 + (run.platform == "turtlebot3")), "m")},
+    )
+    found = json.loads(printed(capsys, "compare", file, "--json"))
+    assert (found["by"], found["baseline"]) == ("platform", "ucsd")
+    each = found["metrics"]["final.ate"]["turtlebot3"]
+    assert {place: one["median"] for place, one in each.items()} == {
+        "corridor": pytest.approx(0.01), "office": pytest.approx(1.0), "2 places together": None
+    }  # fmt: skip
+    assert [one["pairs"] for one in each.values()] == [3, 3, 6]
+    assert each["corridor"]["low"] is None  # three pairs have no interval
+    assert json.loads(printed(capsys, "compare", file, "--by", "scenario", "--json"))["baseline"] == "corridor"
+    assert "--by: 'seed', expected one of " in refused(capsys, "compare", file, "--by", "seed")
 
 
 def test_result_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -63,7 +87,8 @@ def test_result_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
         (tmp_path / name / "metrics.json").write_text(json.dumps({"metrics": metrics}))
         (tmp_path / name / "run.json").write_text(json.dumps({"recording": "corridor", "seed": 0}))
     both = tmp_path / "a", tmp_path / "b"
-    (one,) = json.loads(printed(capsys, "compare", *both, "--json"))["metrics"]["final.ate"].values()
+    (each,) = json.loads(printed(capsys, "compare", *both, "--json"))["metrics"]["final.ate"].values()
+    one = each["corridor"]
     assert (one["pairs"], one["wins"], one["median"]) == (1, 1, -0.1)
     assert "no run in common" in refused(capsys, "compare", *both, "--metric", "map_f1")
     (tmp_path / "b" / "run.json").write_text(json.dumps({"recording": "corridor", "seed": 1}))

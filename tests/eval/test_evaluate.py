@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from moteslam.eval.cli import main
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
 from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import compose, inverse
 from moteslam.robot.trajectories.text import read_tum, write_tum
 from moteslam.robot.trajectory import Trajectory
 
@@ -43,11 +45,12 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 def test_several_are_printed_side_by_side(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = said(capsys, "good.tum", "poor.tum", "$worst_$.tum", "truth.tum").splitlines()
-    assert lines[0] == "against truth.tum"
+    assert lines[0] == "against truth.tum, laid on it rigidly"
     assert lines[1].split()[:2] == ["estimate", "poses"]
     assert [line.split()[0] for line in lines[2:]] == ["good.tum", "poor.tum", "$worst_$.tum"]
     errors = [float(line.split()[2]) for line in lines[2:]]
     assert errors == sorted(errors)
+    assert "ATE RMSE [m]" in lines[1]  # of all three, the worst of which is metres off
     assert 0.01 < errors[0] < 0.02
     rows = json.loads(said(capsys, "good.tum", "poor.tum", "truth.tum", "--json"))
     assert [row["estimate"] for row in rows["results"]] == ["good.tum", "poor.tum"]
@@ -57,7 +60,7 @@ def test_several_are_printed_side_by_side(folder: Path, capsys: pytest.CaptureFi
 def test_a_trajectory_under_a_metre_has_its_absolute_error(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main.run(["evaluate", "short.tum", "truth.tum"]) == 0
     out, err = capsys.readouterr()
-    assert "ATE [m]" in out
+    assert "ATE [mm]" in out
     assert "RPE" not in out
     assert err.endswith("no relative error: no pair 1 m apart among 6 matched poses, expected a shorter delta\n")
     assert "RPE over 0.2 m" in said(capsys, "short.tum", "truth.tum", "--delta", "0.2")
@@ -114,18 +117,39 @@ def test_the_scale_is_fitted_where_it_is_asked_for(
 ) -> None:
     truth = read_tum("truth.tum")
     write_tum("large.tum", Trajectory(truth.stamps, truth.poses * (1.1, 1.1, 1.0)))
-    assert "ATE, scaled by 0.9091 [m]" in said(capsys, "large.tum", "truth.tum", "--scale")
+    assert "ATE, scaled by 0.9091 [mm]" in said(capsys, "large.tum", "truth.tum", "--scale")
+    assert "rigidly and scaled" in said(capsys, "large.tum", "truth.tum", "--scale")
     assert "scaled" not in said(capsys, "large.tum", "truth.tum")
-    assert "ATE, scaled by 1.0000 [m]" in said(capsys, "truth.tum", "truth.tum", "--scale")
-    head = said(capsys, "truth.tum", "large.tum", "truth.tum", "--scale").splitlines()[1]
-    assert "ATE, scale fitted, RMSE [m]" in head
+    assert "ATE, scaled by 1.0000 [mm]" in said(capsys, "truth.tum", "truth.tum", "--scale")
+    assert "rigidly and scaled" in said(capsys, "truth.tum", "large.tum", "truth.tum", "--scale").splitlines()[0]
     found = json.loads(said(capsys, "large.tum", "truth.tum", "--scale", "--json", "--plot", "scaled.png"))
     assert (found["scaled"], found["ate"]["scale"]) == (True, pytest.approx(1 / 1.1))
     assert found["ate"]["translation_m"]["rmse"] < 1e-6
     assert json.loads(said(capsys, "large.tum", "truth.tum", "--json", "--plot", "rigid.png"))["scaled"] is False
     scaled, rigid = ([text.get_text() for text in figure.legends[0].texts] for figure in drawn)
-    assert "large.tum, ATE RMSE 0.0 cm, scale fitted" in scaled
+    assert "large.tum, ATE RMSE 0 mm, scale fitted" in scaled
     assert not any("scale" in label for label in rigid)
+
+
+def test_the_nearest_stamps_and_another_point_of_the_robot(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    truth = read_tum("truth.tum")
+    on_lidar = Trajectory(truth.stamps, compose(truth.poses, np.array((0.3, -0.1, 0.5))))
+    write_tum("lidar.tum", on_lidar)
+    assert main.run(["evaluate", "lidar.tum", "truth.tum"]) == 0
+    back = inverse(np.array((0.3, -0.1, 0.5)))
+    warned = capsys.readouterr().err
+    assert re.search(r"\(--est-offset -0\.2\d+ 0\.2\d+ 0\)", warned)
+    found = json.loads(said(capsys, "lidar.tum", "truth.tum", "--est-offset", *map(str, back), "--json"))
+    assert found["ate"]["translation_m"]["rmse"] < 1e-8
+    assert found["ate"]["rotation_deg"]["max"] < 1e-5
+    half = Trajectory(truth.stamps[::2] + 0.004, truth.poses[::2])
+    write_tum("late.tum", half)
+    between, nearest = (
+        json.loads(said(capsys, "late.tum", "truth.tum", "--no-align", "--json", *more)) for more in ([], ["--nearest"])
+    )
+    assert nearest["ate"]["translation_m"]["max"] < 1e-9 < between["ate"]["translation_m"]["max"]
+    assert "nearest stamps" in said(capsys, "late.tum", "truth.tum", "--nearest")
+    assert said(capsys, "lidar.tum", "truth.tum", "--format", "latex").splitlines()[2] == r"\toprule"
 
 
 def a_room(shift: float = 0.0) -> Raster:
@@ -150,9 +174,9 @@ def test_the_map_of_any_slam_is_scored_by_the_true_one(folder: Path, capsys: pyt
     assert right["map_distance"] == {"value": pytest.approx(0.0, abs=0.025), "unit": "m"}
     assert off["map_f1"]["value"] < 0.9
     lines = said(capsys, "truth.tum", "truth.tum", *maps, "mine.yaml", "--metric", "rpe_2m", "--metric", "nees")
-    assert "map_free_iou" in lines
-    assert "nees           - no covariances" in lines
-    assert "final.rpe_2m" in lines
+    assert "IoU of free space" in lines
+    assert re.search("NEES +- no covariances", lines)
+    assert "final RPE over 2 m" in lines
 
 
 def changed(about: str, change: str, by: str) -> None:

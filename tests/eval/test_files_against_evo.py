@@ -232,8 +232,8 @@ def test_positions_without_orientation(tmp_path: Path, capsys, quaternion: str, 
     assert [issue["code"] for issue in result["warnings"]] == ["no-orientation"]
     assert main.run(["evaluate", *files, "--metric", "heading", "--metric", "drift", "--metric", "ate"]) == 0
     out = capsys.readouterr().out
-    assert "RPE of distances over 1 m [m]" in out
+    assert "RPE of distances over 1 m [" in out
     assert "deg" not in out
-    assert "final.heading  - no orientation" in out
-    assert "final.drift    - a trajectory without orientation" in out
+    assert re.search("final heading error +- no orientation", out)
+    assert re.search("final drift +- a trajectory without orientation", out)
     assert main.run(["evaluate", *files, "--plot", str(tmp_path / "p.png")]) == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import json
 import re
@@ -17,10 +18,10 @@ from moteslam.errors import InputError
 from moteslam.eval.cli import main
 from moteslam.eval.page import charts
 from moteslam.eval.page.document import Material, data_block, gather, page
-from moteslam.eval.page.player import Budget, playable
+from moteslam.eval.page.player import Budget, budget_of, playable
 from moteslam.eval.results import write_results
 from moteslam.eval.run_tables import read_particles
-from moteslam.eval.runs import by_configuration
+from moteslam.eval.runs import compared
 from moteslam.robot.formats.map_server import write_picture
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectories.text import read_tum
@@ -38,7 +39,7 @@ def decoded(deltas: list[int], unit: float = 1e-3) -> np.ndarray:
 
 
 def test_a_player_has_the_paths_of_the_folder(result: Path) -> None:
-    found = playable(result, Budget.of(1))
+    found = playable(result, budget_of(1))
     final = read_tum(result / "trajectory_final.tum")
     assert len(found["t"]) == len(final)
     np.testing.assert_allclose(decoded(found["t"]), final.stamps - final.stamps[0], atol=6e-4)
@@ -51,7 +52,7 @@ def test_a_player_has_the_paths_of_the_folder(result: Path) -> None:
 
 
 def test_errors_are_those_of_the_metrics(result: Path) -> None:
-    found = playable(result, Budget.of(1))
+    found = playable(result, budget_of(1))
     scores = json.loads((result / "metrics.json").read_text())["metrics"]
     assert decoded(found["errors"]["final"], 1e-4).max() == pytest.approx(scores["final.ate_max"]["value"], abs=1e-4)
 
@@ -66,21 +67,21 @@ def test_a_page_of_many_runs_holds_less_of_each(result: Path) -> None:
     small = playable(result, Budget(20, 500, 20_000))
     assert len(small["map"]["source"]) < len(many["map"]["source"])
     assert small["map"]["width"] == many["map"]["width"]
-    assert len(json.dumps(playable(result, Budget.of(300)))) < 45_000
+    assert len(json.dumps(playable(result, budget_of(300)))) < 45_000
 
 
 def test_the_coloured_floor_is_a_layer_of_its_own(result: Path, tmp_path: Path) -> None:
     shutil.copytree(result, tmp_path / "result")
     floor = np.zeros((80, 120, 4), np.uint8)
     write_picture(tmp_path / "result" / "texture.png", Raster(floor, 0.05, (-1.0, -2.0, 0.5)))
-    found = playable(tmp_path / "result", Budget.of(1))["texture"]
+    found = playable(tmp_path / "result", budget_of(1))["texture"]
     assert {name: found[name] for name in ("x", "y", "yaw", "width", "height")} == {
         **{"x": -1.0, "y": -2.0, "yaw": 0.5, "width": 6.0, "height": 4.0}
     }
     assert found["source"].startswith("data:image/webp;base64,")
     (tmp_path / "result" / "texture.yaml").write_text("resolution: 0.05\n")
     with pytest.raises(InputError, match=r"texture\.yaml: expected resolution and origin"):
-        playable(tmp_path / "result", Budget.of(1))
+        playable(tmp_path / "result", budget_of(1))
 
 
 def test_particles_are_written_and_read(result: Path, run) -> None:
@@ -88,7 +89,7 @@ def test_particles_are_written_and_read(result: Path, run) -> None:
     found = read_particles(result / "particles.npz")
     np.testing.assert_array_equal(found.stamps, estimate.particle_stamps)
     np.testing.assert_allclose(found.paths, estimate.particle_paths, atol=1e-5)
-    shown = playable(result, Budget.of(1))["particles"]
+    shown = playable(result, budget_of(1))["particles"]
     assert len(shown["paths"]) == len(estimate.particle_paths)
     np.testing.assert_allclose(decoded(shown["paths"][0][0])[-1], estimate.particle_paths[0, -1, 0], atol=1e-3)
 
@@ -109,7 +110,7 @@ def test_what_is_gathered_of_a_sweep(tmp_path: Path) -> None:
     found = gather([sweep(tmp_path / "s.sweep", fail=1)])
     assert (len(found.runs), found.pending) == (58, 2)
     assert found.wanted == ["final.ate", "map_f1"]
-    names = list(by_configuration(found.runs))
+    names = list(compared(found.runs))
     assert names[:2] == ["default, slam.particles=1", "default, slam.particles=10"]
     assert [run.status for run in found.runs].count("failed") == 1
 
@@ -164,7 +165,12 @@ def test_the_policy_allows_the_scripts_of_the_page_and_no_others(tmp_path: Path)
     assert "unsafe" not in policy[1]
     scripts = re.findall(r"<script>(.*?)</script>", text, flags=re.S)
     hashes = ["sha256-" + b64encode(hashlib.sha256(each.encode()).digest()).decode() for each in scripts]
+    packed = re.search(r'id="library">([^<]*)<', text)
+    assert packed is not None
+    library = gzip.decompress(b64decode(packed[1])).decode()
+    hashes.append("sha256-" + b64encode(hashlib.sha256(library.encode()).digest()).decode())
     assert len(hashes) == 3
+    assert len(text) < 2_500_000
     assert all(f"'{each}'" in policy[1] for each in hashes)
     assert "http://" not in re.sub(r"<script>.*?</script>", "", text, flags=re.S)
 
@@ -178,26 +184,44 @@ def test_data_cannot_end_their_script() -> None:
 
 def test_a_curve_has_medians_with_intervals_over_what_varies(tmp_path: Path) -> None:
     runs = gather([sweep(tmp_path / "s.sweep")]).runs
-    figure = charts.curves(runs, "slam.particles", "final.ate", "m")
+    figure = charts.curves(runs, "slam.particles", charts.Shown("final.ate", "final ATE [cm]", 100.0))
     assert figure is not None
     assert [line["name"] for line in figure["data"]] == [
         *("corridor, default", "corridor, paper", "office, default", "office, paper")
     ]
     line = figure["data"][0]
     assert line["x"] == [1, 10, 100]
-    np.testing.assert_allclose(line["y"], [0.202, 0.022, 0.004])
-    assert line["error_y"]["array"][0] > 0
+    np.testing.assert_allclose(line["y"], [20.2, 2.2, 0.4])
+    assert line["error_y"]["array"] == [0.0] * 3  # five runs have no interval
     assert figure["layout"]["xaxis"]["type"] == "log"
-    assert figure["layout"]["yaxis"]["title"]["text"] == "final.ate [m]"
-    assert charts.curves(runs, "slam.particles", "map_f1", "") is None
+    assert {"0.5", "1", "2", "5", "10"} <= set(figure["layout"]["yaxis"]["ticktext"])
+    assert figure["layout"]["xaxis"]["title"]["text"] == "particles"
+    assert figure["layout"]["yaxis"]["title"]["text"] == "final ATE [cm]"
+    assert charts.curves(runs, "slam.particles", charts.Shown("map_f1", "map F1")) is None
 
 
-def test_pairs_are_of_the_same_case() -> None:
-    runs = [run_of("a", seed) for seed in range(3)] + [run_of("b", seed, ate=1.0) for seed in (1, 5)]
-    figure = charts.paired(by_configuration(runs), "a", "final.ate", "m")
+def test_every_run_is_a_point_in_the_colour_of_its_scenario_under_a_name_that_is_not_cut() -> None:
+    long = "a-name-that-is-longer-than-a-line-of-a-label"
+    runs = [
+        run_of(f"{long}-{k}", seed, scenario=place) for k in "ab" for seed in (0, 1) for place in ("hall", "office")
+    ]
+    figure = charts.spread(compared(runs), charts.Shown("final.ate", "final ATE [m]"))
     assert figure is not None
-    assert (figure["data"][1]["x"], figure["data"][1]["y"]) == ([1.1], [1.0])
-    assert charts.paired(by_configuration(runs), "b", "map_f1", "") is None
+    points = figure["data"][::2]
+    assert [(each["name"], each["y"]) for each in points] == [
+        (name, [0.1, 1.1, 0.1, 1.1]) for name in ("hall", "office")
+    ]
+    assert points[0]["marker"]["color"] != points[1]["marker"]["color"]
+    assert [text[-2:] for text in figure["layout"]["xaxis"]["ticktext"]] == ["-a", "-b"]
+
+
+def test_robots_have_rows_of_their_own_and_the_title_says_what_was_asked() -> None:
+    runs = [run_of(seed=seed, platform=robot) for robot in ("ucsd", "turtlebot3") for seed in range(2)]
+    text = page(Material(runs=runs))
+    assert "<title>final ATE by platform: ucsd, turtlebot3</title>" in text
+    assert "4 runs: 2 platforms, 2 seeds;" in text
+    assert "Each platform against <strong><bdi>ucsd</bdi></strong>" in text
+    assert text.count('<tr><th scope="row"><bdi>turtlebot3</bdi></th>') == 2  # in the summary and among the pairs
 
 
 def test_failed_runs_count_as_the_worst() -> None:

@@ -17,10 +17,10 @@ from PIL import Image
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, maps
+from moteslam.eval.report.curves import draw_sweep, places_of
 from moteslam.eval.report.maps import draw_over_time
 from moteslam.eval.report.particles import Cloud, draw_particles
 from moteslam.eval.report.style import broken
-from moteslam.eval.report.sweep_curves import draw_sweep, places_of
 from moteslam.eval.results import from_same_start, write_map_files
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.store import Row
@@ -98,7 +98,7 @@ def test_legends_name_each_path_its_start_and_its_end(run, simulation, tmp_path:
     assert [legend_of(figure) for figure in drawn] == [
         ["SLAM (final)", "start", "end"],
         ["SLAM (online)", "start", "robot"],
-        [f"SLAM (online), RMSE {100 * ate.rmse:.1f} cm"],
+        [f"SLAM (online), RMSE {1000 * ate.rmse:.3g} mm", "lines: running medians, bands: ranges"],
         ["dead reckoning", "start", "end"],
         ["truth", "dead reckoning", "start", "end"],
     ]
@@ -202,7 +202,7 @@ def test_a_colour_a_scenario_and_dashes_a_configuration(tmp_path: Path, drawn: l
         for count, value in ((10, 0.1), (3, 0.2))
     ]
     draw_sweep(tmp_path / "a.png", rows, ["final.ate"], column="slam.particles")
-    lines = [container.lines[0] for container in drawn[0].axes[0].containers[:4]]
+    lines = [line for line in drawn[0].axes[0].lines if len(line.get_xdata()) == 2 and line.get_label()[0] != "_"]
     assert legend_of(drawn[0])[:4] == ["corridor, default", "corridor, paper", "office, default", "office, paper"]
     colours, dashes = [line.get_color() for line in lines], [line.get_linestyle() for line in lines]
     assert colours[0] == colours[1] != colours[2]

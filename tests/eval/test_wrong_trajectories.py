@@ -116,6 +116,13 @@ def tilted(table: Table) -> Table:
     return np.column_stack((table[:, 0], slope.apply(table[:, 1:4]), body.as_quat()))
 
 
+def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
+    files = write(tmp_path / "est.tum", drive(0.2, 0.005)), write(tmp_path / "ref.tum", tilted(drive(0.01)))
+    for given, named in ((files, files[1]), (files[::-1], files[1])):
+        assert main.run(["evaluate", *given]) == 0
+        assert f"{named}: moves in a plane" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("estimate", "reference", "expected"),
     [

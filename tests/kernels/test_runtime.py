@@ -92,6 +92,7 @@ def test_where_no_cache_can_be_had_kernels_run_without(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.mark.slow
 def test_the_lock_of_a_killed_process_is_removed_and_kernels_are_kept_again(tmp_path: Path) -> None:
     run("from moteslam.kernels.runtime import init; init()", tmp_path)
     cache = cache_of(tmp_path)

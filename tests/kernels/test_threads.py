@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import pytest
 from kernel_cases import run_cases
 
 
+@pytest.mark.slow
 def test_each_kernel_gives_the_same_bytes_on_any_number_of_threads(tmp_path: Path) -> None:
     """On one thread no other thread runs: see ``kernel_cases``."""
     on_one, on_many = run_cases(tmp_path, threads=1), run_cases(tmp_path, threads=3)

@@ -10,11 +10,13 @@ from slam_rooms import ate, blind, circled_room, jumping_odometry, run, stopped_
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.recording import OdometryStream, Recording
+from moteslam.robot.platforms import CARMEN
+from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.inputs.odometry_path import jumps, stands
+from moteslam.slam.inputs.config import SyncConfig
+from moteslam.slam.inputs.odometry_path import jumps
 from moteslam.slam.inputs.step import steps
 from moteslam.slam.inputs.synchronise import synchronise, warnings
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
@@ -119,11 +121,17 @@ def test_who_walks_by_a_standing_robot_does_not_move_it():
     ranges[1, :15] = 1.0
     ranges[2, 20:] = np.inf
     ranges[3, :25] = 1.0
-    still = np.zeros(5, np.bool_)
-    assert stands(ranges, still).tolist() == [True, True, True, False, False]
-    assert stands(ranges, np.arange(5) >= 2).tolist() == [True, True, False, False, False]
+    lidar, still = LidarStream(np.arange(5.0), ranges, 0.0, 0.01, 0.0, 30.0), np.zeros((5, 3))
+    moving = still + (np.arange(5) >= 2)[:, None]
+
+    def measured(ranges: np.ndarray, poses: np.ndarray) -> list[bool]:
+        scans = replace(lidar, ranges=ranges, odometry=poses)
+        return synchronise(Recording("c", CARMEN, lidar=scans), SyncConfig(travelling=False)).measured.tolist()
+
+    assert measured(ranges, still) == [True, True, True, False, False]
+    assert measured(ranges, moving) == [True, True, True, True, True]
     ranges[1] = np.inf
-    assert stands(ranges, still).tolist() == [True, False, True, False, False]
+    assert measured(ranges, still) == [True, False, True, False, False]
 
 
 def test_a_jump_is_faster_than_robots_are_and_than_this_one_usually_is_and_none_of_the_first_nine_steps():

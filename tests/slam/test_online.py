@@ -18,7 +18,7 @@ from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.live import LiveInputs
-from moteslam.slam.inputs.live_odometry import KEPT, MOST_KEPT
+from moteslam.slam.inputs.odometry_path import KEPT, MOST_KEPT
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
@@ -136,12 +136,12 @@ def test_odometry_that_repeats_its_last_pose_for_minutes_is_no_robot_that_stands
     dark = np.full(recording.lidar.ranges.shape[1], np.inf, np.float32)
     for k in range(6500):
         live.arrives("odometry", k / 100)
-        live.odometry_in.add_pose(k / 100, np.array((0.005 * min(k, 300), 0.0, 0.0)))
+        live.odometry_in.add_poses(np.array([k / 100]), np.array([(0.005 * min(k, 300), 0.0, 0.0)]))
         if k % 50 == 0:
             live.arrives("lidar", k / 100)
             live.add_scan(dark, k / 100, None)
-            live.take()
-    assert len(live.path.stamps) <= MOST_KEPT + KEPT
+            live.take_next()
+    assert len(live.odometry_in.path.stamps) <= MOST_KEPT + KEPT
     assert live.measured[1:6].all()
     assert not live.measured[10:].any()
 
@@ -159,7 +159,7 @@ def test_what_is_kept_and_what_a_scan_costs_does_not_grow_with_the_scans():
     assert len(live) == 5000
     assert len(live.scans._kept) == 1
     assert max(len(live._tail), len(live._ranges)) <= 2 * KEPT
-    assert len(live.path.stamps) <= 2 * KEPT + MOST_KEPT
+    assert len(live.odometry_in.path.stamps) <= 2 * KEPT + MOST_KEPT
 
 
 @pytest.mark.parametrize(
@@ -194,11 +194,11 @@ def test_a_lidar_of_which_nothing_is_known_is_refused():
 def test_ranges_that_drivers_report_where_there_is_no_endpoint_are_none():
     recording, _ = circled_room(scans=3)
     platform = platform_of(recording)
-    lidar = platform.lidar.model_copy(update={"range_min": 0.1, "range_max": 8.0, "no_return": (8.0,)})
+    lidar = platform.lidar.model_copy(update={"range_min": 0.1, "range_max": 8.0, "no_return": (8.0, 0.0)})
     live = LiveInputs(platform.model_copy(update={"lidar": lidar}), SyncConfig(), max_range=np.inf, patience=1.0)
     ranges = np.ones(lidar.beams)
     ranges[:5] = 0.0, 8.0, 65.5, np.inf, np.nan
     live.add_scan(ranges, 0.0, None)
     taken = live.waiting[0].ranges
-    np.testing.assert_array_equal(taken[:5], (np.nan, np.inf, np.inf, np.inf, np.nan))
+    np.testing.assert_array_equal(taken[:5], (np.inf, np.inf, np.inf, np.inf, np.nan))
     assert (taken[5:] == 1).all()

@@ -71,6 +71,7 @@ def test_a_turtlebots_bag(data_folder: Path) -> None:
     assert path_length == pytest.approx(np.hypot(*np.diff(recording.odometry.poses[:, :2], axis=0).T).sum(), rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_museums_bag(data_folder: Path) -> None:
     (path,) = (data_folder / "bags").glob("cartographer_b0*.bag")
     recording = open_recording(path)

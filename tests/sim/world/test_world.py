@@ -275,6 +275,7 @@ def test_a_visit_finds_a_share_of_the_furniture_elsewhere_and_the_robot_its_way_
     assert visit_of(name, "moved=0.0", "shut=0.0").standing == before
 
 
+@pytest.mark.slow
 def test_two_visits_have_truths_of_their_own_in_one_building() -> None:
     """Relief and clutter are those of the building; a room behind a shut door is unknown to its visit's truth."""
     maps = {}

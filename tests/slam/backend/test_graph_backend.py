@@ -18,8 +18,7 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.backend.graph import loop_closing
-from moteslam.slam.calibration.calibrate import calibrate
-from moteslam.slam.calibration.findings import findings
+from moteslam.slam.calibration.findings import checked
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.settings import resolve_config
@@ -150,8 +149,8 @@ def test_in_a_round_tank_the_odometry_decides_about_turns(platform: str, tmp_pat
     )
     assert online < 1.3 * dead + 0.01
     assert final < 1.3 * dead + 0.03  # rad
-    calibration = calibrate(simulation.recording)
-    assert calibration is None or not findings(calibration, simulation.recording).issues
+    _, about = checked(simulation.recording)
+    assert about is None or not about.issues
 
 
 @pytest.mark.slow

@@ -205,6 +205,7 @@ def test_after_a_gap_into_a_new_place_the_robot_is_lost_until_it_is_found(counte
     assert {"gap", "lost"} <= {issue.code for issue in estimate.warnings}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
 def test_after_a_lapse_of_an_hour_the_robot_is_searched_for_where_the_map_is(monkeypatch: pytest.MonkeyPatch):
     widest = 0.0

@@ -12,10 +12,11 @@ from issues import messages
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
+from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.odometry_path import OdometryPath, low_pass
+from moteslam.slam.inputs.odometry_path import LowPass, OdometryPath
 from moteslam.slam.inputs.step import steps
 from moteslam.slam.inputs.synchronise import doubtful_stamps, synchronise, warnings
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
@@ -179,6 +180,10 @@ def test_streams_that_do_not_overlap_are_refused_and_blind_ones_told():
 def test_the_low_pass_is_scipys_butterworth_whatever_comes_later():
     from scipy.signal import butter, sosfilt, sosfilt_zi
 
+    def low_pass(values: np.ndarray, stamps: np.ndarray, cut_off: float) -> np.ndarray:
+        passing = LowPass(cut_off)
+        return np.array([passing.of(*each) for each in zip(values.tolist(), stamps.tolist(), strict=True)])
+
     values, stamps = np.random.default_rng(0).standard_normal(500), 5.0 + np.arange(500) / 100
     sections = butter(1, 10, fs=100, output="sos")
     expected, _ = sosfilt(sections, values, zi=sosfilt_zi(sections) * values[0])
@@ -207,3 +212,32 @@ def test_the_real_sequences_end_where_they_are_known_to(
     assert np.degrees(path.poses[-1, 2]) == pytest.approx(heading, abs=5)
     if end is not None:
         assert np.hypot(*(path.poses[-1, :2] - end)) < 1.0
+
+
+def test_a_lidar_of_which_nobody_knows_where_it_stands_is_told():
+    recording = circle(imu=False).replace(encoders=None)
+    assert not [issue for issue in warnings(recording, synchronise(recording)) if issue.code == "no-mount"]
+    for platform, told in ((Platform(), 1), (Platform(lidar=LidarSpec(x=0.0)), 0)):
+        changed = recording.replace(platform=platform)
+        codes = [issue.code for issue in warnings(changed, synchronise(changed))]
+        assert codes.count("no-mount") == told
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda stamps, rng: stamps + rng.uniform(-0.1, 0.1, len(stamps)), True),
+        (lambda stamps, rng: np.sort(stamps + rng.uniform(-0.2, 0.2, len(stamps))), True),
+        (lambda stamps, rng: stamps + rng.uniform(-0.02, 0.02, len(stamps)), False),
+        (lambda stamps, rng: stamps[rng.random(len(stamps)) > 0.5], False),  # lost scans are no jitter
+        (lambda stamps, rng: np.cumsum(rng.choice((0.2, 0.4, 0.6), len(stamps))), False),
+    ],
+    ids=["jitter", "sorted", "little", "lost", "uneven"],
+)
+def test_stamps_that_jitter_are_told(change, told: bool):
+    stamps = change(np.arange(0.0, 80.0, 0.2), np.random.default_rng(0))
+    lidar = LidarStream(stamps, np.ones((len(stamps), 3), np.float32), -1.0, 1.0, 0.1, 30.0)
+    codes = [issue.code for issue in doubtful_stamps(Recording("drive", UCSD, lidar=lidar), None)]
+    assert codes == ["stamps-jitter"] * told
+    logged = replace(lidar, odometry=np.zeros((len(stamps), 3)))  # motion does not depend on stamps
+    assert not doubtful_stamps(Recording("drive", UCSD, lidar=logged), None)

@@ -1,0 +1,110 @@
+"""The figures of the paper, 1 to 8, from two sequences in the UCSD layout.
+
+    python examples/paper_figures.py [FOLDER [UCSD]]
+
+UCSD is a folder with the sequences 20 and 21. Without it two are simulated: the corridor with its camera, and once more
+with a gyro that drifts by 30 degrees a minute. Figures 7 and 8 are of the filter without its search, which hides the
+noise; in figure 8 it does not resample either.
+"""
+
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import moteslam
+from moteslam.slam.run import with_texture
+
+STAGES = (0.25, 0.5, 0.75, 1.0)
+NO_SEARCH = ("search.offsets_xy=[0.0]", "search.offsets_theta=[0.0]")
+
+
+def simulated(folder: Path) -> Path:
+    """Sequences 20 and 21: the camera keeps one frame in 30."""
+    settings = ["camera.gap=1.0", "camera.gap_frames=29"]
+    for number, drift in ((20, []), (21, ["noise.imu.gyro_bias=0.009"])):
+        scenario = moteslam.load_scenario("corridor", settings=[*settings, *drift])
+        moteslam.write_simulation(folder, moteslam.simulate(scenario, seed=number), sequence=str(number))
+    return folder
+
+
+def run(recording: moteslam.Recording, *settings: str) -> tuple[moteslam.Estimate, list, list]:
+    """The paper's filter, its map at each stage, and the coloured floor at each stage."""
+    slam = moteslam.OnlineSlam.over(recording, moteslam.resolve_config("paper", list(settings)))
+    ends = [int(share * len(recording.lidar)) - 1 for share in STAGES]
+    maps = [slam.map for update in slam if update.index in ends]
+    moments, floors = recording.lidar.stamps[ends], []
+
+    def look(stamp: float, mapper) -> None:
+        while len(floors) < len(ends) and stamp >= moments[len(floors)]:
+            floors.append(mapper.snapshot())
+
+    return with_texture(slam.estimate(), recording, watch=look), maps, floors
+
+
+def show(axes, raster=None, *paths: np.ndarray, **look) -> None:
+    """A map, grey or in colours, and paths on it."""
+    if raster is not None and raster.values.ndim == 3:
+        shown = np.where(raster.known[..., None], raster.values, 255)
+        axes.imshow(shown, origin="lower", extent=raster.extent)
+    elif raster is not None:
+        grey = np.where(raster.values > 0, 0.15, np.where(raster.values < 0, 1.0, 0.88))
+        axes.imshow(grey, origin="lower", extent=raster.extent, cmap="gray", vmin=0, vmax=1)
+        axes.set_facecolor("0.88")
+    for path in paths:
+        axes.plot(*path[:, :2].T, **({"lw": 1} | look))
+    axes.set(aspect="equal", xlabel="x [m]")
+
+
+def picture(folder: Path, number: int, count: int = 1):
+    """The axes of a figure, which is saved after the last of them."""
+    size = (3.2 * count + 2 * (count == 1), 3.6)
+    figure, panels = plt.subplots(1, count, figsize=size, sharex=True, sharey=True, squeeze=False)
+    yield from panels[0]
+    panels[0, 0].set_ylabel("y [m]")
+    figure.savefig(folder / f"paper_figures_{number}.png", dpi=80, bbox_inches="tight")
+    plt.close(figure)
+
+
+def endpoints(recording: moteslam.Recording, trajectory: moteslam.Trajectory) -> np.ndarray:
+    """Every twentieth scan where a trajectory puts it [k, 2]."""
+    lidar, (x, y, yaw) = recording.lidar, recording.platform.lidar.pose
+    ranges, poses = lidar.ranges[::20, ::5], trajectory.poses[::20]
+    cos, sin = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    at_x, at_y = (x + ranges * np.cos(lidar.angles[::5] + yaw), y + ranges * np.sin(lidar.angles[::5] + yaw))
+    ends = np.stack((poses[:, :1] + cos * at_x - sin * at_y, poses[:, 1:2] + sin * at_x + cos * at_y), axis=-1)
+    return ends[np.isfinite(ranges)]
+
+
+def main(folder: Path, ucsd: Path | None = None) -> float:
+    """Draw all eight, and return how far apart the paths of figure 8 end, in y [m]."""
+    with TemporaryDirectory() as made:
+        source = ucsd or simulated(Path(made))
+        for row, sequence in enumerate((20, 21)):
+            recording = moteslam.open_recording(source, sequence=sequence)
+            found, maps, floors = run(recording)
+            stamps = recording.lidar.stamps
+            for number, rasters in ((1 + row, maps), (3 + row, floors)):
+                for axes, raster, share in zip(picture(folder, number, len(STAGES)), rasters, STAGES, strict=True):
+                    show(axes, raster, found.trajectory.poses[: int(share * len(stamps))])
+                    axes.set_title(f"{share * np.ptp(stamps):.0f} s")
+            for axes in picture(folder, 6 - row):
+                axes.plot(*endpoints(recording, found.dead_reckoning).T, ",", color="0.6")
+                show(axes, None, found.dead_reckoning.poses, color="tab:orange")
+            if sequence == 20:
+                begin = moteslam.cut(recording, moteslam.Cut(end=50.0))
+                spoilt, bad, _ = run(begin, *NO_SEARCH, "motion.yaw_rate=3.0")
+                for axes, raster, share in zip(picture(folder, 7, len(STAGES)), bad, STAGES, strict=True):
+                    show(axes, raster, spoilt.trajectory.poses[: int(share * len(spoilt.trajectory))])
+                    axes.set_title(f"{50 * share:.0f} s")
+                apart, *_ = run(begin, *NO_SEARCH, "resample_below=0.0")
+                for axes in picture(folder, 8):
+                    show(axes, None, *apart.particle_paths[::10])
+    return float(np.ptp(apart.particle_paths[:, -1, 1]))
+
+
+if __name__ == "__main__":
+    given = [Path(argument) for argument in sys.argv[1:]] or [Path()]
+    print(f"eight pictures; the paths of the last end up to {main(*given):.1f} m apart")
