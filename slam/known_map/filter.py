@@ -60,6 +60,9 @@ SEARCHES_APART = 1.0
 FIRST, LARGEST, MOST = 3.0, 7.0, 2.0
 """The log-odds of the place where a robot was found are at most the first, and at most the second after a drive; scans
 of ``APART`` metres change them by at most the third [nats]."""
+LONGEST = 3.0
+"""... or so many times that after as many drives of ``WINDOW``: who was there for long is not elsewhere because people
+stand around."""
 FOREIGN = 1.1
 """Cost of an endpoint of a robot in another building at the best place of this map [nats]: ``ELSEWHERE`` of the search
 less what that takes off for all its places (13 nats of 200 endpoints, one in ten of which errs independently)."""
@@ -106,8 +109,9 @@ class Presence(Doubt):
         against = (OUTLIER - ON_SURFACE) * (scan.far + seen - scan.known) + CROSSING * (scan.crossed + self.passed)
         nats = (FOREIGN - ON_SURFACE) * seen - against
         share = min(max(driven / APART, LEAST_DRIVEN), 1.0)
-        self._here = min(self._here + share * min(max(nats / CORRELATION, -MOST), self._most), LARGEST)
-        self.proved |= self._here == LARGEST
+        most = LARGEST * min(max(self.driven / WINDOW, 1.0), LONGEST)
+        self._here = min(self._here + share * min(max(nats / CORRELATION, -MOST), self._most), most)
+        self.proved |= self._here >= LARGEST
 
 
 class KnownMapFilter(TsdfFilter):

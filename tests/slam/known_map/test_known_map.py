@@ -242,6 +242,20 @@ def test_a_place_that_the_scans_contradict_is_given_up() -> None:
     assert through_walls.probability > 0.5
 
 
+def test_who_was_there_for_long_is_not_elsewhere_because_people_stand_around() -> None:
+    fits, crowd = ScanFit(1.0, 200, 200, 0, 0), ScanFit(1.0, 200, 200, 45, 5)
+    for metres, stays in ((5, False), (40, True)):
+        presence = Presence()
+        for _ in range(10 * metres):
+            presence.observe(0.1, fits)
+        for _ in range(35):
+            presence.observe(0.1, crowd)
+        assert (presence.probability < 0.01) == stays
+    for _ in range(60):
+        presence.observe(0.1, crowd)
+    assert presence.probability > 0.5
+
+
 def test_a_robot_is_found_and_tracked_in_a_known_map(tmp_path: Path) -> None:
     recording, true = circled_room(scans=60)
     estimate = localized(tmp_path, recording, drawn([*WALLS, *BOX]))
