@@ -28,6 +28,7 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step, thin
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares, within
+from moteslam.slam.known_map.map_scale import MapScale
 from moteslam.slam.known_map.maps import KnownMaps, as_log_odds
 from moteslam.slam.known_map.search import (
     APART,
@@ -136,6 +137,7 @@ class KnownMapFilter(TsdfFilter):
         self._unweighed = 0.0  # path since the hypotheses were weighed [m]
         self._begin = 0  # the first update since which the robot is searched for
         self._was_sure = False  # that the robot is in the map
+        self._scale = MapScale()
         self._losses: list[tuple[float, float | None, float]] = []  # from when to when [s], how far off [m]
 
     @property
@@ -171,7 +173,8 @@ class KnownMapFilter(TsdfFilter):
                 text += f", and found {off:.1f} m from where the path until then led: it was carried, or poses before "
                 text += "that were said to be sure are wrong"
             issues.append(Issue("searched-for", text))
-        return tuple(issues)
+        scale = self._scale.issue()
+        return (*issues, *([scale] if scale else []))
 
     def occupancy(self) -> Raster:
         """The map, as it was given."""
@@ -183,8 +186,11 @@ class KnownMapFilter(TsdfFilter):
     def step(self, step: Step) -> StepResult:
         """Take in one scan and the motion since the scan before."""
         if self._search is None:
-            self._was_sure |= self._doubt.state is LocalisationState.SURE and self._doubt.proved
-            return super().step(step)
+            sure = self._doubt.state is LocalisationState.SURE and self._doubt.proved
+            self._was_sure |= sure
+            result = super().step(step)
+            self._scale.add(result.pose, as_pose(step.motion), known=sure and step.measured)
+            return result
         return self._look(step, step.scan or thin(step.points, step.origin, self._config.thinning), self._search)
 
     def _start(self, scan: ThinnedScan) -> StepResult:

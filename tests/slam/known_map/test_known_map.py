@@ -18,6 +18,7 @@ from moteslam.slam.filter.weights import Weights
 from moteslam.slam.known_map import hypotheses, search
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.filter import KnownMapFilter, Presence
+from moteslam.slam.known_map.map_scale import MapScale
 from moteslam.slam.known_map.maps import KnownMaps, upright
 from moteslam.slam.known_map.search import Sight, WholeMapSearch
 from moteslam.slam.run import run_slam
@@ -137,6 +138,33 @@ def test_the_search_finds_what_an_exhaustive_one_finds() -> None:
     best = max(scores(turn, free_places(maps)).max() for turn in looked_for._turns)
     found = looked_for._starts(points)[0]
     assert scores(found[2], found[None, :2])[0] == pytest.approx(best, rel=0.01)  # in whole steps, a cell to and fro
+
+
+@pytest.mark.parametrize(
+    ("map_over_way", "odometry_over_way", "words"),
+    [
+        ((1.0, 1.0), 1.0, None),
+        ((1.0, 1.0), 1.02, None),
+        ((1.05, 1.0), 1.0, "longer along x"),
+        ((1.0, 1.05), 1.02, "shorter along x"),
+        ((1.08, 1.08), 1.0, "longer than by the odometry"),
+    ],
+)
+def test_a_map_of_another_scale_is_told(
+    map_over_way: tuple[float, float], odometry_over_way: float, words: str | None
+) -> None:
+    scale, rng = MapScale(), np.random.default_rng(0)
+    way = np.array(((0.0, 0.0), (8.0, 0.0), (8.0, 8.0), (0.0, 8.0), (0.0, 0.0)))
+    headings, at = np.arctan2(*np.diff(way, axis=0).T[::-1]), 0.0
+    for corner, heading in zip(way, headings, strict=False):
+        for k in range(80):
+            place = (corner + 0.1 * k * np.array((np.cos(heading), np.sin(heading)))) * map_over_way
+            pose = np.array((*(place + 0.02 * rng.standard_normal(2)), heading))
+            scale.add(pose, (0.1 * odometry_over_way, 0.0, float(se2.wrap(heading - at))), known=True)
+            at = heading
+    issue = scale.issue()
+    assert (issue is None) == (words is None)
+    assert issue is None or words in issue.message
 
 
 def test_both_places_of_a_symmetric_room_are_listed() -> None:
