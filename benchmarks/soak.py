@@ -1,10 +1,12 @@
 """Ten hours in a loop with the back end on: what memory a run takes, hour by hour.
 
     python benchmarks/soak.py --out soak.csv
+    python benchmarks/soak.py --live --drives 1 --beams 91 --workers 1
     python benchmarks/soak.py --hours 0.02
 
 The scenario `loop` is driven round a hundred times by the robot `lms200`, again and again with another seed, and the
-drives are put one behind the other; ranges are read from their file, 256 scans at a time. Every hour: resident memory,
+drives are put one behind the other (with --drives N these, again and again); ranges are read from their file, 256 scans
+at a time, --beams of them. With --live the messages are added one by one, as on a robot. Every hour: resident memory,
 what of it the trajectory takes (poses, covariances and diagnostics of every scan, and the paths of the particles), the
 nodes of the graph, and the processor time of a scan.
 """
@@ -16,19 +18,24 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from parts.harness import Row, arguments, benchmark, factor, memory, status
+from parts.harness import Row, arguments, benchmark, count, factor, memory, status
 
 from moteslam.errors import MoteslamError
 from moteslam.slam.settings import resolve_config
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from moteslam.robot.recording import Recording
+    from moteslam.slam.config import SlamConfig
     from moteslam.slam.online import OnlineSlam
+    from moteslam.slam.scan_records import Update
 
 LAPS = 100
 """Of a drive, at most."""
@@ -58,13 +65,13 @@ def drive(seed: int, laps: int, folder: Path) -> None:
     )
 
 
-def recorded(folder: Path, drives: int) -> Recording:
-    """The drives one behind the other, with their ranges in files."""
+def recorded(folder: Path, drives: int, made: int, beams: int) -> Recording:
+    """The drives one behind the other, of which so many were made, with their ranges in files: every k-th beam."""
     from moteslam.robot.platforms import load_platform
     from moteslam.robot.recording import ChunkedRanges, EncoderStream, LidarStream, Recording
 
     parts, shift, starts = [], 0.0, [0]
-    for seed in range(drives):
+    for seed in (number % made for number in range(drives)):
         with np.load(folder / f"{seed}.npz") as arrays:
             part = dict(arrays)
         first = min(part["scans"][0], part["readings"][0])
@@ -72,23 +79,25 @@ def recorded(folder: Path, drives: int) -> Recording:
         shift = max(part["scans"][-1], part["readings"][-1]) + PAUSE
         starts.append(starts[-1] + len(part["scans"]))
         parts.append(part)
-    *fan, beams = parts[0]["fan"].tolist()
-    beams = int(beams)
+    *fan, width = parts[0]["fan"].tolist()
+    width, every = int(width), max(1, int(width) // beams)
+    kept = -(-width // every)
+    fan[1] *= every
 
     def load(first: int, last: int) -> np.ndarray:
         found = []
-        for seed in range(drives):
-            begin, end = max(first, starts[seed]), min(last, starts[seed + 1])
+        for number in range(drives):
+            begin, end = max(first, starts[number]), min(last, starts[number + 1])
             if begin < end:
-                offset, size = 4 * beams * (begin - starts[seed]), beams * (end - begin)
-                found.append(np.fromfile(folder / f"{seed}.ranges", np.float32, size, offset=offset))
-        return np.concatenate(found).reshape(-1, beams)
+                offset, size = 4 * width * (begin - starts[number]), width * (end - begin)
+                found.append(np.fromfile(folder / f"{number % made}.ranges", np.float32, size, offset=offset))
+        return np.ascontiguousarray(np.concatenate(found).reshape(-1, width)[:, ::every])
 
     scans, readings, counts = (np.concatenate([part[key] for part in parts]) for key in ("scans", "readings", "counts"))
     return Recording(
         "soak",
         load_platform("lms200"),
-        lidar=LidarStream(scans, ChunkedRanges(load, starts[-1], beams), *fan),
+        lidar=LidarStream(scans, ChunkedRanges(load, starts[-1], kept), *fan),
         encoders=EncoderStream(readings, counts),
     )
 
@@ -103,20 +112,47 @@ def trajectory_bytes(session: OnlineSlam, scans: int) -> int:
     return int(sum(values.nbytes // len(values) for values in a_scan) * scans + paths + keys)
 
 
-def measure(folder: Path, drives: int, hours: float, settings: list[str]) -> Row:
+def fed(session: OnlineSlam, recording: Recording) -> Iterator[Update]:
+    """The recording message by message; every update."""
+    lidar, wheels = recording.lidar, recording.encoders
+    assert lidar is not None
+    assert wheels is not None
+    reading = 0
+    for scan, stamp in enumerate(lidar.stamps.tolist()):
+        while reading < len(wheels) and wheels.stamps[reading] < stamp:
+            if update := session.add_odometry(float(wheels.stamps[reading]), counts=wheels.counts[reading]):
+                yield update
+            reading += 1
+        if update := session.add_scan(lidar.ranges[scan], stamp):
+            yield update
+
+
+def online(recording: Recording, config: SlamConfig) -> OnlineSlam:
+    """SLAM that is fed, for the robot and the lidar of a recording."""
+    from moteslam.slam.online import OnlineSlam
+
+    lidar, platform = recording.lidar, recording.platform
+    assert lidar is not None
+    fan = {"beams": lidar.ranges.shape[1], "angle_min": lidar.angle_min, "angle_increment": lidar.angle_increment}
+    return OnlineSlam(platform.with_(lidar=fan), config)
+
+
+def measure(folder: Path, drives: int, made: int, hours: float, settings: list[str], beams: int, *, live: bool) -> Row:
     """Run SLAM over the drives: figures of every hour, printed as they come."""
     from moteslam.kernels.runtime import init
     from moteslam.slam.online import OnlineSlam
     from moteslam.slam.tsdf.filter import TsdfFilter
 
     init("cpu", 1)
-    session = OnlineSlam.over(recorded(folder, drives), resolve_config("default", settings))
+    recording, config = recorded(folder, drives, made, beams), resolve_config("default", settings)
+    session = online(recording, config) if live else OnlineSlam.over(recording, config)
     tsdf = session._filter
     assert isinstance(tsdf, TsdfFilter)
-    first = session._inputs.stamps[0]
+    assert recording.lidar is not None
+    first = recording.lidar.stamps[0]
     rows: list[Row] = []
     began, before = time.process_time(), 0
-    for scans, update in enumerate(session, start=1):
+    for scans, update in enumerate(fed(session, recording) if live else session, start=1):
         since = float(update.stamp - first) / 3600
         if since < min(len(rows) + 1, hours):
             continue
@@ -142,6 +178,9 @@ def main() -> int:
     """Simulate, run, and print; 1 where the run crashed."""
     parser = arguments(__doc__)
     parser.add_argument("--hours", type=factor, default=10.0)
+    parser.add_argument("--live", action="store_true", help="add the messages one by one")
+    parser.add_argument("--drives", type=count, help="simulate so many [as many as fill the hours]")
+    parser.add_argument("--beams", type=count, default=361, help="about so many [all]")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings", help="of SLAM")
     options = parser.parse_args()
     try:
@@ -153,11 +192,13 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="soak-") as scratch:
         folder, context = Path(scratch), get_context("spawn")
         with ProcessPoolExecutor(options.workers, mp_context=context, max_tasks_per_child=1) as pool:
-            for job in [pool.submit(drive, seed, laps, folder) for seed in range(drives)]:
+            made = min(options.drives or drives, drives)
+            for job in [pool.submit(drive, seed, laps, folder) for seed in range(made)]:
                 job.result()
         about = {"run": f"{options.hours:g} hours", "settings": " ".join(options.settings)}
-        given = (folder, drives, options.hours, options.settings)
-        return status(benchmark(measure, [(about, given)], options, fresh=True))
+        given = (folder, drives, made, options.hours, options.settings, options.beams)
+        run = partial(measure, live=options.live)
+        return status(benchmark(run, [(about, given)], options, fresh=True))
 
 
 if __name__ == "__main__":

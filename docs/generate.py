@@ -12,7 +12,7 @@ import os
 import re
 import textwrap
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, reduce
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
@@ -21,13 +21,26 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import moteslam
+from moteslam.robot.platforms import bundled_platform, bundled_platforms
 from moteslam.robot.values import LARGEST, SMALLEST
+from moteslam.sim.scenario import bundled_scenarios, load_scenario
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.config import METHODS, ParticleFilterConfig, SlamConfig
 
 DOCS = Path(__file__).parent
 BUNDLED = ("tsdf", "paper")
 """The methods whose keys are listed, that of the preset ``default`` first."""
+
+FIGURES = (
+    *("length", "width", "top_speed", "wheels.metres_per_count", "wheels.track", "wheels.effective_track"),
+    *("body.mass", "encoders.rate", "imu.rate"),
+    *(f"lidar.{key}" for key in ("beams", "angle_min", "angle_increment", "rate", "time_increment", "range_min")),
+    *("lidar.range_max", "lidar.x", "lidar.z"),
+    *(f"noise.lidar.{key}" for key in ("range_noise", "range_noise_per_metre", "resolution", "dropout")),
+    *(f"noise.encoders.{key}" for key in ("scale_error", "radius_error", "track_error", "slip")),
+    *(f"noise.imu.{key}" for key in ("gyro_noise", "gyro_bias", "gyro_bias_walk", "gyro_scale_error")),
+)
+"""Of a robot, in the table of all; metres, seconds, radians, kilograms, hertz."""
 
 HEAD = """# Configuration of a SLAM run
 
@@ -149,6 +162,43 @@ def _shown(value: Any) -> str:
     return json.dumps(value)
 
 
+def robots() -> str:
+    """A table of the figures of all bundled robots, a `-` where one has none."""
+    platforms = [bundled_platform(name) for name in bundled_platforms()]
+    lines = [f"| | {' | '.join(f'`{platform.name}`' for platform in platforms)} |", "|---" * (1 + len(platforms)) + "|"]
+    for key in FIGURES:
+        figures = [reduce(lambda part, name: getattr(part, name, None), key.split("."), each) for each in platforms]
+        lines.append(f"| `{key}` | {' | '.join('-' if each is None else f'{each:.4g}' for each in figures)} |")
+    return "\n".join(lines)
+
+
+def noise() -> str:
+    """The keys of the noise as TOML with the values of `ucsd`, and what the comments of their models say of each."""
+    whole = bundled_platform("ucsd").noise
+    sections = [("noise", whole), *((f"noise.{name}", part) for name, part in whole if isinstance(part, BaseModel))]
+    lines = []
+    for name, part in (*sections, ("noise.lidar.clock", whole.lidar.clock)):
+        lines += ["", f"[{name}]{'  # and of encoders and imu' * name.endswith('clock')}"]
+        for line in inspect.getsource(type(part)).splitlines():
+            comment, field = re.match(r"    (#.*)", line), re.match(r"    (\w+): .*? = [^#]*(#.*)?$", line)
+            if comment:
+                lines.append(comment[1])
+            elif field and not isinstance(value := getattr(part, field[1]), BaseModel):
+                lines.append(f"{field[1]} = {_shown(value)}  {field[2] or ''}".rstrip())
+    return "\n".join(("```toml", *lines[1:], "```"))
+
+
+def scenarios() -> str:
+    """The bundled scenarios, and why each is hard."""
+    loaded = [load_scenario(name) for name in bundled_scenarios()]
+    rows = (f"| `{each.name}` | {each.description} | {each.why} |" for each in loaded)
+    return "\n".join(("| name | what it is | why it is hard |", "|---|---|---|", *rows))
+
+
+TABLES = {"figures of the robots": robots, "keys of the noise": noise, "bundled scenarios": scenarios}
+"""What stands in the place of a comment of that text."""
+
+
 def names() -> str:
     """Every public name, by the module that defines it; mkdocstrings puts the docstrings in."""
     lines = ["# The package", "", "Each name is one of `moteslam`: `from moteslam import OnlineSlam`.", ""]
@@ -176,4 +226,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
         seen = os.path.relpath(target.resolve(), Path(page.file.abs_dest_path).resolve().parent)
         return f'<a href="{seen}{anchor}">{link[1]}</a>'
 
+    for name, made in TABLES.items():
+        if (marker := f"<!-- {name} -->") in markdown:
+            markdown = markdown.replace(marker, made())
     return re.sub(r"(?<!!)\[([^\]]*)\]\((\.\./[^)#\s]*)(#[^)\s]*)?\)", outside, markdown)

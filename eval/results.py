@@ -7,21 +7,22 @@ import os
 import platform
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from moteslam.eval import building_file
-from moteslam.eval.building_file import write_building
+from moteslam.errors import InputError
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops, write_particles
 from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
-from moteslam.files import make_folder, write_atomically
+from moteslam.files import Shape, make_folder, read_arrays, write_atomically
 from moteslam.robot.formats.map_server import map_image, trinary, write_map, write_picture
 from moteslam.robot.raster import Raster, encode_png, write_map_arrays
 from moteslam.robot.recording import Recording
@@ -29,6 +30,9 @@ from moteslam.robot.se2 import Poses, between, compose
 from moteslam.robot.trajectories.text import write_g2o, write_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import expect_type, processor_count
+from moteslam.slam.backend.building import Building, Session
+from moteslam.slam.backend.graph.measured_chain import MeasuredChain
+from moteslam.slam.backend.graph.pose_graph import Edges
 from moteslam.slam.estimate import Estimate
 
 if TYPE_CHECKING:
@@ -42,6 +46,34 @@ GRAPH_COMMENTS = (
     "edges between consecutive ids are the chain, all others loops that were accepted",
 )
 """What ``graph.g2o`` begins with."""
+BUILDING = "sessions.npz"
+"""What later sessions are bound to."""
+BUILDING_VERSION = 1
+WHOLE = ("sizes", "scans", "nodes", "counts", "drawn", "points", "first", "second", "doubted")
+CHAIN = MeasuredChain._fields
+MOST = 32767
+"""Of the steps that endpoints are written in, which are a millimetre or more: a lidar of 32 m."""
+SHAPES: dict[str, Shape] = {
+    "sizes": ("sessions",),
+    "scans": ("sessions",),
+    "origins": ("sessions", 2),
+    "stamps": ("s",),
+    "path": ("s", 3),
+    "nodes": ("n",),
+    "counts": ("n",),
+    "drawn": ("n",),
+    "steps": ("n", 3),
+    "covariance": ("n", 3, 3),
+    "prior_steps": ("n", 3),
+    "prior_covariance": ("n", 3, 3),
+    "doubted": ("n",),
+    "points": ("p", 2),
+    "resolution": (),
+    "first": ("loops*",),
+    "second": ("loops*",),
+    "relative": ("loops*", 3),
+    "information": ("loops*", 3, 3),
+}
 
 
 def write_results(
@@ -88,7 +120,7 @@ def write_results(
         write_loops(folder / "loops.csv", estimate.loops)
     if estimate.building is not None:
         write_g2o(folder / "graph.g2o", estimate.building.graph, comments=GRAPH_COMMENTS)
-        write_building(folder / building_file.NAME, estimate.building)
+        write_building(folder / BUILDING, estimate.building)
         if len(sessions := estimate.building.sessions) > 1:
             for number, session in enumerate(sessions, start=1):
                 write_tum(folder / f"session_{number}.tum", session.trajectory)
@@ -205,3 +237,94 @@ def hardware() -> dict[str, Any]:
         "memory_gib": memory,
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
     }
+
+
+def write_building(path: Path, building: Building) -> None:
+    """Write it, compressed.
+
+    Of the chain's arrays the first row of each session is no step. Endpoints are whole numbers of ``resolution``, each
+    less the one before, modulo 2^16: two bytes that pack well.
+    """
+    sessions, loops = building.sessions, building.loops
+    points = np.concatenate([one.points for one in sessions])
+    resolution = max(0.001, float(np.abs(points).max(initial=0.0)) / MOST)
+    whole = np.rint(points / resolution).astype(np.int16)
+    chains = [one.chain._asdict() for one in sessions]
+    arrays: dict[str, Any] = {
+        "version": np.int64(BUILDING_VERSION),
+        "sizes": np.array([len(one) for one in sessions]),
+        "scans": np.array([len(one.stamps) for one in sessions]),
+        "origins": np.array([one.origin for one in sessions]),
+        "stamps": np.concatenate([one.stamps for one in sessions]),
+        "path": np.concatenate([one.path for one in sessions]).astype(np.float32),
+        "nodes": np.concatenate([one.nodes for one in sessions]),
+        "counts": np.concatenate([one.counts for one in sessions]),
+        "drawn": np.concatenate([one.drawn for one in sessions]).astype(np.int8),
+        "points": np.diff(whole, axis=0, prepend=np.zeros((1, 2), np.int16)),
+        "resolution": np.float64(resolution),
+        **{name: getattr(loops, name) for name in ("first", "second", "relative", "information")},
+        **{name: np.concatenate([one[name][[0, *range(len(one[name]))]] for one in chains]) for name in CHAIN},
+    }
+    arrays["doubted"] = arrays["doubted"].astype(np.int8)
+    write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
+
+
+def read_building(folder: Path) -> Building:
+    """Read that of a result folder.
+
+    Raises:
+        InputError: there is none, of another version, or broken; file and field are named.
+    """
+    path = folder / BUILDING
+    version = read_arrays(path, {"version": ()})["version"].item()
+    if version != BUILDING_VERSION:
+        raise InputError(f"{version}, expected {BUILDING_VERSION}: run the recording again", file=path, field="version")
+    found = read_arrays(path, SHAPES)
+    _check(path, found)
+    resolution = np.float32(found["resolution"].item())
+    points = np.cumsum(found["points"], axis=0, dtype=np.int16) * resolution
+    sizes, scans = (np.cumsum(found[name])[:-1] for name in ("sizes", "scans"))
+    split = {name: np.split(found[name], sizes) for name in ("nodes", "counts", "drawn", *CHAIN)}
+    split |= {name: np.split(found[name].astype(np.float64), scans) for name in ("stamps", "path")}
+    split["points"] = np.split(points, np.cumsum([counts.sum() for counts in split["counts"]])[:-1])
+    sessions = []
+    for k, origin in enumerate(found["origins"].astype(np.float64)):
+        own = {name: arrays[k] for name, arrays in split.items()}
+        steps = (own[name][1:].astype(bool if name == "doubted" else np.float64) for name in CHAIN)
+        arrays = {name: own[name] for name in ("stamps", "path", "nodes", "points")}
+        counts, drawn = own["counts"].astype(np.int32), own["drawn"].astype(bool)
+        sessions.append(Session(**arrays, chain=MeasuredChain(*steps), counts=counts, drawn=drawn, origin=origin))
+    first, second, relative, information = (found[name] for name in ("first", "second", "relative", "information"))
+    return Building(tuple(sessions), Edges(first, second, relative, information, np.ones(len(first), bool)))
+
+
+def _check(path: Path, found: dict[str, NDArray[Any]]) -> None:
+    """Refuse arrays that contradict each other, or mean nothing."""
+    n, sizes, scans = len(found["nodes"]), found["sizes"], found["scans"]
+
+    def within() -> bool:
+        each = zip(np.split(found["nodes"], np.cumsum(sizes)[:-1]), scans, strict=True)
+        return all((np.diff(own) > 0).all() and own[0] >= 0 and own[-1] < most for own, most in each)
+
+    def positive(name: str) -> bool:
+        return bool((np.linalg.eigvalsh(found[name]) > 0).all())
+
+    for name, array in found.items():
+        if not np.isfinite(array).all():
+            raise InputError("expected finite numbers", file=path, field=name)
+        if name in WHOLE and array.dtype.kind != "i":
+            raise InputError(f"{array.dtype}, expected whole numbers", file=path, field=name)
+    rules: dict[str, Callable[[], Any]] = {
+        "sizes": lambda: (sizes >= 2).all() and sizes.sum() == n,
+        "scans": lambda: (scans >= 2).all() and scans.sum() == len(found["stamps"]),
+        "nodes": within,
+        "counts": lambda: (found["counts"] >= 0).all() and found["counts"].sum() == len(found["points"]),
+        "points": lambda: found["points"].dtype == np.int16,
+        "resolution": lambda: 0 < found["resolution"].item() < 1,
+        "first": (found["first"] >= 0).all,
+        "second": ((found["first"] < found["second"]) & (found["second"] < n)).all,
+        **{name: partial(positive, name) for name in ("covariance", "prior_covariance", "information")},
+    }
+    for name, holds in rules.items():
+        if not holds():
+            raise InputError("contradicts the other arrays, or no such value can be", file=path, field=name)

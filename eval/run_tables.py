@@ -6,14 +6,13 @@ Numbers are written with the fewest digits that read back the same.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import chain
 from math import isfinite, isnan
 from os import PathLike
 from pathlib import Path
-from typing import IO, Any, get_args
+from typing import IO, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,30 +32,9 @@ MAX_DIGITS = 18
 """Of the index of a scan: what fits into 64 bits."""
 
 
-def _number(text: str, *, nan: bool = False) -> float:
-    number = float(text)
-    if not (isfinite(number) or (nan and isnan(number))):
-        raise ValueError("expected a finite number")
-    return number
+Kind = Literal["number", "number or nan", "index"] | tuple[str, ...]
+"""Of a column: its numbers, or the names of which it holds one, read as its place among them."""
 
-
-def _index(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and len(text) <= MAX_DIGITS):
-        raise ValueError("expected the index of a scan")
-    return int(text)
-
-
-def _place_in(known: Sequence[str]) -> Callable[[str], int]:
-    def place(text: str) -> int:
-        if text not in known:
-            raise ValueError(f"expected one of {', '.join(known)}")
-        return known.index(text)
-
-    return place
-
-
-Columns = Mapping[str, Callable[[str], Any]]
-"""What reads the text of each column; a ``ValueError`` says what was expected."""
 
 ELEMENTS = {
     "var_x": (0, 0),
@@ -69,24 +47,21 @@ ELEMENTS = {
 """Columns of the covariance, and the element of each."""
 VALUES = ("degenerate", "wrong", "particles", "n_eff", "score", "updated", "resampled", "corrected")
 """Columns that are diagnostics of the estimate; its seconds are not, since they differ from run to run."""
-DIAGNOSTICS_COLUMNS: Columns = {
-    "stamp": _number,
-    "state": _place_in(STATES),
-    **dict.fromkeys((*ELEMENTS, *VALUES), _number),
-    "degenerate": partial(_number, nan=True),
+DIAGNOSTICS_COLUMNS: dict[str, Kind] = {
+    "stamp": "number",
+    "state": STATES,
+    **dict.fromkeys((*ELEMENTS, *VALUES), "number"),
+    "degenerate": "number or nan",
 }
 """Of ``diagnostics.csv``; what they mean: ``Estimate``. Metres, radians and seconds."""
 AXES = ("x", "y", "theta")
 SCORES = ("share", "runner_up", "known", "likelihood", "crossed")
 """Columns of a loop that are fields of ``LoopCandidate`` by their names."""
-LOOP_COLUMNS: Columns = {
-    "earlier": _index,
-    "later": _index,
-    **dict.fromkeys(("earlier_stamp", "later_stamp"), _number),
-    **dict.fromkeys([f"{pose}_{axis}" for pose in ("predicted", "found") for axis in AXES], _number),
-    **dict.fromkeys(("window_distance", "window_angle"), _number),
-    **dict.fromkeys(SCORES, _number),
-    "verdict": _place_in(VERDICTS),
+PAIR = ("earlier_stamp", "later_stamp", *(f"{pose}_{axis}" for pose in ("predicted", "found") for axis in AXES))
+LOOP_COLUMNS: dict[str, Kind] = {
+    **dict.fromkeys(("earlier", "later"), "index"),
+    **dict.fromkeys((*PAIR, "window_distance", "window_angle", *SCORES), "number"),
+    "verdict": VERDICTS,
 }
 """Of ``loops.csv``; what they mean: ``LoopCandidate``. Metres, radians and seconds."""
 PARTICLE_SHAPES: dict[str, Shape] = {
@@ -197,24 +172,38 @@ def read_particles(path: str | PathLike[str]) -> Particles:
     return Particles(stamps, arrays["paths"].astype(np.float32), arrays["spread"].astype(np.float32))
 
 
-def _read(path: Path, columns: Columns, what: str) -> Iterator[tuple[int, dict[str, Any]]]:
+def _read(path: Path, columns: Mapping[str, Kind], what: str) -> Iterator[tuple[int, dict[str, Any]]]:
     header, *lines = read_text(path, what, limit=MAX_BYTES).splitlines() or [""]
     if header != ",".join(columns):
         raise InputError(f"expected the columns {','.join(columns)}", file=path, line=1)
-    for number, line in enumerate(lines, start=2):
-        words = line.split(",")
+    for line, text in enumerate(lines, start=2):
+        words = text.split(",")
         if len(words) != len(columns):
-            raise InputError(f"{len(words)} columns, expected {len(columns)}", file=path, line=number)
-        row = {}
-        for (name, value_of), word in zip(columns.items(), words, strict=True):
-            try:
-                row[name] = value_of(word)
-            except ValueError as error:
-                raise InputError(f"{word!r}, {error}", file=path, line=number, field=name) from error
-        yield number, row
+            raise InputError(f"{len(words)} columns, expected {len(columns)}", file=path, line=line)
+        row = {name: _value(word, kind) for (name, kind), word in zip(columns.items(), words, strict=True)}
+        if (wrong := next((name for name, value in row.items() if value is None), None)) is not None:
+            kind = columns[wrong]
+            expected = f"one of {', '.join(kind)}" if isinstance(kind, tuple) else f"a finite {kind}"
+            raise InputError(
+                f"{words[list(row).index(wrong)]!r}, expected {expected}", file=path, line=line, field=wrong
+            )
+        yield line, row
 
 
-def _write(path: str | PathLike[str], columns: Columns, rows: Iterable[Sequence[str]]) -> None:
+def _value(word: str, kind: Kind) -> float | None:
+    """What a word says, None if it is not of its kind."""
+    if isinstance(kind, tuple):
+        return kind.index(word) if word in kind else None
+    if kind == "index":
+        return int(word) if word.isascii() and word.isdecimal() and len(word) <= MAX_DIGITS else None
+    try:
+        value = float(word)
+    except ValueError:
+        return None
+    return value if isfinite(value) or (kind == "number or nan" and isnan(value)) else None
+
+
+def _write(path: str | PathLike[str], columns: Iterable[str], rows: Iterable[Sequence[str]]) -> None:
     write_atomically(path, "".join(",".join(row) + "\n" for row in chain((columns,), rows)))
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from moteslam.errors import ConfigError, InputError, OutputError
-from moteslam.eval.metrics.registry import COSTS, metric, split, title_of
+from moteslam.eval.metrics.registry import COSTS, chosen, metric, split, title_of
 from moteslam.eval.statistics import Better, Comparison, Summary, compare
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.spec import PREFIXES
@@ -133,8 +133,12 @@ def _value(row: Row, axis: str) -> Any:
 
 def pair_of(row: Row, axis: str = CONFIGURATION) -> Key:
     """What two runs of a pair have in common: all but the axis; of result folders the robot may differ."""
-    keys = row.about if axis != CONFIGURATION else SETTINGS if row.folder is None else ("scenario", "noise")
+    keys = row.about if axis != CONFIGURATION else _settings(row)
     return (*(row.about[key] for key in keys if key != axis), row.run.duration, row.run.seed)
+
+
+def _settings(row: Row) -> Sequence[str]:
+    return SETTINGS if row.folder is None else ("scenario", "noise")
 
 
 def apart(rows: Sequence[Row], *but: str) -> list[str]:
@@ -154,7 +158,10 @@ def comparisons(rows: Sequence[Row], name: str, axis: str, first: str) -> dict[s
     Where there are several such places a last comparison is of all of them; its differences, which may be centimetres
     of one and metres of another, have no common median.
     """
-    keys = apart(rows, axis) or [key for key in SETTINGS if key != axis]
+    known = (*_settings(rows[0]), CONFIGURATION) if axis == CONFIGURATION else (*SETTINGS, CONFIGURATION)
+    keys = [key for key in apart(rows, axis) if key in known] or [
+        key for key in known if key in SETTINGS and key != axis
+    ]
     places = grouped(rows, lambda row: name_of(row, keys))
     found: dict[str, dict[str, Comparison]] = {}
     for other in compared(rows, axis):
@@ -203,6 +210,12 @@ def headings(
     return found
 
 
+def metric_names(given: list[str] | None) -> list[str]:
+    """The metrics that are asked for, ``final.ate`` by default; an unknown one is refused."""
+    chosen(given or ())
+    return given or ["final.ate"]
+
+
 def success_words(limits: Mapping[str, float]) -> str:
     """When a run succeeds: ``final ATE at most 0.5 m``."""
     return ", ".join(f"{title_of(name)} at most {most:g} {unit_of(name)}".strip() for name, most in limits.items())
@@ -222,47 +235,6 @@ def summary_of(rows: Iterable[Row], name: str) -> Summary:
     rows = list(rows)
     good = [row for row in rows if row.status == "ok"]
     return Summary.of([row.known.get(name) for row in good], len(rows) - len(good), better=better(name))
-
-
-@dataclass(frozen=True)
-class Line:
-    """The runs of one scenario and configuration, by their values of a column.
-
-    ``where`` (scenario, robot, noise) and ``how`` set the line apart from the others; ``name`` is all that it is.
-    """
-
-    where: tuple[str, ...]
-    how: tuple[str, ...]
-    name: str
-    groups: Mapping[Any, Sequence[Row]]
-
-    @property
-    def label(self) -> str:
-        """What sets it apart, in words; empty of a single line."""
-        return ", ".join((*self.where, *self.how))
-
-
-def lines_over(rows: Iterable[Row], column: str) -> list[Line]:
-    """The lines of a chart over a column of ``Row.about``; runs without it are left out."""
-    members: dict[tuple[tuple[str, str], ...], list[Row]] = grouped(
-        (row for row in rows if column in row.about),
-        lambda row: tuple((key, _words(key, value)) for key, value in row.about.items() if key != column),
-    )
-    common = set.intersection(*map(set, members)) if members else set()
-    lines = []
-    for parts, runs in members.items():
-        apart = [part for part in parts if part not in common and part[1]]
-        where = tuple(words for key, words in apart if key in SETTINGS)
-        how = tuple(words for key, words in apart if key not in SETTINGS)
-        name = ", ".join(words for _, words in parts if words)
-        lines.append(Line(where, how, name, grouped(runs, lambda row: row.about[column])))
-    return lines
-
-
-def _words(key: str, value: Any) -> str:
-    if key in (*SETTINGS, CONFIGURATION) or value == "":
-        return str(value)
-    return f"{key_words(key)} {value}"
 
 
 def key_words(key: str) -> str:

@@ -34,6 +34,7 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import TILT, Space, Trajectory, tilt_of
 from moteslam.robot.values import Issue, expect_type
+from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
@@ -46,6 +47,7 @@ Truth = Trajectory | None
 
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
+OF_LOOPS = ("loops_precision", "loops_recall", "loops_false")
 INVERTED = 0.1
 """Relations are the other way round where the mean error would fall to less than this share."""
 OUTSIDE, ASTRAY, ALIKE = 2, 10.0, 0.5
@@ -124,10 +126,6 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
             "compared": None if run.truth is None else _compared_states(run),
         },
     }
-    if run.loops is not None and run.truth is not None and run.truth.oriented:
-        found = run.loop_result.as_dict()
-        metrics = ("precision", "recall", "false")
-        figures["loops"] = {name: value for name, value in found.items() if name not in metrics}
     figures["metrics"] = {name: value.as_dict() for name, value in measure(run).items()}
     return figures
 
@@ -135,9 +133,7 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
 def _compared_states(run: Evidence) -> dict[str, Any] | None:
     try:
         found = run.localisation.as_dict()
-    except InputError as error:
-        if error.field != "truth":
-            raise
+    except InputError:  # what cannot be had never costs the run
         return None
     return {name: found[name] for name in ("scans", "wrong", "states", "doubtful_or_lost")}
 
@@ -268,12 +264,13 @@ def measured(
     recording: Recording | None = None,
     occupancy: Path | None = None,
     true_map: Path | None = None,
+    loops: Sequence[LoopCandidate] | None = None,
     names: Sequence[str] | None = None,
 ) -> dict[str, Value]:
     """Metrics of a trajectory of any SLAM, by name; those that need what is not there are absent, with the reason.
 
     ``occupancy`` and ``true_map`` are map_server ``.yaml`` files of its map, in the frame of the estimate, and of the
-    true one; with a true map its accuracy is measured, too.
+    true one; with a true map its accuracy is measured, too, and with the candidates of its back end those of loops.
     """
     truth = reference if isinstance(reference, Trajectory) else None
     if truth is not None and any(tilt_of(spatial(one).positions) > TILT for one in (estimate, truth)):
@@ -293,8 +290,10 @@ def measured(
         recording=recording,
         occupancy=maps[0],
         true_map=maps[1],
+        loops=loops,
     )
-    found = measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))
+    asked = [*(ACCURACY_OF_MAPS if true_map is not None else ()), *(() if loops is None else OF_LOOPS), *(names or ())]
+    found = measure(evidence, dict.fromkeys(asked))
     precise = found.get("map_precision")
     if precise is not None and precise.number is not None and (alike := evidence.map_accuracy.alike) < ALIKE:
         text = f"{true_map}: {100 * alike:.0f} % of the walls of {occupancy} are at its walls: "

@@ -79,6 +79,14 @@ def shortened(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
+def found_at(figures: Mapping[str, Any], place: str) -> Any:
+    """What is at a place in tables within tables, as ``ate/rmse``; None where there is nothing."""
+    found: Any = figures
+    for key in place.split("/"):
+        found = None if found is None else found.get(key)
+    return found
+
+
 class Column(NamedTuple):
     """A figure in a table: the head of its column, its place in a dict, as ``ate/rmse``, and how it is written."""
 
@@ -90,9 +98,7 @@ class Column(NamedTuple):
 
     def cell(self, figures: Mapping[str, Any]) -> str:
         """The figure of a dict, a dash where it has none."""
-        found: Any = figures
-        for key in self.place.split("/"):
-            found = None if found is None else found.get(key)
+        found = found_at(figures, self.place)
         if found is None:
             return "-"
         return f"{found if isinstance(found, str) else self.factor * found:{self.form}} {self.unit}".rstrip()
@@ -127,7 +133,7 @@ def aligned(rows: Rows) -> str:
         pairs = enumerate(zip(gaps, cells, strict=True))
         return "  ".join(gap + cell if k in right else cell + gap for k, (gap, cell) in pairs).rstrip()
 
-    lines = []
+    lines: list[str] = []
     for row in rows:
         parts = zip(row, widths, strict=True)
         broken = [textwrap.wrap(cell, width) if cell_len(cell) > width else [cell] for cell, width in parts]

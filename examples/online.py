@@ -33,7 +33,7 @@ def main(folder: Path) -> float:
     simulator = moteslam.Simulator(scenario, seed=0)
     slam = moteslam.OnlineSlam(scenario.platform, moteslam.resolve_config("default", ["particles=10"]))
     readings, command, path, behind = simulator.reset(), (0.0, 0.0), [], []
-    figure, (top, bottom) = plt.subplots(2, 2, figsize=(12, 7), layout="constrained", sharex=True, sharey=True)
+    figure, (top, bottom) = plt.subplots(2, 2, figsize=(12, 5.8), layout="constrained", sharex=True, sharey=True)
     for axes, moment in zip((*top, *bottom), (15, 30, 45, 60), strict=True):
         while simulator.seconds < moment:
             if len(readings.lidar):
@@ -42,10 +42,12 @@ def main(folder: Path) -> float:
             for update in feed(slam, readings):
                 path.append(update.pose)
                 behind.append(readings.stamp - update.stamp)
-        drawn = slam.map
-        axes.imshow(drawn.values, origin="lower", extent=drawn.extent, cmap="gray_r", vmin=-4, vmax=4)
+        moteslam.draw_map(axes, slam.map)
         axes.plot(*np.array(path)[:, :2].T, color="tab:blue")
         axes.set(title=f"after {moment} s", aspect="equal", xlabel="x [m]", ylabel="y [m]")
+        axes.label_outer()
+    left, right, low, high = slam.map.extent  # the last map, which holds the others: all at one scale
+    axes.set(xlim=(left, right), ylim=(low, high))
     figure.savefig(folder / "online.png", dpi=100)
     plt.close(figure)
     print(f"{len(path)} poses, {1000 * np.median(behind):.0f} ms after their scans began")

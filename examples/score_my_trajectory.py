@@ -34,12 +34,13 @@ def main(folder: Path, *given: str) -> float:
     print("\n".join(f"| {name} | {100 * value:.1f} |" for name, value in rows))
 
     figure, (plan, over_time) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
-    plan.plot(*truth.poses[:, :2].T, color="0.6", label="truth")
-    plan.plot(*ate.aligned[:, :2].T, label="estimate, laid on it")
+    look = moteslam.PictureStyle()
+    plan.plot(*truth.poses[:, :2].T, color=look.truth, lw=5, alpha=0.5, label="truth")  # a band, seen on both sides
+    plan.plot(*ate.aligned[:, :2].T, color=look.slam, lw=1.2, label="estimate, laid on it")
     plan.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     plan.legend()
-    over_time.plot(ate.stamps - ate.stamps[0], 100 * ate.errors)
-    over_time.set(xlabel="time [s]", ylabel="error [cm]")
+    over_time.plot(ate.stamps - ate.stamps[0], 100 * ate.errors, color=look.slam)
+    over_time.set(xlabel="time [s]", ylabel="position error [cm]", ylim=(0, None))
     figure.savefig(folder / "score_my_trajectory.png", dpi=100)
     plt.close(figure)
     return ate.rmse

@@ -11,7 +11,7 @@ import math
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
-from pydantic import BeforeValidator, Field, WrapSerializer, model_validator
+from pydantic import BeforeValidator, Field, Strict, WrapSerializer, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.noise import ClockNoise, Noise
@@ -66,9 +66,9 @@ class LidarSpec(Section):
     rate: Maybe[Rate] = None  # scans a second [Hz]
     range_min: Maybe[Annotated[Number, Field(ge=0, le=5)]] = None  # that it can measure [m]
     range_max: Maybe[Annotated[Number, Field(gt=0, le=10_000)]] = None
-    # what it reports where nothing comes back [m], from range_max on; several codes are written in turns, without
-    # one the format's default
-    no_return: Annotated[tuple[Positive, ...], Field(max_length=100)] = ()
+    # what it reports where nothing comes back [m]: 0, or from range_max on; several of these, if they are finite, are
+    # written in turns, without one the format's default
+    no_return: Annotated[tuple[Annotated[float, Strict(), Field(ge=0)], ...], Field(max_length=100)] = ()
 
     @model_validator(mode="after")
     def _can_be(self) -> LidarSpec:
@@ -79,8 +79,8 @@ class LidarSpec(Section):
         if self.range_max is not None:
             if self.range_min is not None and self.range_min >= self.range_max:
                 raise ValueError(f"range_min of {self.range_min:g} m, expected less than {self.range_max:g} m")
-            if any(code < self.range_max for code in self.no_return):
-                raise ValueError(f"no_return of {min(self.no_return):g} m, expected at least range_max")
+            if wrong := [code for code in self.no_return if 0 < code < self.range_max]:
+                raise ValueError(f"no_return of {min(wrong):g} m, expected 0, or at least range_max")
         return self
 
     @property

@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, fields
 from os import PathLike
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -152,6 +152,22 @@ class Section(BaseModel):
     """A table; unknown keys are refused. What a key means stands in the docstring, for the reference."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            field, problem = first_complaint(error)
+            raise ConfigError(problem, field=field or None) from error
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # tables in tables are not made by it
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise ConfigError("it never changes, expected a changed copy: with_()", field=name)
+
+    def with_(self, **changes: Any) -> Self:
+        """A checked copy with some values changed, those of tables one by one: ``with_(lidar={"x": 0.2})``."""
+        return validated(type(self), merged(self.model_dump(), changes))
 
 
 Model = TypeVar("Model", bound=BaseModel)

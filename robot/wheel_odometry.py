@@ -43,8 +43,7 @@ def wheel_motion(counts: NDArray[np.int64], wheels: Wheels) -> tuple[Array, Arra
 def gyro_covers(stamps: Array, readings: Array) -> NDArray[np.bool_]:
     """At which stamps [n] the turn since the stamp before is the gyro's; nowhere with less than two readings of it.
 
-    From its first reading to its last [m] [s], but for gaps: the yaw rates before and after say nothing of the turns in
-    one.
+    From its first reading to its last [m] [s], but for gaps: rates before and after one say nothing of the turns in it.
     """
     if len(readings) < 2:
         return np.zeros(len(stamps), np.bool_)
@@ -56,13 +55,9 @@ def gyro_covers(stamps: Array, readings: Array) -> NDArray[np.bool_]:
 
 
 def gyro_turn(stamps: Array, imu: ImuStream) -> Array:
-    """The turn [n] [rad] between rising stamps [n] [s], the integral of yaw rates that are linear between readings.
-
-    Outside the gyro's time there is no turn; the first counts from its start.
-    """
+    """The turn [n] [rad] between rising stamps [n] [s], of yaw rates linear between readings; 0 outside of these."""
     rate = imu.angular_velocity[:, 2].astype(np.float64)
-    steps = (rate[1:] + rate[:-1]) / 2 * np.diff(imu.stamps)
-    heading = np.concatenate(([0.0], np.cumsum(steps)))
+    heading = np.append(0.0, np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(imu.stamps)))
     return np.diff(np.interp(stamps, imu.stamps, heading), prepend=0.0)
 
 

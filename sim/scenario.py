@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,6 +148,28 @@ class Scenario(Section):
         check_task(self.task, world, platform)
         check_mishaps(self.faults, self.task, world, platform)
         return self
+
+    def __repr__(self) -> str:
+        return f"Scenario({self.name!r}, platform={self.platform.name!r}, duration={self.duration:g} s)"
+
+    def with_(self, **changes: Any) -> Self:
+        """A checked copy with some values changed, those of tables one by one: ``with_(drive={"speed": 0.3})``.
+
+        Another ``platform`` or ``noise_class`` brings its own noise. A ``duration`` that is too short for what the
+        robot does ends it early.
+        """
+        table = scenario_table(self)
+        if {"platform", "noise_class"} & changes.keys():
+            del table["noise"]
+        table = _with_files_beside(merged(table, changes), None)
+        try:
+            return validated(type(self), table, kinds=_KINDS)
+        except ConfigError as error:
+            duration = table["duration"]
+            if error.field != "duration" or type(duration) not in (int, float) or not 0 < duration < MAX_DURATION:
+                raise
+        whole = validated(type(self), {**table, "duration": MAX_DURATION}, kinds=_KINDS)
+        return whole.model_copy(update={"duration": float(duration)})
 
     @property
     def standing(self) -> Layout:

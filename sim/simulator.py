@@ -20,6 +20,7 @@ from moteslam.sim.robot.vehicle import PHYSICS_RATE
 from moteslam.sim.scenario import Scenario
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.sensors.echoes import Scene
+from moteslam.sim.sensors.faults import Cart, Tilt
 from moteslam.sim.simulate import Sensors, random_generators, run_of, seeded
 from moteslam.sim.world.world import World
 
@@ -56,8 +57,8 @@ class Simulator:
         world: the building.
 
     Raises:
-        ConfigError: the scenario has what needs a route or the complete drive: faults, outages, a camera, or the noise
-            of things beside the path and of a body that leans.
+        ConfigError: the scenario has what needs a route or the complete drive: a camera, faults other than ``cart`` and
+            ``tilt``, or the noise of things beside the path and of a body that leans.
     """
 
     interval = CONTROL_STEPS / PHYSICS_RATE
@@ -67,8 +68,7 @@ class Simulator:
         self.scenario = scenario = seeded(scenario, seed)
         noise = scenario.noise
         for field, there in (
-            ("faults", scenario.faults),
-            ("outages", scenario.outages),
+            ("faults", [fault for fault in scenario.faults if not isinstance(fault, Cart | Tilt)]),
             ("camera", scenario.camera),
             ("noise.surroundings", noise.surroundings != Surroundings()),
             ("noise.drive", noise.drive.sway or noise.drive.shake),

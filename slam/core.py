@@ -141,7 +141,8 @@ class Core:
         if result.updated:
             self._spreads.append(spread(poses, weights))
         certainty = result.certainty or certainty_of_particles(poses, weights, result.pose)
-        known = result.pose, poses, weights, *result[2:6], seconds, corrected
+        weighed = self._filter.history.weighed or (poses, weights)
+        known = result.pose, *weighed, *result[2:6], seconds, corrected
         update = Update(step.index, step.stamp, *known, *certainty)
         self._records.add(update, result.motion)
         return update

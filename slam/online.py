@@ -18,7 +18,7 @@ from moteslam.slam.core import Core, MakeFilter
 from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
 from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.step import steps
-from moteslam.slam.inputs.synchronise import synchronise, warnings
+from moteslam.slam.inputs.synchronise import synchronise, unknown_mount, warnings
 from moteslam.slam.scan_records import Update
 
 
@@ -167,7 +167,7 @@ class OnlineSlam(Core):
         if self._recording is not None and not isinstance(self._inputs, LiveInputs):
             issues += warnings(self._recording, self._inputs)
         else:
-            issues += self._inputs.issues
+            issues += unknown_mount(self._platform) + self._inputs.issues
         if self._missing:
             issues.append(Issue("no-colours", f"colours: {self._missing}: particles are weighed without"))
         if self._views is not None:

@@ -27,7 +27,8 @@ class Update(Summarised):
     Attributes:
         index, stamp: of the scan; stamp in s.
         pose: [3] estimate at the scan.
-        poses, weights: [N, 3] and [N] of the particles, at the last scan that the filter updated them with.
+        poses, weights: [N, 3] and [N] of the particles, at the last scan that the filter updated them with; of `paper`
+            before they were resampled, as ``n_eff`` is.
         n_eff, score, updated, resampled: see ``StepResult``.
         seconds: spent on it.
         corrected: how far the back end then moved the robot, with the map [m]; 0 where it did not. The next pose is

@@ -5,7 +5,9 @@ A preset names a method, whose defaults are its values. The resolved configurati
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from moteslam.errors import ConfigError
 from moteslam.robot.values import Table, assigned, expect_type, merged, read_toml, validated
@@ -32,13 +34,14 @@ def load_preset(name: str = DEFAULT_PRESET) -> SlamConfig:
 
 
 def resolve_config(
-    preset: str = DEFAULT_PRESET, settings: list[str] | tuple[str, ...] = (), file: Path | None = None
+    preset: str = DEFAULT_PRESET, settings: Sequence[str] | Mapping[str, Any] = (), file: Path | None = None
 ) -> SlamConfig:
     """The configuration that follows from a preset, a file over it, and settings over both.
 
     Args:
         preset: name of a bundled preset.
-        settings: ``key=value`` with dotted keys, ``map.cell_size=0.1``; the value is TOML, a bare word a string.
+        settings: ``key=value`` with dotted keys, ``map.cell_size=0.1``, where the value is TOML or a bare word, or a
+            table: ``{"map": {"cell_size": 0.1}}``.
         file: a TOML file with any of the keys.
 
     Raises:
@@ -51,7 +54,8 @@ def resolve_config(
     if file is not None:
         given = read_toml(file, "a TOML file")
         _resolved(PRESETS[preset], given, file=file)
-    return _resolved(PRESETS[preset], _over(given, assigned(settings)), file=None)
+    changes = dict(settings) if isinstance(settings, Mapping) else assigned(settings)
+    return _resolved(PRESETS[preset], _over(given, changes), file=None)
 
 
 def _resolved(method: str, given: Table, *, file: Path | None) -> SlamConfig:

@@ -170,7 +170,8 @@ def _tables() -> Iterator[Reader]:
 
 def _sessions() -> Iterator[Reader]:
     """What a recording is bound to."""
-    from moteslam.eval.building_file import NAME, read_building, write_building
+    from moteslam.eval.results import BUILDING as NAME
+    from moteslam.eval.results import read_building, write_building
     from moteslam.slam.backend.building import Building, Session
     from moteslam.slam.backend.graph.measured_chain import MeasuredChain
     from moteslam.slam.backend.graph.pose_graph import Edges

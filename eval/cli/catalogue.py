@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from moteslam.eval.cli import options
+from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer, progress_bar, say, simulation_bar
 from moteslam.eval.tables import aligned, literal
 
@@ -127,9 +128,9 @@ def scenarios(context: typer.Context, as_json: options.Json = False) -> None:
 @app.command()
 def show(
     scenario: options.ScenarioName,
-    out: Annotated[Path, typer.Option(help="The PNG to write; folders above it are made.")],
-    seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of a random building.")] = None,
-    drive: Annotated[bool, typer.Option("--drive", help="Drive it, and draw the driven path.")] = False,
+    out: Annotated[Path, opt("The PNG to write; folders above it are made.")],
+    seed: Annotated[int | None, opt("Of a random building.", min=0, max=2**63 - 1)] = None,
+    drive: Annotated[bool, opt("Drive it, and draw the driven path.", None, "--drive")] = False,
     force: options.ForceFile = False,
 ) -> None:
     """Draw a scenario as a plan: walls and what they are made of, who moves, and the route.
@@ -154,15 +155,13 @@ def show(
 @app.command()
 def animate(
     scenario: options.ScenarioName,
-    out: Annotated[Path, typer.Option(help="The .gif, .webp or .mp4 to write; folders above it are made.")],
+    out: Annotated[Path, opt("The .gif, .webp or .mp4 to write; folders above it are made.")],
     seed: options.Seed = None,
     platform: options.Robot = None,
     noise: options.NoiseClass = None,
-    duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop after S seconds.")] = None,
-    fps: Annotated[float, typer.Option(metavar="N", help="Frames a second, 1 to 50.")] = 15.0,
-    speed: Annotated[
-        float | None, typer.Option(metavar="X", help="Times real time; by default the film takes at most 15 s.")
-    ] = None,
+    duration: Annotated[float | None, opt("Stop after S seconds.", "S", min=12)] = None,
+    fps: Annotated[float, opt("Frames a second, 1 to 50.", "N")] = 15.0,
+    speed: Annotated[float | None, opt("Times real time; by default the film takes at most 15 s.", "X")] = None,
     preset: options.Preset = None,
     settings: options.Settings = None,
     force: options.ForceFile = False,

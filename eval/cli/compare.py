@@ -1,4 +1,4 @@
-"""``moteslam compare``: configurations on the same runs, in pairs; and what ``sweep show`` finds of a sweep."""
+"""``moteslam compare`` and ``report``: configurations in pairs, as tables and as a page; what ``sweep show`` prints."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import typer
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import answer, note
+from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.text import answer, note, progress_bar
 from moteslam.eval.tables import FORMATS, aligned, literal, number
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 COUNTS = ("pairs", "wins", "losses", "ties")
 HEAD = ("pairs", "better", "worse", "equal", "median difference", "95 %", "p", "failed", "failed, first")
-CSV_HEAD = ("median", "low", "high", "p", "failed", "failed_first")
 
 
 def compare(
@@ -44,12 +44,10 @@ def compare(
       moteslam compare particles.sweep
       moteslam compare lidars.sweep --by platform --baseline ucsd
       moteslam compare before.sweep after.sweep --metric final.ate --metric cpu_per_scan
-      moteslam compare result_a result_b --metric map_f1
-      moteslam compare particles.sweep --format markdown
     """  # noqa: D301
     from moteslam.eval import runs
 
-    names = metric_names(metrics)
+    names = runs.metric_names(metrics)
     rows = [row for row in runs.read_runs(paths) if row.status]
     axis = runs.axis_of(rows, by)
     found = runs.compared(rows, axis)
@@ -74,27 +72,25 @@ def compare(
 
 
 def _lines(axis: str, first: str, compared: dict[str, dict[str, Any]], form: str) -> Iterator[str]:
-    """A table a metric, or of them all: a row a place of each configuration, in ``csv`` with every digit."""
+    """A table a metric, or of them all: a row a place of each configuration."""
     from moteslam.eval.runs import headings
     from moteslam.eval.statistics import FEWEST
     from moteslam.robot.values import interval
 
     several = any(len(each) > 1 for pairs in compared.values() for each in pairs.values())
-    head = (axis, *(["where"] if several else []), *((*COUNTS, *CSV_HEAD) if form == "csv" else HEAD))
+    head = (axis, *(["where"] if several else []), *HEAD)
     medians = {
         name: [one["median"] for each in pairs.values() for one in each.values()] for name, pairs in compared.items()
     }
     tables: dict[str, list[tuple[str, ...]]] = {}
     for name, (title, factor) in headings(medians).items():
-        cells = tables[name if form == "csv" else title] = []
+        cells = tables[title] = []
         for other, place, one in ((other, *item) for other, each in compared[name].items() for item in each.items()):
-            ends = [one["median"], one["low"], one["high"]]
-            shown = [*map(digits, ends), digits(one["p"])]
-            if form != "csv":
-                median, low, high = (number(None if end is None else factor * end, sign=True) for end in ends)
-                shown = [median, interval(low, high), f"{one['p']:.2g}"]
-            counts, failed = [str(one[count]) for count in COUNTS], [str(count) for count in one["failed"][::-1]]
-            cells.append((other, *([place] if several else []), *counts, *shown, *failed))
+            ends = (None if one[end] is None else factor * one[end] for end in ("median", "low", "high"))
+            median, low, high = (number(end, sign=True) for end in ends)
+            counts = [str(count) for count in (*(one[count] for count in COUNTS), *one["failed"][::-1])]
+            shown = (*counts[:-2], median, interval(low, high), f"{one['p']:.2g}", *counts[-2:])
+            cells.append((other, *([place] if several else []), *shown))
     if form != "text":
         yield FORMATS[form]([("metric", *head), *((title, *cell) for title, cells in tables.items() for cell in cells)])
         return
@@ -104,18 +100,6 @@ def _lines(axis: str, first: str, compared: dict[str, dict[str, Any]], form: str
         yield aligned([[one for k, one in enumerate(row, -len(row)) if k not in empty] for row in (head, *cells)])
     if any(one["pairs"] < FEWEST for pairs in compared.values() for each in pairs.values() for one in each.values()):
         yield f"fewer than {FEWEST} pairs have no 95 % interval"
-
-
-PARTS = ("median", "low", "high", "low_quartile", "high_quartile")
-"""Of a summary, in the table for programs."""
-
-
-def metric_names(given: list[str] | None) -> list[str]:
-    """The metrics that are asked for, ``final.ate`` by default; an unknown one is refused."""
-    from moteslam.eval.metrics.registry import chosen
-
-    chosen(given or ())
-    return given or ["final.ate"]
 
 
 def summed_up(store: Store, wanted: list[str] | None) -> dict[str, Any]:
@@ -155,7 +139,7 @@ def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[s
 
 
 def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
-    """A row a group: of each metric the median with its interval; in ``csv`` every number has a column of its own."""
+    """A row a group: of each metric the median with its interval."""
     from moteslam.eval.runs import headings, success_words, varying
     from moteslam.eval.statistics import FEWEST
     from moteslam.robot.values import interval
@@ -167,22 +151,17 @@ def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
         if form == "text" and len(groups) > 1:
             about = [key for key in about if key not in alike]
         rows = [[*about, "runs", "success"]]
-        rows += [[*(str(each["group"].get(key, "")) for key in about), str(each["runs"])] for each in groups]
-        for row, each in zip(rows[1:], groups, strict=True):
+        for each in groups:
             one = each["success"]
-            row.append(f"{one['count']}" + f" ({100 * one['low']:.0f} to {100 * one['high']:.0f} %)" * (form != "csv"))
+            success = f"{one['count']} ({100 * one['low']:.0f} to {100 * one['high']:.0f} %)"
+            rows.append([*(str(each["group"].get(key, "")) for key in about), str(each["runs"]), success])
         medians = {name: [each["metrics"][name]["median"] for each in groups] for name in names}
         for name, (title, factor) in headings(medians).items():
-            some = [each["metrics"][name] for each in groups]
-            if form == "csv":
-                rows[0] += [f"{name}.{part}" for part in PARTS]
-                columns = [[digits(one[part]) for part in PARTS] for one in some]
-            else:
-                scaled = [[None if one[part] is None else factor * one[part] for part in PARTS[:3]] for one in some]
-                columns = [[number(median), interval(number(low), number(high))] for median, low, high in scaled]
-                rows[0] += [title, "95 %"]
-            for row, cells in zip(rows[1:], columns, strict=True):
-                row += cells
+            rows[0] += [title, "95 %"]
+            for row, one in zip(rows[1:], (each["metrics"][name] for each in groups), strict=True):
+                ends = (None if one[end] is None else factor * one[end] for end in ("median", "low", "high"))
+                median, low, high = map(number, ends)
+                row += [median, interval(low, high)]
         if form == "text" and all(each["runs"] < FEWEST for each in groups):
             rows = [[cell for k, cell in enumerate(row) if rows[0][k] != "95 %"] for row in rows]
         yield FORMATS[form](rows)
@@ -201,6 +180,42 @@ def total(found: dict[str, Any]) -> str:
     return ", ".join(f"{count} {names.get(name, name)}" for name, count in found["runs"].items())
 
 
-def digits(value: float | None) -> str:
-    """For programs: all digits, nothing where there is no number, ``inf`` for failures."""
-    return "" if value is None else repr(value)
+def report(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(metavar="PATH...", help="Files of sweeps, result folders, and folders with either in them."),
+    ],
+    out: Annotated[Path, opt("The page; it must not exist.", "FILE.html")] = Path("report.html"),
+    title: Annotated[str | None, opt("Of the page [what is compared].", "TEXT")] = None,
+    metrics: Annotated[
+        list[str] | None,
+        opt("Which metrics [those of the sweeps, or the usual]; repeatable.", "NAME", "--metric"),
+    ] = None,
+    by: options.By = None,
+    baseline: options.Baseline = None,
+    force: options.ForceFile = False,
+    as_json: options.Json = False,
+) -> None:
+    """Make one HTML page of sweeps and result folders: tables, charts, and a player of the runs.
+
+    It holds all that it shows and needs no network: open it in a browser, send it, print it. Runs of result folders can
+    be played; a sweep keeps the figures of its runs alone.
+
+    \b
+    Examples:
+      moteslam report particles.sweep --out particles.html
+      moteslam report result
+      moteslam report before after --metric final.ate --metric map_f1 --title "before and after"
+    """  # noqa: D301
+    with options.new_file(out, ".html", ".htm", force=force):
+        from moteslam.eval.page.document import gather, page
+        from moteslam.files import write_atomically
+        from moteslam.robot.values import counted
+
+        material = gather(paths)
+        with progress_bar("reading runs", len(material.runs), "runs") as update:
+            text = page(material, title=title, metrics=metrics or (), by=by, baseline=baseline, progress=update)
+        write_atomically(out, text)
+    size = len(text.encode())
+    line = f"{counted(len(material.runs), 'run')} in {literal(out)} ({size / 1e6:.1f} MB)"
+    answer({"file": str(out), "bytes": size, "runs": len(material.runs)}, [line], as_json=as_json)

@@ -9,6 +9,7 @@ import typer
 
 from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer, warn
 from moteslam.eval.tables import literal
 
@@ -21,10 +22,8 @@ if TYPE_CHECKING:
 def convert(
     path: Annotated[Path, typer.Argument(metavar="IN", help="A recording or a trajectory of any format.")],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="What is written; it must not exist.")],
-    to: Annotated[
-        str | None, typer.Option(metavar="FORMAT", help="Where OUT's ending does not say it: ucsd, rosbag2, ...")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing OUT, whole, at the end.")] = False,
+    to: Annotated[str | None, opt("Where OUT's ending does not say it: ucsd, rosbag2, ...", "FORMAT")] = None,
+    force: Annotated[bool, opt("Replace an existing OUT, whole, at the end.", None, "--force")] = False,
     as_json: options.Json = False,
     *,
     part: options.RecordingOptions,

@@ -12,8 +12,9 @@ import typer
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer, note, warn
-from moteslam.eval.tables import FORMATS, Column, fitting, literal, number, rows_of
+from moteslam.eval.tables import FORMATS, Column, fitting, found_at, literal, number, rows_of
 
 NEEDED = {
     "a recording": ("sequence", "platform"),
@@ -27,6 +28,7 @@ Row = Mapping[str, Any]
 """Of a trajectory: ``estimate``, ``reference`` with ``kind`` and figures, and ``recording`` with ``residuals``."""
 WHOSE = "the reference "
 """Begins a doubt of it."""
+LOOP_COUNTS = ("accepted", "overruled", "overruled_false", "possible", "bound")
 STATISTICS = ("rmse", "mean", "median", "std", "max")
 Table = list[list[str]]
 RESIDUALS = (
@@ -52,55 +54,45 @@ def evaluate(
     ],
     recording: Annotated[
         Path | None,
-        typer.Option(metavar="PATH", help="Also the residuals of this recording's scans; one EST needs no REF then."),
+        opt("Also the residuals of this recording's scans; one EST needs no REF then.", "PATH"),
     ] = None,
     loops: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Also precision, with --recording recall, of the loops of a loops.csv."),
+        opt("Also precision, with --recording recall, of the loops of a loops.csv.", "FILE"),
     ] = None,
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", metavar="FILE.yaml", help="The map that goes with the one EST, map_server; for metrics."),
+        opt("The map that goes with the one EST, map_server; for metrics.", "FILE.yaml", "--map"),
     ] = None,
-    true_map: Annotated[
-        Path | None, typer.Option(metavar="FILE.yaml", help="The true map in the frame of REF: also scores --map.")
-    ] = None,
-    metrics: Annotated[
-        list[str] | None, typer.Option("--metric", metavar="NAME", help="Also these of moteslam metrics; repeatable.")
-    ] = None,
+    true_map: Annotated[Path | None, opt("The true map in the frame of REF: also scores --map.", "FILE.yaml")] = None,
+    metrics: Annotated[list[str] | None, opt("Also these of moteslam metrics; repeatable.", "NAME", "--metric")] = None,
     sequence: options.Sequence = None,
     platform: options.PlatformFile = None,
     no_align: Annotated[
-        bool, typer.Option("--no-align", help="Take all in the frame they are in, for the absolute error.")
+        bool, opt("Take all in the frame they are in, for the absolute error.", None, "--no-align")
     ] = False,
     scale: Annotated[
-        bool, typer.Option("--scale", help="Fit the scale too, for the absolute error: ranges or wheels may be off.")
+        bool, opt("Fit the scale too, for the absolute error: ranges or wheels may be off.", None, "--scale")
     ] = False,
-    delta: Annotated[float, typer.Option(help="Length of a pair for the relative error.")] = 1.0,
-    unit: Annotated[Literal["m", "s", "frames"], typer.Option(metavar="m|s|frames", help="Unit of --delta.")] = "m",
-    all_pairs: Annotated[
-        bool, typer.Option("--all-pairs", help="A pair from every pose on, not one after another.")
-    ] = False,
+    delta: Annotated[float, opt("Length of a pair for the relative error.")] = 1.0,
+    unit: Annotated[Literal["m", "s", "frames"], opt("Unit of --delta.", "m|s|frames")] = "m",
+    all_pairs: Annotated[bool, opt("A pair from every pose on, not one after another.", None, "--all-pairs")] = False,
     max_difference: Annotated[
         float | None,
-        typer.Option(min=0, metavar="S", help="Between stamps that belong together [0.01; 0.0001 for relations]."),
+        opt("Between stamps that belong together [0.01; 0.0001 for relations].", "S", min=0),
     ] = None,
     nearest: Annotated[
-        bool, typer.Option("--nearest", help="Take the pose at the nearest stamp, as evo does, never one between two.")
+        bool, opt("Take the pose at the nearest stamp, as evo does, never one between two.", None, "--nearest")
     ] = False,
     est_offset: Annotated[
         tuple[float, float, float],
-        typer.Option(
-            metavar="X Y THETA", help="Where REF's point of the robot is, seen from EST's: of the lidar, say."
-        ),
+        opt("Where REF's point of the robot is, seen from EST's: of the lidar, say.", "X Y THETA"),
     ] = (0.0, 0.0, 0.0),
-    time_offset: Annotated[float, typer.Option(metavar="S", help="Seconds to add to the stamps of every EST.")] = 0.0,
-    save: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the result as JSON, with the error at every stamp.")
-    ] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw errors and trajectories as PNG.")] = None,
+    time_offset: Annotated[float, opt("Seconds to add to the stamps of every EST.", "S")] = 0.0,
+    save: Annotated[Path | None, opt("Write the result as JSON, with the error at every stamp.", "FILE")] = None,
+    plot: Annotated[Path | None, opt("Draw errors and trajectories as PNG.", "FILE")] = None,
     form: options.Format = "text",
-    force: Annotated[bool, typer.Option("--force", help="Replace existing files of --save and --plot.")] = False,
+    force: Annotated[bool, opt("Replace existing files of --save and --plot.", None, "--force")] = False,
     as_json: options.Json = False,
 ) -> None:
     """Score trajectories by another one, by relations, or by the scans of their recording.
@@ -118,23 +110,19 @@ def evaluate(
     With --map and --true-map, how much of the map is right, laid on the true one as EST is on REF. With --metric, any
     metric by name; what it needs and was not given is named.
 
-    With --loops, the loops that a run accepted: how many are right by the reference, and of the key scans whose place
-    was seen before, how many are bound to it.
+    With --loops, the loops that a run accepted: the share that is right by the reference, and of the key scans whose
+    place was seen before the share that is bound to it.
 
     \b
     Examples:
       moteslam evaluate demo/trajectory.tum demo/truth.tum
-      moteslam evaluate demo/trajectory.tum demo/truth.tum --delta 5 --unit s --json
       moteslam evaluate mine.tum theirs.tum truth.tum --plot errors.png
       moteslam evaluate result/trajectory.tum intel.relations
-      moteslam evaluate result/trajectory_final.tum --recording robot.log.gz
-      moteslam evaluate theirs.tum robot.bag:/ground_truth --time-offset -2.5
       moteslam evaluate lidar_path.tum truth.tum --est-offset -0.127 0 0 --format latex
       moteslam evaluate theirs.tum truth.tum --map theirs.yaml --true-map truth_map.yaml --metric rpe_10m
       moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
     """  # noqa: D301
     from moteslam.eval.metrics.association import oriented
-    from moteslam.eval.metrics.loops import score_loops
     from moteslam.eval.metrics.relations import is_relations, read_relations
     from moteslam.eval.run_tables import read_loops
     from moteslam.eval.scores import Reference, against, carried, measured, under_recording
@@ -190,12 +178,9 @@ def evaluate(
         if opened is not None:
             warn(opened.warnings)
         found: dict[str, Any] = {}
-        if loops is not None:
-            assert isinstance(truth, Trajectory)  # or --loops was refused
-            ledger = score_loops(read_loops(loops), oriented(truth)[0], opened, scans=scans)
-            found["loops"] = {"file": str(loops), **ledger.as_dict()}
-        if metrics or true_map is not None:
+        if metrics or true_map is not None or loops is not None:
             known: dict[str, Any] = {"recording": opened, "occupancy": map_file, "true_map": true_map}
+            known["loops"] = None if loops is None else read_loops(loops)
             with options.named(metrics="--metric"):
                 measures = {name: measured(one, truth, names=metrics, **known) for name, one in trajectories.items()}
             found["metrics"] = {
@@ -268,9 +253,6 @@ def _parts(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str | Table
     for name, values in more.get("metrics", {}).items():
         yield f"metrics of {literal(name)}"
         yield [["metric", "value"], *([title_of(metric), _value(value)] for metric, value in values.items())]
-    if "loops" in more:
-        yield f"loops of {literal(more['loops']['file'])}"
-        yield from loop_lines(more["loops"])
 
 
 def _how(row: Row) -> str:
@@ -292,27 +274,12 @@ def _doubts(rows: Sequence[Row]) -> Iterator[str]:
             yield message if message.startswith(files) else files[of_reference] + message.removeprefix(WHOSE)
 
 
-def loop_lines(loops: Row) -> Iterator[str]:
-    """Precision and recall of loops, a line each, with the counts that they are shares of, or why there is none."""
-    from moteslam.robot.values import counted
-
-    if loops["precision"] is not None:
-        right, accepted = loops["accepted"] - round(loops["false"]), counted(loops["accepted"], "accepted loop")
-        yield f"loop precision {100 * loops['precision']:.1f} %: {right} of {accepted} right"
-    if loops["overruled"]:
-        overruled = counted(loops["overruled"], "loop")
-        yield f"overruled by the final path: {overruled}, {loops['overruled_false']} of them false"
-    if loops["recall"] is not None:
-        share = f"{loops['bound']} of {counted(loops['possible'] or 0, 'key scan')} with a possible loop"
-        yield f"loop recall {100 * loops['recall']:.1f} %: {share} bound by an accepted one"
-    yield from (issue["message"] for issue in loops["warnings"])
-
-
 def _value(value: Row) -> str:
     if "value" not in value:
         return f"- {value['absent']}"
+    more = ", ".join(f"{name.replace('_', ' ')} {value[name]}" for name in LOOP_COUNTS if name in value)
     unit, factor = fitting(value["unit"], [value["value"]])
-    return f"{number(factor * value['value'])} {unit}".strip()
+    return f"{number(factor * value['value'])} {unit}".strip() + f" ({more})" * bool(more)
 
 
 def _errors(row: Row) -> Table:
@@ -332,22 +299,22 @@ def _errors(row: Row) -> Table:
 
 
 def _comparison(rows: Sequence[Row]) -> Table:
-    parts = [("ate", "translation_m", each) for each in ("rmse", "median", "max")]
-    titles = ["ATE RMSE", "median", "max", "heading RMSE [deg]"]
-    parts.append(("ate", "rotation_deg", "rmse"))
-    if pairs := next((f"{row['rpe']['delta']:g} {row['rpe']['unit']}" for row in rows if row["rpe"] is not None), ""):
-        parts.append(("rpe", "translation_m", "rmse"))
-        titles.append(f"RPE over {pairs}")
-    values = [[((row[of] or {}).get(what) or {}).get(each) for row in rows] for of, what, each in parts]
-    unit, factor = fitting(
-        "m",
-        [value for some, (_, what, _) in zip(values, parts, strict=True) for value in some if what != "rotation_deg"],
-    )
+    pairs = next((f"{row['rpe']['delta']:g} {row['rpe']['unit']}" for row in rows if row["rpe"] is not None), "")
+    columns = {
+        "ATE RMSE": "ate/translation_m/rmse",
+        "median": "ate/translation_m/median",
+        "max": "ate/translation_m/max",
+        "heading RMSE [deg]": "ate/rotation_deg/rmse",
+        **({f"RPE over {pairs}": "rpe/translation_m/rmse"} if pairs else {}),
+    }
+    unit, factor = fitting("m", [row["ate"]["translation_m"]["max"] for row in rows])
     table = [["estimate", "poses"], *([row["estimate"], str(row["ate"]["translation_m"]["count"])] for row in rows)]
-    for title, some, (_, what, _) in zip(titles, values, parts, strict=True):
-        table[0].append(title if what == "rotation_deg" else f"{title} [{unit}]")
-        for line, value in zip(table[1:], some, strict=True):
-            line.append(number(value if value is None or what == "rotation_deg" else factor * value))
+    for title, place in columns.items():
+        turn = "rotation" in place
+        table[0].append(title if turn else f"{title} [{unit}]")
+        for line, row in zip(table[1:], rows, strict=True):
+            value = found_at(row, place)
+            line.append(number(None if value is None else value * (1 if turn else factor)))
     return table
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from moteslam.eval.cli import options
+from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer
 from moteslam.eval.tables import aligned, literal
 
@@ -32,10 +33,8 @@ Row = tuple[str, str, str]
 @options.with_options(part=options.RecordingOptions)
 def inspect(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, a bag, or a folder of arrays.")],
-    deep: Annotated[bool, typer.Option("--deep", help="Read all ranges of a bag, and all images.")] = False,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw streams, gaps, rates, clocks and ranges over time.")
-    ] = None,
+    deep: Annotated[bool, opt("Read all ranges of a bag, and all images.", None, "--deep")] = False,
+    plot: Annotated[Path | None, opt("Draw streams, gaps, rates, clocks and ranges over time.", "FILE.png")] = None,
     force: options.ForceFile = False,
     as_json: options.Json = False,
     *,

@@ -14,8 +14,9 @@ from typing import Annotated, Any
 import typer
 
 from moteslam.errors import ExistsError, MoteslamError, MoteslamWarning, OutputError
-from moteslam.eval.cli import catalogue, compare, convert, evaluate, inspect, replay, report, simulate, sweep
+from moteslam.eval.cli import catalogue, compare, convert, evaluate, inspect, replay, simulate, sweep
 from moteslam.eval.cli.interrupt import MESSAGE, Interrupted, leave_with, on_interrupt, was_asked
+from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import STDOUT, note, say, stdout_named
 
 BAD_INPUT, INTERNAL_ERROR, CLOSED_PIPE = 2, 1, 141
@@ -53,7 +54,7 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+        bool, opt("Print the version and leave.", None, "--version", callback=_version, is_eager=True)
     ] = False,
 ) -> None:
     """The options before the command."""
@@ -61,7 +62,7 @@ def _root(
 
 for command in (
     *(replay.demo, simulate.simulate, replay.replay, replay.localize, evaluate.evaluate),
-    *(compare.compare, report.report, inspect.inspect, convert.convert, catalogue.platforms, catalogue.metrics),
+    *(compare.compare, compare.report, inspect.inspect, convert.convert, catalogue.platforms, catalogue.metrics),
 ):
     app.command()(command)
 app.add_typer(catalogue.app, name="scenarios")

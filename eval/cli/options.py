@@ -23,52 +23,46 @@ if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
     from moteslam.slam.config import SlamConfig
 
+
+def opt(help: str, meta: str | None = None, *flags: str, **more: Any) -> Any:  # noqa: A002 - as Typer calls it
+    """An option: its help, what its value is called, its names where they are not the parameter's."""
+    return typer.Option(*flags, metavar=meta, help=help, **more)
+
+
 OUT = "Folder for the result; it must not exist."
 TOPIC_STREAMS = ("lidar", "odometry", "imu", "encoders")
 """What a topic of a bag can be read as."""
-Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out, whole, at the end.")]
-ForceFile = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Force = Annotated[bool, opt("Replace an existing --out, whole, at the end.", None, "--force")]
+ForceFile = Annotated[bool, opt("Replace an existing file.", None, "--force")]
+Json = Annotated[bool, opt("Print the result as JSON.", None, "--json")]
 Format = Annotated[
     Literal["text", "markdown", "latex", "csv"],
-    typer.Option("--format", metavar="markdown|latex|csv", help="Of the table that is printed, in place of text."),
+    opt("Of the table that is printed, in place of text.", "markdown|latex|csv", "--format"),
 ]
-Metrics = Annotated[
-    list[str] | None, typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable.")
-]
-Baseline = Annotated[
-    str | None, typer.Option("--baseline", metavar="NAME", help="Compare with this configuration or robot [the first].")
-]
+Metrics = Annotated[list[str] | None, opt("Which metrics [final.ate]; repeatable.", "NAME", "--metric")]
+Baseline = Annotated[str | None, opt("Compare with this configuration or robot [the first].", "NAME", "--baseline")]
 By = Annotated[
     str | None,
-    typer.Option(
-        "--by", metavar="COLUMN", help="What is compared: platform, a key that varies, ... [configuration, if several]."
-    ),
+    opt("What is compared: platform, a key that varies, ... [configuration, if several].", "COLUMN", "--by"),
 ]
 ScenarioName = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
 ]
-Seed = Annotated[
-    int | None, typer.Option(min=0, max=2**63 - 1, help="Of all randomness; the scenario's own by default.")
-]
+Seed = Annotated[int | None, opt("Of all randomness; the scenario's own by default.", min=0, max=2**63 - 1)]
 Sequence = Annotated[
-    str | None, typer.Option("--sequence", help="Which of several sequences in a folder, or sessions of a bag.")
+    str | None, opt("Which of several sequences in a folder, or sessions of a bag.", None, "--sequence")
 ]
-Robot = Annotated[
-    str | None, typer.Option("--platform", metavar="NAME|FILE", help="Another robot: see moteslam platforms.")
-]
+Robot = Annotated[str | None, opt("Another robot: see moteslam platforms.", "NAME|FILE", "--platform")]
 NoiseClass = Annotated[
     Literal["datasheet", "as_recorded"] | None,
-    typer.Option("--noise", metavar="datasheet|as_recorded", help="How wrong the sensors are; datasheet by default."),
+    opt("How wrong the sensors are; datasheet by default.", "datasheet|as_recorded", "--noise"),
 ]
 PlatformFile = Annotated[
     Path | None,
-    typer.Option(metavar="NAME|FILE", help="Another robot; a platform.toml lies over what the recording states."),
+    opt("Another robot; a platform.toml lies over what the recording states.", "NAME|FILE"),
 ]
-Preset = Annotated[str | None, typer.Option(metavar="NAME", help="Named configuration; the best by default.")]
-Settings = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value; may be repeated.")
-]
+Preset = Annotated[str | None, opt("Named configuration; the best by default.", "NAME")]
+Settings = Annotated[list[str] | None, opt("Change one value; may be repeated.", "KEY=VALUE", "--set")]
 
 
 @contextmanager
@@ -122,17 +116,18 @@ class SlamOptions:
     """How a run of SLAM is configured on the command line: each field is an option."""
 
     preset: Preset = None
-    config: Annotated[
-        Path | None, typer.Option("--config", metavar="FILE", help="TOML file over the preset, under --set.")
-    ] = None
+    config: Annotated[Path | None, opt("TOML file over the preset, under --set.", "FILE", "--config")] = None
     settings: Settings = None
-    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all randomness; same seed, same bytes.")] = 0
-    threads: Annotated[int | None, typer.Option(min=1, max=1024, help="CPU threads; all cores by default.")] = None
-    arch: Annotated[str, typer.Option(metavar="cpu|cuda", help="Where the kernels run.")] = "cpu"
-    no_figures: Annotated[bool, typer.Option("--no-figures", help="Leave the figures out.")] = False
+    seed: Annotated[int, opt("Of all randomness; same seed, same bytes.", min=0, max=2**63 - 1)] = 0
+    threads: Annotated[int | None, opt("CPU threads; all cores by default.", min=1, max=1024)] = None
+    arch: Annotated[str, opt("Where the kernels run.", "cpu|cuda")] = "cpu"
+    mcap: Annotated[
+        bool, opt("Write result.mcap too, for Foxglove or Rerun: map, paths, loops, scans.", None, "--mcap")
+    ] = False
+    no_figures: Annotated[bool, opt("Leave the figures out.", None, "--no-figures")] = False
     force: Force = False
     print_config: Annotated[
-        bool, typer.Option("--print-config", help="Print the resolved configuration as TOML and leave.")
+        bool, opt("Print the resolved configuration as TOML and leave.", None, "--print-config")
     ] = False
     as_json: Json = False
 
@@ -161,14 +156,12 @@ class RecordingOptions:
     platform: PlatformFile = None
     topics: Annotated[
         list[str] | None,
-        typer.Option(metavar="STREAM=TOPIC", help="Of a bag: the topic that a stream is read from; may be repeated."),
+        opt("Of a bag: the topic that a stream is read from; may be repeated.", "STREAM=TOPIC"),
     ] = None
-    streams: Annotated[
-        str | None, typer.Option(metavar="NAMES", help="Keep these alone: lidar,encoders,odometry,imu,rgbd.")
-    ] = None
-    start: Annotated[float, typer.Option(metavar="S", help="Seconds after the first stamp.")] = 0.0
-    end: Annotated[float | None, typer.Option(metavar="S", help="Seconds after the first stamp.")] = None
-    every: Annotated[int, typer.Option(metavar="N", help="Keep every N-th scan.")] = 1
+    streams: Annotated[str | None, opt("Keep these alone: lidar,encoders,odometry,imu,rgbd.", "NAMES")] = None
+    start: Annotated[float, opt("Seconds after the first stamp.", "S")] = 0.0
+    end: Annotated[float | None, opt("Seconds after the first stamp.", "S")] = None
+    every: Annotated[int, opt("Keep every N-th scan.", "N")] = 1
 
     def open(self, path: Path) -> Recording:
         """The part of the recording at a path that the options ask for."""

@@ -13,6 +13,7 @@ import typer
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer, simulation_bar, warn
 from moteslam.eval.tables import literal
 
@@ -27,9 +28,9 @@ if TYPE_CHECKING:
 
 Calibrate = Annotated[
     Literal["lidar", "odometry"] | None,
-    typer.Option(
-        metavar="lidar|odometry",
-        help="Mend what is certainly not as stated; where the two contradict each other, this one is wrong.",
+    opt(
+        "Mend what is certainly not as stated; where the two contradict each other, this one is wrong.",
+        "lidar|odometry",
     ),
 ]
 FEW_PAIRS = 150
@@ -38,11 +39,11 @@ FEW_PAIRS = 150
 
 @options.with_options(run=options.SlamOptions)
 def demo(
-    out: Annotated[Path, typer.Option(help=options.OUT)] = Path("demo"),
-    scenario: Annotated[str, typer.Option(metavar="NAME", help="Scenario to drive.")] = "corridor",
+    out: Annotated[Path, opt(options.OUT)] = Path("demo"),
+    scenario: Annotated[str, opt("Scenario to drive.", "NAME")] = "corridor",
     platform: options.Robot = None,
     noise: options.NoiseClass = None,
-    duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop the drive after S seconds.")] = None,
+    duration: Annotated[float | None, opt("Stop the drive after S seconds.", "S", min=12)] = None,
     *,
     run: options.SlamOptions,
 ) -> None:
@@ -53,7 +54,6 @@ def demo(
     \b
     Examples:
       moteslam demo
-      moteslam demo --duration 20 --out short
       moteslam demo --scenario loop --seed 7 --out loop
       moteslam demo --scenario office --platform turtlebot3 --noise as_recorded --out small
     """  # noqa: D301
@@ -90,13 +90,11 @@ def replay(
     path: Annotated[
         Path | None, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.", show_default=False)
     ] = None,
-    out: Annotated[Path | None, typer.Option(help=options.OUT)] = None,
+    out: Annotated[Path | None, opt(options.OUT)] = None,
     dead_reckoning: Annotated[
-        bool, typer.Option("--dead-reckoning", help="Odometry alone: no lidar needed, --out optional.")
+        bool, opt("Odometry alone: no lidar needed, --out optional.", None, "--dead-reckoning")
     ] = False,
-    onto: Annotated[
-        Path | None, typer.Option(metavar="RESULT", help="Go on with the building of this result folder.")
-    ] = None,
+    onto: Annotated[Path | None, opt("Go on with the building of this result folder.", "RESULT")] = None,
     calibrate: Calibrate = None,
     stdin: Annotated[
         bool, typer.Option("--stdin", help="Messages come on stdin as lines of JSON; --out optional.")
@@ -119,7 +117,6 @@ def replay(
       moteslam replay robot.log.gz --out result
       moteslam replay robot.log.gz --out more --preset paper --set particles=300 --seed 7
       moteslam replay robot.bag --topics lidar=/scan_front --start 20 --end 80 --out part
-      moteslam replay robot.bag --calibrate lidar --out mended
       moteslam replay tomorrow.log.gz --onto result --out both
       moteslam replay ucsd --sequence 20 --dead-reckoning
       driver | moteslam replay --stdin --platform turtlebot3 --out result
@@ -128,7 +125,7 @@ def replay(
     config = run.resolved()
     if stdin:
         others = [name for name in part.given if name != "platform"]
-        if path is not None or dead_reckoning or onto is not None or calibrate is not None or others:
+        if path is not None or dead_reckoning or onto is not None or calibrate is not None or others or run.mcap:
             raise typer.BadParameter("expected no recording, nor what is for one alone", param_hint="'--stdin'")
         _follow(config, out, part, run)
         return
@@ -146,14 +143,11 @@ def replay(
 @options.with_options(part=options.RecordingOptions, run=options.SlamOptions)
 def localize(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.")],
-    known: Annotated[Path, typer.Option("--map", metavar="MAP", help="A map_server .yaml file, or a result folder.")],
-    out: Annotated[Path, typer.Option(help=options.OUT)],
+    known: Annotated[Path, opt("A map_server .yaml file, or a result folder.", "MAP", "--map")],
+    out: Annotated[Path, opt(options.OUT)],
     near: Annotated[
         tuple[float, float, float, float] | None,
-        typer.Option(
-            metavar="X Y THETA SPREAD",
-            help="Where the robot starts [m, m, rad], and the standard deviation of x and y [m].",
-        ),
+        opt("Where the robot starts [m, m, rad], and the standard deviation of x and y [m].", "X Y THETA SPREAD"),
     ] = None,
     calibrate: Calibrate = None,
     *,
@@ -243,7 +237,7 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     from moteslam.robot.values import Issue
     from moteslam.slam.calibration.calibrate import PAIRS
     from moteslam.slam.calibration.findings import checked
-    from moteslam.slam.calibration.mended import calibrated, corrected
+    from moteslam.slam.calibration.mended import calibrated
 
     found, about = checked(recording, PAIRS if side is not None else FEW_PAIRS)
     if found is None or about is None:
@@ -254,7 +248,7 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     if side is None:
         ends = dict.fromkeys(about.decided, "corrected")
         moves = tuple(Issue(one.code, f"{one.message}; {ends.get(one.code, 'see --calibrate')}") for one in about.moves)
-        return (corrected(recording, found) if about.decided else recording), moves
+        return (calibrated(recording, found, None) if about.decided else recording), moves
     mended = calibrated(recording, found, side)
     return mended, tuple(Issue(issue.code, f"{issue.message}; mended by the {side}") for issue in about.issues)
 

@@ -9,14 +9,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from moteslam.eval.building_file import read_building
-from moteslam.eval.cli.evaluate import loop_lines
 from moteslam.eval.cli.options import named
 from moteslam.eval.cli.text import progress_bar, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.report.maps import Snapshots, TextureStages
-from moteslam.eval.results import write_results
+from moteslam.eval.result_bag import write_result_bag
+from moteslam.eval.results import read_building, write_results
 from moteslam.eval.run_tables import loop_counts
 from moteslam.eval.scores import Figures, number
 from moteslam.eval.tables import aligned, fitting, literal
@@ -104,6 +103,8 @@ def run_into(
             "threads": device.threads,
         },
     )
+    if options.mcap:
+        write_result_bag(folder / "result.mcap", estimate, recording)
     return described(estimate, found, issues)
 
 
@@ -177,6 +178,8 @@ def score_lines(figures: Figures) -> Iterator[str]:
         scaled = [None if (one := values[of][name]) is None else factor * one for name in LENGTHS]
         rows.append([title, *map(shown, (*scaled, values[of]["heading"]))])
     yield aligned(rows)
-    if "loops" in figures:
-        shares = {name: number(figures, f"loops_{name}") for name in ("precision", "recall", "false")}
-        yield from loop_lines(figures["loops"] | shares)
+    for name in ("precision", "recall"):
+        if (share := number(figures, f"loops_{name}")) is not None:
+            counts = figures["metrics"][f"loops_{name}"]
+            of = f"{counts['accepted']} accepted" if name == "precision" else f"{counts['possible']} possible"
+            yield f"{name} of loops {100 * share:.1f} % of {of}"

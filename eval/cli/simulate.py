@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-
 from moteslam.errors import ConfigError, MoteslamError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer, note, progress_bar, simulation_bar
 from moteslam.eval.tables import Column, aligned, literal, rows_of
 
@@ -35,25 +34,20 @@ class Recorded:
     platform: options.Robot = None
     noise: options.NoiseClass = None
     settings: options.Settings = None
-    log_every: Annotated[
-        float | None, typer.Option(metavar="M", help="Keep a scan only after M metres, or after --log-turn.")
-    ] = None
-    log_turn: Annotated[
-        float | None, typer.Option(metavar="RAD", help="Keep a scan only after this turn, or after --log-every.")
-    ] = None
+    duration: Annotated[float | None, opt("Stop the drive after S seconds.", "S", min=1)] = None
+    log_every: Annotated[float | None, opt("Keep a scan only after M metres, or after --log-turn.", "M")] = None
+    log_turn: Annotated[float | None, opt("Keep a scan only after this turn, or after --log-every.", "RAD")] = None
     odometry_noise: Annotated[
         tuple[float, float] | None,
-        typer.Option(metavar="DISTANCE ROTATION", help="Add these shares of noise to each step of the odometry."),
+        opt("Add these shares of noise to each step of the odometry.", "DISTANCE ROTATION"),
     ] = None
-    file_format: Annotated[
-        Literal["ucsd", "carmen"], typer.Option("--format", metavar="ucsd|carmen", help="To write the recording in.")
-    ] = "ucsd"
-    true_map: Annotated[
-        float | None, typer.Option(metavar="M", help="Write the true map too, in cells of M metres.")
-    ] = None
-    camera: Annotated[
-        bool, typer.Option("--camera", help="Record colour and depth images, even if the scenario does not.")
-    ] = False
+    file_format: Annotated[Literal["ucsd", "carmen"], opt("To write the recording in.", "ucsd|carmen", "--format")] = (
+        "ucsd"
+    )
+    true_map: Annotated[float | None, opt("Write the true map too, in cells of M metres.", "M")] = None
+    camera: Annotated[bool, opt("Record colour and depth images, even if the scenario does not.", None, "--camera")] = (
+        False
+    )
 
     def logging(self) -> Logging:
         """What of the recording is logged."""
@@ -67,7 +61,8 @@ class Recorded:
         from moteslam.sim.scenario import with_camera
 
         self.logging()
-        loaded = scenario_of(name, seed, platform=self.platform, noise=self.noise, settings=self.settings or ())
+        robot, settings = self.platform, self.settings or ()
+        loaded = scenario_of(name, seed, platform=robot, noise=self.noise, settings=settings, duration=self.duration)
         if not self.camera:
             return loaded
         with options.in_file(name):
@@ -93,14 +88,10 @@ class Recorded:
 @options.with_options(recorded=Recorded)
 def simulate(
     scenario: options.ScenarioName,
-    out: Annotated[Path, typer.Option(help=options.OUT)],
+    out: Annotated[Path, opt(options.OUT)],
     seed: options.Seed = None,
-    batch: Annotated[
-        int | None, typer.Option(min=1, max=MAX_BATCH, metavar="N", help="Make N, with seeds from --seed on.")
-    ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, max=1024, help="Processes of a batch; all cores by default.")
-    ] = None,
+    batch: Annotated[int | None, opt("Make N, with seeds from --seed on.", "N", min=1, max=MAX_BATCH)] = None,
+    jobs: Annotated[int | None, opt("Processes of a batch; all cores by default.", min=1, max=1024)] = None,
     force: options.Force = False,
     as_json: options.Json = False,
     *,
@@ -116,7 +107,6 @@ def simulate(
       moteslam simulate office --platform turtlebot3 --set noise.lidar.dropout=0.1 --out small
       moteslam simulate big_loop --platform lms200 --log-every 0.75 --log-turn 0.5 --format carmen --out keys
       moteslam simulate random-corridors --out many --batch 20 --true-map 0.05
-      moteslam replay corridor --out result
     """  # noqa: D301
     from moteslam.files import result_folder
     from moteslam.sim.output import log_name

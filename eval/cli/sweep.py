@@ -11,8 +11,9 @@ from typer.core import TyperGroup
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.compare import metric_names, summary_lines, summed_up, total
+from moteslam.eval.cli.compare import summary_lines, summed_up, total
 from moteslam.eval.cli.interrupt import Interrupted
+from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer, note, progress_bar, say
 from moteslam.eval.tables import Column, aligned, literal, rows_of
 
@@ -52,20 +53,16 @@ def run(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.sweep", help="Where they are recorded [SPEC.sweep]; goes on if it is there."),
+        opt("Where they are recorded [SPEC.sweep]; goes on if it is there.", "FILE.sweep"),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, max=1024, help="Runs at a time [as many as there are processors].")
-    ] = None,
-    shard: Annotated[
-        str | None, typer.Option(metavar="I/N", help="Only the I-th of N parts, for job arrays; see `sweep merge`.")
-    ] = None,
+    workers: Annotated[int | None, opt("Runs at a time [as many as there are processors].", min=1, max=1024)] = None,
+    shard: Annotated[str | None, opt("Only the I-th of N parts, for job arrays; see `sweep merge`.", "I/N")] = None,
     timed: Annotated[
-        bool, typer.Option("--time", help="Measure time and memory too: one run at a time, each in a new process.")
+        bool, opt("Measure time and memory too: one run at a time, each in a new process.", None, "--time")
     ] = False,
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="tcp://HOST:PORT", help="Make the runs on this Dask cluster (extra `cluster`)."),
+        opt("Make the runs on this Dask cluster (extra `cluster`).", "tcp://HOST:PORT"),
     ] = None,
     as_json: options.Json = False,
 ) -> None:
@@ -168,6 +165,7 @@ def show(
       moteslam sweep show particles.sweep --metric final.ate --metric map_f1
       moteslam sweep show particles.sweep --format latex > table.tex
     """  # noqa: D301
+    from moteslam.eval.runs import metric_names
     from moteslam.eval.sweep.store import opened
 
     metric_names(metrics)
@@ -181,12 +179,10 @@ def show(
 @app.command("plot")
 def plot(
     file: File,
-    out: Annotated[Path, typer.Option(metavar="FILE.png", help="A new file.")],
+    out: Annotated[Path, opt("A new file.", "FILE.png")],
     metrics: options.Metrics = None,
-    along: Annotated[
-        str | None, typer.Option("--x", metavar="COLUMN", help="What it is drawn over [the key that varies].")
-    ] = None,
-    label: Annotated[str | None, typer.Option(metavar="TEXT", help="Of that axis [the key].")] = None,
+    along: Annotated[str | None, opt("What it is drawn over [the key that varies].", "COLUMN", "--x")] = None,
+    label: Annotated[str | None, opt("Of that axis [the key].", "TEXT")] = None,
     force: options.ForceFile = False,
 ) -> None:
     """Draw medians with their 95 % intervals over what varies, a line for each scenario, robot and configuration.
@@ -199,8 +195,8 @@ def plot(
       moteslam sweep plot particles.sweep --out particles.png
       moteslam sweep plot range.sweep --metric final.ate --metric map_f1 --label "reach [m]" --out range.png
     """  # noqa: D301
-    from moteslam.eval.report.sweep_curves import draw_sweep
-    from moteslam.eval.runs import axis_of, read_runs, varying
+    from moteslam.eval.report.curves import draw_sweep
+    from moteslam.eval.runs import axis_of, metric_names, read_runs, varying
 
     names = metric_names(metrics)
     with options.new_file(out, ".png", force=force):
@@ -221,7 +217,7 @@ def plot(
 @app.command("merge")
 def merge_files(
     files: Annotated[list[Path], typer.Argument(metavar="FILE.sweep...", help="Parts of one sweep, or one of them.")],
-    out: Annotated[Path, typer.Option(metavar="FILE.sweep", help="A new file for all of their runs.")],
+    out: Annotated[Path, opt("A new file for all of their runs.", "FILE.sweep")],
 ) -> None:
     """Put the parts of a sweep together that `--shard` made, on one computer or on many.
 
@@ -275,7 +271,7 @@ def diff(
 @app.command("export")
 def export(
     file: File,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="A new .csv or .parquet file (Parquet needs pyarrow).")],
+    out: Annotated[Path, opt("A new .csv or .parquet file (Parquet needs pyarrow).", "FILE")],
     force: options.ForceFile = False,
 ) -> None:
     """Write a row a run: what it is, what became of it, every metric, and times in columns at the end.

@@ -66,6 +66,11 @@ class LoopResult(PoseErrors):
         return int(self.is_false.sum())
 
     @property
+    def accepted(self) -> int:
+        """How many were scored."""
+        return self.pairs
+
+    @property
     def precision(self) -> float | None:
         """Share of the accepted loops that are not false, if there are any."""
         return 1 - self.false / self.pairs if self.pairs else None
@@ -77,11 +82,10 @@ class LoopResult(PoseErrors):
 
     def as_dict(self) -> dict[str, Any]:
         """Fit for JSON: metres and degrees, shares from 0 to 1."""
-        names = ("precision", "pairs", "false", "recall", "possible", "bound", "overruled", "overruled_false")
+        names = ("precision", "accepted", "false", "recall", "possible", "bound", "overruled", "overruled_false")
         errors = super().as_dict() if self.pairs else {"translation_m": None, "rotation_deg": None}
         warnings = [issue.as_dict() for issue in self.issues]
-        figures = {"accepted" if name == "pairs" else name: getattr(self, name) for name in names}
-        return {**figures, **errors, "warnings": warnings}
+        return {**{name: getattr(self, name) for name in names}, **errors, "warnings": warnings}
 
     def _summary(self) -> str:
         return f"{self.pairs} accepted, {self.false} false, {self.bound} of {self.possible} possible ones bound"

@@ -95,6 +95,13 @@ def _quantile(run: Evidence, share: float) -> float | None:
     return 1e3 * float(np.quantile(times, share)) if times else None
 
 
+def _of_loops(run: Evidence, name: str, *more: str) -> Found:
+    found = run.loop_result
+    if (share := getattr(found, name)) is None:
+        raise InputError(next(issue.message for issue in found.issues if issue.code == f"no-loop-{name}"))
+    return share, {each: getattr(found, each) for each in more}
+
+
 FIGURES: dict[str, Callable[[Any], Found]] = {
     "ate": _ate,
     "ate_scaled": lambda track: _moved(track).once(absolute_trajectory_error, scale=True).rmse,
@@ -110,6 +117,8 @@ FIGURES: dict[str, Callable[[Any], Found]] = {
     "effective_particles": lambda run: float(needed(run.certainty, "diagnostics").effective.mean()),
     "lost_precision": lambda run: run.localisation.precision(LocalisationState.LOST),
     "lost_recall": lambda run: run.localisation.recall(LocalisationState.LOST),
+    "loops_precision": lambda run: _of_loops(run, "precision", "accepted", "overruled", "overruled_false"),
+    "loops_recall": lambda run: _of_loops(run, "recall", "possible", "bound"),
     "cpu_per_scan": lambda run: 1e3 * run.time_taken.cpu_seconds / len(run.track(FINAL).trajectory),
     "wall_per_scan": lambda run: 1e3 * run.time_taken.wall_seconds / len(run.track(FINAL).trajectory),
     "wall_per_scan_median": lambda run: _quantile(run, 0.5),

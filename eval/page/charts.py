@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from math import ceil, floor, isfinite, log10
 from typing import Any
 
-from moteslam.eval.runs import key_words, lines_over, pair_of, summary_of, values_of
+from moteslam.eval.report.curves import lines_over
+from moteslam.eval.runs import key_words, summary_of
 from moteslam.eval.statistics import Summary
 from moteslam.eval.sweep.store import Row
 from moteslam.eval.tables import literal, number
@@ -67,7 +68,7 @@ def curves(runs: Sequence[Row], key: str, metric: Shown) -> Figure | None:
         values.sort()
     traces: list[Figure] = []
     for index, line in enumerate(lines[:MOST_LINES]):
-        title = line.label or line.name
+        title = line.label or metric.title
         points = [
             (value if numeric else label(value), f"{title}; {key_words(key)} {value}", summary_of(some, metric.name))
             for value in values
@@ -117,36 +118,6 @@ def spread(columns: Mapping[str, Sequence[Row]], metric: Shown) -> Figure | None
     }
     traces = [{**trace, "showlegend": several and trace.get("showlegend", True)} for trace in traces]
     return _figure(traces, x_axis, _y(metric, traces), len(columns), "configurations")
-
-
-def paired(columns: Mapping[str, Sequence[Row]], baseline: str, metric: Shown, axis: str) -> Figure | None:
-    """A point for each pair of runs of a configuration and the baseline on the same case. None without any."""
-    first = values_of(columns[baseline], metric.name, axis)
-    traces: list[Figure] = []
-    others = [name for name in columns if name != baseline]
-    for index, name in enumerate(others[:MOST_LINES]):
-        names = {pair_of(run, axis): run.name for run in columns[name]}
-        pairs = [
-            (case, one, value)
-            for case, value in values_of(columns[name], metric.name, axis).items()
-            if (one := first.get(case)) is not None and value is not None
-        ]
-        if not pairs:
-            continue
-        _, x, y = zip(*pairs, strict=True)
-        texts = [f"{name}; {names[case]}: {metric.text(b)}, {baseline}: {metric.text(a)}" for case, a, b in pairs]
-        look = {"name": label(name), "marker": {**_marker(index + 1), "opacity": 0.7}}
-        x, y = ([metric.factor * value for value in each] for each in (x, y))
-        traces.append({**_points("markers", x, y, texts), **look})
-    if not traces:
-        return None
-    everything = [value for trace in traces for value in (*trace["x"], *trace["y"])]
-    ends = [min(everything), max(everything)]
-    look = {"hoverinfo": "skip", "line": {"color": "#7F7F7F", "width": 1, "dash": "dot"}}
-    line = {"type": "scatter", "mode": "lines", "name": "equal", "x": ends, "y": ends, **look}
-    titles = f"{metric.title}, {baseline}", f"{metric.title}, the others"
-    x_axis, y_axis = ({**_axis(everything), "title": {"text": label(title)}} for title in titles)
-    return _figure([line, *traces], x_axis, y_axis, len(others), "configurations")
 
 
 def _figure(traces: list[Figure], x_axis: Figure, y_axis: Figure, count: int, what: str) -> Figure:

@@ -26,7 +26,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.eval import runs
 from moteslam.eval.metrics.registry import chosen, metric, title_of
 from moteslam.eval.page import charts
-from moteslam.eval.page.player import Budget, playable
+from moteslam.eval.page.player import budget_of, playable
 from moteslam.eval.statistics import FEWEST, Proportion
 from moteslam.eval.sweep.spec import SUCCESS
 from moteslam.eval.sweep.store import Row, opened
@@ -200,7 +200,7 @@ def page(
         with suppress(ConfigError):
             meanings[name] = metric(name).meaning
     played = [run for run in made if run.folder is not None]
-    budget = Budget.of(max(len(played), 1))
+    budget = budget_of(max(len(played), 1))
     players: list[tuple[str, Markup]] = []
     for run in played:
         assert run.folder is not None
@@ -214,7 +214,6 @@ def page(
     drawn = [
         {
             "spread": charts.spread(groups, one),
-            "pairs": charts.paired(columns, first, one, axis),
             "curves": [curve for key in varied if (curve := charts.curves(made, key, one)) is not None],
         }
         for one in shown.values()

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import base64
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -37,19 +36,18 @@ CLOUDS, LARGEST_CLOUD = 400_000, 60_000
 """Numbers for the particles of all runs together, and of each."""
 
 
-@dataclass(frozen=True)
-class Budget:
+class Budget(NamedTuple):
     """How much of each run the page holds: poses, bytes of its map and its texture each, numbers for its particles."""
 
     steps: int
     picture: int
     particles: int
 
-    @classmethod
-    def of(cls, runs: int) -> Budget:
-        """For each of this many runs: some 10 MB for 300 of them."""
-        steps = int(np.clip(STEPS // runs, FEWEST_STEPS, MOST_STEPS))
-        return cls(steps, min(LARGEST_PICTURE, PICTURES // runs), min(LARGEST_CLOUD, CLOUDS // runs))
+
+def budget_of(runs: int) -> Budget:
+    """For each of this many runs: some 10 MB for 300 of them."""
+    steps = int(np.clip(STEPS // runs, FEWEST_STEPS, MOST_STEPS))
+    return Budget(steps, min(LARGEST_PICTURE, PICTURES // runs), min(LARGEST_CLOUD, CLOUDS // runs))
 
 
 def playable(folder: Path, budget: Budget) -> dict[str, Any]:

@@ -163,14 +163,10 @@ def _seen_from(start: Array, points: Array) -> Array:
 
 def check_film(path: style.File) -> None:
     """Refuse a film that cannot be written, before it is made."""
-    from PIL import features
-
     kind = Path(path).suffix.lower()
     if kind not in (".gif", ".webp", ".mp4"):
         raise OutputError("expected a name that ends in .gif, .webp or .mp4", file=path)
-    if kind == ".webp" and not features.check("webp"):
-        raise OutputError("Pillow here writes no WebP, expected .gif or .mp4", file=path)
-    if kind == ".mp4" and video_codec() is None:
+    if kind == ".mp4" and not _mp4([np.full((64, 64, 3), 60, np.uint8)], 15.0):
         known = ", ".join(CODECS.values())
         raise OutputError(f"OpenCV here has no encoder that browsers play ({known}), expected .webp or .gif", file=path)
 
@@ -179,7 +175,7 @@ def write_film(path: style.File, frames: Iterable[Frame], *, fps: float = 15.0) 
     """Write frames, all of one size, one at least, as a GIF, WebP or MP4, by the name's ending, as they come."""
     check_film(path)
     kind = Path(path).suffix.lower()
-    write_atomically(path, _mp4(frames, fps, video_codec() or "") if kind == ".mp4" else _animated(kind, frames, fps))
+    write_atomically(path, _mp4(frames, fps) if kind == ".mp4" else _animated(kind, frames, fps))
 
 
 def _animated(kind: str, frames: Iterable[Frame], fps: float) -> bytes:
@@ -202,25 +198,8 @@ def _animated(kind: str, frames: Iterable[Frame], fps: float) -> bytes:
     return content.getvalue()
 
 
-def video_codec() -> str | None:
-    """The first of ``CODECS`` that OpenCV encodes and reads back; None if it does with none of them."""
-    import cv2
-
-    grey = [np.full((64, 64, 3), shade, np.uint8) for shade in (60, 120, 180)]
-    for codec in CODECS:
-        with tempfile.TemporaryDirectory(prefix="moteslam-") as folder, _stderr_discarded():
-            file = Path(folder) / "film.mp4"
-            file.write_bytes(_mp4(grey, 15.0, codec))
-            reader = cv2.VideoCapture(str(file))
-            readable = all(reader.read()[0] for _ in grey)
-            reader.release()
-        if readable:
-            return codec
-    return None
-
-
-def _mp4(frames: Iterable[Frame], fps: float, codec: str) -> bytes:
-    """An MP4; empty where OpenCV lacks the encoder."""
+def _mp4(frames: Iterable[Frame], fps: float) -> bytes:
+    """An MP4 by the first of ``CODECS`` that OpenCV encodes here; empty where there is none."""
     import cv2
 
     frames = iter(frames)
@@ -228,14 +207,16 @@ def _mp4(frames: Iterable[Frame], fps: float, codec: str) -> bytes:
     height, width = (size - size % 2 for size in first.shape[:2])  # of 4:2:0 colours: two by two pixels share one
     with tempfile.TemporaryDirectory(prefix="moteslam-") as folder:
         file = Path(folder) / "film.mp4"
-        with _stderr_discarded():
-            writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), fps, (width, height))
-        if not writer.isOpened():
-            return b""
-        for frame in chain((first,), frames):
-            writer.write(np.ascontiguousarray(frame[:height, :width, ::-1]))
-        writer.release()
-        return file.read_bytes()
+        for codec in CODECS:
+            form = cv2.VideoWriter.fourcc(*codec)
+            with _stderr_discarded():
+                writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, form, fps, (width, height))
+            if writer.isOpened():
+                for frame in chain((first,), frames):
+                    writer.write(np.ascontiguousarray(frame[:height, :width, ::-1]))
+                writer.release()
+                return file.read_bytes()
+    return b""
 
 
 @contextmanager

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,22 +38,6 @@ ARROW: dict[str, Any] = {
     **{"scale_units": "inches", "scale": 1 / 0.11},
 }
 """A triangle 0.11 inch long and 0.07 wide."""
-FONT_SIZE = 8.0 / 72
-"""Of labels [inch]."""
-CHARACTER = (0.62, 1.3)
-"""Width and height of a character, as shares of the size of the font."""
-LABEL_GAPS = np.array((4.0, 9.0, 16.0, 26.0)) / 72
-"""Between a place and its label, in x and in y [inch]: the nearest of these that is free."""
-LABEL_SIDES = np.array(((1, 1), (1, -1), (-1, 1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1)))
-"""Of a place, where its label may be; those on a slant come first, since routes and walls are mostly straight."""
-
-
-class Label(NamedTuple):
-    """A short text that belongs to a place x, y [m]."""
-
-    text: str
-    place: Sequence[float]
-    colour: str = "black"
 
 
 def draw_scenario(path: style.File, scenario: Scenario, *, driven: Array | None = None) -> None:
@@ -66,12 +49,12 @@ def draw_scenario(path: style.File, scenario: Scenario, *, driven: Array | None 
     with style.saved_plan(path, points, title=scenario.name, longest=LONGEST) as axes:
         axes.set_facecolor(FREE_SPACE)
         _draw_unreached(axes, world, scenario.start[:2])
-        labels = _draw_slippery(axes, scenario.world)
+        _draw_slippery(axes, scenario.world)
         _draw_furniture(axes, scenario.standing)
         _draw_walls(axes, world)
-        labels += _draw_route(axes, scenario, line, scale, "route" if driven is None else "driven path")
-        labels += _draw_people(axes, scenario) + _draw_doors(axes, scenario)
-        _draw_labels(axes, labels, scale)
+        _draw_route(axes, scenario, line, scale, "route" if driven is None else "driven path")
+        _draw_people(axes, scenario)
+        _draw_doors(axes, scenario)
 
 
 def _draw_unreached(axes: style.Axes, world: World, start: Array) -> None:
@@ -85,15 +68,12 @@ def _draw_unreached(axes: style.Axes, world: World, start: Array) -> None:
     axes.plot([], [], "s", mfc=FREE_SPACE, mec="0.6", ms=8, label="free space")
 
 
-def _draw_slippery(axes: style.Axes, layout: Layout) -> list[Label]:
+def _draw_slippery(axes: style.Axes, layout: Layout) -> None:
     from matplotlib.patches import Rectangle
 
-    labels = []
     for patch in layout.slippery:
-        look: dict[str, Any] = {"facecolor": SLIPPERY, "alpha": 0.6, "zorder": 0.3, "label": "slippery floor"}
-        axes.add_patch(Rectangle(patch.corner, *patch.size, **look))
-        labels.append(Label(f"grip {patch.grip:g}", np.add(patch.corner, np.multiply(0.5, patch.size)).tolist(), "0.3"))
-    return labels
+        look: dict[str, Any] = {"facecolor": SLIPPERY, "alpha": 0.6, "zorder": 0.3}
+        axes.add_patch(Rectangle(patch.corner, *patch.size, label=f"slippery floor, grip {patch.grip:g}", **look))
 
 
 def _draw_furniture(axes: style.Axes, layout: Layout) -> None:
@@ -116,23 +96,20 @@ def _draw_walls(axes: style.Axes, world: World) -> None:
             axes.add_collection(LineCollection(lines, colors=colour, linewidths=1.0 if plain else 2.2, label=label))
 
 
-def _draw_route(axes: style.Axes, scenario: Scenario, line: Array | None, scale: float, name: str) -> list[Label]:
+def _draw_route(axes: style.Axes, scenario: Scenario, line: Array | None, scale: float, name: str) -> None:
     start = scenario.start
     style.mark_start(axes, start[None])
     if line is None:
         wander = scenario.wander
         task = "drives by commands" if wander is None else f"wanders {wander.distance:g} m at random"
         axes.plot([], [], " ", label=task)
-        return [Label("start", start[:2].tolist())]
+        return
     length = float(np.hypot(*np.diff(line, axis=0).T).sum())
     axes.plot(line[:, 0], line[:, 1], color=style.SLAM, lw=1.0, label=f"{name}, {length:.0f} m")
     places, directions = along(line, ARROWS_APART / scale)
     beside = places + ARROW_BESIDE / scale * np.stack((directions[:, 1], -directions[:, 0]), axis=-1)
     axes.quiver(*beside.T, *directions.T, color=style.SLAM, pivot="mid", zorder=3, **ARROW)
     style.mark_ends(axes, (line, style.SLAM), label="goal")
-    if np.hypot(*(line[-1] - start[:2])) * scale < ARROWS_APART / 3:
-        return [Label("start and goal", start[:2].tolist())]
-    return [Label("start", start[:2].tolist()), Label("goal", line[-1].tolist(), style.SLAM)]
 
 
 def along(line: Array, spacing: float) -> tuple[Array, Array]:
@@ -147,27 +124,20 @@ def along(line: Array, spacing: float) -> tuple[Array, Array]:
     return line[leg] + (at - travelled[leg])[:, None] * directions, directions
 
 
-def _draw_people(axes: style.Axes, scenario: Scenario) -> list[Label]:
-    labels = []
-    for i, person in enumerate(scenario.people):
+def _draw_people(axes: style.Axes, scenario: Scenario) -> None:
+    for person in scenario.people:
         strolls = len(person.waypoints) == 1
         look: dict[str, Any] = {"color": PERSON, "mfc": "white" if strolls else PERSON, "mec": PERSON, "lw": 1.2}
         look["label"] = "person, strolls about" if strolls else "person, there and back"
         axes.plot(*np.transpose(person.waypoints), "o" if strolls else "o:", markevery=[0], ms=5, **look)
-        labels.append(Label(f"person {i + 1}", person.waypoints[0], PERSON))
     if scenario.crowd is not None:
         axes.plot([], [], "o", color="none", mec=PERSON, ms=5, label=f"+ {scenario.crowd.count} who stroll anywhere")
-    return labels
 
 
-def _draw_doors(axes: style.Axes, scenario: Scenario) -> list[Label]:
-    labels = []
-    for i, door in enumerate(scenario.doors):
-        leaf = np.array((door.hinge, door.end))
-        axes.plot(*leaf.T, color=DOOR, lw=2.4, label="door, shut")
+def _draw_doors(axes: style.Axes, scenario: Scenario) -> None:
+    for door in scenario.doors:
+        axes.plot(*np.array((door.hinge, door.end)).T, color=DOOR, lw=2.4, label="door, shut")
         axes.plot(*_opening(door).T, "--", color=DOOR, lw=1.0, label="door, as it opens")
-        labels.append(Label(f"door {i + 1}", leaf.mean(axis=0).tolist(), DOOR))
-    return labels
 
 
 def _opening(door: Door) -> Array:
@@ -179,38 +149,3 @@ def _opening(door: Door) -> Array:
     x, y = end - hinge
     arc = np.stack((x * np.cos(angles) - y * np.sin(angles), x * np.sin(angles) + y * np.cos(angles)), axis=-1)
     return np.concatenate((hinge + arc, hinge[None]))
-
-
-def _draw_labels(axes: style.Axes, labels: Sequence[Label], scale: float) -> None:
-    """Write labels beside their places on a plan of this scale [inch/m], with a rim that keeps them legible on lines.
-
-    Each is where it covers no label before it, is inside the axes, and covers the least of what is drawn; of such
-    places the nearest.
-    """
-    from matplotlib.patheffects import withStroke
-    from matplotlib.quiver import Quiver
-
-    lines = [np.asarray(line.get_xydata()) for line in axes.lines]
-    arrows = [each for each in axes.collections if isinstance(each, Quiver)]
-    areas = [each for each in axes.collections if each not in arrows]
-    lines += [np.asarray(path.vertices) for each in areas for path in each.get_paths()]
-    sampled = [along(line, FONT_SIZE / 3 / scale)[0] for line in lines if len(line) > 1]
-    drawn = np.concatenate([np.zeros((0, 2)), *sampled, *(each.XY for each in arrows)])
-    low, high = np.transpose((axes.get_xlim(), axes.get_ylim()))
-    centres, sizes = np.zeros((0, 2)), np.zeros((0, 2))
-    for label in labels:
-        size = np.multiply(CHARACTER, (len(label.text), 1)) * FONT_SIZE / scale
-        reaches = size / 2 + LABEL_GAPS[:, None] / scale
-        candidates = label.place + (reaches[:, None] * LABEL_SIDES).reshape(-1, 2)
-        apart = abs(candidates[:, None] - centres) - (sizes + size) / 2
-        near = drawn[(abs(drawn - label.place) < size + reaches[-1]).all(axis=1)]
-        cost = (
-            1e6 * ~(apart > 0).any(axis=2).all(axis=1)
-            + 1e3 * ((candidates - size / 2 < low) | (candidates + size / 2 > high)).any(axis=1)
-            + (abs(candidates[:, None] - near) < size / 2).all(axis=2).sum(axis=1)
-            + np.repeat(2.0 * np.arange(len(LABEL_GAPS)), len(LABEL_SIDES))
-        )
-        x, y = chosen = candidates[np.argmin(cost)]
-        centres, sizes = np.vstack((centres, chosen)), np.vstack((sizes, size))
-        text = axes.text(x, y, label.text, fontsize=72 * FONT_SIZE, color=label.colour, zorder=9, parse_math=False)
-        text.set(ha="center", va="center", path_effects=[withStroke(linewidth=2.5, foreground="white")])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.eval.metrics.association import evenly
 from moteslam.eval.report import style
 from moteslam.eval.report.style import DEAD_RECKONING, SLAM
 from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection
@@ -17,7 +18,8 @@ STREAM_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E
 """The palette of Okabe and Ito."""
 BINS = 240
 """Across the time of a recording."""
-RANGE_BINS = 80
+RANGES = 180
+"""At most this many beams of a scan are drawn."""
 
 
 def draw_streams(path: style.File, recording: Recording, found: Inspection) -> None:
@@ -91,37 +93,25 @@ def _draw_rates(axes: style.Axes, stamps: dict[str, Array], colours: dict[str, s
 
 
 def _draw_ranges(above: style.Axes, below: style.Axes, lidar: LidarStream, first: float) -> None:
-    """How many ranges of each length there are over time, and the shares of those that are no endpoints.
-
-    A column is a group of scans, up to the next group; between two groups with a gap between them it is empty.
-    """
-    times, gaps, count = lidar.stamps - first, _gaps(lidar.stamps), len(lidar)
-    sample = lidar.ranges[:: max(1, count // 500)]
-    endpoints = sample[np.isfinite(sample)]  # nearly all of them are drawn
-    limit = float(np.quantile(endpoints, 0.995)) * 1.05 if len(endpoints) else lidar.range_max
-    gaps = gaps[np.diff(times)[gaps] > times[-1] / BINS]  # shorter ones are no wider than a column
-    begins = np.union1d(np.linspace(0, count, min(BINS, count), endpoint=False).astype(np.intp), gaps + 1)
-    columns, lengths = np.arange(len(begins) + 1), np.linspace(0, limit, RANGE_BINS + 1)
-    ranges_seen, beams = np.zeros((RANGE_BINS, len(begins))), np.zeros(len(begins))
-    without, invalid = np.zeros(len(begins)), np.zeros(len(begins))
+    """The ranges of an even choice of scans and beams over time, and the shares of all beams that are no endpoints."""
+    times, count = lidar.stamps - first, len(lidar)
+    some = evenly(np.arange(count), 2 * BINS)
+    sample = np.asarray(lidar.ranges[some])[:, :: max(1, lidar.ranges.shape[1] // RANGES)]
+    endpoints = np.isfinite(sample)
+    above.plot(np.repeat(times[some, None], sample.shape[1], axis=1)[endpoints], sample[endpoints], ",", color="0.2")
+    above.set_ylim(0, 1.05 * float(np.quantile(sample[endpoints], 0.995)) if endpoints.any() else lidar.range_max)
+    above.set_ylabel("range [m]")
+    groups = np.arange(count) * min(BINS, count) // count
+    beams, without, invalid = (np.zeros(groups[-1] + 1) for _ in range(3))
     for start in range(0, count, CHUNK):
         ranges = lidar.ranges[start : start + CHUNK]
-        column = np.searchsorted(begins, np.arange(start, start + len(ranges)), side="right") - 1
-        column = np.repeat(column[:, None], ranges.shape[1], axis=1)
-        meant, good = measured(ranges, lidar.interlace), np.isfinite(ranges)
-        ranges_seen += np.histogram2d(ranges[good], column[good], (lengths, columns))[0]
+        meant, group = measured(ranges, lidar.interlace), groups[start : start + CHUNK]
         for total, chosen in ((beams, meant), (without, np.isinf(ranges)), (invalid, np.isnan(ranges) & meant)):
-            total += np.histogram(column[chosen], columns)[0]
-    after = np.flatnonzero(np.isin(begins, gaps + 1))
-    edges = np.insert(np.append(times[begins], times[-1]), after, times[begins[after] - 1])
-    shares = np.insert(ranges_seen / np.maximum(beams, 1), after, 0.0, axis=1)
-    above.pcolormesh(edges, lengths, np.sqrt(shares), cmap="Greys", rasterized=True)
-    above.set_ylabel("range [m]")
-    above.set_title("ranges; dark: many beams of that range", loc="left")
-    for total, colour, label in ((without, SLAM, "no return"), (invalid, DEAD_RECKONING, "invalid")):
-        percent = np.insert(100 * total / np.maximum(beams, 1), after, np.nan)
-        label = f"{label}, {100 * total.sum() / max(beams.sum(), 1):.2g} %"
-        below.plot((edges[1:] + edges[:-1]) / 2, percent, color=colour, label=label, lw=1.2)
+            np.add.at(total, group, chosen.sum(axis=1))
+    middle = np.bincount(groups, times) / np.bincount(groups)
+    for total, colour, name in ((without, SLAM, "no return"), (invalid, DEAD_RECKONING, "invalid")):
+        label = f"{name}, {100 * total.sum() / max(beams.sum(), 1):.2g} %"
+        below.plot(*style.broken(middle, 100 * total / np.maximum(beams, 1)), color=colour, label=label, lw=1.2)
     below.set_ylabel("beams [%]")
     below.set_ylim(bottom=0)
     _legend(below)

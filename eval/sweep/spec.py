@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.evidence import TRACKS
@@ -70,7 +70,8 @@ def _dotted(table: Any, prefix: str = "") -> Any:
         elif key.startswith(PREFIXES) and not key.endswith("."):
             flat[key] = value
         else:
-            raise ValueError(f"{key!r}, expected a key that begins with {', '.join(PREFIXES)}")
+            meant = f", as slam.{key}" if not key.startswith(PREFIXES) and not key.endswith(".") else ""
+            raise ValueError(f"{key!r}, expected a key that begins with {', '.join(PREFIXES)}{meant}")
     return flat
 
 
@@ -104,7 +105,12 @@ class Configuration(Section):
         return self
 
 
-def _counted(seeds: str) -> str:
+def _counted(seeds: Any) -> str:
+    """Seeds as a text; a list of them is one, too."""
+    if isinstance(seeds, list) and seeds and all(type(seed) is int for seed in seeds):
+        seeds = ",".join(map(str, seeds))
+    if not isinstance(seeds, str):
+        raise ValueError(f'{seeds!r}, expected a text such as "0-9" or "3,5,10-19", or a list of numbers')
     numbers(seeds)
     return seeds
 
@@ -129,8 +135,8 @@ class SweepSpec(Section):
     """Classes of noise in place of the scenarios' own."""
     duration: Positive | None = None
     """The drives end after this time, if not before [s]."""
-    seeds: Annotated[str, AfterValidator(_counted)] = "0-9"
-    """Of the simulation and of SLAM: `0-9`, or `3,5,10-19`."""
+    seeds: Annotated[str, BeforeValidator(_counted)] = "0-9"
+    """Of the simulation and of SLAM: `0-9`, `3,5,10-19`, or a list."""
     configurations: dict[Annotated[str, Field(pattern=NAME)], Configuration] = Field(
         default_factory=lambda: {"default": Configuration()}, min_length=1
     )

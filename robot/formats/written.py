@@ -46,7 +46,7 @@ def not_written(recording: Recording, where: str, *names: str) -> tuple[Issue, .
 
 def coded_ranges(lidar: LidarStream, robot: Platform, *, no_return: float, invalid: float) -> NDArray[np.float32]:
     """Ranges [n, beams] [m] as sensors report them; for no return the robot's codes in turns, if they read as that."""
-    codes = [code for code in robot.lidar.no_return if code >= lidar.range_max] or [no_return]
+    codes = [code for code in robot.lidar.no_return if lidar.range_max <= code < np.inf] or [no_return]
     ranges = np.asarray(lidar.ranges)
     coded = np.where(np.isinf(ranges), np.resize(np.asarray(codes, np.float32), ranges.shape[1]), ranges)
     coded[np.isnan(coded)] = invalid

@@ -81,7 +81,7 @@ class Findings:
         figures: all estimates.
         issues: what is certain.
         moves: those that move the result of SLAM by more than a tenth of a metre.
-        decided: codes of those of which it is known which side is wrong: ``mended.corrected`` mends them.
+        decided: codes of those of which it is known which side is wrong: ``mended.calibrated`` mends them.
     """
 
     figures: tuple[Figure, ...]

@@ -16,6 +16,7 @@ class History:
     def __init__(self) -> None:
         self._poses: list[Array] = []
         self._parents: list[NDArray[np.int64] | None] = []
+        self._weights: Array | None = None  # of the last update
 
     def __len__(self) -> int:
         return len(self._poses)
@@ -38,8 +39,14 @@ class History:
         parent = particle if parents is None else int(parents[particle])
         return np.asarray(se2.between(self._poses[-2][parent], self._poses[-1][particle]))
 
-    def append(self, poses: Array) -> None:
-        """Add the poses [N, 3] of an update."""
+    @property
+    def weighed(self) -> tuple[Array, Array] | None:
+        """The poses [N, 3] at the last update with their weights [N], before its resampling; None if not known."""
+        return None if self._weights is None else (self.last, self._weights)
+
+    def append(self, poses: Array, weights: Array | None = None) -> None:
+        """Add the poses [N, 3] of an update, before its resampling, and their weights [N]."""
+        self._weights = weights
         self._poses.append(poses.copy())
         self._parents.append(None)
 

@@ -102,8 +102,9 @@ class LiveInputs(Inputs):
         if row.shape != lidar.ranges.shape[1:]:
             raise InputError(f"{list(row.shape)}, expected [{lidar.ranges.shape[1]}]", field="ranges")
         self.arrives("lidar", stamp)
+        beyond = (row > lidar.range_max) | np.isin(row, np.array(self._platform.lidar.no_return, np.float32))
         row[row < lidar.range_min] = np.nan
-        row[(row > lidar.range_max) | np.isin(row, np.array(self._platform.lidar.no_return, np.float32))] = np.inf
+        row[beyond] = np.inf
         self.waiting.append(Waiting(stamp, given_up(row), odometry))
 
     def take_next(self, *, finish: bool = False) -> int | None:

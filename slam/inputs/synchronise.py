@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
+from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LATEST, STREAMS, LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
 from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.config import SyncConfig
@@ -205,7 +206,15 @@ def warnings(recording: Recording, inputs: Inputs, *, read_ranges: bool = True) 
         scans = int((~inputs.measured).sum())
         told.append(("still-odometry", scans, f"odometry that never moves: constant velocity over {scans} scans"))
     issues = (Issue(code, text, count) for code, count, text in told if count)
-    return (*doubtful_stamps(recording, inputs.path), *issues, *inputs.issues)
+    return (*unknown_mount(recording.platform), *doubtful_stamps(recording, inputs.path), *issues, *inputs.issues)
+
+
+def unknown_mount(platform: Platform) -> tuple[Issue, ...]:
+    """Whether nothing says where the lidar stands on the robot."""
+    if {"x", "y", "yaw"} & platform.lidar.model_fields_set:
+        return ()
+    text = "lidar: where it stands on the robot is not known: taken to be at its centre, facing ahead"
+    return (Issue("no-mount", text),)
 
 
 def is_coarse(stamps: Array) -> bool:

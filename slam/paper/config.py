@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from moteslam.robot.values import Number, Section, Share
+from moteslam.robot.values import Number, Positive, Section, Share
 from moteslam.slam.config import Method, ParticleFilterConfig, made_on_demand
 from moteslam.slam.filter.update_policy import UpdateConfig
 from moteslam.slam.inputs.config import SyncConfig
@@ -44,6 +44,9 @@ class PaperFilterConfig(ParticleFilterConfig):
     resample_below: Share = 1.0
     """Resample when the effective number falls under this share of the particles (section III.D.3); 0 never does, 1
     after every update."""
+    score_exponent: Positive = 1.0
+    """Weights are multiplied by the score to this power: by the score itself (II.7) the weights of particles whose
+    scans fit nearly as well are nearly the same."""
     sync: SyncConfig = SyncConfig(
         method="nearest", low_pass_hz=10.0, kinematics="euler", deskew=False, travelling=False
     )

@@ -79,7 +79,8 @@ class PaperFilter(FilterDefaults):
 
     def likelihood(self, scores: NDArray[np.int32]) -> NDArray[Any]:
         """What the weights [N] are multiplied by: the scores [N] themselves (II.7). Write another in a subclass."""
-        return scores
+        exponent = self._config.score_exponent
+        return scores if exponent == 1 else np.power(scores / max(scores.max(), 1), exponent)
 
     def occupancy(self) -> Raster:
         """The shared map."""
@@ -121,7 +122,7 @@ class PaperFilter(FilterDefaults):
 
     def _resample(self, step: int, n_eff: float) -> bool:
         """Section III.D.3: where few particles carry the weight, draw them anew in proportion to it."""
-        self.history.append(self.poses)
+        self.history.append(self.poses, self.weights.values)
         if n_eff >= self._config.resample_below * len(self.poses):
             return False
         c = self._config

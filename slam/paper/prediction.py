@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.motion import sample_motion
 from moteslam.robot import se2
-from moteslam.slam.filter.certainty import NEIGHBOURHOOD
+from moteslam.slam.filter.certainty import FLOOR, NEIGHBOURHOOD
 from moteslam.slam.filter.covariance import Symmetric, moved, plus_diagonal, symmetric
 from moteslam.slam.filter.update_policy import Travelled, magnitude
 from moteslam.slam.odometry.noise import MotionNoise, prediction_noise
@@ -29,7 +29,8 @@ class ParticleCovariance:
 
     Args:
         motion: noise of the odometry; its variance grows in proportion to distance and turn.
-        search: offsets that each particle is tried at: no pose is known better than the steps between them.
+        search: offsets that each particle is tried at: no pose is known better than the steps between them, nor than
+            scans resolve it.
     """
 
     def __init__(self, motion: MotionNoise, search: MatchConfig) -> None:
@@ -37,8 +38,8 @@ class ParticleCovariance:
             np.square(prediction_noise(motion, *amount)) for amount in np.eye(3).tolist()
         )
         self._step, self._turn = (
-            float(np.max(np.diff(offsets), initial=0.0)) ** 2 / 12
-            for offsets in (search.offsets_xy, search.offsets_theta)
+            max(float(np.max(np.diff(offsets), initial=0.0)) ** 2 / 12, least)
+            for offsets, least in zip((search.offsets_xy, search.offsets_theta), FLOOR, strict=True)
         )
         self._adrift, self._since, self._speed = 0.0, 0.0, UNKNOWN_SPEED  # [m]; driven since [m]; before [m/s]
         self._spread: Symmetric = (self._step, 0.0, 0.0, self._step, 0.0, self._turn)

@@ -3,17 +3,22 @@
 import importlib.util
 import json
 import re
+import shlex
 import subprocess
 import sys
-from operator import attrgetter
+import tomllib
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
+import typer
 from pydantic import BaseModel
 
+import moteslam
 from moteslam.eval.cli import main
-from moteslam.robot.platforms import UCSD, bundled_platform, bundled_platforms
-from moteslam.sim.scenario import load_scenario
+from moteslam.robot.platforms import UCSD, bundled_platforms
+from moteslam.sim.scenario import bundled_scenarios, load_scenario
 from moteslam.slam.settings import load_preset, preset_names
 
 ROOT = Path(__file__).parents[2]
@@ -100,68 +105,94 @@ def test_the_paper_page_gives_the_values_of_the_preset():
         assert any(f"{value} ".strip() in row for row in rows), f"{key}: {value}"
 
 
-def test_the_page_on_scenarios_gives_the_noise_of_the_models():
-    page = (ROOT / "docs" / "reference" / "scenarios.md").read_text(encoding="utf-8")
-    section = page.partition("### `[noise]`")[2].partition("\n#")[0]
-    rows = re.findall(r"^\| (`[a-z].*?`) \| ([^|]+) \|", section, re.M)
-    assert len(rows) > 15
-    for keys, defaults in rows:
-        names = re.findall(r"`([a-z_.]+)`", keys)
-        values = json.loads("[" + defaults.replace("`", "") + "]")
-        for name, value in zip(names, values, strict=True):
-            at_hand = attrgetter(name)(UCSD.noise)
-            assert at_hand == pytest.approx(tuple(value) if isinstance(value, list) else value, rel=0.002), name
-
-
-def test_the_page_on_robots_gives_their_figures():
-    page = (ROOT / "docs" / "reference" / "platforms.md").read_text(encoding="utf-8")
-    tables = re.findall(r"^\| \|((?: `\w+` \|)+) \|\n\|[-|]+\|\n((?:\|.*\|\n)+)", page, re.M)
-    assert len(tables) == 3
-    for head, rows in tables:
-        robots = re.findall(r"`(\w+)`", head)
-        assert set(robots) == set(bundled_platforms())
-        for key, *cells in (re.split(r" *\| *", row.strip("| ")) for row in rows.splitlines()):
-            for robot, cell in zip(robots, cells, strict=False):  # the last cell is the unit
-                figure = bundled_platform(robot)
-                for name in key.strip("`").split("."):
-                    figure = getattr(figure, name, None)
-                values = () if figure is None else figure if isinstance(figure, tuple) else (figure,)
-                assert [float(word) for word in cell.split(", ") if word != "-"] == pytest.approx(values, rel=0.001), (
-                    f"{robot}: {key}"
-                )
-
-
-def test_the_generated_page_says_what_every_key_is():
+@pytest.fixture(scope="module")
+def generate() -> ModuleType:
     spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
     assert spec is not None
     assert spec.loader is not None
     made = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(made)
-    page = made.configuration()
+    return made
+
+
+def test_the_generated_pages_say_what_every_key_is(generate: ModuleType):
+    page = generate.configuration()
     blocks = "".join(re.findall(r"```toml\n(.*?)```", page, re.S))
     said = re.findall(r"^(\w+) = .*?(?:  # (.*))?$", blocks, re.M)
     assert len(said) > 100
     assert not [key for key, comment in said if len(comment) < 10]
+    for names in moteslam.PUBLIC.values():
+        assert all(re.search(rf"^::: .*\.{name}$", generate.names(), re.M) for name in names)
+
+
+def test_the_generated_tables_have_all_keys_and_robots(generate: ModuleType):
+    noise = tomllib.loads(generate.noise().strip("`").removeprefix("toml"))["noise"]
+    given = json.loads(UCSD.noise.model_dump_json())
+    assert noise["lidar"].pop("clock") == given["lidar"].pop("clock")
+    del given["encoders"]["clock"], given["imu"]["clock"]
+    assert noise.pop("odometry_scale") == given.pop("odometry_scale")
+    for part, values in given.items():
+        assert {key: noise[part][key] for key in values} == {
+            key: pytest.approx(value, rel=1e-5) for key, value in values.items()
+        }
+    robots = generate.robots().splitlines()
+    assert re.findall(r"`(\w+)`", robots[0]) == list(bundled_platforms())
+    assert "| `lidar.range_max` | 80 | 12 | 30 | 3.5 | 30 | 4.095 |" in robots
+    assert generate.scenarios().count("\n| `") == len(bundled_scenarios())
+    pages = [ROOT / "docs" / "reference" / f"{page}.md" for page in ("platforms", "scenarios")]
+    marked = re.findall(r"<!-- (.*) -->", "".join(page.read_text(encoding="utf-8") for page in pages))
+    assert set(marked) == set(generate.TABLES)
 
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 GUIDE = (ROOT / "docs" / "guide" / "python.md").read_text(encoding="utf-8")
-COMMANDS = re.findall(r"^\| `moteslam ([a-z]+)([^`]*)`", README, re.M)
 
 
-@pytest.mark.parametrize(("command", "usage"), COMMANDS, ids=[name for name, _ in COMMANDS])
-def test_the_commands_of_the_table_have_its_options(command: str, usage: str, capsys: pytest.CaptureFixture[str]):
-    assert main.run([command, "--help"]) == 0
-    said = capsys.readouterr().out
-    for word in usage.split():
-        if word.startswith("--") or word.isupper():
-            assert word in said or word == "DIR"
+def written() -> list[tuple[str, str]]:
+    """The page and the words of every command of the program, in blocks of code and in running text with an option."""
+    found = []
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+        for block in re.findall(r"^```(?:bash)?\n(.*?)^```", text, re.M | re.S):
+            found += [(page.name, line) for line in re.findall(r"^(?:\$ | +)?moteslam (.*)$", block, re.M)]
+        text = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
+        found += [(page.name, line) for line in re.findall(r"`moteslam ([a-z]+ [^`\n]*--[^`\n]*)`", text)]
+    return found
 
 
-def test_the_table_has_all_commands(capsys: pytest.CaptureFixture[str]):
-    assert main.run(["--help"]) == 0
-    listed = re.findall(r"^  ([a-z]+) ", capsys.readouterr().out.partition("Commands:")[2], re.M)
-    assert sorted(listed) == sorted(name for name, _ in COMMANDS)
+WRITTEN = written()
+
+
+def test_the_pages_have_commands():
+    assert len(WRITTEN) > 50
+
+
+@pytest.mark.parametrize(("page", "line"), WRITTEN, ids=[f"{page}: {line}" for page, line in WRITTEN])
+def test_a_command_of_the_pages_is_understood(page: str, line: str):
+    """Its options exist and have values, and it has the arguments that it needs; files need not be there."""
+    words = [word.replace("...", "") for word in shlex.split(line, comments=True)]
+    for end in ("|", ">", "&&", "2>"):
+        words = words[: words.index(end)] if end in words else words
+    command: Any = typer.main.get_command(main.app)
+    context, name = None, "moteslam"
+    while words and hasattr(command, "resolve_command"):
+        context = command.make_context(name, words, parent=context)
+        name, command, words = command.resolve_command(context, [*context._protected_args, *context.args])
+    command.make_context(name, words, parent=context)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("taichi")
+def test_the_commands_of_the_tutorial_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    text = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+    name, content = re.findall(r"<!-- (\S+) -->\n```toml\n(.*?)^```", text, re.M | re.S)[0]
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text(content.replace('"0-5"', '"0-1"'), encoding="utf-8")
+    commands = [line for page, line in WRITTEN if page == "tutorial.md" and " --set " not in line]
+    assert len(commands) >= 7
+    for line in commands:
+        assert main.run(shlex.split(line)) == 0, line
+    assert Path("noise.html").exists()
 
 
 @pytest.mark.slow

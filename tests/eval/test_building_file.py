@@ -9,8 +9,9 @@ import pytest
 from command_lines import printed, refused
 
 from moteslam.errors import InputError
-from moteslam.eval.building_file import NAME, read_building, write_building
 from moteslam.eval.cli.simulate import scenario_of
+from moteslam.eval.results import BUILDING as NAME
+from moteslam.eval.results import read_building, write_building
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.sim.output import write_simulation
 from moteslam.sim.simulate import simulate

@@ -17,10 +17,10 @@ from PIL import Image
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, maps
+from moteslam.eval.report.curves import draw_sweep, places_of
 from moteslam.eval.report.maps import draw_over_time
 from moteslam.eval.report.particles import Cloud, draw_particles
 from moteslam.eval.report.style import broken
-from moteslam.eval.report.sweep_curves import draw_sweep, places_of
 from moteslam.eval.results import from_same_start, write_map_files
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.store import Row

@@ -150,11 +150,10 @@ def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Pa
     counts = json.loads((tmp_path / "run.json").read_text())["loops"]
     assert counts == {"candidates": 4, "accepted": 1, **dict.fromkeys(VERDICTS[1:], 0), "weak": 2, "contradicted": 1}
     assert json.loads((tmp_path / "metrics.json").read_text()) == figures
-    assert (figures["loops"]["accepted"], figures["loops"]["possible"]) == (0, 0)
-    assert list(score_lines(figures))[-2:] == [
-        "no precision of the loops: the truth covers no accepted loop",
-        "no recall of the loops: no key scan has a possible loop",
-    ]
+    assert figures["metrics"]["loops_precision"] == {
+        "absent": "no precision of the loops: the truth covers no accepted loop"
+    }
+    assert figures["metrics"]["loops_recall"] == {"absent": "no recall of the loops: no key scan has a possible loop"}
     assert "loop" not in "".join(score_lines(score_estimate(alone(run[0]), simulation.truth)))
 
 

@@ -22,7 +22,7 @@ from moteslam.sim.simulate import simulate
 def test_an_mp4_that_no_browser_would_play_is_refused_before_the_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(video, "video_codec", lambda: None)
+    monkeypatch.setattr(video, "CODECS", dict.fromkeys(("none",), "H.264, VP9, AV1"))
     line = refused(capsys, "scenarios", "animate", "hall", "--out", tmp_path / "x.mp4")
     assert "no encoder that browsers play (H.264, VP9, AV1), expected .webp or .gif" in line
     with pytest.raises(OutputError, match=r"expected \.webp or \.gif"):

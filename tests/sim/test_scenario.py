@@ -148,6 +148,7 @@ def sections(of: type[Section] = Section) -> Iterator[type[Section]]:
 def test_every_key_stands_in_the_documentation() -> None:
     pages = Path(__file__).parents[2] / "docs" / "reference"
     text = (pages / "scenarios.md").read_text(encoding="utf-8")
+    text += (pages.parents[1] / "robot" / "noise.py").read_text(encoding="utf-8").replace(":", " ")
     example = (pages / "formats.md").read_text(encoding="utf-8").partition("## platform.toml")[2].partition("## Bad")[0]
     keys = {(part.__module__, part.__name__, key) for part in sections() for key in part.model_fields}
     of_scenarios = [key for key in keys if key[0].startswith(("moteslam.sim.", "moteslam.robot.noise"))]
@@ -247,3 +248,30 @@ def test_a_simulation_on_disk_can_be_simulated_again_wherever_it_is_moved(mine: 
     assert again.floor.image == str(tmp_path / "moved" / "floor.png")
     second = simulate(again, 1)
     np.testing.assert_array_equal(first.recording.lidar.ranges, second.recording.lidar.ranges)
+
+
+def test_a_changed_copy_is_checked_and_brings_the_robots_own_noise() -> None:
+    scenario = load_scenario("corridor")
+    assert scenario.with_() == scenario
+    assert scenario.with_(platform="turtlebot3") == load_scenario("corridor", platform="turtlebot3")
+    assert scenario.with_(noise_class="as_recorded") == load_scenario("corridor", noise="as_recorded")
+    short = scenario.with_(duration=20.0, drive={"speed": 0.3})  # ends before the way does
+    assert (short.duration, short.drive.speed) == (20.0, 0.3)
+    assert short.with_() == short
+    assert len(repr(scenario)) < 200
+
+
+@pytest.mark.parametrize("change", [{"durations": 3.0}, {"duration": -1.0}, {"duration": True}, {"people": 5}])
+def test_a_changed_copy_with_a_wrong_key_or_value_is_refused(change: dict) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_scenario("corridor").with_(**change)
+    assert caught.value.field == next(iter(change))
+
+
+def test_what_never_changes_says_so_in_a_line() -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_scenario("corridor").duration = 3.0
+    assert caught.value.field == "duration"
+    with pytest.raises(ConfigError) as caught:
+        Platform(length=-1.0)
+    assert caught.value.field == "length"

@@ -72,9 +72,15 @@ def test_readings_come_at_each_sensors_own_rate_and_no_earlier_than_they_are_tak
     np.testing.assert_array_equal(simulator.pose, simulator.scenario.start)
 
 
-@pytest.mark.parametrize("name", ["corridor", "people"])
-def test_what_is_read_in_pieces_is_what_is_read_at_once(name: str):
-    scenario = short(12.0, name)
+DEAD = [{"sensor": sensor, "start": 3.0 + k, "duration": 2.5} for k, sensor in enumerate(("lidar", "encoders", "imu"))]
+SEEN = [{"kind": "cart", "start": 5.0, "duration": 3.0}, {"kind": "tilt", "start": 6.0, "duration": 3.0}]
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"), [("corridor", {}), ("people", {}), ("corridor", {"outages": DEAD, "faults": SEEN})]
+)
+def test_what_is_read_in_pieces_is_what_is_read_at_once(name: str, changes: dict):
+    scenario = short(12.0, name).with_(**changes)
     simulator = Simulator(scenario, seed=2)
     for _ in range(500):
         simulator.step(0.3, 0.0)
@@ -94,9 +100,10 @@ def test_what_is_read_in_pieces_is_what_is_read_at_once(name: str):
     assert np.percentile(off, 95) < 0.1
 
 
-@pytest.mark.parametrize("field", ["outages", "noise.surroundings"])
+@pytest.mark.parametrize("field", ["faults", "noise.surroundings"])
 def test_what_needs_the_whole_drive_is_refused(field: str):
-    scenario = load_scenario("outage") if field == "outages" else load_scenario("corridor", noise="as_recorded")
+    gap = [{"kind": "gap", "start": 12.0, "duration": 2.0}]
+    scenario = load_scenario("corridor", noise="as_recorded") if field != "faults" else short(40.0).with_(faults=gap)
     with pytest.raises(ConfigError) as caught:
         Simulator(scenario)
     assert caught.value.field == field

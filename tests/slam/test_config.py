@@ -83,6 +83,14 @@ def test_a_setting_is_a_key_and_a_value_and_a_preset_one_of_those_there_are(pres
     assert caught.value.field == ("settings" if settings else preset)
 
 
+def test_a_table_sets_what_its_keys_and_values_do():
+    table = {"particles": 7, "map": {"cell_size": 0.1}}
+    assert resolve_config("paper", table) == resolve_config("paper", ["particles=7", "map.cell_size=0.1"])
+    with pytest.raises(ConfigError) as caught:
+        resolve_config("paper", {"map": {"cell": 0.1}})
+    assert caught.value.field == "map.cell"
+
+
 @pytest.mark.parametrize("text", [None, "particles = ", "particles = 'x'", "[maps]\n", "\x00"])
 def test_a_bad_file_is_named(tmp_path: Path, text: str | None):
     file = tmp_path / "mine.toml"
@@ -95,7 +103,7 @@ def test_a_bad_file_is_named(tmp_path: Path, text: str | None):
 
 @pytest.mark.parametrize("model", [SlamConfig, ParticleFilterConfig])
 def test_a_configuration_of_no_method_cannot_be_built(model: type[SlamConfig]):
-    with pytest.raises(ValueError, match="expected the model of a method"):
+    with pytest.raises(ConfigError, match="expected the model of a method"):
         model(method="tsdf")
 
 

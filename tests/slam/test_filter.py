@@ -20,6 +20,7 @@ from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.paper.config import PaperFilterConfig
 from moteslam.slam.paper.filter import PaperFilter
+from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.particles import Particles
 
@@ -210,3 +211,30 @@ def test_the_maps_rays_start_at_the_lidar():
     assert (at(*((x, 1.025) for x in (1.225, 1.625, 2.025, 2.425, 2.825))) < 0).all()
     # nothing is known of what lies between the robot's origin and the lidar, or beside the beams
     assert not at((0.025, 0.025), (0.525, 0.175), (0.525, 0.525), (0.725, 1.025), (0.925, 0.325), (1.525, 0.525)).any()
+
+
+def test_the_weights_of_an_update_are_those_of_its_effective_number():
+    """The preset resamples after every update: after that all are equal."""
+    recording, _ = circled_room(scans=40)
+    updates = list(OnlineSlam.over(recording, resolve_config("paper", {"particles": 30}), seed=0))
+    for update in updates:
+        assert 1 / np.square(update.weights).sum() == pytest.approx(update.n_eff) or not update.updated
+    assert any(np.ptp(update.weights) > 0 for update in updates)
+
+
+def test_a_larger_exponent_sharpens_the_weights_of_the_papers_filter():
+    recording, _ = circled_room(scans=40)
+    median = {}
+    for exponent in (1.0, 20.0):
+        config = resolve_config("paper", {"particles": 30, "score_exponent": exponent})
+        updates = list(OnlineSlam.over(recording, config, seed=0))
+        median[exponent] = np.median([update.n_eff for update in updates if update.updated])
+    assert median[1.0] > 25
+    assert median[20.0] < 0.8 * median[1.0]
+
+
+@pytest.mark.parametrize("offsets", ["search.offsets_xy=[0.0]", "search.offsets_theta=[0.0]"])
+def test_without_the_search_no_covariance_is_singular(offsets: str):
+    recording, _ = circled_room(scans=20)
+    estimate = run_slam(recording, resolve_config("paper", ["particles=20", offsets]))
+    assert np.linalg.eigvalsh(estimate.covariances).min() > 0

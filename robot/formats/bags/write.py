@@ -89,13 +89,13 @@ def write_bag(path: str | PathLike[str], recording: Recording, *, kind: str) -> 
             with Writer(path) as writer:
                 write_events(writer, events, ros1=True)
         else:
-            _write_ros2(path, kind, events)
+            write_ros2(path, kind, events)
     except (OSError, sqlite3.Error) as error:
         raise OutputError(f"cannot be written: {getattr(error, 'strerror', None) or error}", file=path) from error
     return (*odometry[2], *_left_out(recording, len(missing)))
 
 
-def _write_ros2(path: Path, kind: str, events: Iterator[Event]) -> None:
+def write_ros2(path: Path, kind: str, events: Iterator[Event]) -> None:
     """Write a folder beside the target, as rosbags does, and move its files to their place."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 

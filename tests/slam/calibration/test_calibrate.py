@@ -19,7 +19,7 @@ from moteslam.slam.calibration.calibrate import Calibration
 from moteslam.slam.calibration.clock_step import with_stamps
 from moteslam.slam.calibration.findings import WITHIN, Findings, checked, findings
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
-from moteslam.slam.calibration.mended import calibrated, corrected
+from moteslam.slam.calibration.mended import calibrated
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
 Fault = Callable[[Recording], Recording]
@@ -77,6 +77,11 @@ def late(seconds: float) -> Fault:
 
 def calibrate(recording: Recording) -> Calibration | None:
     return checked(recording)[0]
+
+
+def corrected(recording: Recording, found: Calibration) -> Recording:
+    """As a replay takes it in."""
+    return calibrated(recording, found, None)
 
 
 def found_in(recording: Recording) -> tuple[Calibration, Findings]:

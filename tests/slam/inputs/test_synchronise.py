@@ -12,6 +12,7 @@ from issues import messages
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
+from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.slam.inputs.config import SyncConfig
@@ -231,3 +232,12 @@ def test_stamps_that_jitter_are_told(change, told: bool):
     assert codes == ["stamps-jitter"] * told
     logged = replace(lidar, odometry=np.zeros((len(stamps), 3)))  # motion does not depend on stamps
     assert not doubtful_stamps(Recording("drive", UCSD, lidar=logged), None)
+
+
+def test_a_lidar_of_which_nobody_knows_where_it_stands_is_told():
+    recording = circle(imu=False).replace(encoders=None)
+    assert not [issue for issue in warnings(recording, synchronise(recording)) if issue.code == "no-mount"]
+    for platform, told in ((Platform(), 1), (Platform(lidar=LidarSpec(x=0.0)), 0)):
+        changed = recording.replace(platform=platform)
+        codes = [issue.code for issue in warnings(changed, synchronise(changed))]
+        assert codes.count("no-mount") == told
