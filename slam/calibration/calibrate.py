@@ -12,6 +12,7 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.sensor_reports import turns
+from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.clock_step import ClockStep, clock_steps, with_stamps
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Fit, Pairs, Parameter, Path, clock, fit
 from moteslam.slam.calibration.odometry_forms import FORMS, in_form, quarter_turn
@@ -111,7 +112,7 @@ class Calibration:
     step: ClockStep | None = None
 
 
-def estimate(recording: Recording, pairs: int = PAIRS) -> Calibration | None:
+def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None:
     """Estimate what a recording shows of its sensors, from scans alone and from scans and odometry.
 
     Args:
@@ -119,11 +120,17 @@ def estimate(recording: Recording, pairs: int = PAIRS) -> Calibration | None:
         pairs: of scans that are registered: the more, the longer it takes, and the smaller the deviations.
 
     Returns:
-        None if too little is there.
-
-    Raises:
-        UnmeasuredError: scans do not fit each other, or the robot drives and shows nothing.
+        None if too few scans fit each other, the robot hardly turns, or there is no odometry.
     """
+    try:
+        return estimate(recording, pairs)
+    except UnmeasuredError:
+        return None
+
+
+def estimate(recording: Recording, pairs: int) -> Calibration | None:
+    """The same; scans that do not fit, and drives that show nothing, raise ``UnmeasuredError``."""
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
         return None

@@ -15,7 +15,7 @@ from moteslam.robot.recording import ChunkedRanges, LidarStream, OdometryStream,
 from moteslam.robot.values import Issue
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
-from moteslam.slam.calibration.calibrate import Calibration
+from moteslam.slam.calibration.calibrate import Calibration, calibrate
 from moteslam.slam.calibration.clock_step import with_stamps
 from moteslam.slam.calibration.findings import WITHIN, Findings, checked, findings
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
@@ -73,10 +73,6 @@ def late(seconds: float) -> Fault:
         return r.replace(odometry=replace(r.odometry, stamps=r.odometry.stamps + seconds))
 
     return shifted
-
-
-def calibrate(recording: Recording) -> Calibration | None:
-    return checked(recording)[0]
 
 
 def corrected(recording: Recording, found: Calibration) -> Recording:
