@@ -53,8 +53,8 @@ STEPPED = 0.8
 near an end of the recording is in few of them."""
 UNFIT = 7.0
 """Odometry that costs more in every way does not measure the motion of the scans."""
-BESIDE = 0.26
-"""A fan sees a side of the robot from this angle to the side on [rad]: one of 180 degrees may be wrong by as much."""
+ANGLES = 0.012
+"""Angles that differ by less from the stated move no result by a tenth of a metre."""
 SIGMAS = 5.0
 """What differs from what is stated by less than this many standard deviations is not certain."""
 LATE, LATE_WHEELS = 0.16, 0.25
@@ -232,12 +232,14 @@ def _calibrate(
     scans.expect(GOOD)
     clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged
-    beside = _sees_both_sides(lidar, recording.platform.lidar.yaw)
-    if abs(angle_scale - 1) > SIGMAS * deviation and not (wheels_alone or beside):
+    certain = abs(angle_scale - 1) > SIGMAS * deviation
+    beside = wheels_alone or scans.sees_both_sides(recording.platform.lidar.yaw)
+    if abs(angle_scale - 1) > ANGLES and not (certain and beside):
         witness = scans.stated()
         as_stated = fit(witness.pairs, at, (offset, drift), shared=logged)
-        if clocks.cost > EXPLAINED * as_stated.cost:
-            scans, clocks, deviation, excess = witness, as_stated, abs(angle_scale - 1), (excess[0], abs(excess[0]))
+        if not certain or clocks.cost > EXPLAINED * as_stated.cost:
+            scans, clocks, excess = witness, as_stated, (excess[0], max(excess[1], abs(excess[0])))
+            deviation = max(deviation, abs(angle_scale - 1))
     one = clocks if logged else fit(scans.pairs, at, (0.0, 0.0), shared=True)
     drifts_by, about_drift = (float(each[Parameter.DRIFT]) for each in (clocks.values, clocks.deviations))
     leaps = abs(drifts_by) > max(MOST_DRIFT, SIGMAS * about_drift)  # no clock drifts so
@@ -287,12 +289,6 @@ def _clocks_differ(found: Fit, duration: float, *, wheels_alone: bool) -> bool:
     late = abs(offset) > max(LATE_WHEELS if wheels_alone else LATE, SIGMAS * about_offset)
     drifts = abs(drift) > max(DRIFT, SIGMAS * about_drift)
     return bool(late or (drifts and abs(drift) * duration > LATE))
-
-
-def _sees_both_sides(lidar: LidarStream, yaw: float) -> bool:
-    """Whether beams go to the left and to the right of the robot."""
-    bearings = yaw + lidar.angle_min + lidar.angle_increment * np.arange(lidar.ranges.shape[1])
-    return all((np.abs(se2.wrap(bearings - side)) < BESIDE).any() for side in (np.pi / 2, -np.pi / 2))
 
 
 def _wrong(recording: Recording, pairs: Pairs) -> Literal["", "lidar", "odometry", "gyro"]:
