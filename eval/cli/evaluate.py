@@ -26,9 +26,9 @@ NEEDED = {
 
 Row = Mapping[str, Any]
 """Of a trajectory: ``estimate``, ``reference`` with ``kind`` and figures, and ``recording`` with ``residuals``."""
+LOOP_COUNTS = ("accepted", "overruled", "overruled_false", "possible", "bound")
 WHOSE = "the reference "
 """Begins a doubt of it."""
-LOOP_COUNTS = ("accepted", "overruled", "overruled_false", "possible", "bound")
 STATISTICS = ("rmse", "mean", "median", "std", "max")
 Table = list[list[str]]
 RESIDUALS = (

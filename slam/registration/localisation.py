@@ -16,6 +16,7 @@ from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.evidence import CORRELATION, heavy_tail, proved
+from moteslam.slam.registration.information import residual_variance
 from moteslam.slam.registration.registrar import (
     Fitted,
     Registration,
@@ -46,6 +47,8 @@ found in the map."""
 DECIDED = 4.6
 """So it is found at a place that is a hundred times as probable as any other, and as one that is not in the map [nats].
 """
+BENT = 0.03
+"""Standard deviation of an endpoint's distance to the surfaces of a map that bends a little, of any lidar [m]."""
 
 
 class Rivals(NamedTuple):
@@ -225,14 +228,16 @@ class Localiser:
 
     def _best(self, sought: _Sought, window: Window, most: int, *, keep: bool = True) -> Located:
         """Registered from the most promising places of a window, the best of them."""
-        c = self._config
+        c, costs = self._config, self._registration
+        if sought.open:
+            costs = _of_noise(costs, BENT)
         maps, predicted, spread, points, origin, predictions, _ = sought
         likely = candidates(maps, predicted, spread, points, window, most, c)
         starts = np.vstack((predictions, likely))
         means = np.vstack((predictions, np.zeros_like(likely)))
         some = subsample(points, c.start_points)
         many = np.repeat(predicted[None], len(starts), axis=0)
-        tried = register(maps, many, spread, some, origin, starts, self._registration, means=means)
+        tried = register(maps, many, spread, some, origin, starts, costs, means=means)
         off = np.square(tried.offsets / spread).sum(axis=1)
         cost = off / 2
         heavy = slice(len(predictions))
@@ -241,7 +246,7 @@ class Localiser:
         scores = matched * len(points) / len(some)
         values = odds = scores - cost
         if sought.open:
-            odds, values = sought.log_odds(tried, len(some), c, self._registration)
+            odds, values = sought.log_odds(tried, len(some), c, costs)
         best = [int(values.argmax())]
         start, mean = tried.offsets[best], means[best]
         here = predicted[None]
@@ -255,12 +260,28 @@ class Localiser:
         fitted = found.of(0)
         score = match_score(fitted.known, fitted.likelihood, fitted.crossed, c)
         if sought.open:
-            here_odds = float(sought.log_odds(found, len(points), c, self._registration)[0][0])
+            deviation = self._registration.residual * residual_variance(fitted.likelihood, self._registration) ** 0.5
+            costs = _of_noise(self._registration, min(deviation, BENT))
+            tried = register(maps, many, spread, some, origin, tried.offsets, costs, means=means)
+            odds, _ = sought.log_odds(tried, len(some), c, costs)
+            again = register(maps, here, spread, points, origin, found.offsets, costs, means=mean, coarse=False)
+            here_odds = float(sought.log_odds(again, len(points), c, costs)[0][0])
             elsewhere = (np.abs(se2.between(start, tried.offsets)) >= APART).any(axis=1)
-            if here_odds <= DECIDED:
+            if here_odds <= 0:  # likelier not in the map
                 fitted = fitted._replace(offset=(0.0, 0.0, 0.0), free=(0.0, 0.0, 0.0))
             return Located(fitted, score, decided=here_odds - odds[elsewhere].max(initial=0.0) > DECIDED)
         return Located(fitted, score, Rivals(offsets, scores[rivals] - scores[best], cost[rivals] - cost[best]))
+
+
+def _of_noise(config: RegistrationConfig, deviation: float) -> RegistrationConfig:
+    """Costs by endpoints that deviate so much from the surfaces [m], where that is more than ``residual``.
+
+    Else a scan of a noisy lidar would fit no place better than one not in the map. The endpoints' density about a
+    surface is lower by as much as it is wider: by so much less does the unknown cost.
+    """
+    wider = max(deviation / config.residual, 1.0)
+    unknown = max(config.unknown_cost - float(np.log(wider)), 0.0)
+    return config.model_copy(update={"residual": config.residual * wider, "unknown_cost": unknown})
 
 
 def _within(most: float, offset: Pose, spread: Spread) -> bool:

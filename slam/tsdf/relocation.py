@@ -17,6 +17,7 @@ from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
+from moteslam.slam.registration.localisation import BENT
 from moteslam.slam.registration.registrar import Registration, register, subsample
 from moteslam.slam.registration.search import (
     ELSEWHERE_DISTANCE,
@@ -50,8 +51,6 @@ LEAST_SHARE, LEAST_MARGIN = 0.3, 0.1
 NEAR_DISTANCE, NEAR_ROTATION = 5.0, 0.5
 """Places this far from where the robot was tracked to [m], [rad] need that margin over those beyond only once, these
 over them twice: a robot that comes back to a map by much drift looks lost, too."""
-RESIDUAL = 0.03
-"""Standard deviation of an endpoint's distance to the surfaces of a map that bends a little [m]."""
 
 
 class Relocation:
@@ -79,7 +78,7 @@ class Relocation:
     ) -> None:
         self.updates = len(path)
         self._maps, self._particle = maps, particle
-        self._config = RegistrationConfig(**{**config.model_dump(), "residual": RESIDUAL})
+        self._config = config.model_copy(update={"residual": BENT})
         self._mapped = path[:, :2].min(axis=0) - MARGIN, path[:, :2].max(axis=0) + MARGIN
         self._begin, self.reach, self._carried = begin[:2], reach, carried
         self._seen: list[tuple[float, Array, Points]] = []  # path, pose and endpoints of the latest updates

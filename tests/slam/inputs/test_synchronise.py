@@ -214,6 +214,15 @@ def test_the_real_sequences_end_where_they_are_known_to(
         assert np.hypot(*(path.poses[-1, :2] - end)) < 1.0
 
 
+def test_a_lidar_of_which_nobody_knows_where_it_stands_is_told():
+    recording = circle(imu=False).replace(encoders=None)
+    assert not [issue for issue in warnings(recording, synchronise(recording)) if issue.code == "no-mount"]
+    for platform, told in ((Platform(), 1), (Platform(lidar=LidarSpec(x=0.0)), 0)):
+        changed = recording.replace(platform=platform)
+        codes = [issue.code for issue in warnings(changed, synchronise(changed))]
+        assert codes.count("no-mount") == told
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
@@ -232,12 +241,3 @@ def test_stamps_that_jitter_are_told(change, told: bool):
     assert codes == ["stamps-jitter"] * told
     logged = replace(lidar, odometry=np.zeros((len(stamps), 3)))  # motion does not depend on stamps
     assert not doubtful_stamps(Recording("drive", UCSD, lidar=logged), None)
-
-
-def test_a_lidar_of_which_nobody_knows_where_it_stands_is_told():
-    recording = circle(imu=False).replace(encoders=None)
-    assert not [issue for issue in warnings(recording, synchronise(recording)) if issue.code == "no-mount"]
-    for platform, told in ((Platform(), 1), (Platform(lidar=LidarSpec(x=0.0)), 0)):
-        changed = recording.replace(platform=platform)
-        codes = [issue.code for issue in warnings(changed, synchronise(changed))]
-        assert codes.count("no-mount") == told
