@@ -458,6 +458,18 @@ def test_half_of_a_fan_along_a_wall(platform: str, scale: float, told: list[str]
 
 
 @pytest.mark.slow
+def test_angles_that_are_not_certain_do_not_turn_the_mount() -> None:
+    """Where a lidar of a short range hardly sees anything, its angles would be 3 % off, and its mount 7 degrees."""
+    recording = simulate(load_scenario("lab", platform="turtlebot3"), 204).recording
+    since = recording.lidar.stamps - recording.lidar.stamps[0]
+    some = (since >= 20) & (since < 52)
+    cut = lidar(stamps=lambda s: s.stamps[some], ranges=lambda s: s.ranges[some])(recording)
+    calibration, found = checked(cut, 150)
+    assert abs(calibration.angle_scale - 1) > 0.012
+    assert codes(found.issues) == []
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("excess", [0.1, -0.15])
 def test_ranges_of_much_noise_leave_their_excess_open(excess: float) -> None:
     recording = simulate(load_scenario("office", platform="turtlebot3"), 100).recording
