@@ -23,9 +23,11 @@ MOST = {  # what ``main`` returns, at least and at most
     "particles_film": (1.0, 50.0),
     "my_filter": (0.001, 0.1),
     "gym_env": (20.0, 60.0),
+    "bad_maps": (-1, 2000),
     "which_lidar": (0.0, 0.1),
 }
 PICTURES = {"paper_figures": [f"paper_figures_{number}.png" for number in range(1, 9)]}
+PICTURES["bad_maps"] = [f"bad_maps_{name}.png" for name in ("doubled", "bent", "ghosts", "lost", "clock", "mount")]
 PICTURES["particles_film"] = ["particles_film.gif"]
 OF_DEVICES = {"ros2_node": "rclpy", "serial_lidar": "serial"}  # and the package that they need
 
