@@ -116,6 +116,25 @@ def tilted(table: Table) -> Table:
     return np.column_stack((table[:, 0], slope.apply(table[:, 1:4]), body.as_quat()))
 
 
+@pytest.mark.parametrize("begin", [0.8, 0.95])
+@pytest.mark.parametrize("whose", ["estimate", "reference"])
+def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
+    tmp_path: Path, capsys, whose: str, begin: float
+) -> None:
+    """Moved by a lap, the part where it is lost has no partner."""
+    t = np.arange(0.0, 160.0, 0.1)
+    turn = 2 * np.pi * t / 40
+    truth = np.zeros((len(t), 8))
+    truth[:, 0], truth[:, 1], truth[:, 2] = T0 + t, 4 * np.cos(turn) + 0.5 * np.cos(3 * turn), 3 * np.sin(turn)
+    truth[:, 7] = 1.0
+    run, k = truth[::2].copy(), int(begin * len(truth) / 2)
+    run[:, 1:3] += 0.005 * np.random.default_rng(0).normal(size=(len(run), 2))
+    run[k:, 1:3] += (3.0, 2.0)
+    tables = (run, truth) if whose == "estimate" else (truth, run)
+    files = [write(tmp_path / f"{name}.tum", table) for name, table in zip("ab", tables, strict=True)]
+    assert "clocks-differ" not in codes(capsys, *files)
+
+
 def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
     files = write(tmp_path / "est.tum", drive(0.2, 0.005)), write(tmp_path / "ref.tum", tilted(drive(0.01)))
     for given, named in ((files, files[1]), (files[::-1], files[1])):
