@@ -173,18 +173,38 @@ def robots() -> str:
 
 
 def noise() -> str:
-    """The keys of the noise as TOML with the values of `ucsd`, and what the comments of their models say of each."""
+    """The keys of the noise, with the values of `ucsd`."""
     whole = bundled_platform("ucsd").noise
-    sections = [("noise", whole), *((f"noise.{name}", part) for name, part in whole if isinstance(part, BaseModel))]
+    sections = {"noise": whole, **{f"noise.{name}": part for name, part in whole if isinstance(part, BaseModel)}}
+    return _commented({**sections, "noise.lidar.clock": whole.lidar.clock})
+
+
+def robot() -> str:
+    """The keys of a robot but for its noise, with the values of `ucsd`."""
+    whole = bundled_platform("ucsd")
+    parts = {
+        name: part
+        for name, part in whole
+        if isinstance(part, BaseModel) and part not in (whole.noise, whole.as_recorded)
+    }
+    assert whole.camera is not None
+    return _commented({"": whole, **parts, "camera.sensor": whole.camera.sensor})
+
+
+def _commented(sections: dict[str, Any]) -> str:
+    """Tables of a TOML file, and what the comments of their models say of each key."""
     lines = []
-    for name, part in (*sections, ("noise.lidar.clock", whole.lidar.clock)):
-        lines += ["", f"[{name}]{'  # and of encoders and imu' * name.endswith('clock')}"]
+    for name, part in sections.items():
+        lines += ["", f"[{name}]"] if name else [""]
         for line in inspect.getsource(type(part)).splitlines():
-            comment, field = re.match(r"    (#.*)", line), re.match(r"    (\w+): .*? = [^#]*(#.*)?$", line)
+            comment, field = re.match(r"    (#.*)", line), re.match(r"    (\w+): [^#]*(#.*)?$", line)
             if comment:
                 lines.append(comment[1])
-            elif field and not isinstance(value := getattr(part, field[1]), BaseModel):
-                lines.append(f"{field[1]} = {_shown(value)}  {field[2] or ''}".rstrip())
+            elif field and field[1] in type(part).model_fields:
+                value = getattr(part, field[1])
+                if not isinstance(value, BaseModel):
+                    shown = "false" if value is None else _shown(value)
+                    lines.append(f"{field[1]} = {shown}  {field[2] or ''}".rstrip())
     return "\n".join(("```toml", *lines[1:], "```"))
 
 
@@ -195,7 +215,12 @@ def scenarios() -> str:
     return "\n".join(("| name | what it is | why it is hard |", "|---|---|---|", *rows))
 
 
-TABLES = {"figures of the robots": robots, "keys of the noise": noise, "bundled scenarios": scenarios}
+TABLES = {
+    "figures of the robots": robots,
+    "keys of a robot": robot,
+    "keys of the noise": noise,
+    "bundled scenarios": scenarios,
+}
 """What stands in the place of a comment of that text."""
 
 

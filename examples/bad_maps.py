@@ -22,7 +22,7 @@ NO_LOOPS = moteslam.resolve_config("default", ["particles=5", "backend.method=no
 
 def drive(scenario: str, seconds: float, *settings: str, seed: int = 0) -> moteslam.Recording:
     """What the robot recorded."""
-    read = moteslam.load_scenario(scenario, settings=list(settings)).model_copy(update={"duration": seconds})
+    read = moteslam.load_scenario(scenario, settings=list(settings)).with_(duration=seconds)
     return moteslam.simulate(read, seed=seed).recording
 
 
@@ -34,8 +34,7 @@ def key_scans() -> moteslam.Recording:
 
 def mounted(recording: moteslam.Recording, **mount: float) -> moteslam.Recording:
     """The recording with the lidar stated elsewhere than it is."""
-    platform = recording.platform
-    return replace(recording, platform=platform.model_copy(update={"lidar": platform.lidar.model_copy(update=mount)}))
+    return replace(recording, platform=recording.platform.with_(lidar=mount))
 
 
 def wider(recording: moteslam.Recording, scale: float) -> moteslam.Recording:

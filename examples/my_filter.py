@@ -71,7 +71,7 @@ def main(folder: Path) -> dict[str, float]:
     methods = {"ICP, ours": (paper, Icp), "paper": (paper, None), "default, 10 particles": (default, None)}
     errors = {"odometry": [], **{name: [] for name in methods}}
     for seed in SEEDS:
-        drive = moteslam.simulate(moteslam.load_scenario("office").model_copy(update={"duration": 40.0}), seed=seed)
+        drive = moteslam.simulate(moteslam.load_scenario("office").with_(duration=40.0), seed=seed)
         for name, (config, method) in methods.items():
             found = moteslam.run_slam(drive.recording, config, seed, method=method)
             errors[name].append(moteslam.absolute_trajectory_error(found.trajectory, drive.truth).rmse)

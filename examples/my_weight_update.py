@@ -3,7 +3,7 @@
     python examples/my_weight_update.py [FOLDER]
 
 The scores of the particles differ by a few per cent, so that as weights they hardly tell them apart: the effective
-number of particles stays near their number. To the 20th power they do.
+number of particles stays near their number. To the 20th power they do. (As a key: ``score_exponent``.)
 """
 
 import sys
@@ -26,7 +26,7 @@ class Sharper(PaperFilter):
 
 def main(folder: Path) -> float:
     """Run both, draw the effective numbers, and return the median of ours."""
-    scenario = moteslam.load_scenario("corridor").model_copy(update={"duration": 40.0})
+    scenario = moteslam.load_scenario("corridor").with_(duration=40.0)
     simulation = moteslam.simulate(scenario, seed=0)
     config = moteslam.resolve_config("paper")
     figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")

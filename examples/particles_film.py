@@ -2,8 +2,7 @@
 
     python examples/particles_film.py [FOLDER]
 
-It is the paper's filter without its search, so that the noise of the prediction shows, and with sharper weights
-(``my_weight_update.py``).
+It is the paper's filter without its search, so that the noise of the prediction shows, and with sharper weights.
 """
 
 import sys
@@ -14,21 +13,15 @@ import numpy as np
 from matplotlib.animation import PillowWriter
 
 import moteslam
-from moteslam.slam.paper.filter import PaperFilter
 
 SECONDS, EVERY = 15.0, 3
-SETTINGS = ["search.offsets_xy=[0.0]", "search.offsets_theta=[0.0]", "motion.yaw_rate=0.3", "resample_below=0.5"]
-
-
-class Watched(PaperFilter):
-    """The paper's filter with sharper weights, which remembers the particles before they are resampled."""
-
-    seen = np.zeros((1, 3)), np.ones(1)
-
-    def likelihood(self, scores: np.ndarray) -> np.ndarray:
-        likelihood = (scores / max(scores.max(), 1)) ** 6
-        self.seen = self.poses.copy(), self.weights.times(likelihood).values
-        return likelihood
+SETTINGS = [
+    "search.offsets_xy=[0.0]",
+    "search.offsets_theta=[0.0]",
+    "motion.yaw_rate=0.3",
+    "resample_below=0.5",
+    "score_exponent=6.0",
+]
 
 
 def endpoints(lidar: moteslam.LidarStream, mount: tuple[float, float, float], update: moteslam.Update) -> np.ndarray:
@@ -40,9 +33,9 @@ def endpoints(lidar: moteslam.LidarStream, mount: tuple[float, float, float], up
     return ends[np.isfinite(ranges)]
 
 
-def draw(plan, near, grid: moteslam.Raster, update: moteslam.Update, ends: np.ndarray, seen) -> None:
+def draw(plan, near, grid: moteslam.Raster, update: moteslam.Update, ends: np.ndarray) -> None:
     """The map with the scan in it, and the particles from close by; an arrow a particle, darker the more it weighs."""
-    (x, y, _), (poses, weights) = update.pose, seen
+    (x, y, _), poses, weights = update.pose, update.poses, update.weights
     for axes in (plan, near):
         axes.clear()
         grey = np.where(grid.values > 0, 0.15, np.where(grid.values < 0, 1.0, 0.85))
@@ -60,11 +53,10 @@ def draw(plan, near, grid: moteslam.Raster, update: moteslam.Update, ends: np.nd
 
 def main(folder: Path) -> float:
     """Film the drive, and return the smallest effective number of particles."""
-    drive = moteslam.simulate(moteslam.load_scenario("corridor").model_copy(update={"duration": SECONDS}), seed=0)
+    drive = moteslam.simulate(moteslam.load_scenario("corridor").with_(duration=SECONDS), seed=0)
     lidar, mount = drive.recording.lidar, drive.recording.platform.lidar.pose
     config = moteslam.resolve_config("paper", SETTINGS)
-    watched = Watched(config, seed=0)
-    slam = moteslam.OnlineSlam.over(drive.recording, config, method=lambda *_: watched)
+    slam = moteslam.OnlineSlam.over(drive.recording, config)
     figure, (plan, near) = plt.subplots(1, 2, figsize=(7, 3.6), layout="constrained")
     film, fewest = PillowWriter(fps=4), []
     with film.saving(figure, folder / "particles_film.gif", dpi=60):
@@ -72,7 +64,7 @@ def main(folder: Path) -> float:
             if update.updated:
                 fewest.append(update.n_eff)
                 if len(fewest) % EVERY == 0:
-                    draw(plan, near, slam.map, update, endpoints(lidar, mount, update), watched.seen)
+                    draw(plan, near, slam.map, update, endpoints(lidar, mount, update))
                     film.grab_frame()
     plt.close(figure)
     return float(min(fewest))

@@ -15,7 +15,7 @@ import moteslam
 
 def written(folder: Path) -> Path:
     """A log as CSV files."""
-    simulation = moteslam.simulate(moteslam.load_scenario("office").model_copy(update={"duration": 60.0}), seed=0)
+    simulation = moteslam.simulate(moteslam.load_scenario("office").with_(duration=60.0), seed=0)
     path = folder / "log.toml"
     moteslam.write_csv(path, simulation.recording)
     return path

@@ -39,8 +39,7 @@ class Slam(Node):
             figures = {"beams": len(scan.ranges), "angle_min": scan.angle_min, "angle_increment": scan.angle_increment}
             figures |= {"range_min": scan.range_min, "range_max": scan.range_max, "rate": 1 / max(scan.scan_time, 0.01)}
             figures["time_increment"] = scan.time_increment
-            lidar = self.platform.lidar.model_copy(update=figures)
-            self.slam = moteslam.OnlineSlam(self.platform.model_copy(update={"lidar": lidar}))
+            self.slam = moteslam.OnlineSlam(self.platform.with_(lidar=figures))
         ranges = np.array(scan.ranges, np.float32)
         ranges[ranges >= scan.range_max] = np.inf
         self.publish(self.slam.add_scan(ranges, seconds(scan.header)))

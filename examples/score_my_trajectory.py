@@ -15,7 +15,7 @@ import moteslam
 
 def files(folder: Path) -> tuple[Path, Path]:
     """An estimate and its truth, as files."""
-    simulation = moteslam.simulate(moteslam.load_scenario("corridor").model_copy(update={"duration": 60.0}), seed=0)
+    simulation = moteslam.simulate(moteslam.load_scenario("corridor").with_(duration=60.0), seed=0)
     estimate, truth = folder / "estimate.tum", folder / "truth.tum"
     moteslam.write_tum(estimate, moteslam.dead_reckon(simulation.recording))
     moteslam.write_tum(truth, simulation.truth)

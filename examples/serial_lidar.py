@@ -48,8 +48,8 @@ def scans(port: str) -> Iterator[tuple[float, np.ndarray]]:
 def main(port: str, folder: Path) -> None:
     robot = moteslam.load_platform("rplidar_a1")
     figures = {"beams": BEAMS, "angle_min": -np.pi, "angle_increment": 2 * np.pi / BEAMS, "time_increment": 0.0}
-    lidar = robot.lidar.model_copy(update={**figures, "x": 0.0, "y": 0.0, "yaw": 0.0})
-    slam = moteslam.OnlineSlam(robot.model_copy(update={"lidar": lidar}), patience=0.0)
+    robot = robot.with_(lidar={**figures, "x": 0.0, "y": 0.0, "yaw": 0.0})
+    slam = moteslam.OnlineSlam(robot, patience=0.0)
     try:
         for stamp, ranges in scans(port):
             if update := slam.add_scan(ranges, stamp):

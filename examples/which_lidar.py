@@ -27,9 +27,8 @@ def scenario(beams: int, reach: float, rate: float, noise: float) -> moteslam.Sc
     lidar = {"beams": beams, "angle_min": -np.radians(135), "angle_increment": step, "rate": rate, "range_max": reach}
     lidar["time_increment"] = 0.0
     settings = [f"platform.lidar.{key}={value}" for key, value in lidar.items()]
-    return moteslam.load_scenario("corridor", settings=[*settings, f"noise.lidar.range_noise={noise}"]).model_copy(
-        update={"duration": 40.0}
-    )
+    settings.append(f"noise.lidar.range_noise={noise}")
+    return moteslam.load_scenario("corridor", settings=settings).with_(duration=40.0)
 
 
 def main(folder: Path) -> dict[str, float]:

@@ -95,6 +95,8 @@ def _offset(search: _Search) -> tuple[float, float, float] | None:
     if np.isnan(before):  # hardly a time in common
         fits = rmse < FITS * search.spread * share and rmse + GAIN_METRES < search.spread
         return (best, 0.0, rmse) if fits else None
+    # parts that are left out by an offset, as where a run got lost, are no reason for one: in laps any lap fits
+    before = float(np.nanmin([before, *(search.rmse(0.0, FINE, part) for part in search.parts(best))]))
     start, slow, left = search.fitted(0.0 if before < rmse else best, drifts=True)
     if left < min(GAIN * rmse, SHAPE * before) and rmse - left > GAIN_METRES and abs(slow) < DRIFTS:
         return (start, slow, left) if left < GAIN * min(map(search.scaled, (0.0, best))) else None
@@ -240,7 +242,7 @@ def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
     if rigid <= SMALL or own == 0:
         return
     factor, scaled = straight / own, float(np.sqrt(max(0.0, spread**2 - straight**2 / own)))
-    if scaled < SHAPE * rigid and (ate.rotation_errors is None or ate.rotation_errors.std() < AXES):
+    if scaled < SHAPE * min(rigid, spread):  # else it shrinks to the middle of a path that it has nothing to do with
         text = f"scaled by {factor:.4g} the estimate fits with an ATE of {scaled:.4f} m in place of {rigid:.4f} m"
         yield (
             scaled,
@@ -278,13 +280,21 @@ class _Search:
             self.there = _at(self.at, times, goal)
         self.middle = float(self.at.mean())
 
-    def laid(self, offset: float, rate: float, most: int) -> tuple[NDArray[np.intp], Array, Array] | None:
+    def parts(self, offset: float) -> tuple[tuple[float, float], tuple[float, float]]:
+        """From when to when [s] either drive is compared at an offset, that of ``at`` first."""
+        begin, end = max(self.at[0], self.stamps[0] + offset), min(self.at[-1], self.stamps[-1] + offset)
+        return (begin, end), (begin - offset, end - offset)
+
+    def laid(
+        self, offset: float, rate: float, most: int, part: tuple[float, float] = (-inf, inf)
+    ) -> tuple[NDArray[np.intp], Array, Array] | None:
         """Which positions are compared, what is left of them [k, d] after rigid alignment, and its rotation.
 
         None where too little of the shorter drive is left, or what is left stands still.
         """
         at = self.at - offset - rate * (self.at - self.middle)
-        keep = evenly(np.flatnonzero((at >= self.stamps[0]) & (at <= self.stamps[-1])), most)
+        inside = (at >= max(self.stamps[0], part[0])) & (at <= min(self.stamps[-1], part[1]))
+        keep = evenly(np.flatnonzero(inside), most)
         if len(keep) < LEAST or np.ptp(self.at[keep]) < OVERLAP * self.shorter:
             return None
         a, b = _at(at[keep], self.stamps, self.positions), self.there[keep]
@@ -295,9 +305,9 @@ class _Search:
         u[:, -1] *= np.linalg.det(u) * np.linalg.det(v)
         return keep, b - a @ (u @ v).T, u @ v
 
-    def rmse(self, offset: float, most: int) -> float:
+    def rmse(self, offset: float, most: int, part: tuple[float, float] = (-inf, inf)) -> float:
         """After rigid alignment [m], or NaN."""
-        found = self.laid(offset, 0.0, most)
+        found = self.laid(offset, 0.0, most, part)
         return float("nan") if found is None else float(np.sqrt(np.square(found[1]).sum(axis=1).mean()))
 
     def fitted(self, offset: float, *, drifts: bool) -> tuple[float, float, float]:

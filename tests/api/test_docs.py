@@ -135,11 +135,17 @@ def test_the_generated_tables_have_all_keys_and_robots(generate: ModuleType):
         assert {key: noise[part][key] for key in values} == {
             key: pytest.approx(value, rel=1e-5) for key, value in values.items()
         }
+    robot = tomllib.loads(generate.robot().strip("`").removeprefix("toml"))
+    stated = json.loads(UCSD.model_dump_json())
+    for name in ("wheels", "body", "imu"):
+        assert robot[name] == pytest.approx(stated[name], rel=1e-5)
+    assert robot["lidar"].keys() == stated["lidar"].keys()
+    assert {*robot, "noise", "as_recorded"} == {*stated}
     robots = generate.robots().splitlines()
     assert re.findall(r"`(\w+)`", robots[0]) == list(bundled_platforms())
     assert "| `lidar.range_max` | 80 | 12 | 30 | 3.5 | 30 | 4.095 |" in robots
     assert generate.scenarios().count("\n| `") == len(bundled_scenarios())
-    pages = [ROOT / "docs" / "reference" / f"{page}.md" for page in ("platforms", "scenarios")]
+    pages = [ROOT / "docs" / "reference" / f"{page}.md" for page in ("platforms", "scenarios", "formats")]
     marked = re.findall(r"<!-- (.*) -->", "".join(page.read_text(encoding="utf-8") for page in pages))
     assert set(marked) == set(generate.TABLES)
 
@@ -153,7 +159,9 @@ def written() -> list[tuple[str, str]]:
     found = []
     for page in PAGES:
         text = page.read_text(encoding="utf-8").replace("\\\n", " ")
-        for block in re.findall(r"^```(?:bash)?\n(.*?)^```", text, re.M | re.S):
+        for language, block in re.findall(r"^```(\w*)\n(.*?)^```", text, re.M | re.S):
+            if language not in ("", "bash"):
+                continue
             found += [(page.name, line) for line in re.findall(r"^(?:\$ | +)?moteslam (.*)$", block, re.M)]
         text = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
         found += [(page.name, line) for line in re.findall(r"`moteslam ([a-z]+ [^`\n]*--[^`\n]*)`", text)]
@@ -164,7 +172,7 @@ WRITTEN = written()
 
 
 def test_the_pages_have_commands():
-    assert len(WRITTEN) > 50
+    assert len(WRITTEN) > 70
 
 
 @pytest.mark.parametrize(("page", "line"), WRITTEN, ids=[f"{page}: {line}" for page, line in WRITTEN])
@@ -189,7 +197,7 @@ def test_the_commands_of_the_tutorial_run(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(tmp_path)
     Path(name).write_text(content.replace('"0-5"', '"0-1"'), encoding="utf-8")
     commands = [line for page, line in WRITTEN if page == "tutorial.md" and " --set " not in line]
-    assert len(commands) >= 7
+    assert len(commands) >= 10
     for line in commands:
         assert main.run(shlex.split(line)) == 0, line
     assert Path("noise.html").exists()

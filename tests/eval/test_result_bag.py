@@ -8,6 +8,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from moteslam.errors import InputError
+from moteslam.eval.cli import main
 from moteslam.eval.result_bag import write_result_bag
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
@@ -55,3 +56,12 @@ def test_stamps_that_ros_does_not_hold_are_refused(simulation, run, tmp_path: Pa
     with pytest.raises(InputError, match="expected 0 to"):
         write_result_bag(tmp_path / "result.mcap", replace(estimate, trajectory=early), simulation.recording)
     assert not list(tmp_path.iterdir())
+
+
+def test_replay_writes_it_where_it_is_asked_for(simulated_folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    options = ["--preset", "paper", "--set", "particles=3", "--no-figures", "--mcap"]
+    assert main.run(["replay", str(simulated_folder), "--out", str(out), *options]) == 0
+    assert "result.mcap" in (out / ".moteslam").read_text()
+    assert main.run(["replay", str(simulated_folder), "--out", str(out), "--force", *options[:-1]]) == 0
+    assert not (out / "result.mcap").exists()

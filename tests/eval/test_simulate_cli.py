@@ -41,6 +41,12 @@ def test_a_platform_is_named_filed_or_changed(scenario_file: Path, tmp_path: Pat
     assert simulated(scenario_file, tmp_path / "based", *based).platform.lidar == filed.platform.lidar
 
 
+def test_a_drive_is_ended_after_so_many_seconds(scenario_file: Path, tmp_path: Path) -> None:
+    short = simulated(scenario_file, tmp_path / "short", "--duration", 4.0)
+    assert short.encoders is not None
+    assert 3.0 < np.ptp(short.encoders.stamps) < 4.0
+
+
 def test_a_carmen_log_is_replayed_and_scored_by_the_truth_beside_it(
     scenario_file: Path, tmp_path: Path, capsys
 ) -> None:

@@ -109,5 +109,6 @@ def test_input_without_a_scan_or_a_lidar_is_refused(
 
 
 def test_options_of_a_recording_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["replay", "robot.log", "--stdin"]) == 2
-    assert "--stdin" in capsys.readouterr().err
+    for more in (["robot.log"], ["--mcap"], ["--end", "3"], ["--dead-reckoning"]):
+        assert run(["replay", "--stdin", *more]) == 2
+        assert "--stdin" in capsys.readouterr().err

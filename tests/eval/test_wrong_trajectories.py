@@ -117,6 +117,25 @@ def tilted(table: Table) -> Table:
     return np.column_stack((table[:, 0], slope.apply(table[:, 1:4]), body.as_quat()))
 
 
+@pytest.mark.parametrize("begin", [0.8, 0.95])
+@pytest.mark.parametrize("whose", ["estimate", "reference"])
+def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
+    tmp_path: Path, capsys, whose: str, begin: float
+) -> None:
+    """Moved by a lap, the part where it is lost has no partner."""
+    t = np.arange(0.0, 160.0, 0.1)
+    turn = 2 * np.pi * t / 40
+    truth = np.zeros((len(t), 8))
+    truth[:, 0], truth[:, 1], truth[:, 2] = T0 + t, 4 * np.cos(turn) + 0.5 * np.cos(3 * turn), 3 * np.sin(turn)
+    truth[:, 7] = 1.0
+    run, k = truth[::2].copy(), int(begin * len(truth) / 2)
+    run[:, 1:3] += 0.005 * np.random.default_rng(0).normal(size=(len(run), 2))
+    run[k:, 1:3] += (3.0, 2.0)
+    tables = (run, truth) if whose == "estimate" else (truth, run)
+    files = [write(tmp_path / f"{name}.tum", table) for name, table in zip("ab", tables, strict=True)]
+    assert "clocks-differ" not in codes(capsys, *files)
+
+
 def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
     files = write(tmp_path / "est.tum", drive(0.2, 0.005)), write(tmp_path / "ref.tum", tilted(drive(0.01)))
     for given, named in ((files, files[1]), (files[::-1], files[1])):
@@ -347,3 +366,12 @@ def test_what_is_no_table_is_refused_by_its_column(tmp_path: Path, capsys, text:
     assert main.run(["convert", str(tmp_path / "t.csv"), str(tmp_path / "out.tum")]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out.tum").exists()
+
+
+def test_another_building_is_no_other_scale(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a path with little in common the error falls by any scale that makes it small."""
+    here = drive(0.2)
+    there, since = here.copy(), here[:, 0] - T0
+    aside = 0.6 * here[:, 1:3].std(axis=0).max() * np.column_stack((np.sin(since / 7), np.cos(since / 5)))
+    there[:, 1:3] = 4 * (here[:, 1:3] + aside)
+    assert codes(capsys, write(tmp_path / "a.tum", there), write(tmp_path / "b.tum", here)) == ["unlike"]
