@@ -7,8 +7,7 @@ import os
 import platform
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
@@ -50,7 +49,7 @@ BUILDING = "sessions.npz"
 """What later sessions are bound to."""
 BUILDING_VERSION = 1
 WHOLE = ("sizes", "scans", "nodes", "counts", "drawn", "points", "first", "second", "doubted")
-CHAIN = MeasuredChain._fields
+CHAIN, LOOPS = MeasuredChain._fields, ("first", "second", "relative", "information")
 MOST = 32767
 """Of the steps that endpoints are written in, which are a millimetre or more: a lidar of 32 m."""
 SHAPES: dict[str, Shape] = {
@@ -262,7 +261,7 @@ def write_building(path: Path, building: Building) -> None:
         "drawn": np.concatenate([one.drawn for one in sessions]).astype(np.int8),
         "points": np.diff(whole, axis=0, prepend=np.zeros((1, 2), np.int16)),
         "resolution": np.float64(resolution),
-        **{name: getattr(loops, name) for name in ("first", "second", "relative", "information")},
+        **{name: getattr(loops, name) for name in LOOPS},
         **{name: np.concatenate([one[name][[0, *range(len(one[name]))]] for one in chains]) for name in CHAIN},
     }
     arrays["doubted"] = arrays["doubted"].astype(np.int8)
@@ -294,37 +293,35 @@ def read_building(folder: Path) -> Building:
         arrays = {name: own[name] for name in ("stamps", "path", "nodes", "points")}
         counts, drawn = own["counts"].astype(np.int32), own["drawn"].astype(bool)
         sessions.append(Session(**arrays, chain=MeasuredChain(*steps), counts=counts, drawn=drawn, origin=origin))
-    first, second, relative, information = (found[name] for name in ("first", "second", "relative", "information"))
-    return Building(tuple(sessions), Edges(first, second, relative, information, np.ones(len(first), bool)))
+    loops = {name: found[name] for name in LOOPS}
+    return Building(tuple(sessions), Edges(**loops, robust=np.ones(len(found["first"]), bool)))
 
 
 def _check(path: Path, found: dict[str, NDArray[Any]]) -> None:
     """Refuse arrays that contradict each other, or mean nothing."""
-    n, sizes, scans = len(found["nodes"]), found["sizes"], found["scans"]
-
-    def within() -> bool:
-        each = zip(np.split(found["nodes"], np.cumsum(sizes)[:-1]), scans, strict=True)
-        return all((np.diff(own) > 0).all() and own[0] >= 0 and own[-1] < most for own, most in each)
-
-    def positive(name: str) -> bool:
-        return bool((np.linalg.eigvalsh(found[name]) > 0).all())
-
     for name, array in found.items():
         if not np.isfinite(array).all():
             raise InputError("expected finite numbers", file=path, field=name)
         if name in WHOLE and array.dtype.kind != "i":
             raise InputError(f"{array.dtype}, expected whole numbers", file=path, field=name)
-    rules: dict[str, Callable[[], Any]] = {
-        "sizes": lambda: (sizes >= 2).all() and sizes.sum() == n,
-        "scans": lambda: (scans >= 2).all() and scans.sum() == len(found["stamps"]),
-        "nodes": within,
-        "counts": lambda: (found["counts"] >= 0).all() and found["counts"].sum() == len(found["points"]),
-        "points": lambda: found["points"].dtype == np.int16,
-        "resolution": lambda: 0 < found["resolution"].item() < 1,
-        "first": (found["first"] >= 0).all,
-        "second": ((found["first"] < found["second"]) & (found["second"] < n)).all,
-        **{name: partial(positive, name) for name in ("covariance", "prior_covariance", "information")},
-    }
-    for name, holds in rules.items():
-        if not holds():
+    for name, holds in _rules(found):
+        if not holds:
             raise InputError("contradicts the other arrays, or no such value can be", file=path, field=name)
+
+
+def _rules(found: dict[str, NDArray[Any]]) -> Iterator[tuple[str, Any]]:
+    """Fields, and whether they hold what can be; each needs those before it to hold."""
+    nodes, sizes, scans, first, second = (found[name] for name in ("nodes", "sizes", "scans", "first", "second"))
+    yield "sizes", (sizes >= 2).all() and sizes.sum() == len(nodes)
+    yield "scans", (scans >= 2).all() and scans.sum() == len(found["stamps"])
+    steps = np.diff(nodes, prepend=-1)
+    begins = np.cumsum(sizes) - sizes
+    steps[begins] = nodes[begins] + 1
+    yield "nodes", (steps > 0).all() and (nodes < np.repeat(scans, sizes)).all()
+    yield "counts", (found["counts"] >= 0).all() and found["counts"].sum() == len(found["points"])
+    yield "points", found["points"].dtype == np.int16
+    yield "resolution", 0 < found["resolution"].item() < 1
+    yield "first", (first >= 0).all()
+    yield "second", ((first < second) & (second < len(nodes))).all()
+    for name in ("covariance", "prior_covariance", "information"):
+        yield name, (np.linalg.eigvalsh(found[name]) > 0).all()

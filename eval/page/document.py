@@ -218,9 +218,11 @@ def page(
         }
         for one in shown.values()
     ]
-    asked = (
-        f"{title_of(names[0])} by {runs.key_words(axis)}: {', '.join(columns)}" if len(columns) > 1 else made[0].name
-    )
+    over, each = [runs.key_words(axis)], list(columns)
+    if axis == runs.CONFIGURATION:  # with what varies
+        over = [runs.key_words(key) for key in varied] or over
+        each = list(dict.fromkeys(run.run.configuration for run in made))
+    asked = f"{title_of(names[0])} by {', '.join(over)}: {', '.join(each)}" if len(columns) > 1 else made[0].name
     return _render(
         {
             "title": shortened(asked, 160) if title is None else title,

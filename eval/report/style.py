@@ -222,10 +222,10 @@ def draw_curve(axes: Axes, time: Array, values: Array, *, label: str = "", **loo
     if n <= SINGLE_VALUES:
         axes.plot(*broken(time, values), lw=1.0, label=label, **look)
         return
-    windows, half = np.array_split(np.arange(n), WINDOWS), n // MEDIANS // 2
-    middle = np.linspace(0, n - 1, WINDOWS).round().astype(np.intp)
-    at, low = broken(time[middle], np.array([values[window].min() for window in windows]))
-    _, high = broken(time[middle], np.array([values[window].max() for window in windows]))
+    begins, half = np.arange(WINDOWS) * n // WINDOWS, n // MEDIANS // 2
+    middle = begins + n // WINDOWS // 2
+    at, low = broken(time[middle], np.minimum.reduceat(values, begins))
+    _, high = broken(time[middle], np.maximum.reduceat(values, begins))
     axes.fill_between(at, low, high, color=look["color"], alpha=0.3, lw=0)
     trend = np.array([np.median(values[max(k - half, 0) : k + half + 1]) for k in middle])
     axes.plot(*broken(time[middle], trend), lw=1.4, label=label, **look)

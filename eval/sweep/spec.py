@@ -70,8 +70,7 @@ def _dotted(table: Any, prefix: str = "") -> Any:
         elif key.startswith(PREFIXES) and not key.endswith("."):
             flat[key] = value
         else:
-            meant = f", as slam.{key}" if not key.startswith(PREFIXES) and not key.endswith(".") else ""
-            raise ValueError(f"{key!r}, expected a key that begins with {', '.join(PREFIXES)}{meant}")
+            raise ValueError(f"{key!r}, expected slam.{key}, say: keys begin with {', '.join(PREFIXES)}")
     return flat
 
 

@@ -271,8 +271,8 @@ def as_yaml(limits: str, image: str) -> str:
     )
 
 
-def run(*words: str, folder: Path) -> None:
-    """Run a program in a folder.
+def run(*words: str, folder: Path) -> str:
+    """Run a program in a folder; what it printed.
 
     Raises:
         SlamError: it is not there, or fails.
@@ -286,6 +286,7 @@ def run(*words: str, folder: Path) -> None:
         printed = (done.stderr + done.stdout).decode("utf-8", "replace").splitlines()
         said = next((line for line in printed if line.startswith("Message:")), printed[-1] if printed else "")
         raise SlamError(f"{words[0]} ended with exit code {done.returncode}: {said.strip()}")
+    return done.stdout.decode("utf-8", "replace")
 
 
 def slam(method: str, recording: Path, out: Path, seed: int) -> None:

@@ -28,6 +28,7 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step, thin
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares, within
+from moteslam.slam.known_map.map_scale import MapScale
 from moteslam.slam.known_map.maps import KnownMaps, as_log_odds
 from moteslam.slam.known_map.search import (
     APART,
@@ -60,6 +61,9 @@ SEARCHES_APART = 1.0
 FIRST, LARGEST, MOST = 3.0, 7.0, 2.0
 """The log-odds of the place where a robot was found are at most the first, and at most the second after a drive; scans
 of ``APART`` metres change them by at most the third [nats]."""
+LONGEST = 3.0
+"""... or so many times that after as many drives of ``WINDOW``: who was there for long is not elsewhere because people
+stand around."""
 FOREIGN = 1.1
 """Cost of an endpoint of a robot in another building at the best place of this map [nats]: ``ELSEWHERE`` of the search
 less what that takes off for all its places (13 nats of 200 endpoints, one in ten of which errs independently)."""
@@ -106,8 +110,9 @@ class Presence(Doubt):
         against = (OUTLIER - ON_SURFACE) * (scan.far + seen - scan.known) + CROSSING * (scan.crossed + self.passed)
         nats = (FOREIGN - ON_SURFACE) * seen - against
         share = min(max(driven / APART, LEAST_DRIVEN), 1.0)
-        self._here = min(self._here + share * min(max(nats / CORRELATION, -MOST), self._most), LARGEST)
-        self.proved |= self._here == LARGEST
+        most = LARGEST * min(max(self.driven / WINDOW, 1.0), LONGEST)
+        self._here = min(self._here + share * min(max(nats / CORRELATION, -MOST), self._most), most)
+        self.proved |= self._here >= LARGEST
 
 
 class KnownMapFilter(TsdfFilter):
@@ -132,6 +137,7 @@ class KnownMapFilter(TsdfFilter):
         self._unweighed = 0.0  # path since the hypotheses were weighed [m]
         self._begin = 0  # the first update since which the robot is searched for
         self._was_sure = False  # that the robot is in the map
+        self._scale = MapScale()
         self._losses: list[tuple[float, float | None, float]] = []  # from when to when [s], how far off [m]
 
     @property
@@ -167,7 +173,8 @@ class KnownMapFilter(TsdfFilter):
                 text += f", and found {off:.1f} m from where the path until then led: it was carried, or poses before "
                 text += "that were said to be sure are wrong"
             issues.append(Issue("searched-for", text))
-        return tuple(issues)
+        scale = self._scale.issue()
+        return (*issues, *([scale] if scale else []))
 
     def occupancy(self) -> Raster:
         """The map, as it was given."""
@@ -179,8 +186,11 @@ class KnownMapFilter(TsdfFilter):
     def step(self, step: Step) -> StepResult:
         """Take in one scan and the motion since the scan before."""
         if self._search is None:
-            self._was_sure |= self._doubt.state is LocalisationState.SURE and self._doubt.proved
-            return super().step(step)
+            sure = self._doubt.state is LocalisationState.SURE and self._doubt.proved
+            self._was_sure |= sure
+            result = super().step(step)
+            self._scale.add(result.pose, as_pose(step.motion), known=sure and step.measured)
+            return result
         return self._look(step, step.scan or thin(step.points, step.origin, self._config.thinning), self._search)
 
     def _start(self, scan: ThinnedScan) -> StepResult:

@@ -8,12 +8,16 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command_lines import printed
 from figures import legend_of
 from matplotlib.figure import Figure
 
-from moteslam.robot.trajectories.text import read_tum
+from moteslam.robot.formats.written import write_carmen
+from moteslam.robot.se2 import between
+from moteslam.robot.trajectories.text import read_tum, write_tum
+from moteslam.sim.logged import with_odometry
 
 HEAVY = {"numpy", "scipy", "matplotlib", "taichi", "cv2", "pymunk", "rich"}  # Typer itself loads some of Pydantic
 COMMANDS = (
@@ -83,6 +87,10 @@ def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_pa
     assert ate["rotation_deg"]["mean"] == pytest.approx(summary["metrics"]["online.heading"]["mean"])
     assert 0 < ate["translation_m"]["rmse"] < 0.1
 
+    done = program("replay", "result", "--out", "more", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("moteslam: result: is the result folder of a run, expected a recording; that")
+    assert done.stderr.endswith(" robot\n")
     done = program("replay", "robot", "--out", "result", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr == "moteslam: result: exists already; name a new folder, or replace it with --force\n"
@@ -91,6 +99,22 @@ def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_pa
     assert "ATE RMSE" in done.stdout
     assert not (tmp_path / "result/error.png").exists()
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["result", "robot"]
+
+
+@pytest.mark.usefixtures("taichi")
+def test_a_log_is_scored_by_the_reference_and_the_relations_beside_it(
+    simulation, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_carmen(tmp_path / "a.log", with_odometry(simulation.recording, gyro=True))
+    write_tum(tmp_path / "a.reference.tum", simulation.truth)
+    first, last = simulation.recording.lidar.stamps[[10, -10]]
+    x, y, theta = between(*simulation.truth.at(np.array((first, last))).poses)
+    (tmp_path / "a.relations").write_text(f"{first:.6f} {last:.6f} {x} {y} 0 0 0 {theta}\n")
+    out = printed(capsys, "replay", tmp_path / "a.log", "--out", tmp_path / "out", "--no-figures")
+    assert "laid on the truth, rigidly" in out
+    assert "SLAM (final) misses the relations by " in out
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())["metrics"]
+    assert metrics["final.relations"]["value"] < 0.05
 
 
 @pytest.mark.parametrize(("sequence", "distance"), [("20", 95.9), ("21", 91.8)])

@@ -95,6 +95,19 @@ def test_result_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert "no run in common" in refused(capsys, "compare", *both)
 
 
+def test_result_folders_of_two_robots(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, value in (("ucsd", 0.2), ("lms200", 0.1)):
+        (tmp_path / name).mkdir()
+        figures = {"metrics": {"final.ate": {"value": value, "unit": "m"}}, "scans": int(1000 * value)}
+        (tmp_path / name / "metrics.json").write_text(json.dumps(figures))
+        about = {"scenario": "corridor", "platform": name, "seed": 0}
+        (tmp_path / name / "run.json").write_text(json.dumps(about))
+    assert main.run(["compare", str(tmp_path / "ucsd"), str(tmp_path / "lms200"), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert [one["wins"] for each in json.loads(out)["metrics"]["final.ate"].values() for one in each.values()] == [1]
+    assert err == ""  # other robots have other numbers of scans
+
+
 @pytest.mark.parametrize(("scans", "told"), [((100, 100), False), ((100, 60), True), ((100, None), False)])
 def test_two_recordings_of_one_name_are_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], scans: tuple[int | None, ...], told: bool

@@ -224,6 +224,10 @@ def test_robots_have_rows_of_their_own_and_the_title_says_what_was_asked() -> No
     assert text.count('<tr><th scope="row"><bdi>turtlebot3</bdi></th>') == 2  # in the summary and among the pairs
 
 
+def test_the_title_names_what_varies(tmp_path: Path) -> None:
+    assert "<title>final ATE by particles: default, paper</title>" in page(gather([sweep(tmp_path / "s.sweep")]))
+
+
 def test_failed_runs_count_as_the_worst() -> None:
     material = Material(runs=[run_of("a", k) for k in range(3)] + [run_of("a", 9, "crashed")] * 4)
     text = page(material, title="t")

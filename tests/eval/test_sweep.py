@@ -121,12 +121,32 @@ def test_seeds_as_text() -> None:
             numbers(wrong)
 
 
+def test_seeds_as_a_list_and_values_in_their_order(tmp_path: Path) -> None:
+    runs = planned(tmp_path, f"{HERE}seeds = [2, 0]\n[vary]\nplatform.lidar.range_max = [12.0, 4.0]\n")
+    assert [(run.seed, dict(run.varied)["platform.lidar.range_max"]) for run in runs] == [
+        *((2, 12.0), (2, 4.0), (0, 12.0), (0, 4.0))
+    ]
+
+
+@pytest.mark.parametrize(("words", "count"), [('["slam", "{recording}"]', 1), ('["slam", "{seed}"]', 3)])
+def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: int, tmp_path: Path) -> None:
+    (tmp_path / "a.log").write_text("x")
+    text = f'recordings = ["a.log"]\nseeds = "0-2"\n[configurations.ours]\n[configurations.theirs]\ncommand = {words}\n'
+    runs = plan(read_spec(written(tmp_path, text)), check=False)
+    assert [sum(run.configuration == name for run in runs) for name in ("ours", "theirs")] == [3, count]
+
+
 @pytest.mark.parametrize(
     ("text", "place"),
     [
         ("seeds = '0'", "neither scenarios nor recordings"),
         (HERE + "seed = '0'", "seed: "),
         (HERE + "seeds = '5-'", "seeds: '5-', "),
+        (HERE + "seeds = [0.5]", "seeds: [0.5], expected a text"),
+        (
+            HERE + "[configurations.a]\nset = { particles = 5 }",
+            "a.set: 'particles', expected slam.particles",
+        ),
         (HERE + "platforms = ['r2d2']", "platforms: 'r2d2', "),
         (HERE + "metrics = ['final.aet']", "metrics: 'final.aet', "),
         (HERE + "[vary]\nparticles = [1]", "vary: 'particles', "),
@@ -175,7 +195,7 @@ def test_all_runs_are_made_summed_up_and_exported(
     assert all(row.costs == {} for row in rows)
     shown = printed(capsys, "sweep", "show", whole, "--metric", "final.ate", "--metric", "map_f1")
     assert "12 ok" in shown
-    assert len(shown.splitlines()) == 1 + 6 + 1
+    assert len(shown.splitlines()) == 1 + 6 + 4
     groups = json.loads(printed(capsys, "sweep", "show", whole, "--json"))["groups"]
     assert [group["runs"] for group in groups] == [2] * 6
     assert groups[0]["success"]["share"] == 1.0

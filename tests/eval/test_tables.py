@@ -12,7 +12,7 @@ from command_lines import printed
 from made_sweeps import swept
 
 from moteslam.eval.cli import main
-from moteslam.eval.tables import comma_separated, latex, markdown
+from moteslam.eval.tables import aligned, comma_separated, fitting, latex, markdown, number
 
 NASTY = r"a|b \ `c` <d> *e* _f_ [g] ~h~ $i$ & #j 100 % {k} ^l"
 HEAD = ("name", "value")
@@ -45,6 +45,34 @@ def test_markdown_marks_nothing_up() -> None:
 )
 def test_latex_prints_what_it_is_given(text: str, expected: str) -> None:
     assert latex([(text,)]).splitlines()[3] == rf"{expected} \\"
+
+
+def test_a_table_wider_than_the_terminal_is_broken_between_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [
+        ("scenario", "median of the final error [mm]", "what it is"),
+        ("corridor", "1.23", "a way of many turns"),
+    ]
+    monkeypatch.delenv("COLUMNS", raising=False)
+    assert len(aligned(rows).splitlines()) == 2
+    monkeypatch.setenv("COLUMNS", "40")
+    lines = aligned(rows).splitlines()
+    assert max(map(len, lines)) <= 40
+    assert set(" ".join(lines).split()) == {word for row in rows for cell in row for word in cell.split()}
+
+
+@pytest.mark.parametrize(
+    ("unit", "values", "shown"),
+    [
+        ("m", [0.001697, -8.899e-05], ["mm", "1.70", "-0.0890"]),
+        ("m", [0.153, None], ["cm", "15.3", "-"]),
+        ("m", [12.0, 0.05], ["m", "12.0", "0.0500"]),
+        ("deg", [0.02, float("inf")], ["deg", "0.0200", "failed"]),
+        ("", [12345.0, 0.0], ["", "12345", "0"]),
+    ],
+)
+def test_numbers_have_a_unit_that_fits(unit: str, values: list[float | None], shown: list[str]) -> None:
+    unit, factor = fitting(unit, values)
+    assert [unit, *(number(None if value is None else factor * value) for value in values)] == shown
 
 
 def test_csv_reads_back() -> None:

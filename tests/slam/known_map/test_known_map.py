@@ -18,6 +18,7 @@ from moteslam.slam.filter.weights import Weights
 from moteslam.slam.known_map import hypotheses, search
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.filter import KnownMapFilter, Presence
+from moteslam.slam.known_map.map_scale import MapScale
 from moteslam.slam.known_map.maps import KnownMaps, upright
 from moteslam.slam.known_map.search import Sight, WholeMapSearch
 from moteslam.slam.run import run_slam
@@ -139,6 +140,33 @@ def test_the_search_finds_what_an_exhaustive_one_finds() -> None:
     assert scores(found[2], found[None, :2])[0] == pytest.approx(best, rel=0.01)  # in whole steps, a cell to and fro
 
 
+@pytest.mark.parametrize(
+    ("map_over_way", "odometry_over_way", "words"),
+    [
+        ((1.0, 1.0), 1.0, None),
+        ((1.0, 1.0), 1.02, None),
+        ((1.05, 1.0), 1.0, "longer along x"),
+        ((1.0, 1.05), 1.02, "shorter along x"),
+        ((1.08, 1.08), 1.0, "longer than by the odometry"),
+    ],
+)
+def test_a_map_of_another_scale_is_told(
+    map_over_way: tuple[float, float], odometry_over_way: float, words: str | None
+) -> None:
+    scale, rng = MapScale(), np.random.default_rng(0)
+    way = np.array(((0.0, 0.0), (8.0, 0.0), (8.0, 8.0), (0.0, 8.0), (0.0, 0.0)))
+    headings, at = np.arctan2(*np.diff(way, axis=0).T[::-1]), 0.0
+    for corner, heading in zip(way, headings, strict=False):
+        for k in range(80):
+            place = (corner + 0.1 * k * np.array((np.cos(heading), np.sin(heading)))) * map_over_way
+            pose = np.array((*(place + 0.02 * rng.standard_normal(2)), heading))
+            scale.add(pose, (0.1 * odometry_over_way, 0.0, float(se2.wrap(heading - at))), known=True)
+            at = heading
+    issue = scale.issue()
+    assert (issue is None) == (words is None)
+    assert issue is None or words in issue.message
+
+
 def test_both_places_of_a_symmetric_room_are_listed() -> None:
     walls = [((-3, -2), (3, -2)), ((3, -2), (3, 2)), ((3, 2), (-3, 2)), ((-3, 2), (-3, -2))]
     maps = KnownMaps(drawn(walls, low=(-3.5, -2.5), high=(3.5, 2.5)), CONFIG.tsdf)
@@ -240,6 +268,20 @@ def test_a_place_that_the_scans_contradict_is_given_up() -> None:
     for _ in range(30):
         through_walls.observe(0.1, fits)
     assert through_walls.probability > 0.5
+
+
+def test_who_was_there_for_long_is_not_elsewhere_because_people_stand_around() -> None:
+    fits, crowd = ScanFit(1.0, 200, 200, 0, 0), ScanFit(1.0, 200, 200, 45, 5)
+    for metres, stays in ((5, False), (40, True)):
+        presence = Presence()
+        for _ in range(10 * metres):
+            presence.observe(0.1, fits)
+        for _ in range(35):
+            presence.observe(0.1, crowd)
+        assert (presence.probability < 0.01) == stays
+    for _ in range(60):
+        presence.observe(0.1, crowd)
+    assert presence.probability > 0.5
 
 
 def test_a_robot_is_found_and_tracked_in_a_known_map(tmp_path: Path) -> None:
