@@ -54,6 +54,12 @@ def test_a_script_draws_its_picture(name: str, tmp_path: Path):
     assert all(least < each < most for each in (found.values() if isinstance(found, dict) else [found]))
 
 
+def test_the_filter_of_ones_own_is_a_method():
+    method = import_module("my_filter").METHOD
+    config = method.config.model_validate({"method": "icp"})
+    assert method.make(config, 0).poses.shape == (1, 3)
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
 def test_the_environment_is_one_of_gymnasium(monkeypatch: pytest.MonkeyPatch):
