@@ -52,7 +52,6 @@ demo: .venv/.stamp ## drive a simulated corridor, run SLAM, score it: pictures a
 	@.venv/bin/moteslam demo --out demo --force
 
 examples: .venv/.stamp ## run every script of examples/: pictures in build/examples/
-	@mkdir -p build/examples
 	@set -e; for each in $(filter-out %/ros2_node.py %/serial_lidar.py,$(wildcard examples/*.py)); do \
 	    echo $$each; .venv/bin/python $$each build/examples; done
 

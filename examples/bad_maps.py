@@ -51,6 +51,7 @@ def later(recording: moteslam.Recording, seconds: float) -> moteslam.Recording:
 
 def main(folder: Path) -> dict[str, int]:
     """Draw all six; return at how many scans the filter was lost in the runs with a fault."""
+    folder.mkdir(parents=True, exist_ok=True)
     carried = "faults=[{kind='carried', start=40, along=8, lidar='off'}]"
     corridor, loop, office = drive("corridor", 60), key_scans(), drive("office", 60)
     glass = moteslam.load_scenario("glass_front")

@@ -29,6 +29,7 @@ def controller(readings: moteslam.Readings) -> tuple[float, float]:
 
 def main(folder: Path) -> float:
     """Drive, draw, and return how far the robot came [m]."""
+    folder.mkdir(parents=True, exist_ok=True)
     simulator = moteslam.Simulator(moteslam.load_scenario("corridor"), seed=0)
     readings, command = simulator.reset(), (0.0, 0.0)
     while simulator.seconds < 60:

@@ -72,6 +72,7 @@ class DriveToGoal(gym.Env):
 
 def main(folder: Path) -> float:
     """Drive by a simple rule, draw the way, and return the sum of the rewards."""
+    folder.mkdir(parents=True, exist_ok=True)
     env = DriveToGoal()
     observation, _ = env.reset(seed=0)
     total, over = 0.0, False

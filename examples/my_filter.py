@@ -8,6 +8,7 @@ run asks of a filter is ``step``, and the three attributes that ``step`` keeps u
 
 import sys
 from pathlib import Path
+from typing import Literal
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.spatial import cKDTree
 
 import moteslam
 from moteslam.robot import se2
+from moteslam.slam.config import Method
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.protocol import FilterDefaults, Step, StepResult
 from moteslam.slam.filter.weights import Weights
@@ -64,8 +66,18 @@ class Icp(FilterDefaults):
         return pose
 
 
+class IcpConfig(moteslam.SlamConfig):
+    """Its keys."""
+
+    method: Literal["icp"] = "icp"
+
+
+METHOD = Method(IcpConfig, Icp)  # what an entry point names: then commands know it as --set method=icp
+
+
 def main(folder: Path) -> dict[str, float]:
     """Score, draw, and return the median online ATE of each [m]."""
+    folder.mkdir(parents=True, exist_ok=True)
     paper = moteslam.resolve_config("paper")
     default = moteslam.resolve_config("default", ["particles=10", "backend.method=none"])
     methods = {"ICP, ours": (paper, Icp), "paper": (paper, None), "default, 10 particles": (default, None)}

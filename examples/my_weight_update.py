@@ -26,6 +26,7 @@ class Sharper(PaperFilter):
 
 def main(folder: Path) -> float:
     """Run both, draw the effective numbers, and return the median of ours."""
+    folder.mkdir(parents=True, exist_ok=True)
     scenario = moteslam.load_scenario("corridor").with_(duration=40.0)
     simulation = moteslam.simulate(scenario, seed=0)
     config = moteslam.resolve_config("paper")

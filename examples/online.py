@@ -29,6 +29,7 @@ def feed(slam: moteslam.OnlineSlam, readings: moteslam.Readings) -> list[motesla
 
 def main(folder: Path) -> float:
     """Drive, draw the map at four moments, and return how far the last pose is from the truth [m]."""
+    folder.mkdir(parents=True, exist_ok=True)
     scenario = moteslam.load_scenario("corridor")
     simulator = moteslam.Simulator(scenario, seed=0)
     slam = moteslam.OnlineSlam(scenario.platform, moteslam.resolve_config("default", ["particles=10"]))

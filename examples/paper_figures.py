@@ -80,6 +80,7 @@ def endpoints(recording: moteslam.Recording, trajectory: moteslam.Trajectory) ->
 
 def main(folder: Path, ucsd: Path | None = None) -> float:
     """Draw all eight, and return how far apart the paths of figure 8 end, in y [m]."""
+    folder.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as made:
         source = ucsd or simulated(Path(made))
         for row, sequence in enumerate((20, 21)):
@@ -106,5 +107,4 @@ def main(folder: Path, ucsd: Path | None = None) -> float:
 
 
 if __name__ == "__main__":
-    given = [Path(argument) for argument in sys.argv[1:]] or [Path()]
-    print(f"eight pictures; the paths of the last end up to {main(*given):.1f} m apart")
+    print(f"eight pictures; the paths of the last end up to {main(*map(Path, sys.argv[1:] or ['.'])):.1f} m apart")

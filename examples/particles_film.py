@@ -53,6 +53,7 @@ def draw(plan, near, grid: moteslam.Raster, update: moteslam.Update, ends: np.nd
 
 def main(folder: Path) -> float:
     """Film the drive, and return the smallest effective number of particles."""
+    folder.mkdir(parents=True, exist_ok=True)
     drive = moteslam.simulate(moteslam.load_scenario("corridor").with_(duration=SECONDS), seed=0)
     lidar, mount = drive.recording.lidar, drive.recording.platform.lidar.pose
     config = moteslam.resolve_config("paper", SETTINGS)

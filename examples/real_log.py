@@ -23,6 +23,7 @@ def written(folder: Path) -> Path:
 
 def main(folder: Path, log: str | Path | None = None) -> float:
     """Read, check, run SLAM, draw, write what other programs read; return the length of the path [m]."""
+    folder.mkdir(parents=True, exist_ok=True)
     recording = moteslam.open_recording(log or written(folder))
     print(recording)
     for problem in moteslam.inspect_recording(recording).problems:

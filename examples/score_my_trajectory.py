@@ -24,6 +24,7 @@ def files(folder: Path) -> tuple[Path, Path]:
 
 def main(folder: Path, *given: str) -> float:
     """Score, draw, print a table (Markdown), and return the ATE [m]."""
+    folder.mkdir(parents=True, exist_ok=True)
     estimate, truth = (moteslam.read_trajectory(path) for path in given or files(folder))
     ate = moteslam.absolute_trajectory_error(estimate, truth)
     rows = [("ATE, laid on the truth", ate.rmse)]

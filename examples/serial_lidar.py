@@ -46,6 +46,7 @@ def scans(port: str) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def main(port: str, folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
     robot = moteslam.load_platform("rplidar_a1")
     figures = {"beams": BEAMS, "angle_min": -np.pi, "angle_increment": 2 * np.pi / BEAMS, "time_increment": 0.0}
     robot = robot.with_(lidar={**figures, "x": 0.0, "y": 0.0, "yaw": 0.0})

@@ -33,6 +33,7 @@ def scenario(beams: int, reach: float, rate: float, noise: float) -> moteslam.Sc
 
 def main(folder: Path) -> dict[str, float]:
     """Run, draw, and return the median ATE by lidar [m]."""
+    folder.mkdir(parents=True, exist_ok=True)
     errors = {name: [] for name in LIDARS}
     config = moteslam.resolve_config("default", ["particles=5"])
     for name, figures in LIDARS.items():

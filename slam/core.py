@@ -14,14 +14,14 @@ from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import Issue, expect_type
+from moteslam.robot.values import Issue, expect_type, shortened
 from moteslam.slam.backend.building import Building
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.config import METHODS, SlamConfig
 from moteslam.slam.estimate import Correction, Estimate, as_logged
 from moteslam.slam.filter.certainty import certainty_of_particles, spread
-from moteslam.slam.filter.protocol import Filter
+from moteslam.slam.filter.protocol import Filter, StepResult
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.lapses import left_open
 from moteslam.slam.inputs.odometry_path import between_known
@@ -47,7 +47,7 @@ class Core:
             raise ConfigError(f"{seed!r}, expected a whole number from 0 to 2^63 - 1", field="seed")
         self.config = config = config or load_preset()
         self.seed, self.name = seed, name
-        self._filter = (method or METHODS[config.method].make)(config, seed)
+        self._filter = _made(METHODS[config.method].make if method is None else method, config, seed)
         self._backend = BACKENDS[config.backend.method].make(config.backend)
         self._taken: Inputs | None = None
         self._records = ScanRecords()
@@ -128,6 +128,9 @@ class Core:
         """Take in a scan."""
         began = time.perf_counter()
         result, corrected = self._filter.step(step), 0.0
+        if not isinstance(result, StepResult):
+            field = f"{type(self._filter).__name__}.step"
+            raise ConfigError(f"returned {type(result).__name__}, expected a StepResult", field=field)
         if result.updated:
             self._updates.append(step.index)
             self._waiting.append(self._key_scan(step))
@@ -240,3 +243,16 @@ class Core:
         issues += self._filter.issues
         issues += getattr(self._backend, "issues", ())  # back ends of other packages may have none
         return tuple(issues)
+
+
+def _made(method: MakeFilter, config: SlamConfig, seed: int) -> Filter:
+    """The filter of a run; refused where it is none."""
+    if not callable(method):
+        text = f"{shortened(method)}, expected a class of a filter; a name is a key of the configuration: method=NAME"
+        raise ConfigError(text, field="method")
+    made = method(config, seed)
+    missing = [name for name in dir(Filter) if not name.startswith("_") and not hasattr(made, name)]
+    if missing:
+        text = f"{type(made).__name__} has no {', '.join(missing)}, expected a class under FilterDefaults with a step"
+        raise ConfigError(text, field="method")
+    return made

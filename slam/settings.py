@@ -5,7 +5,8 @@ A preset names a method, whose defaults are its values. The resolved configurati
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,9 @@ def resolve_config(
     """
     expect_type(preset, str, "preset", f"one of {', '.join(preset_names())}")
     if preset not in PRESETS:
-        raise ConfigError(f"no such preset, expected one of {', '.join(preset_names())}", field=repr(preset)[1:-1])
+        text = f"no such preset, expected one of {', '.join(preset_names())}"
+        text += f"; a method is chosen by --set method={preset}" if preset in METHODS.names() else ""
+        raise ConfigError(text, field=repr(preset)[1:-1])
     given: Table = {}
     if file is not None:
         given = read_toml(file, "a TOML file")
@@ -66,7 +69,24 @@ def _resolved(method: str, given: Table, *, file: Path | None) -> SlamConfig:
     try:
         return validated(model, values, file=file)
     except ConfigError as error:  # of the back end's table, which is validated by itself
-        raise ConfigError(error.problem, file=file, field=error.field) from error
+        near = _nearest(error.field or "", base) if error.problem == "unknown key" else ""
+        raise ConfigError(error.problem + near, file=file, field=error.field) from error
+
+
+def _nearest(key: str, known: Table) -> str:
+    """The known keys, with dots, that look most like one that is not: as a whole, or by its last word."""
+    keys = list(_dotted(known))
+    words = {each.rpartition(".")[2]: each for each in reversed(keys)}
+    like = [words[word] for word in get_close_matches(key.rpartition(".")[2], words, cutoff=0.7)]
+    like = list(dict.fromkeys((*get_close_matches(key, keys, cutoff=0.7), *like)))[:3]
+    return (f", expected one like {', '.join(like)}" if like else "") + "; moteslam replay --print-config lists all"
+
+
+def _dotted(table: Table, above: str = "") -> Iterator[str]:
+    for name, value in table.items():
+        yield above + name
+        if isinstance(value, dict):
+            yield from _dotted(value, f"{above}{name}.")
 
 
 def _over(values: Table, others: Table) -> Table:

@@ -10,7 +10,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from moteslam.errors import InputError
+from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli.interrupt import check_interrupt
 from moteslam.eval.cli.text import note, say, warn
 from moteslam.robot.values import Issue, shortened
@@ -56,6 +56,9 @@ def follow(
                     continue
                 slam = OnlineSlam(platform, config, run.seed, name=STDIN) if slam is None else slam
                 _print(_add(slam, message))
+            except ConfigError as error:
+                hint = ": --platform NAME, or a first line of type platform" if error.field == "platform.lidar" else ""
+                raise ConfigError(error.problem + hint, file=error.file, field=error.field) from error
             except InputError as error:
                 bad += 1
                 if bad <= SHOWN:

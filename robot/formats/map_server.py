@@ -96,8 +96,8 @@ def write_map(path: str | PathLike[str], raster: Raster) -> None:
     path, values = Path(path), raster.values
     greys = {UNKNOWN: UNKNOWN_GREY, FREE: FREE_GREY, OCCUPIED: OCCUPIED_GREY}
     if values.ndim != 2 or not np.isin(values, list(greys)).all():
-        problem = f"{values.dtype}{list(values.shape)}, expected free, occupied and unknown cells [H, W]"
-        raise InputError(problem, field="raster")
+        text = f"{values.dtype}{list(values.shape)}, expected 0 free, 1 occupied, -1 unknown [H, W]; of log-odds "
+        raise InputError(f"{text}{trinary.__module__}.trinary(raster.values) makes them", field="raster")
     if path.suffix not in (".pgm", ".png"):
         raise OutputError("expected a name that ends in .pgm or .png", file=path)
     image = np.select([values[::-1] == value for value in greys], list(greys.values())).astype(np.uint8)

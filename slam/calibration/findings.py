@@ -128,9 +128,9 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"lidar: angles between beams are {_percent(angles)} stated: walls come out bent, turns wrong. "
         told.append(("lidar-angles", f"{text}In platform.toml: [lidar] {toml}"))
     if (excess := certain.get("excess")) is not None:
-        side = "long" if excess.value > 0 else "short"
-        text = f"lidar: all ranges are {abs(excess.value):.2f} m ({_interval(excess)}) too {side}, by scans from other "
-        told.append(("range-offset", f"{text}places: subtract {excess.value:.3f} m from them"))
+        by = f"{abs(excess.value):.2f} m ({_interval(_size(excess))}) too {'long' if excess.value > 0 else 'short'}"
+        text = f"lidar: all ranges are {by}, by scans from other places: subtract {excess.value:.3f} m from them"
+        told.append(("range-offset", text))
     if c.faster:
         text = f"lidar: scans fit better if a sweep takes half of the {sweep_seconds(recording, lidar):.3g} s stated: "
         told.append(("time-increment", f"{text}turns are smeared; give [lidar] time_increment by --platform"))
@@ -160,9 +160,10 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         told.append(("odometry-turn-scale", text))
     if (late := certain.get("offset")) is not None:
         side = ("later", "earlier")[int((late.value > 0) != (c.late == "gyro"))]
-        text = f"lidar: scans are stamped {abs(late.value):.2f} s ({_interval(late)}) {side} than the odometry of them"
+        by = f"{abs(late.value):.2f} s ({_interval(_size(late))}) {side}"
+        text = f"lidar: scans are stamped {by} than the odometry of them"
         if c.late == "gyro":
-            text = f"imu: stamped {abs(late.value):.2f} s ({_interval(late)}) {side} than scans and wheels"
+            text = f"imu: stamped {by} than scans and wheels"
         if stamped_at_end(c, recording):
             text += f", by about the {sweep_seconds(recording, lidar):.2f} s of a sweep, as if stamped at its end"
         text += ": every turn is smeared"
@@ -299,6 +300,11 @@ def changed_ranges(lidar: LidarStream, change: Callable[[Any], Any]) -> Ranges:
 def _interval(figure: Figure) -> str:
     low, high = (figure.value + side * WITHIN * figure.deviation for side in (-1, 1))
     return f"95 %: {low:.3g} to {high:.3g}"
+
+
+def _size(figure: Figure) -> Figure:
+    """Without its sign, where a word says that."""
+    return replace(figure, value=abs(figure.value))
 
 
 def _percent(figure: Figure) -> str:

@@ -7,7 +7,7 @@ slowly over a building makes nobody lost (``docs/theory/am-i-lost.md``).
 from __future__ import annotations
 
 import math
-from enum import IntEnum
+from enum import Enum, IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +39,11 @@ class LocalisationState(IntEnum):
     SURE = 0
     DOUBTFUL = 1
     LOST = 2
+
+    def __str__(self) -> str:
+        return self.name
+
+    __format__ = Enum.__format__  # by __str__
 
 
 class Certainty(NamedTuple):

@@ -26,6 +26,9 @@ from moteslam.slam.inputs.synchronise import at_scans, sweeps
 Array = NDArray[np.float64]
 BEFORE_WHEELS = 0.5
 """Scans this long before the first reading of the wheels are not of a robot that is known to stand [s]."""
+FAR_AHEAD = 3600.0
+"""A scan this much later than every message before, where other streams are heard, is of another clock [s]: the sound
+scans after it would be out of order. After a pause as long the other streams go on too, and the next scan is taken."""
 
 NOTHING = np.empty(0, np.float32)
 
@@ -101,6 +104,9 @@ class LiveInputs(Inputs):
         lidar, row = self._lidar, np.array(ranges, np.float32)
         if row.shape != lidar.ranges.shape[1:]:
             raise InputError(f"{list(row.shape)}, expected [{lidar.ranges.shape[1]}]", field="ranges")
+        if stamp - self._newest > FAR_AHEAD and self._latest.keys() - {"lidar"}:
+            text = f"{stamp} s, {stamp - self._newest:.0f} s after the newest message, expected the clock of the others"
+            raise InputError(text, field="lidar.stamp")
         self.arrives("lidar", stamp)
         beyond = (row > lidar.range_max) | np.isin(row, np.array(self._platform.lidar.no_return, np.float32))
         row[row < lidar.range_min] = np.nan

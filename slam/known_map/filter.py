@@ -202,7 +202,9 @@ class KnownMapFilter(TsdfFilter):
         normals[0] = 0.0
         self._particles.poses = np.array((x, y, theta)) + normals * spread
         self._tracker.pose = as_pose(self._particles.poses[0])
-        return super()._start(scan)
+        result = super()._start(scan)
+        self._unseen = False  # there is a map
+        return result
 
     def _begin_anew(self, scan: ThinnedScan, tracked: Tracked) -> StepResult:
         """The robot is lost: from here on it is searched for in the whole map."""

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.errors import InputError
 from moteslam.kernels.matching import match_poses
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
+from moteslam.robot.values import shortened
 from moteslam.slam.filter.certainty import Certainty, certainty_of
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.misfit import Misfit
@@ -65,7 +67,7 @@ class PaperFilter(FilterDefaults):
         if len(self.history):
             self._predict(step)
             scores = self._match(step)
-            self.weights = self.weights.times(self.likelihood(scores))
+            self.weights = self.weights.times(self._checked(self.likelihood(scores), scores))
             self.best_particle = self.weights.best
             score = int(scores[self.best_particle])
             self._misfit.observe(driven, score / len(step.points) if len(step.points) else None)
@@ -78,9 +80,26 @@ class PaperFilter(FilterDefaults):
         return StepResult(self._best, step.motion, n_eff, score, True, resampled, self._certainty())
 
     def likelihood(self, scores: NDArray[np.int32]) -> NDArray[Any]:
-        """What the weights [N] are multiplied by: the scores [N] themselves (II.7). Write another in a subclass."""
+        """What the weights [N] are multiplied by: the scores [N] themselves (II.7). Write another in a subclass.
+
+        Returns:
+            [N] finite likelihoods (no logarithms), none below 0; above 0 for one particle at least where a score is.
+        """
         exponent = self._config.score_exponent
         return scores if exponent == 1 else np.power(scores / max(scores.max(), 1), exponent)
+
+    def _checked(self, likelihood: Any, scores: NDArray[np.int32]) -> Array:
+        """What ``likelihood`` returned, which may be that of a subclass."""
+        try:
+            found = np.asarray(likelihood, np.float64)
+            fine = found.shape == scores.shape and bool((np.isfinite(found) & (found >= 0)).all())
+        except (TypeError, ValueError):
+            fine = False
+        if not fine or (scores.any() and not found.any()):
+            expected = f"[{len(scores)}] finite numbers >= 0, not all 0: likelihoods, not their logarithms"
+            field = f"{type(self).__name__}.likelihood"
+            raise InputError(f"{shortened(likelihood)}, expected {expected}", field=field)
+        return found
 
     def occupancy(self) -> Raster:
         """The shared map."""

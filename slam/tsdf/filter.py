@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
-from moteslam.robot.se2 import as_pose, compose_one
+from moteslam.robot.se2 import Pose, as_pose, compose_one
 from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.protocol import FilterDefaults, StepResult
@@ -51,6 +51,7 @@ class TsdfFilter(FilterDefaults):
         self._relocated: Array | None = None
         self._since = MotionSinceUpdate()
         self._mode_mean = STILL  # of the best particle's mode at the last update, in that particle's frame
+        self._unseen = False  # no scan had enough points to begin a map
 
     @property
     def poses(self) -> Array:
@@ -92,15 +93,15 @@ class TsdfFilter(FilterDefaults):
         scan = step.scan or thin(step.points, step.origin, self._config.thinning)
         if not len(self.history):
             return self._start(scan)
+        if self._unseen:
+            return self._wait(step, scan)
         tracked = self._track(step, scan)
         if self._doubt.state is LocalisationState.LOST or tracked.astray:
             return self._begin_anew(scan, tracked)
         doubted = tracked.lost or self._doubt.state is LocalisationState.DOUBTFUL
         due = update_due(self._config.update, self._since.travelled, self._since.tracked)
-        moved = np.array(tracked.motion)
         if doubted or not (due or len(tracked.rivals.offsets)):
-            n_eff = self.weights.effective_number
-            return StepResult(self._pose(), moved, n_eff, 0.0, False, False, self._certainty())
+            return self._unweighed_result(tracked.motion, updated=False)
         places = divide(self._particles, tracked.rivals, self._config.proposal.evidence_share)
         proposal = self._register(step, scan, places)
         proposal = self._weigh(step, proposal)
@@ -109,7 +110,7 @@ class TsdfFilter(FilterDefaults):
         self._sample(step, proposal)
         self._map(scan, proposal)
         self._relocate(scan)
-        return StepResult(self._pose(), moved, n_eff, score, True, resampled, self._certainty())
+        return StepResult(self._pose(), np.array(tracked.motion), n_eff, score, True, resampled, self._certainty())
 
     @property
     def lost(self) -> bool:
@@ -144,8 +145,22 @@ class TsdfFilter(FilterDefaults):
     def _start(self, scan: ThinnedScan) -> StepResult:
         """The first scan: there is nothing to register to; it goes into the one map that all particles share."""
         self._particles.start(scan)
-        pose, n_eff = np.array(self._tracker.pose), self.weights.effective_number
-        return StepResult(pose, np.zeros(3), n_eff, 0.0, True, False, self._certainty())
+        self._unseen = len(scan.points) < self._config.tracking.min_points
+        return self._unweighed_result(STILL, updated=True)
+
+    def _wait(self, step: Step, scan: ThinnedScan) -> StepResult:
+        """There is no map yet: the odometry moves the robot, and the first scan with enough points begins one."""
+        motion = self._tracker.predict(as_pose(step.motion), step.dt, measured=step.measured, left=step.open)
+        self._tracker.pose = compose_one(self._tracker.pose, motion.corrected)
+        self._unseen = len(scan.points) < self._config.tracking.min_points
+        if not self._unseen:
+            self._particles.begin_anew(np.array(self._tracker.pose), scan)
+        return self._unweighed_result(motion.corrected, updated=not self._unseen)
+
+    def _unweighed_result(self, motion: Pose, *, updated: bool) -> StepResult:
+        """Of a scan that weighed no particles."""
+        n_eff = self.weights.effective_number
+        return StepResult(self._pose(), np.array(motion), n_eff, 0.0, updated, False, self._certainty())
 
     def _begin_anew(self, scan: ThinnedScan, tracked: Tracked) -> StepResult:
         """The robot is lost: from here on it draws another map, and the one that it had is where it is looked for."""
@@ -167,8 +182,7 @@ class TsdfFilter(FilterDefaults):
         particles.begin_anew(np.array(self._tracker.pose), scan)
         self._covariance, self._doubt = PoseCovariance(self._config.registration), Doubt()
         self._since, self._mode_mean = MotionSinceUpdate(), STILL
-        pose, n_eff = np.array(self._tracker.pose), self.weights.effective_number
-        return StepResult(pose, np.array(tracked.motion), n_eff, 0.0, True, False, self._certainty())
+        return self._unweighed_result(tracked.motion, updated=True)
 
     def _relocate(self, scan: ThinnedScan) -> None:
         """Look for a robot that is lost in the map that it had."""

@@ -47,11 +47,17 @@ def test_a_script_draws_its_picture(name: str, tmp_path: Path):
     matplotlib.use("agg")
     if name == "gym_env":
         pytest.importorskip("gymnasium")
-    found = import_module(name).main(tmp_path)
+    found = import_module(name).main(tmp_path / "new")
     for picture in PICTURES.get(name, [f"{name}.png"]):
-        assert (tmp_path / picture).stat().st_size > 5000
+        assert (tmp_path / "new" / picture).stat().st_size > 5000
     least, most = MOST[name]
     assert all(least < each < most for each in (found.values() if isinstance(found, dict) else [found]))
+
+
+def test_the_filter_of_ones_own_is_a_method():
+    method = import_module("my_filter").METHOD
+    config = method.config.model_validate({"method": "icp"})
+    assert method.make(config, 0).poses.shape == (1, 3)
 
 
 @pytest.mark.slow

@@ -83,6 +83,30 @@ def test_a_setting_is_a_key_and_a_value_and_a_preset_one_of_those_there_are(pres
     assert caught.value.field == ("settings" if settings else preset)
 
 
+@pytest.mark.parametrize(
+    ("preset", "setting", "like"),
+    [
+        ("paper", "motion.yaw_noise=3", "motion.yaw_rate"),
+        ("default", "particle=3", "particles"),
+        ("default", "trackin.min_points=3", "tracking"),
+        ("default", "backend.distanc=3", "backend.distance"),
+        ("default", "min_points=3", "tracking.min_points"),
+        ("default", "nothing_alike=3", ""),
+    ],
+)
+def test_an_unknown_key_is_told_with_those_that_look_like_it(preset: str, setting: str, like: str):
+    with pytest.raises(ConfigError) as caught:
+        resolve_config(preset, [setting])
+    assert like in caught.value.problem
+    assert ("like" in caught.value.problem) == bool(like)
+    assert "--print-config" in caught.value.problem
+
+
+def test_the_name_of_a_method_is_no_preset():
+    with pytest.raises(ConfigError, match="--set method=tsdf"):
+        load_preset("tsdf")
+
+
 def test_a_table_sets_what_its_keys_and_values_do():
     table = {"particles": 7, "map": {"cell_size": 0.1}}
     assert resolve_config("paper", table) == resolve_config("paper", ["particles=7", "map.cell_size=0.1"])

@@ -1,6 +1,6 @@
 """The filters in a room small enough to reason about, the paper's a step at a time; and the trajectories of a run."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 
@@ -238,3 +238,51 @@ def test_without_the_search_no_covariance_is_singular(offsets: str):
     recording, _ = circled_room(scans=20)
     estimate = run_slam(recording, resolve_config("paper", ["particles=20", offsets]))
     assert np.linalg.eigvalsh(estimate.covariances).min() > 0
+
+
+@pytest.mark.parametrize(
+    "returned",
+    [
+        lambda scores: np.log(scores / scores.max()),
+        lambda scores: 0.5,
+        lambda scores: np.exp(1e6 * scores),
+        lambda scores: np.exp(-1e6 * scores),
+        lambda scores: scores[:-1],
+        lambda scores: None,
+    ],
+    ids=["logarithms", "one", "overflow", "zeros", "short", "nothing"],
+)
+@pytest.mark.filterwarnings("ignore:.* encountered in")
+def test_a_likelihood_that_is_none_is_refused(returned: Callable[[np.ndarray], object]):
+    class Mine(PaperFilter):
+        def likelihood(self, scores: np.ndarray) -> object:
+            return returned(scores)
+
+    with pytest.raises(InputError, match="20") as caught:
+        run_slam(circled_room(scans=10)[0], resolve_config("paper", ["particles=20"]), method=Mine)
+    assert caught.value.field == "Mine.likelihood"
+
+
+class NoFilter:
+    def __init__(self, config: object, seed: int) -> None:
+        self.poses = np.zeros((1, 3))
+
+
+class NoResult(PaperFilter):
+    def step(self, step: Step) -> object:
+        return np.zeros(3)
+
+
+@pytest.mark.parametrize(
+    ("method", "field", "told"),
+    [
+        ("mine", "method", "method=NAME"),
+        (NoFilter, "method", "FilterDefaults"),
+        (NoResult, "NoResult.step", "ndarray, expected a StepResult"),
+    ],
+)
+def test_a_method_that_is_no_filter_is_refused(method: object, field: str, told: str):
+    with pytest.raises(ConfigError) as caught:
+        run_slam(circled_room(scans=5)[0], resolve_config("paper", ["particles=2"]), method=method)
+    assert caught.value.field == field
+    assert told in caught.value.problem

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache
@@ -330,6 +331,8 @@ def test_scans_stamped_at_the_end_of_their_sweep_are_put_back(seconds: float, at
     found, about = found_in(recording)
     (issue,) = (one for one in about.issues if one.code == "clock-offset")
     assert ("as if stamped at its end" in issue.message) == at_end
+    value, low, high = map(float, re.findall(r"stamped (\S+) s \(95 %: (\S+) to (\S+)\) later", issue.message)[0])
+    assert 0 < low - 0.005 < value < high + 0.005  # rounded
     mended = corrected(recording, found)
     moved, other = (mended.lidar, mended.odometry) if at_end else (mended.odometry, mended.lidar)
     was, same = (true.lidar, true.odometry) if at_end else (true.odometry, recording.lidar)

@@ -1,5 +1,6 @@
 """How sure the filters are, in simple rooms and by their mathematics; and when scans contradict the map."""
 
+import json
 import math
 from copy import copy
 from typing import Any
@@ -206,3 +207,8 @@ def test_a_robot_that_was_carried_is_found_where_scans_fit_as_usual_and_else_is_
             doubt.observe(0.1, seen)
         assert doubt.state is state
         assert doubt.carried is (state is LOST)
+
+
+def test_a_state_prints_its_name_and_stays_a_number():
+    assert f"{LOST}" == str(LOST) == "LOST"
+    assert json.dumps([LOST, float(SURE)]) == "[2, 0.0]"

@@ -1,5 +1,6 @@
 """The TSDF filter a step at a time: weights and score are those of its proposals, the odometry is calibrated."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -163,3 +164,16 @@ def test_along_bare_walls_the_updates_of_a_metre_leave_it_to_the_odometry_howeve
         return -float(found.offsets[0, 0])
 
     assert 10 * pulled(0.1) < pulled(1.0)
+
+
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+def test_the_map_begins_with_the_first_scan_that_has_points(value: float):
+    recording, true = circled_room()
+    lidar = recording.lidar
+    ranges = np.array(lidar.ranges)
+    ranges[:15] = value
+    found = run(recording.replace(lidar=replace(lidar, ranges=ranges)), "particles=3")
+    assert (found.diagnostics["state"] == 0).all()
+    assert found.diagnostics["updated"][:16].tolist() == [True, *[False] * 14, True]
+    since = se2.between(found.trajectory.poses[15], found.trajectory.poses[15:])
+    assert np.abs(since - se2.between(true[15], true[15:]))[:, :2].max() < 0.03
