@@ -198,11 +198,12 @@ def plot(
     from moteslam.eval.report.curves import draw_sweep
     from moteslam.eval.runs import axis_of, metric_names, read_runs, varying
 
-    names = metric_names(metrics)
+    metric_names(metrics)  # before the file is read
     with options.new_file(out, ".png", force=force):
         rows = [row for row in read_runs([file]) if row.status]
         if not rows:
             raise InputError("no run was made yet, expected some", file=file)
+        names = metrics or metric_names(None, rows)[:1]
         known = varying([row.about for row in rows])
         column = along or next((key for row in rows for key, _ in row.run.varied), axis_of(rows))
         if column not in known:

@@ -44,7 +44,8 @@ class Row:
         status: as of ``Outcome``; empty of one that was not made yet.
         scores: by metric, as of ``Value.as_dict``.
         issues: of recording and run.
-        succeeded: whether it ended well, with each metric of ``SweepSpec.success`` present and within its limit.
+        succeeded: whether it ended well, with each metric of ``SweepSpec.success`` present and within its limit; None
+            where it ended well and one of them was not measured.
         folder: of its result, if it has one.
         facts: versions and hardware of a result folder.
     """
@@ -54,7 +55,7 @@ class Row:
     error: str = ""
     scores: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     issues: tuple[dict[str, Any], ...] = ()
-    succeeded: bool = False
+    succeeded: bool | None = False
     folder: Path | None = None
     facts: Environment = field(default_factory=dict)
 
@@ -102,8 +103,10 @@ class Row:
         return replace(self, run=self.run.model_copy(update={"configuration": configuration}))
 
 
-def within(scores: Mapping[str, Mapping[str, Any]], limits: Mapping[str, float] = SUCCESS) -> bool:
-    """Whether each of some metrics is present and within its limit."""
+def within(scores: Mapping[str, Mapping[str, Any]], limits: Mapping[str, float] = SUCCESS) -> bool | None:
+    """Whether each of some metrics is present and within its limit; None where one was not measured."""
+    if not scores.keys() >= limits.keys():
+        return None
     values = {name: scores.get(name, {}).get("value") for name in limits}
     return all(value is not None and value <= limits[name] for name, value in values.items())
 
