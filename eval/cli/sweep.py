@@ -68,9 +68,9 @@ def run(
 ) -> None:
     """Make the runs of a specification, record each as it ends, and print a summary.
 
-    Killed at any moment and started again, it goes on where it was: no run that was recorded is lost or made again. A
-    run that fails, crashes or takes too long is recorded with its error. The results are the same, bit for bit,
-    whatever the number of workers, parts and interruptions. Exit code 1 where no run ended well.
+    Killed at any moment and started again, it goes on where it was: no run that ended well is lost or made again. One
+    that fails, crashes or takes too long is recorded with its error, and tried again the next time. The results are the
+    same, bit for bit, whatever the number of workers, parts and interruptions. Exit code 1 where no run ended well.
 
     \b
     Examples:
@@ -95,7 +95,9 @@ def run(
     target = beside if out is None else out
     begin(target, file, wanted, shard or WHOLE, environment())
     with opened(target, write=True) as store:
-        runs = store.pending()
+        runs = store.pending(again=True)
+        if again := len(runs) - store.counts().get("", 0):
+            note(f"tried again: {counted(again, 'run')} that did not end well")
         done = sum(store.counts().values()) - len(runs)
         with progress_bar("sweep", done + len(runs), "runs") as update:
             update(done)

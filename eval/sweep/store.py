@@ -125,9 +125,10 @@ class Store:
         self.environment: dict[str, dict[str, str]] = json.loads(about.get("environment", "{}"))
         self.success: dict[str, float] = json.loads(self.spec).get("success", SUCCESS)
 
-    def pending(self) -> list[PlannedRun]:
-        """The runs that were not made yet, in their order."""
-        found = self._connection.execute("SELECT run FROM runs WHERE status IS NULL ORDER BY number")
+    def pending(self, *, again: bool = False) -> list[PlannedRun]:
+        """The runs that were not made yet, in their order, and after them those that did not end well, if ``again``."""
+        which = "status IS NULL" + " OR status != 'ok'" * again
+        found = self._connection.execute(f"SELECT run FROM runs WHERE {which} ORDER BY status IS NOT NULL, number")
         return [PlannedRun.model_validate_json(text) for (text,) in found]
 
     def counts(self) -> dict[str, int]:
