@@ -189,12 +189,13 @@ class SweptLine(NamedTuple):
 def lines_over(rows: Iterable[Row], column: str) -> list[SweptLine]:
     """The lines of a chart over a column of ``Row.about``; runs without it are left out."""
     having = [row for row in rows if column in row.about]
-    keys = [key for key in varying([row.about for row in having]) if key != column]
+    # a configuration has one version
+    keys = [key for key in varying([row.about for row in having]) if key not in (column, "version")]
     keys = [key for key in keys if len({str(row.about.get(key, "")) for row in having}) > 1]
 
     def words(row: Row, settings: bool) -> str:
         named = [key for key in keys if (key in SETTINGS) == settings and row.about.get(key, "") != ""]
-        plain = (*SETTINGS, CONFIGURATION, "version")
+        plain = (*SETTINGS, CONFIGURATION)
         return ", ".join(f"{'' if key in plain else f'{key_words(key)} '}{row.about[key]}" for key in named)
 
     members = grouped(having, lambda row: (words(row, True), words(row, False)))
@@ -287,7 +288,9 @@ def _draw_medians(
             each = [factor * row.known[name] for row in line.groups[value] if name in row.known]
             axes.plot([at] * len(each), each, ".", color=looks[index]["color"], ms=4, alpha=0.5)
         failed = ~np.isfinite(shown[0])
-        axes.plot(x[failed], y[failed], "o", mfc="white", mec=looks[index]["color"], ms=9, zorder=5)
+        if failed.any():
+            axes.plot(x[failed], y[failed], "o", clip_on=False, mec=looks[index]["color"], mfc="white", ms=9, zorder=5)
+            axes.plot([], [], "o", mec="0.4", mfc="white", ms=9, label="half of the runs or more failed")
     if few:
         axes.plot([], [], ".", color="0.4", label="every run")
     names = [f"{value:g}" if isinstance(value, float) else str(value) for value in places]

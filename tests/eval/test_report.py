@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 
@@ -209,6 +210,20 @@ def test_a_colour_a_scenario_and_dashes_a_configuration(tmp_path: Path, drawn: l
     assert dashes[0] == dashes[2] != dashes[1]
     np.testing.assert_allclose(lines[0].get_xdata(), [3, 10], rtol=0.05)
     np.testing.assert_allclose(lines[0].get_ydata(), [20, 10])  # [cm]
+
+
+def test_commands_are_one_series_and_a_failed_one_is_a_whole_marker(tmp_path: Path, drawn: list[Figure]) -> None:
+    rows = []
+    for name, error, version in (("ours", 0.1, ""), ("theirs", 0.2, "icp 2"), ("broken", inf, "1")):
+        row = made("corridor", name, error)
+        rows.append(replace(row, run=row.run.model_copy(update={"command": (("x",), "carmen", "a", "b", version)})))
+    draw_sweep(tmp_path / "a.png", rows, ["final.ate"], column="configuration")
+    assert legend_of(drawn[0]) == ["median", "half of the runs or more failed", "every run"]
+    axes = drawn[0].axes[0]
+    (failed,) = [line for line in axes.lines if line.get_markersize() == 9 and len(line.get_xdata())]
+    assert not failed.get_clip_on()
+    assert [*failed.get_xdata()] == [2.0]  # at its tick
+    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["ours", "theirs", "broken"]
 
 
 @pytest.mark.parametrize(
