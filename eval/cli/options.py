@@ -39,6 +39,8 @@ Format = Annotated[
     Literal["text", "markdown", "latex", "csv"],
     opt("Of the table that is printed, in place of text.", "markdown|latex|csv", "--format"),
 ]
+FIGURES = (".png", ".pdf", ".svg")
+"""Endings of the files of figures."""
 Metrics = Annotated[
     list[str] | None, opt("Which metrics [those that the sweep names, or final.ate]; repeatable.", "NAME", "--metric")
 ]

@@ -181,7 +181,7 @@ def show(
 @app.command("plot")
 def plot(
     file: File,
-    out: Annotated[Path, opt("A new file.", "FILE.png")],
+    out: Annotated[Path, opt("A new file.", "FILE.png|pdf|svg")],
     metrics: options.Metrics = None,
     along: Annotated[str | None, opt("What it is drawn over [the key that varies].", "COLUMN", "--x")] = None,
     label: Annotated[str | None, opt("Of that axis [the key].", "TEXT")] = None,
@@ -201,7 +201,7 @@ def plot(
     from moteslam.eval.runs import axis_of, metric_names, read_runs, varying
 
     metric_names(metrics)  # before the file is read
-    with options.new_file(out, ".png", force=force):
+    with options.new_file(out, *options.FIGURES, force=force):
         rows = [row for row in read_runs([file]) if row.status]
         if not rows:
             raise InputError("no run was made yet, expected some", file=file)

@@ -25,6 +25,7 @@ from moteslam.eval.report.style import broken
 from moteslam.eval.results import from_same_start, write_map_files
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.store import Row
+from moteslam.eval.tables import number
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
 
@@ -96,10 +97,12 @@ def test_legends_name_each_path_its_start_and_its_end(run, simulation, tmp_path:
     curves.draw_error(tmp_path / "c.png", slam=ate)
     maps.draw_dead_reckoning(tmp_path / "d.png", estimate.dead_reckoning)
     maps.draw_dead_reckoning(tmp_path / "e.png", estimate.dead_reckoning, truth=truth)
+    unit = drawn[2].axes[0].get_ylabel().removeprefix("position error ")  # one a figure
+    rmse = f"{number({'[mm]': 1000, '[cm]': 100}[unit] * ate.rmse)} {unit[1:-1]}"
     assert [legend_of(figure) for figure in drawn] == [
         ["SLAM (final)", "start", "end"],
         ["SLAM (online)", "start", "robot"],
-        [f"SLAM (online), RMSE {1000 * ate.rmse:.3g} mm", "lines: running medians, bands: ranges"],
+        [f"SLAM (online), RMSE {rmse}", "lines: running medians, bands: ranges"],
         ["dead reckoning", "start", "end"],
         ["truth", "dead reckoning", "start", "end"],
     ]
