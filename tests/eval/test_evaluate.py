@@ -113,6 +113,14 @@ def test_results_are_kept_and_drawn(folder: Path, capsys: pytest.CaptureFixture[
     assert len(json.loads((folder / "new/result.json").read_text(encoding="utf-8"))["results"]) == 1
 
 
+def test_who_asks_for_a_file_of_the_tables_is_told_how(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = refused(capsys, "evaluate", "good.tum", "truth.tum", "--out", "t.tex")
+    assert all(words in line for words in ("--out: ", "> FILE", "--save FILE"))
+    line = refused(capsys, "compare", "a.sweep", "--out", "t.tex")
+    assert "> FILE" in line
+    assert "--save" not in line
+
+
 def test_figures_have_one_unit_and_short_labels(
     folder: Path, capsys: pytest.CaptureFixture[str], drawn: list[Figure]
 ) -> None:
