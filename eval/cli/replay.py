@@ -237,7 +237,7 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     from moteslam.robot.values import Issue
     from moteslam.slam.calibration.calibrate import PAIRS
     from moteslam.slam.calibration.findings import checked
-    from moteslam.slam.calibration.mended import calibrated, corrected
+    from moteslam.slam.calibration.mended import calibrated
 
     found, about = checked(recording, PAIRS if side is not None else FEW_PAIRS)
     if found is None or about is None:
@@ -248,7 +248,7 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     if side is None:
         ends = dict.fromkeys(about.decided, "corrected")
         moves = tuple(Issue(one.code, f"{one.message}; {ends.get(one.code, 'see --calibrate')}") for one in about.moves)
-        return (corrected(recording, found) if about.decided else recording), moves
+        return (calibrated(recording, found, None) if about.decided else recording), moves
     mended = calibrated(recording, found, side)
     return mended, tuple(Issue(issue.code, f"{issue.message}; mended by the {side}") for issue in about.issues)
 

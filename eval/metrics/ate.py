@@ -79,6 +79,7 @@ class AteResult(PoseErrors):
         scale: that the estimate was multiplied by before; 1 unless it was asked for.
         motion: in space, the rotation [3, 3] and translation [3] that laid the estimate on the reference; poses are
             then those in the plane of motion.
+        space: in space, the poses that ``aligned`` and ``reference`` are in that plane.
     """
 
     aligned: Poses
@@ -86,6 +87,7 @@ class AteResult(PoseErrors):
     transform: Poses
     scale: float
     motion: tuple[Array, Array] | None = None
+    space: tuple[Space, Space] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """The statistics, fit for JSON."""
@@ -158,7 +160,8 @@ def _in_space(matched: Matched, *, align: bool, from_start: bool, scale: bool) -
     turn = association.upright(true.positions)
     aligned, reference = (association.planar(space, turn, true.rotations[0]) for space in (laid_on, true))
     transform = np.array((translation[0], translation[1], float(association.heading_of(rotation))))
-    return AteResult(matched.stamps, errors, turns, aligned, reference, transform, factor, (rotation, translation))
+    laying = rotation, translation
+    return AteResult(matched.stamps, errors, turns, aligned, reference, transform, factor, laying, (laid_on, true))
 
 
 def _scale(source: Array, target: Array) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, spatial
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.robot import se2
-from moteslam.robot.trajectory import FARTHEST, TILT, Space, Trajectory, tilt_of
+from moteslam.robot.trajectory import FARTHEST, TILT, Space, Trajectory, rotations_of, tilt_of
 from moteslam.robot.values import Issue
 
 Array = NDArray[np.float64]
@@ -26,18 +26,21 @@ LEAST, COARSE, FINE = 10, 200, 5000
 DENSE = 0.5
 """Poses nearer to each other than this [s] are interpolated."""
 GAIN, GAIN_METRES, FITS = 0.5, 0.01, 0.1
-"""The error must fall to less than this share of itself, the less the less of the drives is left in common, and by more
-than this [m]; without a common time to less than this share of the spread of the reference."""
+"""A rate must leave less than this share of what an offset leaves, and the error fall by more than this [m]; without a
+common time to less than this share of the spread of the reference."""
 SHAPE, DRIFTS = 0.3, 0.1
-"""By another scale, sign or rate of the clock the error must fall to less than this share; clocks drift by less."""
+"""By a clock, arm, scale or sign the error must fall to less than this share, by a clock to less the less of the drives
+is left in common; clocks drift by less."""
 OVERLAP = 0.6
 """Share of the shorter drive that they must have in common."""
 ALIKE = 1.2
-"""Of offsets whose errors differ by less than this factor the smallest is taken."""
+"""Errors that differ by less than this factor are alike: the smallest offset is taken, clock and arm are both told."""
 SMALL, SAME = 0.1, 1e-4
 """Errors and sizes below the first [m] are no other unit; no measurement is as near to the truth as the second [m]."""
 AXES = np.deg2rad(30.0)
 """Orientations that differ by more than this [rad] are of other axes, or another order, unit or sign."""
+TURNS = 0.1
+"""Turns smaller than this [rad] show no offset on the robot: on a straight drive, drift looks like a long one."""
 HEIGHTS = 0.05
 """Heights that are left out are reported where they are spread by more [m]."""
 UNLIKE, FEW, ALL_FIT = 0.5, 0.5, 3
@@ -46,7 +49,7 @@ of a part where less than the second share is compared; fewer poses than the thi
 
 
 def clock_offset(estimate: Trajectory, reference: Trajectory, before: float | None = None) -> tuple[float, str] | None:
-    """What is said of an offset or a rate of the estimate's clock that fits much better (``GAIN``, ``SHAPE``), and
+    """What is said of an offset or a rate of the estimate's clock that fits much better (``SHAPE``, ``GAIN``), and
     the RMSE [m] after alignment with it; ``before`` is the error to be named, of clocks with a time in common.
     """
     if min(len(estimate), len(reference)) < LEAST:
@@ -64,6 +67,8 @@ def clock_offset(estimate: Trajectory, reference: Trajectory, before: float | No
         rate = f"{100 * abs(slow):.2f} % {'slow' if slow > 0 else 'fast'}"
         return rmse, f"{fits} if its clock runs {rate}: its stamps, or those of the reference, are to be scaled"
     option = f"(--time-offset {seconds:.3f})"
+    if before is not None and not (estimate.oriented or reference.oriented):
+        option += ", or this is a point of the robot ahead of the other's or behind it: no orientations tell"
     return rmse, f"moved by {seconds:+.3f} s {fits}: its clock seems to be another one {option}"
 
 
@@ -90,35 +95,50 @@ def _offset(search: _Search) -> tuple[float, float, float] | None:
     if np.isnan(before):  # hardly a time in common
         fits = rmse < FITS * search.spread * share and rmse + GAIN_METRES < search.spread
         return (best, 0.0, rmse) if fits else None
+    # parts that are left out by an offset, as where a run got lost, are no reason for one: in laps any lap fits
+    before = float(np.nanmin([before, *(search.rmse(0.0, FINE, part) for part in search.parts(best))]))
     start, slow, left = search.fitted(0.0 if before < rmse else best, drifts=True)
     if left < min(GAIN * rmse, SHAPE * before) and rmse - left > GAIN_METRES and abs(slow) < DRIFTS:
         return (start, slow, left) if left < GAIN * min(map(search.scaled, (0.0, best))) else None
-    return (best, 0.0, rmse) if rmse < GAIN * before * share and before - rmse > GAIN_METRES else None
+    return (best, 0.0, rmse) if rmse < SHAPE * before * share and before - rmse > GAIN_METRES else None
 
 
-def _lever_arm(ate: AteResult) -> Iterator[tuple[float, Issue]]:
-    """The fixed offset on the robot that explains most of the error in the plane (``SHAPE``).
+def _lever_arm(
+    estimate: Trajectory, reference: Trajectory, ate: AteResult, share: float
+) -> Iterator[tuple[float, Issue]]:
+    """The fixed offset on the robot that leaves less than a share of the error, in the axes of the body of the
+    estimate, or of the reference where only that has orientations.
 
-    Least squares of ``true - there = e J there + R(theta) arm + t`` over ``e``, ``arm`` and ``t``; J is a quarter turn.
+    Gauss-Newton of ``true = Q (there + R arm) + t`` over ``arm`` [3], the rotation Q and t; where the body turns too
+    little to show it (``TURNS``), a part of the arm is 0, as that along the axis of all turns.
     """
-    if ate.motion is not None or ate.rotation_errors is None or ate.rmse < GAIN_METRES:
+    own = estimate.oriented
+    if not (own or reference.oriented) or ate.rmse < GAIN_METRES or len(ate.stamps) < LEAST:
         return
-    there, true, n = ate.aligned[:, :2], ate.reference[:, :2], len(ate.aligned)
-    c, s, one, none = np.cos(ate.aligned[:, 2]), np.sin(ate.aligned[:, 2]), np.ones(n), np.zeros(n)
-    x = np.column_stack((-there[:, 1], c, -s, one, none))
-    y = np.column_stack((there[:, 0], s, c, none, one))
-    design, goal = np.vstack((x, y)), (true - there).T.ravel()
-    found, _, rank, _ = np.linalg.lstsq(design, goal, rcond=None)
-    rmse = float(np.linalg.norm(goal - design @ found) / np.sqrt(n))
-    if rank == design.shape[1] and rmse < SHAPE * ate.rmse and ate.rmse - rmse > GAIN_METRES:
-        text = (
-            f"an offset of x {found[1]:.3f} m, y {found[2]:.3f} m on the robot explains the ATE but for {rmse:.4f} m:"
-        )
-        option = f"(--est-offset {found[1]:.3f} {found[2]:.3f} 0)"
-        yield (
-            rmse,
-            Issue("lever-arm", f"{text} these are paths of different points of it, as of lidar and base {option}"),
-        )
+    some = evenly(np.arange(len(ate.stamps)), FINE)
+    pair = ate.space or [spatial(Trajectory(ate.stamps, poses)) for poses in (ate.aligned, ate.reference)]
+    there, true = (one[some] for one in (pair if own else pair[::-1]))
+    goal, size = true.positions - true.positions.mean(axis=0), float(true.positions.std(axis=0).max())
+    turn, arm, best = np.eye(3), np.zeros(3), (inf, np.zeros(3))
+    for _ in range(ROUNDS):
+        moved = (there.positions + there.rotations @ arm) @ turn.T
+        moved -= moved.mean(axis=0)
+        off = goal - moved
+        best = min(best, (float(np.sqrt(np.square(off).sum(axis=1).mean())), arm), key=lambda one: one[0])
+        about = np.cross(np.eye(3)[:, None], moved / max(size, SAME))
+        design = np.concatenate((about, np.moveaxis(turn @ there.rotations, 2, 0)))
+        design -= design.mean(axis=1, keepdims=True)
+        step = np.linalg.lstsq(design.reshape(6, -1).T, off.ravel(), rcond=TURNS)[0]
+        arm, turn = arm + step[3:], rotations_of(np.array([(*step[:3] / max(size, SAME) / 2, 1.0)]))[0] @ turn
+    rmse, (x, y, z) = best
+    if rmse < share * ate.rmse and ate.rmse - rmse > GAIN_METRES:
+        flat, whose = abs(z) < GAIN_METRES, "estimate" if own else "reference"
+        text = f"an offset of x {x:.3f} m, y {y:.3f} m{'' if flat else f', z {z:.3f} m'} on the robot"
+        text += f", in the axes of the {whose}'s body, explains the ATE but for {rmse:.4f} m: these are paths of"
+        text += " different points of it, as of lidar and base"
+        option = f"{'' if own else 'exchange the files: '}--est-offset {x:.3f} {y:.3f} 0"
+        mend = option if flat else f"add it, turned by each orientation, to the positions of the {whose}"
+        yield rmse, Issue("lever-arm", f"{text} ({mend})")
 
 
 def doubts(
@@ -130,12 +150,16 @@ def doubts(
     """
     left_out = "out-of-plane" if in_space(estimate, reference) else ""  # it matters in x and y
     issues = [issue for issue in (*estimate.warnings, *reference.warnings) if issue.code != left_out]
-    reasons = [*_shapes(ate), *(_lever_arm(ate) if align else ())]
+    reasons, found = [*_shapes(ate)], clock_offset(estimate, reference, ate.rmse) if align else None
     if align:
         reasons += _inverted(estimate, reference, ate, apart)
-    if align and (found := clock_offset(estimate, reference, ate.rmse)) is not None:
-        reasons.append((found[0], Issue("clocks-differ", found[1])))
-    best = [min(reasons, key=lambda reason: reason[0])[1]] if reasons else []
+        reasons += _lever_arm(estimate, reference, ate, SHAPE if found is None else 1.0)
+    if found is not None:  # between poses, where it is fitted, noise is less
+        reasons.append((ALIKE**2 * found[0], Issue("clocks-differ", found[1])))
+    reasons.sort(key=lambda reason: reason[0])
+    best = [issue for _, issue in reasons[:1]]
+    if found is not None and best[0].code == "lever-arm" and found[0] < ALIKE * reasons[0][0]:  # at an even speed
+        best = [replace(best[0], message=f"{best[0].message}; or else {found[1]}")]
     few_off = float(np.median(ate.errors)) < UNLIKE * float(np.linalg.norm(ate.reference[:, :2].std(axis=0)))
     if few_off and any(issue.code == "implausible-speed" for issue in issues):  # poses far off make any paths unlike
         best = [issue for issue in best if issue.code != "unlike"]
@@ -256,13 +280,21 @@ class _Search:
             self.there = _at(self.at, times, goal)
         self.middle = float(self.at.mean())
 
-    def laid(self, offset: float, rate: float, most: int) -> tuple[NDArray[np.intp], Array, Array] | None:
+    def parts(self, offset: float) -> tuple[tuple[float, float], tuple[float, float]]:
+        """From when to when [s] either drive is compared at an offset, that of ``at`` first."""
+        begin, end = max(self.at[0], self.stamps[0] + offset), min(self.at[-1], self.stamps[-1] + offset)
+        return (begin, end), (begin - offset, end - offset)
+
+    def laid(
+        self, offset: float, rate: float, most: int, part: tuple[float, float] = (-inf, inf)
+    ) -> tuple[NDArray[np.intp], Array, Array] | None:
         """Which positions are compared, what is left of them [k, d] after rigid alignment, and its rotation.
 
         None where too little of the shorter drive is left, or what is left stands still.
         """
         at = self.at - offset - rate * (self.at - self.middle)
-        keep = evenly(np.flatnonzero((at >= self.stamps[0]) & (at <= self.stamps[-1])), most)
+        inside = (at >= max(self.stamps[0], part[0])) & (at <= min(self.stamps[-1], part[1]))
+        keep = evenly(np.flatnonzero(inside), most)
         if len(keep) < LEAST or np.ptp(self.at[keep]) < OVERLAP * self.shorter:
             return None
         a, b = _at(at[keep], self.stamps, self.positions), self.there[keep]
@@ -273,9 +305,9 @@ class _Search:
         u[:, -1] *= np.linalg.det(u) * np.linalg.det(v)
         return keep, b - a @ (u @ v).T, u @ v
 
-    def rmse(self, offset: float, most: int) -> float:
+    def rmse(self, offset: float, most: int, part: tuple[float, float] = (-inf, inf)) -> float:
         """After rigid alignment [m], or NaN."""
-        found = self.laid(offset, 0.0, most)
+        found = self.laid(offset, 0.0, most, part)
         return float("nan") if found is None else float(np.sqrt(np.square(found[1]).sum(axis=1).mean()))
 
     def fitted(self, offset: float, *, drifts: bool) -> tuple[float, float, float]:

@@ -12,6 +12,7 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.sensor_reports import turns
+from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.clock_step import ClockStep, clock_steps, with_stamps
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Fit, Pairs, Parameter, Path, clock, fit
 from moteslam.slam.calibration.odometry_forms import FORMS, in_form, quarter_turn
@@ -52,8 +53,8 @@ STEPPED = 0.8
 near an end of the recording is in few of them."""
 UNFIT = 7.0
 """Odometry that costs more in every way does not measure the motion of the scans."""
-BESIDE = 0.26
-"""A fan sees a side of the robot from this angle to the side on [rad]: one of 180 degrees may be wrong by as much."""
+ANGLES = 0.012
+"""Angles that differ by less from the stated move no result by a tenth of a metre."""
 SIGMAS = 5.0
 """What differs from what is stated by less than this many standard deviations is not certain."""
 LATE, LATE_WHEELS = 0.16, 0.25
@@ -111,7 +112,7 @@ class Calibration:
     step: ClockStep | None = None
 
 
-def estimate(recording: Recording, pairs: int = PAIRS) -> Calibration | None:
+def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None:
     """Estimate what a recording shows of its sensors, from scans alone and from scans and odometry.
 
     Args:
@@ -119,11 +120,17 @@ def estimate(recording: Recording, pairs: int = PAIRS) -> Calibration | None:
         pairs: of scans that are registered: the more, the longer it takes, and the smaller the deviations.
 
     Returns:
-        None if too little is there.
-
-    Raises:
-        UnmeasuredError: scans do not fit each other, or the robot drives and shows nothing.
+        None if too few scans fit each other, the robot hardly turns, or there is no odometry.
     """
+    try:
+        return estimate(recording, pairs)
+    except UnmeasuredError:
+        return None
+
+
+def estimate(recording: Recording, pairs: int) -> Calibration | None:
+    """The same; scans that do not fit, and drives that show nothing, raise ``UnmeasuredError``."""
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
         return None
@@ -225,12 +232,14 @@ def _calibrate(
     scans.expect(GOOD)
     clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged
-    beside = _sees_both_sides(lidar, recording.platform.lidar.yaw)
-    if abs(angle_scale - 1) > SIGMAS * deviation and not (wheels_alone or beside):
+    certain = abs(angle_scale - 1) > SIGMAS * deviation
+    beside = wheels_alone or scans.sees_both_sides(recording.platform.lidar.yaw)
+    if abs(angle_scale - 1) > ANGLES and not (certain and beside):
         witness = scans.stated()
         as_stated = fit(witness.pairs, at, (offset, drift), shared=logged)
-        if clocks.cost > EXPLAINED * as_stated.cost:
-            scans, clocks, deviation, excess = witness, as_stated, abs(angle_scale - 1), (excess[0], abs(excess[0]))
+        if not certain or clocks.cost > EXPLAINED * as_stated.cost:
+            scans, clocks, excess = witness, as_stated, (excess[0], max(excess[1], abs(excess[0])))
+            deviation = max(deviation, abs(angle_scale - 1))
     one = clocks if logged else fit(scans.pairs, at, (0.0, 0.0), shared=True)
     drifts_by, about_drift = (float(each[Parameter.DRIFT]) for each in (clocks.values, clocks.deviations))
     leaps = abs(drifts_by) > max(MOST_DRIFT, SIGMAS * about_drift)  # no clock drifts so
@@ -280,12 +289,6 @@ def _clocks_differ(found: Fit, duration: float, *, wheels_alone: bool) -> bool:
     late = abs(offset) > max(LATE_WHEELS if wheels_alone else LATE, SIGMAS * about_offset)
     drifts = abs(drift) > max(DRIFT, SIGMAS * about_drift)
     return bool(late or (drifts and abs(drift) * duration > LATE))
-
-
-def _sees_both_sides(lidar: LidarStream, yaw: float) -> bool:
-    """Whether beams go to the left and to the right of the robot."""
-    bearings = yaw + lidar.angle_min + lidar.angle_increment * np.arange(lidar.ranges.shape[1])
-    return all((np.abs(se2.wrap(bearings - side)) < BESIDE).any() for side in (np.pi / 2, -np.pi / 2))
 
 
 def _wrong(recording: Recording, pairs: Pairs) -> Literal["", "lidar", "odometry", "gyro"]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recording
 from moteslam.robot.values import Issue
-from moteslam.slam.calibration.calibrate import LATE, PAIRS, SIGMAS, Calibration, estimate
+from moteslam.slam.calibration.calibrate import ANGLES, LATE, PAIRS, SIGMAS, Calibration, estimate
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
 from moteslam.slam.calibration.registered import UnmeasuredError
 from moteslam.slam.inputs.config import SyncConfig
@@ -22,10 +22,8 @@ from moteslam.slam.inputs.synchronise import sweep_seconds
 
 Array = NDArray[np.float64]
 
-ANGLES = 0.012
-"""Smaller differences move no result by a tenth of a metre: of angles over the stated,"""
 PLACE, YAW = 0.07, 0.06
-"""of the mount [m], [rad],"""
+"""Smaller differences move no result by a tenth of a metre: of the mount [m], [rad],"""
 EXCESS = 0.07
 """of ranges that are all too long or too short by as much [m],"""
 SCALE = 0.04
@@ -81,7 +79,7 @@ class Findings:
         figures: all estimates.
         issues: what is certain.
         moves: those that move the result of SLAM by more than a tenth of a metre.
-        decided: codes of those of which it is known which side is wrong: ``mended.corrected`` mends them.
+        decided: codes of those of which it is known which side is wrong: ``mended.calibrated`` mends them.
     """
 
     figures: tuple[Figure, ...]

@@ -21,16 +21,6 @@ Array = NDArray[np.float64]
 Side = Literal["lidar", "odometry"]
 
 
-def corrected(recording: Recording, calibration: Calibration) -> Recording:
-    """A recording without what is certainly wrong, where it is known which side is: ``Findings.decided``."""
-    c = calibration
-    lidar = recording.lidar
-    assert lidar is not None
-    if not c.correlation:
-        return recording.replace(encoders=None, imu=None, odometry=None, lidar=replace(lidar, odometry=None))
-    return calibrated(recording, c, None)
-
-
 def calibrated(recording: Recording, calibration: Calibration, side: Side | None) -> Recording:
     """A recording mended by what is certain.
 
@@ -38,10 +28,12 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
         recording: that the calibration was made of.
         calibration: of it.
         side: what is taken to be wrong where the two contradict each other and scans cannot say which is: one that is
-            a mirror image, the ratio of lengths, the clock; None mends only the odometry's clock and poses, and the
-            mirror image if a third witness says which it is.
+            a mirror image, the ratio of lengths, the clock; None mends only what is known to be on one side
+            (``Findings.decided``): the odometry's clock and poses, a mirror image if a third witness says which.
     """
-    c = calibration
+    c, lidar = calibration, recording.lidar
+    if side is None and lidar is not None and not c.correlation:
+        return recording.replace(encoders=None, imu=None, odometry=None, lidar=replace(lidar, odometry=None))
     recording = recording if c.step is None else c.step.undone(recording)
     mirror = (c.wrong or side) if c.mirrored and c.fits else None
     c = replace(c, mirrored=mirror == "lidar")

@@ -46,6 +46,9 @@ TURNING = 0.05
 """Scans whose turns deviate by less show nothing of odometry [rad]."""
 
 
+BESIDE, MOSTLY = 0.26, 0.5
+"""A side of the robot is seen within this angle of the side on [rad], as a fan of 180 degrees may be wrong by as much,
+in more than this share of the scans."""
 DRIVES = 2.0
 """A robot that goes no farther is not said to show nothing [m]."""
 BACKWARDS, SOME_BACKWARDS = 3.0, 0.1
@@ -128,6 +131,12 @@ class RegisteredPairs:
         good = self._found.good
         about = covariances(self._found.information[good], self._found.deviation[good])
         return Pairs(self.first[good], self.last[good], self._found.motions[good], about)
+
+    def sees_both_sides(self, yaw: float) -> bool:
+        """Whether there mostly is an endpoint to the left and to the right of the robot, of a lidar turned by yaw."""
+        bearings, known = yaw + self._stated.angles, np.isfinite(self._ranges[0])
+        sides = [known[:, np.abs(se2.wrap(bearings - side)) < BESIDE] for side in (np.pi / 2, -np.pi / 2)]
+        return all(side.shape[1] and side.any(axis=1).mean() > MOSTLY for side in sides)
 
     def stated(self) -> RegisteredPairs:
         """The same with the angles as they were before ``scale_angles``."""

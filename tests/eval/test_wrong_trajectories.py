@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -116,6 +117,25 @@ def tilted(table: Table) -> Table:
     return np.column_stack((table[:, 0], slope.apply(table[:, 1:4]), body.as_quat()))
 
 
+@pytest.mark.parametrize("begin", [0.8, 0.95])
+@pytest.mark.parametrize("whose", ["estimate", "reference"])
+def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
+    tmp_path: Path, capsys, whose: str, begin: float
+) -> None:
+    """Moved by a lap, the part where it is lost has no partner."""
+    t = np.arange(0.0, 160.0, 0.1)
+    turn = 2 * np.pi * t / 40
+    truth = np.zeros((len(t), 8))
+    truth[:, 0], truth[:, 1], truth[:, 2] = T0 + t, 4 * np.cos(turn) + 0.5 * np.cos(3 * turn), 3 * np.sin(turn)
+    truth[:, 7] = 1.0
+    run, k = truth[::2].copy(), int(begin * len(truth) / 2)
+    run[:, 1:3] += 0.005 * np.random.default_rng(0).normal(size=(len(run), 2))
+    run[k:, 1:3] += (3.0, 2.0)
+    tables = (run, truth) if whose == "estimate" else (truth, run)
+    files = [write(tmp_path / f"{name}.tum", table) for name, table in zip("ab", tables, strict=True)]
+    assert "clocks-differ" not in codes(capsys, *files)
+
+
 def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
     files = write(tmp_path / "est.tum", drive(0.2, 0.005)), write(tmp_path / "ref.tum", tilted(drive(0.01)))
     for given, named in ((files, files[1]), (files[::-1], files[1])):
@@ -167,6 +187,99 @@ def test_what_evaluate_says(tmp_path: Path, capsys, estimate, reference, expecte
         write(tmp_path / "ref.tum", reference(drive(0.01))),
     )
     assert codes(capsys, *files) == expected
+
+
+OPTICAL = Rotation.from_matrix(((0, 0, 1), (-1, 0, 0), (0, -1, 0)))  # z ahead, y down, in the axes of the base
+
+
+def at_arm(*arm: float) -> Callable[[Table], Table]:
+    """The path of another point of the robot."""
+    return changed(lambda t: t.__setitem__((slice(None), slice(1, 4)), t[:, 1:4] + Rotation(t[:, 4:]).apply(arm)))
+
+
+def optical(table: Table) -> Table:
+    """In the axes of a camera, of body and world."""
+    body = OPTICAL.inv() * Rotation(table[:, 4:]) * OPTICAL
+    return np.column_stack((table[:, 0], OPTICAL.inv().apply(table[:, 1:4]), body.as_quat()))
+
+
+def wavy(table: Table) -> Table:
+    """Up and down, tilted."""
+    t, table = table[:, 0] - T0, table.copy()
+    table[:, 3] = 0.3 * np.sin(0.2 * t)
+    tilt = Rotation.from_rotvec(0.2 * np.column_stack((np.sin(0.5 * t), np.cos(0.3 * t), 0 * t)))
+    return np.column_stack((table[:, :4], (Rotation(table[:, 4:]) * tilt).as_quat()))
+
+
+def chain(*changes: Callable[[Table], Table]) -> Callable[[Table], Table]:
+    def made(table: Table) -> Table:
+        for change in changes:
+            table = change(table)
+        return table
+
+    return made
+
+
+positions_only = put(slice(None), slice(4, 8), 0.0)
+ARM, CAMERA = ["no-orientation", "lever-arm"], ["in-space", "lever-arm", "body-axes"]
+
+
+@pytest.mark.parametrize(
+    ("estimate", "reference", "expected", "arm", "mend"),
+    [
+        (at_arm(0.3, 0, 0), same, ["lever-arm"], (-0.3, 0, 0), "--est-offset"),
+        (chain(at_arm(0.3, 0, 0.2), optical), same, CAMERA, (0, 0, -0.3), "add it"),
+        (chain(at_arm(0.1, 0, 0.2), optical), same, CAMERA, (0, 0, -0.1), "add it"),
+        (at_arm(0.3, 0, 0), optical, CAMERA, (-0.3, 0, 0), "--est-offset"),
+        (chain(wavy, at_arm(0.2, -0.1, 0.3)), wavy, ["in-space", "lever-arm"], (-0.2, 0.1, -0.3), "add it"),
+        *(
+            (same, chain(at_arm(-0.25, 0.1, 0), positions_only, thinned), ARM, (-0.25, 0.1, 0), "(--est-offset")
+            for thinned in (changed(lambda t, n=n: t[::n]) for n in (1, 20, 100, 500))
+        ),
+        (positions_only, at_arm(0.2, 0.1, 0), ARM, (-0.2, -0.1, 0), "exchange the files"),
+    ],
+)
+def test_another_point_of_the_robot_is_told(
+    tmp_path: Path, capsys, estimate, reference, expected: list[str], arm: tuple[float, ...], mend: str
+) -> None:
+    """The offset on the robot is found, in the axes of the body that has orientations, and mends the error."""
+    tables = estimate(drive(0.2, 0.005)), reference(drive(0.01))
+    files = [write(tmp_path / f"{k}.tum", table) for k, table in enumerate(tables)]
+    assert main.run(["evaluate", *files, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert [issue["code"] for issue in result["warnings"]] == expected
+    [message] = [issue["message"] for issue in result["warnings"] if issue["code"] == "lever-arm"]
+    found = re.search(r"x (\S+) m, y (\S+) m(?:, z (\S+) m)? on the robot", message)
+    assert found is not None
+    assert [float(value or 0) for value in found.groups()] == pytest.approx(arm, abs=0.01)
+    assert mend in message
+    mended = int("exchange" in mend)
+    files[mended] = write(tmp_path / "mended.tum", at_arm(*arm)(tables[mended]))
+    assert main.run(["evaluate", *files, "--json"]) == 0
+    after = json.loads(capsys.readouterr().out)["ate"]["translation_m"]["rmse"]
+    assert after < 0.012 < 0.06 < result["ate"]["translation_m"]["rmse"]
+
+
+@pytest.mark.parametrize(
+    ("estimate", "reference", "expected", "words"),
+    [
+        (clocked(1.0, 0.7), same, ["clocks-differ"], ("--time-offset -0.7",)),
+        (chain(between(45, 120), clocked(1.0, 0.3)), between(45, 120), ["lever-arm"], ("--est-offset 0.0", "or else")),
+        (chain(positions_only, clocked(1.0, 0.7)), positions_only, [*ARM[:1] * 2, "clocks-differ"], ("or this is",)),
+        (chain(at_arm(0.3, 0, 0), positions_only), positions_only, ARM[:1] * 2, ()),
+    ],
+)
+def test_a_clock_is_told_where_it_explains_more_than_an_arm(
+    tmp_path: Path, capsys, estimate, reference, expected: list[str], words: tuple[str, ...]
+) -> None:
+    files = (
+        write(tmp_path / "est.tum", estimate(drive(0.2, 0.005))),
+        write(tmp_path / "ref.tum", reference(drive(0.01))),
+    )
+    assert main.run(["evaluate", *files, "--json"]) == 0
+    warnings = json.loads(capsys.readouterr().out)["warnings"]
+    assert [issue["code"] for issue in warnings] == expected
+    assert all(word in warnings[-1]["message"] for word in words)
 
 
 @pytest.mark.parametrize("change", [same, started, changed(lambda t: t[::7])])
