@@ -6,17 +6,18 @@ import csv
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from statistics import median
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.metrics.registry import COSTS, chosen, metric, split, title_of
-from moteslam.eval.statistics import Better, Comparison, Summary, compare
+from moteslam.eval.statistics import Better, Comparison, Proportion, Summary, compare
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.spec import PREFIXES
 from moteslam.eval.sweep.store import Key, Row, opened, within
-from moteslam.eval.tables import comma_separated, fitting, literal
+from moteslam.eval.tables import comma_separated, fitting, literal, number
 from moteslam.files import read_text, write_atomically
 from moteslam.robot.values import first_complaint
 
@@ -25,6 +26,8 @@ MAX_BYTES = 50_000_000
 SETTINGS = ("scenario", "platform", "noise")
 """Columns that say where a run was made."""
 CONFIGURATION = "configuration"
+MOST_NAMED, UNLIKE = 6, 1.2
+"""Metrics that are shown unasked, and from which ratio on robots have driven other distances."""
 G = TypeVar("G", bound=Hashable)
 M = TypeVar("M", bound=BaseModel)
 
@@ -67,12 +70,9 @@ def read_result_folder(folder: Path) -> Row:
     )
     scores = {name: one.model_dump(exclude_none=True) for name, one in found.metrics.items()}
     scores |= {} if found.scans is None else {"scans": {"value": found.scans}}
-    facts = {"versions": _texts(about.versions), "hardware": _texts(about.hardware)}
+    tables = {"versions": about.versions, "hardware": about.hardware}
+    facts = {title: {name: str(value) for name, value in table.items()} for title, table in tables.items()}
     return Row(run, "ok", "", scores, about.warnings, within(scores), folder, facts)
-
-
-def _texts(facts: dict[str, Any]) -> dict[str, str]:
-    return {name: str(value) for name, value in facts.items()}
 
 
 def _read(model: type[M], file: Path) -> M:
@@ -210,10 +210,32 @@ def headings(
     return found
 
 
-def metric_names(given: list[str] | None) -> list[str]:
-    """The metrics that are asked for, ``final.ate`` by default; an unknown one is refused."""
+def also_of(columns: Mapping[str, Sequence[Row]], axis: str) -> str:
+    """What differs, too, where whole robots are compared, with the distances driven where these are unlike."""
+    each = {name: [row.known["distance"] for row in rows if "distance" in row.known] for name, rows in columns.items()}
+    driven = {name: median(metres) for name, metres in each.items() if metres}
+    text = "wheels, gyro and speed of a platform may differ, too"
+    if driven and max(driven.values()) > UNLIKE * min(driven.values()):
+        text += f"; driven: {', '.join(f'{name} {number(metres)} m' for name, metres in driven.items())}"
+    return text if axis == "platform" else ""
+
+
+def metric_names(given: list[str] | None, rows: Sequence[Row] = ()) -> list[str]:
+    """The metrics that are asked for, an unknown one is refused; else the first of those that sweeps name and have
+    measured, else ``final.ate``, or what there is.
+    """
     chosen(given or ())
-    return given or ["final.ate"]
+    there = dict.fromkeys(name for row in rows for name in row.scores)
+    named = dict.fromkeys(name for row in rows for name in row.run.metrics)
+    found = dict.fromkeys(one for name in named for one in there if name in (one, split(one)[1]))
+    usual = [name for name in ("final.ate", *there) if name in there and name not in ("scans", "distance")]
+    return given or [*found][:MOST_NAMED] or usual[:1] or ["final.ate"]
+
+
+def success_of(rows: Sequence[Row]) -> Proportion | None:
+    """How many runs succeeded; None where that was not measured of some."""
+    found = [row.succeeded for row in rows]
+    return None if None in found else Proportion(found.count(True), len(found))
 
 
 def success_words(limits: Mapping[str, float]) -> str:

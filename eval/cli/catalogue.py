@@ -128,7 +128,7 @@ def scenarios(context: typer.Context, as_json: options.Json = False) -> None:
 @app.command()
 def show(
     scenario: options.ScenarioName,
-    out: Annotated[Path, opt("The PNG to write; folders above it are made.")],
+    out: Annotated[Path, opt("A new file; folders above it are made.", "FILE.png|pdf|svg")],
     seed: Annotated[int | None, opt("Of a random building.", min=0, max=2**63 - 1)] = None,
     drive: Annotated[bool, opt("Drive it, and draw the driven path.", None, "--drive")] = False,
     force: options.ForceFile = False,
@@ -144,7 +144,7 @@ def show(
     from moteslam.eval.report.scenarios import draw_scenario
     from moteslam.sim.simulate import true_drive
 
-    with options.new_file(out, ".png", force=force):
+    with options.new_file(out, *options.FIGURES, force=force):
         chosen = scenario_of(scenario, seed)
         with options.in_file(scenario):
             driven = true_drive(chosen, seed).poses[:, :2] if drive else None

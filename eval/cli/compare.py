@@ -47,8 +47,9 @@ def compare(
     """  # noqa: D301
     from moteslam.eval import runs
 
-    names = runs.metric_names(metrics)
+    runs.metric_names(metrics)  # before files are read
     rows = [row for row in runs.read_runs(paths) if row.status]
+    names = runs.metric_names(metrics, rows)
     axis = runs.axis_of(rows, by)
     found = runs.compared(rows, axis)
     if len(found) < 2:
@@ -67,14 +68,16 @@ def compare(
         name: {other: {place: asdict(one) for place, one in each.items()} for other, each in pairs.items()}
         for name in names
         for pairs in [runs.comparisons(rows, name, axis, first)]
+        if metrics or any(pairs.values())
     }
     if not any(each for pairs in compared.values() for each in pairs.values()):
         raise InputError(f"no run in common with {first} that has {', '.join(names)}", file=paths[-1])
-    answer({"by": axis, "baseline": first, "metrics": compared}, _lines(axis, first, compared, form), as_json=as_json)
+    lines = _lines(axis, first, compared, form, runs.also_of(found, axis))
+    answer({"by": axis, "baseline": first, "metrics": compared}, lines, as_json=as_json)
 
 
-def _lines(axis: str, first: str, compared: dict[str, dict[str, Any]], form: str) -> Iterator[str]:
-    """A table a metric, or of them all: a row a place of each configuration."""
+def _lines(axis: str, first: str, compared: dict[str, dict[str, Any]], form: str, also: str) -> Iterator[str]:
+    """A table a metric, or of them all: a row a place of each configuration; and, as text, what else differs."""
     from moteslam.eval.runs import headings
     from moteslam.eval.statistics import FEWEST
     from moteslam.robot.values import interval
@@ -102,12 +105,13 @@ def _lines(axis: str, first: str, compared: dict[str, dict[str, Any]], form: str
         yield aligned([[one for k, one in enumerate(row, -len(row)) if k not in empty] for row in (head, *cells)])
     if any(one["pairs"] < FEWEST for pairs in compared.values() for each in pairs.values() for one in each.values()):
         yield f"fewer than {FEWEST} pairs have no 95 % interval"
+    if also:
+        yield also
 
 
 def summed_up(store: Store, wanted: list[str] | None) -> dict[str, Any]:
     """A sweep's hash, its numbers of runs by status, and its groups: what they have in common, successes, summaries."""
-    from moteslam.eval.runs import grouped, summary_of
-    from moteslam.eval.statistics import Proportion
+    from moteslam.eval.runs import grouped, success_of, summary_of
 
     rows = [row for row in store.rows() if row.status]
     names = _measured(rows, wanted, store)
@@ -115,7 +119,7 @@ def summed_up(store: Store, wanted: list[str] | None) -> dict[str, Any]:
         {
             "group": dict(about),
             "runs": len(members),
-            "success": Proportion(sum(row.succeeded for row in members), len(members)).as_dict(),
+            "success": None if (share := success_of(members)) is None else share.as_dict(),
             "metrics": {name: asdict(summary_of(members, name)) for name in names},
         }
         for about, members in grouped(rows, lambda row: tuple(row.about.items())).items()
@@ -125,13 +129,15 @@ def summed_up(store: Store, wanted: list[str] | None) -> dict[str, Any]:
 
 
 def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[str]:
-    """The metrics that are wanted; by default ``final.ate``, or the first that was measured, and the time if it was."""
+    """The metrics that are wanted; by default those that the sweep names, and time and memory if they were measured."""
+    from moteslam.eval.runs import metric_names
+
     there = list(dict.fromkeys(name for row in rows if row.status == "ok" for name in (*row.values, *row.costs)))
     if not there:
         return wanted or ["final.ate"]
     if wanted is None:
-        others = [name for name in ("final.ate", *there) if name in there and name not in ("scans", "distance")]
-        return [*others[:1], *(name for name in ("cpu_per_scan", "memory") if name in others[1:])]
+        costs = [name for name in ("cpu_per_scan", "memory") if name in there]
+        return list(dict.fromkeys([*metric_names(None, rows), *costs]))
     for name in wanted:
         if name not in there:
             alike = [one for one in there if one.endswith(f".{name}")] or there
@@ -155,7 +161,7 @@ def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
         rows = [[*about, "runs", "success"]]
         for each in groups:
             one = each["success"]
-            success = f"{one['count']} ({100 * one['low']:.0f} to {100 * one['high']:.0f} %)"
+            success = "-" if one is None else f"{one['count']} ({100 * one['low']:.0f} to {100 * one['high']:.0f} %)"
             rows.append([*(str(each["group"].get(key, "")) for key in about), str(each["runs"]), success])
         medians = {name: [each["metrics"][name]["median"] for each in groups] for name in names}
         for name, (title, factor) in headings(medians).items():
@@ -171,7 +177,8 @@ def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
             yield from (f"{key} {literal(groups[0]['group'][key])} throughout" for key in alike if len(groups) > 1)
             if any(each["runs"] < FEWEST for each in groups):
                 yield f"medians; fewer than {FEWEST} runs have no 95 % interval"
-            yield f"success: {success_words(found['success'])}"
+            missing = ", not measured" * any(each["success"] is None for each in groups)
+            yield f"success: {success_words(found['success'])}{missing}"
     if form == "text":
         yield total(found)
 

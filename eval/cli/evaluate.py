@@ -90,7 +90,7 @@ def evaluate(
     ] = (0.0, 0.0, 0.0),
     time_offset: Annotated[float, opt("Seconds to add to the stamps of every EST.", "S")] = 0.0,
     save: Annotated[Path | None, opt("Write the result as JSON, with the error at every stamp.", "FILE")] = None,
-    plot: Annotated[Path | None, opt("Draw errors and trajectories as PNG.", "FILE")] = None,
+    plot: Annotated[Path | None, opt("Draw errors and trajectories.", "FILE.png|pdf|svg")] = None,
     form: options.Format = "text",
     force: Annotated[bool, opt("Replace existing files of --save and --plot.", None, "--force")] = False,
     as_json: options.Json = False,
@@ -133,7 +133,7 @@ def evaluate(
     from moteslam.slam.inputs.synchronise import synchronise
 
     _refuse_options(context, paths, recording, map_file)
-    with options.new_file(save, force=force), options.new_file(plot, ".png", force=force):
+    with options.new_file(save, force=force), options.new_file(plot, *options.FIGURES, force=force):
         estimates, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
         if wrong := next(filter(is_relations, estimates), None):
             problem = "holds relations, or quaternions of other lengths than 1"

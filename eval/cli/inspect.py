@@ -34,7 +34,9 @@ Row = tuple[str, str, str]
 def inspect(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, a bag, or a folder of arrays.")],
     deep: Annotated[bool, opt("Read all ranges of a bag, and all images.", None, "--deep")] = False,
-    plot: Annotated[Path | None, opt("Draw streams, gaps, rates, clocks and ranges over time.", "FILE.png")] = None,
+    plot: Annotated[
+        Path | None, opt("Draw streams, gaps, rates, clocks and ranges over time.", "FILE.png|pdf|svg")
+    ] = None,
     force: options.ForceFile = False,
     as_json: options.Json = False,
     *,
@@ -53,7 +55,7 @@ def inspect(
       moteslam inspect robot.bag --deep --plot robot.png
       moteslam inspect ucsd --sequence 20 --json
     """  # noqa: D301
-    with options.new_file(plot, ".png", force=force):
+    with options.new_file(plot, *options.FIGURES, force=force):
         whole, lines = _inspected(part.open(path), deep=deep, plot=plot)
     answer(whole, lines, as_json=as_json)
 

@@ -127,7 +127,13 @@ def _failed(error: Any) -> int:
     elif hasattr(error, "format_message"):  # a usage error, of Click or of Typer's own copy of it
         context = getattr(error, "ctx", None)
         hint = f" (see {context.command_path} --help)" if context is not None else ""
-        note(f"{error.format_message().replace('Value error, ', '')}{hint}")
+        message = error.format_message().replace("Value error, ", "")
+        if getattr(error, "option_name", "") == "--out" and context is not None:
+            saves = any("--save" in parameter.opts for parameter in context.command.params)
+            message = (
+                f"No such option: --out: tables go to stdout, > FILE keeps them{', --save FILE all as JSON' * saves}"
+            )
+        note(f"{message}{hint}")
     elif isinstance(error, MoteslamError):  # what is below the command line names none of its options
         force = ", or replace it with --force" * isinstance(error, ExistsError)
         note(f"{error}{force}{' (option --sequence)' * (error.field == 'sequence')}")

@@ -39,7 +39,11 @@ Format = Annotated[
     Literal["text", "markdown", "latex", "csv"],
     opt("Of the table that is printed, in place of text.", "markdown|latex|csv", "--format"),
 ]
-Metrics = Annotated[list[str] | None, opt("Which metrics [final.ate]; repeatable.", "NAME", "--metric")]
+FIGURES = (".png", ".pdf", ".svg")
+"""Endings of the files of figures."""
+Metrics = Annotated[
+    list[str] | None, opt("Which metrics [those that the sweep names, or final.ate]; repeatable.", "NAME", "--metric")
+]
 Baseline = Annotated[str | None, opt("Compare with this configuration or robot [the first].", "NAME", "--baseline")]
 By = Annotated[
     str | None,

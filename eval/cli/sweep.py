@@ -68,9 +68,9 @@ def run(
 ) -> None:
     """Make the runs of a specification, record each as it ends, and print a summary.
 
-    Killed at any moment and started again, it goes on where it was: no run that was recorded is lost or made again. A
-    run that fails, crashes or takes too long is recorded with its error. The results are the same, bit for bit,
-    whatever the number of workers, parts and interruptions. Exit code 1 where no run ended well.
+    Killed at any moment and started again, it goes on where it was: no run that ended well is lost or made again. One
+    that fails, crashes or takes too long is recorded with its error, and tried again the next time. The results are the
+    same, bit for bit, whatever the number of workers, parts and interruptions. Exit code 1 where no run ended well.
 
     \b
     Examples:
@@ -95,7 +95,9 @@ def run(
     target = beside if out is None else out
     begin(target, file, wanted, shard or WHOLE, environment())
     with opened(target, write=True) as store:
-        runs = store.pending()
+        runs = store.pending(again=True)
+        if again := len(runs) - store.counts().get("", 0):
+            note(f"tried again: {counted(again, 'run')} that did not end well")
         done = sum(store.counts().values()) - len(runs)
         with progress_bar("sweep", done + len(runs), "runs") as update:
             update(done)
@@ -179,7 +181,7 @@ def show(
 @app.command("plot")
 def plot(
     file: File,
-    out: Annotated[Path, opt("A new file.", "FILE.png")],
+    out: Annotated[Path, opt("A new file.", "FILE.png|pdf|svg")],
     metrics: options.Metrics = None,
     along: Annotated[str | None, opt("What it is drawn over [the key that varies].", "COLUMN", "--x")] = None,
     label: Annotated[str | None, opt("Of that axis [the key].", "TEXT")] = None,
@@ -198,11 +200,12 @@ def plot(
     from moteslam.eval.report.curves import draw_sweep
     from moteslam.eval.runs import axis_of, metric_names, read_runs, varying
 
-    names = metric_names(metrics)
-    with options.new_file(out, ".png", force=force):
+    metric_names(metrics)  # before the file is read
+    with options.new_file(out, *options.FIGURES, force=force):
         rows = [row for row in read_runs([file]) if row.status]
         if not rows:
             raise InputError("no run was made yet, expected some", file=file)
+        names = metrics or metric_names(None, rows)[:1]
         known = varying([row.about for row in rows])
         column = along or next((key for row in rows for key, _ in row.run.varied), axis_of(rows))
         if column not in known:

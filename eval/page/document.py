@@ -238,6 +238,7 @@ def page(
             "several": {**several, "seed": len({run.run.seed for run in made})},
             "places": runs.grouped(made, lambda run: run.about["scenario"]),
             "baseline": first,
+            "also": runs.also_of(columns, axis),
             "pairs": {name: runs.comparisons(made, name, axis, first) for name in names} if len(columns) > 1 else {},
             "fewest": FEWEST,
             "limits": runs.success_words(material.success or SUCCESS),
@@ -277,7 +278,7 @@ def _render(context: dict[str, Any]) -> str:
         "share": _share,
         "lines": lambda text: Markup("\n").join(escape(literal(line)) for line in text.splitlines()),
         "key": lambda value: "" if value is None else repr(value),  # by which a cell is sorted
-        "success": lambda runs: Proportion(sum(run.succeeded for run in runs), len(runs)),
+        "success": runs.success_of,
         "summary": runs.summary_of,
         "s": lambda count: "" if count == 1 else "s",
     }
@@ -316,6 +317,8 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     ]
 
 
-def _share(one: Proportion) -> str:
+def _share(one: Proportion | None) -> str:
+    if one is None:
+        return "-"
     low, high = one.interval
     return f"{one.count} of {one.total} ({100 * low:.0f} to {100 * high:.0f} %)"

@@ -24,7 +24,7 @@ from moteslam.eval.tables import fitting, literal, number
 Array = NDArray[np.float64]
 Errors = AteResult | None
 Line = tuple[str, AteResult, dict[str, Any]]
-"""Label, errors and look of a curve."""
+"""Label, to which its RMSE is added, errors and look of a curve."""
 
 RUG = 1.05
 """Where the marks of resampling stand, as a share of the particles."""
@@ -43,18 +43,11 @@ def draw_error(
         (style.ONLINE, slam, {"color": style.SLAM if final is None else style.ONLINE_COLOUR}),
         (style.FINAL, final, {"color": style.SLAM}),
     )
-    lines: list[Line] = [
-        (f"{name}, RMSE {_length(errors.rmse)}", errors, look) for name, errors, look in given if errors is not None
-    ]
+    lines: list[Line] = [(f"{name}, RMSE", errors, look) for name, errors, look in given if errors is not None]
     rmse = [errors.rmse for _, errors, _ in lines]
     with style.saved_figure(path, size=(8.0, 5.0), title=title, columns=(3, 2)) as figure:
         distance, angle = figure.subplots(2, 1, sharex=True)
         _draw_errors(distance, angle, lines, logarithmic=max(rmse) > FAR_APART * min(rmse))
-
-
-def _length(value: float) -> str:
-    unit, factor = fitting("m", [value])
-    return f"{number(factor * value)} {unit}"
 
 
 def _draw_errors(
@@ -65,6 +58,7 @@ def _draw_errors(
     largest = [factor * max(float(errors.errors.max()) for _, errors, _ in lines), 0.0]
     for label, errors, look in lines:
         time = errors.stamps - start
+        label = f"{label} {number(factor * errors.rmse)} {unit}"
         style.draw_curve(distance, time, factor * errors.errors, label=label, **look)
         if angle is not None and errors.rotation_errors is not None:
             turns = np.rad2deg(errors.rotation_errors)
@@ -121,7 +115,7 @@ def _draw_errors_and_paths(path: File, results: Mapping[str, AteResult], title: 
     has_heading = any(ate.rotation_errors is not None for ate in results.values())
     first = next(iter(results.values())).reference
     lines: list[Line] = [
-        (f"{name}, ATE RMSE {_length(ate.rmse)}{', scale fitted' if ate.scale != 1 else ''}", ate, line_look(i))
+        (f"{name}{', scale fitted' if ate.scale != 1 else ''}, ATE RMSE", ate, line_look(i))
         for i, (name, ate) in enumerate(results.items())
     ]
     with style.saved_figure(path, size=(12.0, 5.5), title=title, columns=(1, 1)) as figure:
@@ -140,7 +134,7 @@ def _draw_shares(path: File, results: Mapping[str, RelationResult], title: str) 
         distance, angle = figure.subplots(1, 2, sharey=True)
         for i, (name, result) in enumerate(results.items()):
             look = {"lw": 1.2, **line_look(i)}
-            label = f"{name}, mean {_length(result.translation.mean)} over {result.pairs} relations"
+            label = f"{name}, mean {number(result.translation.mean)} m over {result.pairs} relations"
             distance.ecdf(result.errors, label=label, **look)
             angle.ecdf(np.rad2deg(result.rotation_errors), **look)
         far = np.concatenate([one.errors for one in results.values()])
@@ -155,11 +149,14 @@ def _draw_shares(path: File, results: Mapping[str, RelationResult], title: str) 
 
 
 def _short(names: list[str]) -> list[str]:
-    """File names without the folders that they share."""
-    if len(names) == 1:
-        return [Path(names[0]).name]
-    shared = Path(os.path.commonpath([Path(name).absolute().parent for name in names]))
-    return [str(Path(name).absolute().relative_to(shared)) for name in names]
+    """What sets files apart: names without endings, of those of one name their folders, else paths as they part."""
+    files = [Path(name).absolute() for name in names]
+    stems, folders = ([each.stem for each in files], [each.parent.name for each in files])
+    for some in (stems, folders) if len({each.name for each in files}) == 1 else (stems,):
+        if len(set(some)) == len(names):
+            return some
+    shared = Path(os.path.commonpath([each.parent for each in files]))
+    return [str(each.relative_to(shared)) for each in files]
 
 
 LOG_Y, LOG_X = 12.0, 5.0
@@ -189,12 +186,13 @@ class SweptLine(NamedTuple):
 def lines_over(rows: Iterable[Row], column: str) -> list[SweptLine]:
     """The lines of a chart over a column of ``Row.about``; runs without it are left out."""
     having = [row for row in rows if column in row.about]
-    keys = [key for key in varying([row.about for row in having]) if key != column]
+    # a configuration has one version
+    keys = [key for key in varying([row.about for row in having]) if key not in (column, "version")]
     keys = [key for key in keys if len({str(row.about.get(key, "")) for row in having}) > 1]
 
     def words(row: Row, settings: bool) -> str:
         named = [key for key in keys if (key in SETTINGS) == settings and row.about.get(key, "") != ""]
-        plain = (*SETTINGS, CONFIGURATION, "version")
+        plain = (*SETTINGS, CONFIGURATION)
         return ", ".join(f"{'' if key in plain else f'{key_words(key)} '}{row.about[key]}" for key in named)
 
     members = grouped(having, lambda row: (words(row, True), words(row, False)))
@@ -287,7 +285,9 @@ def _draw_medians(
             each = [factor * row.known[name] for row in line.groups[value] if name in row.known]
             axes.plot([at] * len(each), each, ".", color=looks[index]["color"], ms=4, alpha=0.5)
         failed = ~np.isfinite(shown[0])
-        axes.plot(x[failed], y[failed], "o", mfc="white", mec=looks[index]["color"], ms=9, zorder=5)
+        if failed.any():
+            axes.plot(x[failed], y[failed], "o", clip_on=False, mec=looks[index]["color"], mfc="white", ms=9, zorder=5)
+            axes.plot([], [], "o", mec="0.4", mfc="white", ms=9, label="half of the runs or more failed")
     if few:
         axes.plot([], [], ".", color="0.4", label="every run")
     names = [f"{value:g}" if isinstance(value, float) else str(value) for value in places]

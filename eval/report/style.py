@@ -1,6 +1,7 @@
 """How every figure looks: white, colours that colour-blind eyes tell apart, legends outside the axes, units.
 
-The functions ``draw_*`` of this folder write a PNG to ``path``, with ``title`` over the figure; points [m], times [s].
+The functions ``draw_*`` of this folder write to ``path`` a PNG, or as it ends PDF or SVG, with ``title`` over the
+figure; points [m], times [s].
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -72,6 +74,8 @@ class PictureStyle:
             "figure.dpi": self.dpi,
             "savefig.dpi": self.dpi,
             "savefig.facecolor": "white",
+            "pdf.fonttype": 42,  # journals refuse those of type 3
+            "svg.hashsalt": "moteslam",
         }
 
 
@@ -96,11 +100,15 @@ GAP = 10
 """Median intervals, and at least a second: a curve is broken at a longer gap, in which nothing was measured."""
 
 
+UNDATED: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+"""What keeps the time out of files of lines, so that the same figure has the same bytes."""
+
+
 @contextmanager
 def saved_figure(
     path: File, *, size: tuple[float, float], title: str = "", columns: tuple[int, int] = (5, 2)
 ) -> Iterator[Figure]:
-    """A figure of this width and height [inch] to draw on, written as a PNG when the block ends.
+    """A figure of this width and height [inch] to draw on, written when the block ends.
 
     Under it is one legend for all panels without one, of that many columns where it is wider than 7 inch, and else.
     """
@@ -130,8 +138,9 @@ def saved_figure(
         if layout is not None and figure.axes:  # once: saving would lay everything out a second time
             layout.execute(figure)
             figure.set_layout_engine("none")
-        picture = io.BytesIO()
-        figure.savefig(picture, format="png")
+        picture, form = io.BytesIO(), Path(path).suffix.lower()[1:]
+        form = form if form in UNDATED else "png"
+        figure.savefig(picture, format=form, metadata=UNDATED.get(form))
     write_atomically(path, picture.getvalue())
 
 

@@ -44,7 +44,8 @@ class Row:
         status: as of ``Outcome``; empty of one that was not made yet.
         scores: by metric, as of ``Value.as_dict``.
         issues: of recording and run.
-        succeeded: whether it ended well, with each metric of ``SweepSpec.success`` present and within its limit.
+        succeeded: whether it ended well, with each metric of ``SweepSpec.success`` present and within its limit; None
+            where it ended well and one of them was not measured.
         folder: of its result, if it has one.
         facts: versions and hardware of a result folder.
     """
@@ -54,7 +55,7 @@ class Row:
     error: str = ""
     scores: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     issues: tuple[dict[str, Any], ...] = ()
-    succeeded: bool = False
+    succeeded: bool | None = False
     folder: Path | None = None
     facts: Environment = field(default_factory=dict)
 
@@ -102,8 +103,10 @@ class Row:
         return replace(self, run=self.run.model_copy(update={"configuration": configuration}))
 
 
-def within(scores: Mapping[str, Mapping[str, Any]], limits: Mapping[str, float] = SUCCESS) -> bool:
-    """Whether each of some metrics is present and within its limit."""
+def within(scores: Mapping[str, Mapping[str, Any]], limits: Mapping[str, float] = SUCCESS) -> bool | None:
+    """Whether each of some metrics is present and within its limit; None where one was not measured."""
+    if not scores.keys() >= limits.keys():
+        return None
     values = {name: scores.get(name, {}).get("value") for name in limits}
     return all(value is not None and value <= limits[name] for name, value in values.items())
 
@@ -122,9 +125,10 @@ class Store:
         self.environment: dict[str, dict[str, str]] = json.loads(about.get("environment", "{}"))
         self.success: dict[str, float] = json.loads(self.spec).get("success", SUCCESS)
 
-    def pending(self) -> list[PlannedRun]:
-        """The runs that were not made yet, in their order."""
-        found = self._connection.execute("SELECT run FROM runs WHERE status IS NULL ORDER BY number")
+    def pending(self, *, again: bool = False) -> list[PlannedRun]:
+        """The runs that were not made yet, in their order, and after them those that did not end well, if ``again``."""
+        which = "status IS NULL" + " OR status != 'ok'" * again
+        found = self._connection.execute(f"SELECT run FROM runs WHERE {which} ORDER BY status IS NOT NULL, number")
         return [PlannedRun.model_validate_json(text) for (text,) in found]
 
     def counts(self) -> dict[str, int]:

@@ -51,6 +51,11 @@ def moteslam(path: list[str], *arguments: object, cwd: Path) -> subprocess.Compl
     )
 
 
+def plug_in_lines(said: str) -> list[str]:
+    """Of what went to stderr the lines on plug-ins: the drive, which hardly turns, has a warning of its own."""
+    return [line for line in said.splitlines() if "plug-in" in line]
+
+
 @pytest.fixture(scope="module")
 def toys(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """A package with one of each, installed."""
@@ -76,7 +81,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_filter_and_a_metric_of_another_package(toys: list[str], recording: Path, tmp_path: Path):
     arguments = ["replay", recording, "--set", "method=toy", "--set", "scale=0.9", "--no-figures", "--out", "result"]
     done = moteslam(toys, *arguments, cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, plug_in_lines(done.stderr)) == (0, [])
     assert 'method = "toy"\n' in (tmp_path / "result/config.toml").read_text(encoding="utf-8")
     scores = json.loads((tmp_path / "result/metrics.json").read_text(encoding="utf-8"))["metrics"]
     assert 0.2 < scores["final.end_error"]["value"] < 0.4  # a tenth of three metres
@@ -92,7 +97,7 @@ def test_a_back_end_of_another_package_moves_path_map_and_filter(toys: list[str]
     arguments = ["replay", recording, "--set", "particles=8", "--no-figures"]
     assert moteslam(toys, *arguments, "--out", "alone", cwd=tmp_path).returncode == 0
     done = moteslam(toys, *arguments, "--set", "backend.method=toy", "--out", "moved", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, plug_in_lines(done.stderr)) == (0, [])
     alone, moved = (read_tum(tmp_path / name / "trajectory_final.tum") for name in ("alone", "moved"))
     np.testing.assert_allclose(moved.poses[:, :2], alone.poses[:, :2] + (0.0, 2.0), atol=0.1)
     alone, moved = (read_tum(tmp_path / name / "trajectory.tum") for name in ("alone", "moved"))
@@ -126,7 +131,7 @@ def test_one_that_fails_to_load_is_one_warning_and_an_error_where_it_is_asked_fo
     assert refused.startswith("moteslam: log.txt: ")
     done = moteslam(broken, "replay", recording, "--out", "x", "--set", "particles=3", "--no-figures", cwd=tmp_path)
     assert done.returncode == 0
-    (warned,) = done.stderr.splitlines()
+    (warned,) = plug_in_lines(done.stderr)
     assert "plug-in 'odd' of package toys (moteslam.metrics) is left out" in warned
     done = moteslam(broken, "replay", recording, "--out", "y", "--set", "method=bad", cwd=tmp_path)
     assert done.returncode == 2  # it was asked for

@@ -10,6 +10,7 @@ from command_lines import printed, refused
 from made_sweeps import Values, recorded
 
 from moteslam.eval.cli import main
+from moteslam.eval.page.document import gather, page
 from moteslam.eval.runs import compared, read_runs
 from moteslam.eval.sweep.plan import PlannedRun
 
@@ -78,6 +79,49 @@ def test_robots_are_compared_where_they_vary_and_each_scenario_has_a_row(
     assert each["corridor"]["low"] is None  # three pairs have no interval
     assert json.loads(printed(capsys, "compare", file, "--by", "scenario", "--json"))["baseline"] == "corridor"
     assert "--by: 'seed', expected one of " in refused(capsys, "compare", file, "--by", "seed")
+
+
+def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def made(name: str, metres: float) -> Path:
+        driven = {"ucsd": 10.0, "turtlebot3": metres}
+        return recorded(
+            *(tmp_path / name, ROBOTS),
+            lambda run: {"final.ate": (0.1, "m"), "distance": (driven[run.platform], "m")},
+        )
+
+    far, alike = made("far.sweep", 4.0), made("alike.sweep", 9.0)
+    assert "driven: ucsd 10.0 m, turtlebot3 4.00 m" in printed(capsys, "compare", far)
+    last = printed(capsys, "compare", alike).splitlines()[-1]
+    assert last == "wheels, gyro and speed of a platform may differ, too"
+    assert "wheels" not in printed(capsys, "compare", far, "--by", "scenario")
+    assert printed(capsys, "compare", far, "--format", "csv").count("wheels") == 0
+    text = page(gather([far]))
+    assert "driven: ucsd 10.0 m, turtlebot3 4.00 m. The" in text
+    assert "all else the same" not in text
+
+
+THREE = 'scenarios = ["corridor"]\nmetrics = ["online.ate", "map_f1"]\nseeds = "0-1"\n[vary]\nslam.particles = [1, 2]\n'
+
+
+def test_tables_have_the_metrics_of_the_sweep_and_no_success_that_was_not_measured(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def made(name: str, text: str) -> Path:
+        return recorded(tmp_path / name, text, lambda _: {"map_f1": (0.9, ""), "online.ate": (0.1, "m")})
+
+    file, limited = made("a.sweep", THREE), made("b.sweep", f'success = {{ "online.ate" = 0.5 }}\n{THREE}')
+    for (each, success), other in zip(((file, None), (limited, 2)), ("-", "2"), strict=True):
+        groups = json.loads(printed(capsys, "sweep", "show", each, "--json"))["groups"]
+        assert list(groups[0]["metrics"]) == ["online.ate", "map_f1"]
+        assert (groups[0]["success"] and groups[0]["success"]["count"]) == success
+        assert printed(capsys, "sweep", "show", each).splitlines()[1].split()[2] == other
+    assert list(json.loads(printed(capsys, "compare", file, "--json"))["metrics"]) == ["online.ate", "map_f1"]
+    only = printed(capsys, "compare", file, "--metric", "map_f1", "--json")
+    assert list(json.loads(only)["metrics"]) == ["map_f1"]
+    text = page(gather([file]))
+    assert "success was not measured" in text
+    assert "(0 to" not in text
+    printed(capsys, "sweep", "plot", file, "--out", tmp_path / "a.png")  # which has no final.ate
 
 
 def test_result_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from command_lines import printed, refused
+from figures import legend_of
 from matplotlib.figure import Figure
 
 from moteslam.eval.cli import main
@@ -112,6 +113,42 @@ def test_results_are_kept_and_drawn(folder: Path, capsys: pytest.CaptureFixture[
     assert len(json.loads((folder / "new/result.json").read_text(encoding="utf-8"))["results"]) == 1
 
 
+def test_who_asks_for_a_file_of_the_tables_is_told_how(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = refused(capsys, "evaluate", "good.tum", "truth.tum", "--out", "t.tex")
+    assert all(words in line for words in ("--out: ", "> FILE", "--save FILE"))
+    line = refused(capsys, "compare", "a.sweep", "--out", "t.tex")
+    assert "> FILE" in line
+    assert "--save" not in line
+
+
+def test_figures_have_one_unit_and_short_labels(
+    folder: Path, capsys: pytest.CaptureFixture[str], drawn: list[Figure]
+) -> None:
+    for name in ("a", "b"):
+        (folder / name).mkdir()
+        (folder / name / "good.tum").write_bytes((folder / "good.tum").read_bytes())
+    for files in (("good.tum", "a/poor.tum"), ("a/good.tum", "b/good.tum"), ("a/good.tum", "b/good.tum", "poor.tum")):
+        (folder / "a/poor.tum").write_bytes((folder / "poor.tum").read_bytes())
+        said(capsys, *files, "truth.tum", "--plot", "a.pdf", "--force")
+    legends = [[text.split(", ATE RMSE ") for text in legend_of(figure)] for figure in drawn]
+    names = [[parts[0] for parts in legend if len(parts) > 1] for legend in legends]
+    assert names == [["good", "poor"], ["a", "b"], ["a/good.tum", "b/good.tum", "poor.tum"]]
+    for figure, legend in zip(drawn, legends, strict=True):
+        unit = figure.axes[0].get_ylabel()[-4:].strip(" []")
+        assert {parts[1].split()[1] for parts in legend if len(parts) > 1} == {unit}
+
+
+@pytest.mark.parametrize(("ending", "first"), [("pdf", b"%PDF"), ("svg", b"<?xml"), ("png", b"\x89PNG")])
+def test_figures_are_pixels_or_lines_by_their_ending(
+    folder: Path, capsys: pytest.CaptureFixture[str], ending: str, first: bytes
+) -> None:
+    for name in ("a", "b"):
+        said(capsys, "good.tum", "truth.tum", "--plot", f"{name}.{ending}")
+    assert (folder / f"a.{ending}").read_bytes().startswith(first)
+    assert (folder / f"a.{ending}").read_bytes() == (folder / f"b.{ending}").read_bytes()
+    assert "x.jpg: " in refused(capsys, "evaluate", "good.tum", "truth.tum", "--plot", "x.jpg")
+
+
 def test_the_scale_is_fitted_where_it_is_asked_for(
     folder: Path, capsys: pytest.CaptureFixture[str], drawn: list[Figure]
 ) -> None:
@@ -127,7 +164,7 @@ def test_the_scale_is_fitted_where_it_is_asked_for(
     assert found["ate"]["translation_m"]["rmse"] < 1e-6
     assert json.loads(said(capsys, "large.tum", "truth.tum", "--json", "--plot", "rigid.png"))["scaled"] is False
     scaled, rigid = ([text.get_text() for text in figure.legends[0].texts] for figure in drawn)
-    assert "large.tum, ATE RMSE 0 mm, scale fitted" in scaled
+    assert "large, scale fitted, ATE RMSE 0 mm" in scaled
     assert not any("scale" in label for label in rigid)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from moteslam.eval.report.style import broken
 from moteslam.eval.results import from_same_start, write_map_files
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.store import Row
+from moteslam.eval.tables import number
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
 
@@ -95,10 +97,12 @@ def test_legends_name_each_path_its_start_and_its_end(run, simulation, tmp_path:
     curves.draw_error(tmp_path / "c.png", slam=ate)
     maps.draw_dead_reckoning(tmp_path / "d.png", estimate.dead_reckoning)
     maps.draw_dead_reckoning(tmp_path / "e.png", estimate.dead_reckoning, truth=truth)
+    unit = drawn[2].axes[0].get_ylabel().removeprefix("position error ")  # one a figure
+    rmse = f"{number({'[mm]': 1000, '[cm]': 100}[unit] * ate.rmse)} {unit[1:-1]}"
     assert [legend_of(figure) for figure in drawn] == [
         ["SLAM (final)", "start", "end"],
         ["SLAM (online)", "start", "robot"],
-        [f"SLAM (online), RMSE {1000 * ate.rmse:.3g} mm", "lines: running medians, bands: ranges"],
+        [f"SLAM (online), RMSE {rmse}", "lines: running medians, bands: ranges"],
         ["dead reckoning", "start", "end"],
         ["truth", "dead reckoning", "start", "end"],
     ]
@@ -209,6 +213,20 @@ def test_a_colour_a_scenario_and_dashes_a_configuration(tmp_path: Path, drawn: l
     assert dashes[0] == dashes[2] != dashes[1]
     np.testing.assert_allclose(lines[0].get_xdata(), [3, 10], rtol=0.05)
     np.testing.assert_allclose(lines[0].get_ydata(), [20, 10])  # [cm]
+
+
+def test_commands_are_one_series_and_a_failed_one_is_a_whole_marker(tmp_path: Path, drawn: list[Figure]) -> None:
+    rows = []
+    for name, error, version in (("ours", 0.1, ""), ("theirs", 0.2, "icp 2"), ("broken", inf, "1")):
+        row = made("corridor", name, error)
+        rows.append(replace(row, run=row.run.model_copy(update={"command": (("x",), "carmen", "a", "b", version)})))
+    draw_sweep(tmp_path / "a.png", rows, ["final.ate"], column="configuration")
+    assert legend_of(drawn[0]) == ["median", "half of the runs or more failed", "every run"]
+    axes = drawn[0].axes[0]
+    (failed,) = [line for line in axes.lines if line.get_markersize() == 9 and len(line.get_xdata())]
+    assert not failed.get_clip_on()
+    assert [*failed.get_xdata()] == [2.0]  # at its tick
+    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["ours", "theirs", "broken"]
 
 
 @pytest.mark.parametrize(

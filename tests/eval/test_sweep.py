@@ -10,11 +10,12 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from command_lines import printed, refused
-from made_sweeps import recorded, swept
+from made_sweeps import Values, recorded, swept
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.cli import main
@@ -23,7 +24,7 @@ from moteslam.eval.runs import as_csv, summary_of
 from moteslam.eval.sweep.plan import PlannedRun, plan, shard
 from moteslam.eval.sweep.spec import numbers, read_spec
 from moteslam.eval.sweep.store import WHOLE, Row, begin, create, merge, opened
-from moteslam.eval.sweep.workers import make_all, make_all_on
+from moteslam.eval.sweep.workers import Outcome, make_all, make_all_on
 
 SPEC = """
 scenarios = ["corridor"]
@@ -334,6 +335,29 @@ def test_runs_that_crash_hang_or_fail_are_rows_and_stop_no_other(tmp_path: Path)
     ate = summary_of(rows.values(), "final.ate")
     assert (ate.runs, ate.failed, ate.best, ate.median) == (7, 3, 0.0, pytest.approx(0.6))
     assert sum(row.succeeded for row in rows.values()) == 3
+
+
+def test_a_sweep_that_is_made_again_tries_what_did_not_end_well(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried: list[int] = []
+
+    def make(runs: list[PlannedRun], **_: object) -> Iterator[Outcome[PlannedRun]]:
+        for run in runs:
+            tried.append(run.seed)
+            yield Outcome(run, "ok", result={"values": {"final.ate": {"value": 0.2, "unit": "m"}}})
+
+    first: dict[int, Values | str | None] = {0: {"final.ate": (0.1, "m")}, 1: "no such program", 2: None}
+    text = 'scenarios = ["corridor"]\nseeds = "0-2"\n'
+    file = recorded(tmp_path / "a.sweep", text, lambda run: first[run.seed], digest="")
+    monkeypatch.setattr("moteslam.eval.sweep.workers.make_all", make)
+    for _ in range(2):  # the second time there is nothing to do
+        assert main.run(["sweep", str(tmp_path / "a.toml")]) == 0
+        assert tried == [2, 1]
+    assert capsys.readouterr().err.splitlines() == ["moteslam: tried again: 1 run that did not end well"]
+    assert [(row.status, row.error, row.values["final.ate"]) for row in rows_of(file)] == [
+        ("ok", "", 0.1), ("ok", "", 0.2), ("ok", "", 0.2)
+    ]  # fmt: skip
 
 
 @pytest.mark.usefixtures("toys")
