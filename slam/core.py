@@ -251,7 +251,8 @@ def _made(method: MakeFilter, config: SlamConfig, seed: int) -> Filter:
         text = f"{shortened(method)}, expected a class of a filter; a name is a key of the configuration: method=NAME"
         raise ConfigError(text, field="method")
     made = method(config, seed)
-    missing = [name for name in dir(Filter) if not name.startswith("_") and not hasattr(made, name)]
+    has = dir(made)  # asks for no value, as hasattr does
+    missing = [name for name in dir(Filter) if not name.startswith("_") and name not in has]
     if missing:
         text = f"{type(made).__name__} has no {', '.join(missing)}, expected a class under FilterDefaults with a step"
         raise ConfigError(text, field="method")
