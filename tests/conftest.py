@@ -10,6 +10,8 @@ from hypothesis import settings
 
 ROOT = Path(__file__).parents[1]
 
+os.environ.pop("COLUMNS", None)  # of a terminal, which a worker of pytest-xdist is told: tables would be as narrow
+
 settings.register_profile("moteslam", deadline=None)  # a test asserts no time: a busy machine is no failure
 settings.load_profile("moteslam")
 
