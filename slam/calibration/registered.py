@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.slam.calibration.hand_eye import Pairs, covariances
-from moteslam.slam.calibration.scan_pairs import Beams, cost, refine, register
+from moteslam.slam.calibration.scan_pairs import LEAST_FIT, Beams, cost, refine, register
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
 Array = NDArray[np.float64]
@@ -61,10 +61,10 @@ class UnmeasuredError(Exception):
 
 
 class UnfitScansError(UnmeasuredError):
-    """Scans do not fit each other: ``share`` of the pairs do."""
+    """Scans do not fit each other: ``share`` of the pairs do, be their turns bound by what they see or not."""
 
-    def __init__(self, good: int, total: int) -> None:
-        self.share = good / max(total, 1)
+    def __init__(self, good: int, total: int, share: float) -> None:
+        self.share = share
         text = f"lidar: {good} of {total} pairs of scans fit each other, at no scale of their angles more: the angles, "
         text += "the unit of ranges or what stands for no return are not as stated, or scans are too far apart. They "
         super().__init__("scans-unfit", f"{text}cannot be held against the odometry, and a map of them may be wrong")
@@ -73,8 +73,9 @@ class UnfitScansError(UnmeasuredError):
 def unmeasured(odometry: Array) -> None:
     """Raise ``UnmeasuredError`` of a robot that drives, by poses [n, 3] at scans."""
     if (extent := float(np.hypot(*np.ptp(odometry[:, :2], axis=0)))) > DRIVES:
-        text = f"the robot hardly turns over {extent:.0f} m, or scans are too few to be held against odometry. "
-        text += "Ranges, wheels or clocks that are not as stated make path and map wrong by as much, and nothing tells"
+        text = f"the robot hardly turns over {extent:.0f} m, the room is round, or scans are too few to be held "
+        text += "against odometry. Ranges, wheels or clocks that are not as stated make path and map wrong by as much, "
+        text += "and nothing tells"
         raise UnmeasuredError("not-calibrated", text)
 
 
@@ -123,7 +124,7 @@ class RegisteredPairs:
         """Raise ``UnfitScansError`` unless enough pairs are registered, and this share of all."""
         good, total = int(self._found.good.sum()), len(self._seconds)
         if good < FEWEST or good < share * total:
-            raise UnfitScansError(good, total)
+            raise UnfitScansError(good, total, float((self._found.fit > LEAST_FIT).mean()))
 
     @property
     def pairs(self) -> Pairs:
