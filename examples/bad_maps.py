@@ -70,7 +70,7 @@ def main(folder: Path) -> dict[str, int]:
         panels[0].set_title("as it should be" if name != "ghosts" else "the walls")
         panels[1].set_title(name)
         for axes, (recording, config) in zip(panels, runs, strict=True):
-            axes.set(aspect="equal", xlabel="x [m]")
+            axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
             if config is None:
                 for x0, y0, x1, y1 in recording:
                     axes.plot((x0, x1), (y0, y1), color="0.15", lw=1)
