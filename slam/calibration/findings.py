@@ -30,6 +30,8 @@ SCALE = 0.04
 """and of ranges over the odometry's lengths, which SLAM calibrates while driving."""
 TURNS = 0.15
 """Likewise of turns by scans over the odometry's."""
+CHANGE, CHANGE_SIGMAS = 0.03, 6.0
+"""Lengths over the odometry's change by less in mid drive where wheels slip a little, or with so few deviations."""
 LONG = 0.06
 """From here on a scale moves the result by a tenth of a metre or more."""
 NEAR_SWEEP = 0.02
@@ -155,6 +157,13 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         else:
             text += "If ranges are, the odometry's x and y are to be multiplied by it; if not, the ranges divided"
         told.append(("range-scale", text))
+    time, share, about = c.fit.change
+    if c.fits and abs(share) > max(CHANGE, CHANGE_SIGMAS * about):
+        text = f"lidar: from about {time:.0f} s on lengths by ranges are {100 * abs(share):.1f} % "
+        text += (
+            f"{'more' if share > 0 else 'less'} over the odometry's than before: ranges, and with them the map, are "
+        )
+        told.append(("range-change", f"{text}of another scale from there on, or the wheels slip"))
     if (turns := certain.get("turns")) is not None:
         text = f"odometry: robot turns {_percent(turns)} odometry does: its track is wrong, or its angles no radians"
         told.append(("odometry-turn-scale", text))

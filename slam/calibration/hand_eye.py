@@ -88,6 +88,14 @@ class Pairs(NamedTuple):
         return float(self.first.min() + np.ptp(self.first) / 2)
 
 
+class Change(NamedTuple):
+    """From a time on [s] lengths are larger by a share, with its deviation."""
+
+    time: float = 0.0
+    share: float = 0.0
+    deviation: float = 1.0
+
+
 class Fit(NamedTuple):
     """A lidar against odometry.
 
@@ -97,12 +105,14 @@ class Fit(NamedTuple):
         deviations: [8] their standard deviations.
         cost: mean robust cost of a pair; about 3 where the model holds.
         middle: the time that the drift counts from [s].
+        change: where the lengths by the scans over those by the odometry change most clearly.
     """
 
     values: Array
     deviations: Array
     cost: float
     middle: float
+    change: Change
 
     def expected(self, first: Array, last: Array, path: Path) -> Array:
         """The lidar's motions [k, 3] between times [k]."""
@@ -204,7 +214,8 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, 
     deviations[Parameter.LENGTHS] = np.hypot(p[Parameter.LENGTHS] * deviation, FLOOR[Parameter.LENGTHS])
     p[Parameter.LENGTHS] *= ratio
     p[Parameter.YAW] = se2.wrap(p[Parameter.YAW])
-    return Fit(p, deviations, float((TAIL**2 * np.log1p(square / TAIL**2)).mean()), pairs.middle)
+    mean = float((TAIL**2 * np.log1p(square / TAIL**2)).mean())
+    return Fit(p, deviations, mean, pairs.middle, _change_of_lengths(pairs, expected, robust))
 
 
 def _expected(p: Array, first: Array, last: Array, middle: float, path: Path, turns: Array | None = None) -> Array:
@@ -236,6 +247,21 @@ def _direction(pairs: Pairs, odometry: Array) -> tuple[float, float]:
     ratio = base / scans * np.exp(0.5j * (pairs.motions[use, 2] - odometry[use, 2]))
     middle = complex(np.median(ratio.real), np.median(ratio.imag))
     return float(np.angle(middle)), float(np.clip(1 / max(abs(middle), 1e-3), 0.01, 100))
+
+
+def _change_of_lengths(pairs: Pairs, expected: Array, robust: Array) -> Change:
+    """The clearest change of the ratio of lengths, of those at the eighths of the pairs in time."""
+    found = Change()
+    for time in np.quantile(pairs.first, np.arange(1, 8) / 8).tolist():
+        earlier = pairs.first < time
+        (before, about_before), (after, about_after) = (
+            _ratio_of_lengths(Pairs(*(each[some] for each in pairs)), expected[some], robust[some])
+            for some in (earlier, ~earlier)
+        )
+        share, deviation = after / before - 1, float(np.hypot(about_before / before, about_after / after))
+        if abs(share) / deviation > abs(found.share) / found.deviation:
+            found = Change(time, share, deviation)
+    return found
 
 
 def _ratio_of_lengths(pairs: Pairs, expected: Array, robust: Array) -> tuple[float, float]:

@@ -208,6 +208,16 @@ def test_angles_that_are_off_by_a_factor_are_found(platform: str, factor: float)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("factor", [1.0, 1.06, 0.9])
+def test_ranges_that_change_in_mid_drive_are_told(factor: float) -> None:
+    recording = driven("lms200")
+    stamps = recording.lidar.stamps
+    later = np.where(stamps > stamps.mean(), factor, 1.0).astype(np.float32)
+    found, about = found_in(lidar(ranges=lambda s: s.ranges * later[:, None])(recording))
+    assert codes(about.moves) == (["range-change"] if factor != 1 else [])
+    assert factor == 1 or found.fit.change.share == pytest.approx(factor - 1, rel=0.25)
+
+
 @pytest.mark.parametrize("platform", ["lms200", "rplidar_a1"])
 def test_scans_that_fit_each_other_in_no_reading_are_told(platform: str) -> None:
     recording = lidar(ranges=lambda s: s.ranges * np.float32(100))(driven(platform))
