@@ -158,17 +158,18 @@ class SquareScores(NamedTuple):
 
     Attributes:
         fours: int64 [rows, columns], four times ``LANE`` bits.
-        apart: places of the lattice are so many cells apart.
         cell_size: of the coarse level [m].
     """
 
     fours: NDArray[np.int64]
-    apart: int
     cell_size: float
 
     @classmethod
     def of(cls, tiles: Tiles, *, apart: int, cell_size: float, near: float) -> "SquareScores":
-        """Of one map; see ``search_scans`` for the score, of which this is half, without its negative part."""
+        """Of one map, of a lattice whose places are so many cells ``apart``.
+
+        See ``search_scans`` for the score, of which this is half, without its negative part.
+        """
         shape = tiles.rows * (SIDE // 2), tiles.columns * (SIDE // 2)
         side, least = max(shape), int(near * STEPS)
         laid = np.zeros((side, side), np.int32)
@@ -178,7 +179,7 @@ class SquareScores(NamedTuple):
         scores = ((laid + least // 2) // 2).astype(np.int64)
         padded = np.pad(scores[: shape[0], : shape[1]], ((0, apart), (0, apart)), mode="edge")
         lanes = [padded[y : y + shape[0], x : x + shape[1]] for y in (0, apart) for x in (0, apart)]
-        return cls(sum(lane << (LANE * k) for k, lane in enumerate(lanes)), apart, cell_size)  # type: ignore[arg-type]
+        return cls(sum(lane << (LANE * k) for k, lane in enumerate(lanes)), cell_size)  # type: ignore[arg-type]
 
     def best_of(
         self, points: ArrayLike, turns: ArrayLike, squares: ArrayLike, free: ArrayLike, *, blocks: int

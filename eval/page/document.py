@@ -222,7 +222,9 @@ def page(
     if axis == runs.CONFIGURATION:  # with what varies
         over = [runs.key_words(key) for key in varied] or over
         each = list(dict.fromkeys(run.run.configuration for run in made))
-    asked = f"{title_of(names[0])} by {', '.join(over)}: {', '.join(each)}" if len(columns) > 1 else made[0].name
+    asked = made[0].name if len(made) == 1 else f"{title_of(names[0])} of {len(made)} runs"
+    if len(columns) > 1:
+        asked = f"{title_of(names[0])} by {', '.join(over)}: {', '.join(each)}"
     return _render(
         {
             "title": shortened(asked, 160) if title is None else title,

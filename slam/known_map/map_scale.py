@@ -60,8 +60,6 @@ class MapScale:
         if not (off > 0).any():
             return None
         percent = 100 * (float(scale[off.argmax()]) - 1)
-        text = (
-            f"ways in the map are {abs(percent):.1f} % {'longer' if percent > 0 else 'shorter'} than by the odometry: "
-        )
-        text += "the map's resolution, or the odometry's unit of length, is not as stated"
+        text = f"ways in the map are {abs(percent):.1f} % {'longer' if percent > 0 else 'shorter'} than by the "
+        text += "odometry: the map's resolution, or the odometry's unit of length, is not as stated"
         return Issue("map-scale", text)
