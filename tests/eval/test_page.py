@@ -226,6 +226,8 @@ def test_robots_have_rows_of_their_own_and_the_title_says_what_was_asked() -> No
 
 def test_the_title_names_what_varies(tmp_path: Path) -> None:
     assert "<title>final ATE by particles: default, paper</title>" in page(gather([sweep(tmp_path / "s.sweep")]))
+    alike = Material(runs=[run_of(seed=seed) for seed in range(2)])
+    assert "<title>final ATE of 2 runs</title>" in page(alike)
 
 
 def test_failed_runs_count_as_the_worst() -> None:
