@@ -24,8 +24,8 @@ from moteslam.eval.run_tables import (
     write_loops,
 )
 from moteslam.eval.scores import score_estimate
+from moteslam.slam.backend.kinds import NoBackendConfig
 from moteslam.slam.backend.ledger import LoopCandidate
-from moteslam.slam.backend.none import NoBackendConfig
 from moteslam.slam.backend.protocol import BackendConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
