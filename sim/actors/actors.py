@@ -180,15 +180,10 @@ LEAF_POINTS, LEAF_RADIUS = 9, 0.02
 
 
 class Actors:
-    """The people and doors of a scenario.
+    """The people with waypoints, the crowd, whom the seed places, and the doors of a scenario, in a physics engine's
+    space.
 
-    Args:
-        people: with waypoints of their own.
-        crowd: more people, whom the seed places.
-        space: of the physics engine, which they are put into.
-        start: [2] where the robot starts [m].
-        duration: of the run at most [s].
-        rng: of schedules, strolls and the crowd.
+    The robot starts at ``start`` [2] [m], of a run of ``duration`` at most [s].
     """
 
     def __init__(

@@ -114,12 +114,9 @@ def check_mishaps(faults: Sequence[object], task: Task, world: World, platform: 
 
 
 def carrying(fault: Carried, pose: Array, driver: Driver, rate: int, *, field: str) -> tuple[Array, int]:
-    """How the robot is carried: along its path, at the speed of one who starts and stops, facing where it is carried.
+    """How the robot is carried from a pose [3], the heading not wrapped, along the path of its driver, at a rate [Hz].
 
-    Args:
-        pose: [3] where it is lifted, the heading not wrapped.
-        driver: whose path it is.
-        rate: poses a second [Hz].
+    At the speed of one who starts and stops, facing where it is carried.
 
     Returns:
         poses [n, 3], the heading not wrapped, the last where it is set down; and the index on the driver's path from

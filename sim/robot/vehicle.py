@@ -30,10 +30,8 @@ SHIFTS = 0.02
 class Vehicle:
     """The robot's body on its wheels, among the walls of a physics engine's ``space``; others may be put into it.
 
-    Args:
-        start: the pose [3] it starts at.
-        world: the walls, and the patches of slippery floor.
-        noise: rolling resistance, and the height of the mass, by which the load shifts between the wheels.
+    It starts at a pose [3]. Of the world it feels the slippery patches, too, of the noise rolling resistance, and the
+    height of the mass, by which the load shifts between the wheels.
     """
 
     def __init__(self, platform: Platform, start: Array, world: World, noise: DriveNoise) -> None:

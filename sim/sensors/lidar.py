@@ -17,7 +17,7 @@ from moteslam.robot.values import given_up
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.clock import readings
 from moteslam.sim.sensors.echoes import Rays, Scene, mix_at_edges
-from moteslam.sim.sensors.faults import Cart, Tilt, carts_in_view, leaning
+from moteslam.sim.sensors.faults import Cart, Tilt, leaning
 
 
 @dataclass(frozen=True)
@@ -128,10 +128,10 @@ class Lidar:
             leans, height, grazing = leaning(leans, lidar.z, self._aslant, moments)
             bearings = np.tile(lidar.yaw + angles, len(moments))
             exact = tilted(exact, leans.reshape(-1, 2), bearings, height, grazing)
-        if self._carts:
-            bearings = np.asarray(self._mount.yaw + angles, np.float64)
-            scans = exact.reshape(moments.shape)
-            exact = carts_in_view(scans, self._carts, moments, (errors.x, errors.y), bearings).reshape(-1)
+        for cart in self._carts:  # what is nearer hides the other
+            seen = cart.ranges((errors.x, errors.y), np.asarray(self._mount.yaw + angles))
+            met = np.where(cart.covers(moments), seen, np.inf).reshape(-1)
+            exact = np.where(np.isfinite(met), np.fmin(exact, met), exact).astype(np.float32)
         if errors.scale or errors.bias:
             exact = (exact * (1 + errors.scale) + errors.bias).astype(np.float32)
         return measured(exact.reshape(-1, scan.beams), scan, noise, self._rng)
@@ -164,12 +164,8 @@ def tilted(
 ) -> NDArray[np.float32]:
     """The ranges [n] of beams that do not lie level: walls are a little further, and some beams end on the floor.
 
-    Args:
-        level: [n] of the level beams [m].
-        leans: roll and pitch of the lidar [2] or [n, 2] [rad].
-        bearings: [n] of the beams in the robot's frame [rad].
-        height: of the lidar above the floor [m], one or [n]; at 0 or below no floor is met.
-        grazing: angle from which on the floor is measured [rad], one or [n].
+    The lidar leans by roll and pitch [2] or [n, 2] [rad], so high above the floor [m], one or [n]; at 0 or below no
+    floor is met, and it is measured from the angle ``grazing`` on [rad]. Bearings [n] are in the robot's frame [rad].
     """
     leans = np.broadcast_to(leans, (len(level), 2))
     down = leans[:, 1] * np.cos(bearings) + leans[:, 0] * -np.sin(bearings)

@@ -196,12 +196,10 @@ KINDS = ("boxes", "boxes", "pillars", "tables", "chairs")
 def _furniture(
     free: NDArray[np.bool_], corner: Array, route: Array, rng: np.random.Generator
 ) -> dict[str, list[dict[str, Any]]]:
-    """Furniture that overlaps neither walls, nor the route's clearance, nor other furniture, as the tables of a world.
+    """Furniture that overlaps neither walls, nor the clearance of a route [k, 2], nor other furniture: tables of a
+    world.
 
-    Args:
-        free: [rows, columns] which cells are free space.
-        corner: [2] of cell [0, 0] [m].
-        route: [k, 2] waypoints [m].
+    ``free`` [rows, columns] is free space, whose cell [0, 0] has its corner [2] there [m].
     """
     import shapely
 

@@ -40,15 +40,9 @@ class KldConfig(Section):
 def resample(
     scheme: str, weights: Weights, generator: np.random.Generator, count: int | None = None
 ) -> NDArray[np.int64]:
-    """Draw particles in proportion to their weights; a particle of weight w is drawn count * w times on average.
+    """Draw ``count`` particles in proportion to their weights [N], not all 0; as many as there are by default.
 
-    Args:
-        scheme: one of ``SCHEMES``.
-        weights: [N] >= 0, not all 0.
-        count: how many to draw, M; as many as there are if None.
-
-    Returns:
-        parents [M], rising: indices into ``weights``, none of them of weight 0.
+    A particle of weight w is drawn count * w times on average, one of weight 0 never. Rising indices [M].
     """
     return SCHEMES[scheme](weights, generator, len(weights) if count is None else count)
 

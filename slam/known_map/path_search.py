@@ -60,14 +60,10 @@ class Place(NamedTuple):
 def find_path(
     occupancy: Raster, stood: Array, path: Array, scans: Sequence[Points], origin: Array
 ) -> tuple[Place | None, int]:
-    """Where a path lies in a map, None where that is open; and how many answers there are.
+    """Where in a map, drawn from poses [m, 3], a path [n, 3] in a frame of its own lies, None where that is open.
 
-    Args:
-        occupancy: trinary map.
-        stood: [m, 3] poses from which it was drawn.
-        path: [n, 3] poses of the scans, in a frame of their own.
-        scans: n, endpoints [k, 2] in the robot's frame [m].
-        origin: [2] where their rays start [m].
+    And how many answers there are. The n scans are endpoints [k, 2] in the robot's frame, their rays start at an origin
+    [2] [m].
     """
     config = KnownMapConfig()
     maps = KnownMaps(occupancy, config.tsdf)

@@ -83,12 +83,10 @@ class Sight(NamedTuple):
 
 
 def silent_rays(ends: Points, origin: Array, share: float) -> Points:
-    """A share of the rays that nothing answered, [m, 2]; they end at ``REACH``.
+    """A share of the rays that nothing answered, with ends [k, 2], from an origin [2] [m]: [m, 2]; they end at
+    ``REACH``.
 
-    Args:
-        ends: [k, 2] of them [m].
-        origin: [2] where they start [m].
-        share: of a scan's endpoints that is left, too: as many rays count as one.
+    It is the share of a scan's endpoints that is left, too: as many rays count as one.
     """
     rays = subsample(ends, round(share * len(ends))) - origin
     if not len(rays):
@@ -154,11 +152,6 @@ class WholeMapSearch:
         self._turns = np.arange(-np.pi, np.pi - TURN / 2, TURN)
         self._seen: list[Sight] = []
 
-    @property
-    def places(self) -> int:
-        """That are searched: of the lattice, in all headings."""
-        return self._count * len(self._turns)
-
     def begin(self) -> None:
         """Begin anew, in the same map."""
         self._seen = []
@@ -182,7 +175,7 @@ class WholeMapSearch:
         all_found = not likely[best[FINALISTS:]].any() and (len(starts) < STARTS or bool(likely.mean() < CROWDED))
         best = best[:FINALISTS]
         places, odds = self._odds(tried[best], some, subsample(points, POINTS))
-        odds -= np.log(self.places)
+        odds -= np.log(self._count * len(self._turns))  # of all places, in all headings
         order = np.argsort(-odds, kind="stable")
         order = order[apart(places[order], FINALISTS, SAME)]
         weights = np.exp(np.minimum(odds[order], 500.0))

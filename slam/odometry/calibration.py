@@ -103,12 +103,9 @@ class OdometryCalibration:
 
 
 class _Gains:
-    """A Kalman filter of constants that change a little with the distance driven.
+    """A Kalman filter of constants [k], with prior deviations [k], that change a little with the distance driven.
 
-    Args:
-        values: [k] prior means, and
-        deviations: [k] prior standard deviations.
-        change: standard deviation of their change over a metre, of a gain with ``deviations[0]``.
+    ``change`` is the standard deviation of their change over a metre, of a gain with ``deviations[0]``.
     """
 
     def __init__(self, values: list[float], deviations: list[float], change: float) -> None:

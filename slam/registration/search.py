@@ -66,11 +66,8 @@ def candidates(
 ) -> Array:
     """The most promising offsets [m, 3] of a window, by the coarse level of the TSDF and the prior, best first.
 
-    Args:
-        predicted: [3] the middle of the window.
-        spread: [3] standard deviation of the prior about it.
-        points: [k, 2] of the scan.
-        most: offsets at most; each is ``config.separation`` of the basin away from the better ones.
+    The window is around ``predicted`` [3], the prior about it of standard deviations ``spread`` [3], the scan's points
+    are [k, 2]. Each is ``config.separation`` of the basin away from the better ones.
     """
     few = subsample(points, MAX_SEARCH_POINTS)
     c, s = math.cos(window.along), math.sin(window.along)

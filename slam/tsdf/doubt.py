@@ -74,13 +74,10 @@ class Doubt:
         return state_of(self.probability)
 
     def observe(self, driven: float, scan: ScanFit | None, *, carried: bool = False) -> None:
-        """Take in a scan.
+        """Take in a scan, None if it was not matched, driven so far after the one before by the odometry [m].
 
-        Args:
-            driven: since the scan before, by the odometry [m]: where the robot is found elsewhere that is no drive.
-            scan: None if it was not matched.
-            carried: it was found farther off than the robot can have driven: somebody moved it, and it is only found
-                where the scans fit as is usual.
+        It was ``carried`` if it was found farther off than the robot can have driven: somebody moved it, and it is only
+        found where the scans fit as is usual.
         """
         self._driven += driven
         if scan is None:

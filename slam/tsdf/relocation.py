@@ -47,12 +47,9 @@ over them twice: a robot that comes back to a map by much drift looks lost, too.
 
 
 class Relocation:
-    """Looks for the robot in the map that it had before it was lost.
+    """Looks for the robot in the map, made on a path [u, 3], that it had before it was lost.
 
-    Args:
-        path: [u, 3] on which that map was made.
-        begin: [3] where the new map begins, as far as is known.
-        reach: how far off that is at most [m].
+    The new map begins at ``begin`` [3], which is off by ``reach`` at most [m].
     """
 
     def __init__(

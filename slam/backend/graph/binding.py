@@ -26,12 +26,10 @@ LEAST_LOOPS = 2
 
 
 def bind(building: Building, session: Building, node: int, pose: Array, config: GraphConfig) -> Building | None:
-    """A session bound to a building; None where no loops prove that it belongs there.
+    """A session, in a frame of its own, bound to a building, whose frame stays; None where no loops prove that it
+    belongs.
 
-    Args:
-        building: of one or more sessions, whose frame stays.
-        session: a building of one session, in a frame of its own.
-        pose: [3] where this node of the session seems to lie, in the frame of the building.
+    Its node seems to lie at a pose [3] in the frame of the building.
     """
     n, own = int(building.firsts[-1]), session.poses
     both = building.plus(session.at(se2.compose(pose, se2.between(own[node], own))))

@@ -261,12 +261,9 @@ def _turned(matrices: Array, vectors: Array) -> Array:
 
 
 def _add_steps(poses: Array, steps: _Steps, blocks: Array, right: Array) -> Array:
-    """Add steps of the chain to the system; returns the blocks [s, 3, 3] between their ends.
+    """Add steps of the chain to the blocks [n, 3, 3] and the right side [n, 3] of the system at poses [n, 3].
 
-    Args:
-        poses: [n, 3].
-        steps: that bind them; each scan is before at most one, and after at most one.
-        blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
+    Each scan is before at most one, and after at most one. Returns the blocks [s, 3, 3] between their ends.
     """
     before, after = poses[steps.before], poses[steps.after]
     off = se2.between(steps.measured, se2.between(before, after))

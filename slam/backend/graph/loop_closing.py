@@ -16,8 +16,8 @@ from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.loop_graph import PROVED, BoundGraph, Pair
-from moteslam.slam.backend.graph.loop_search import FARTHEST, WINDOW_DEVIATIONS, LoopSearch, fair_share, squares
-from moteslam.slam.registration.search import is_elsewhere
+from moteslam.slam.backend.graph.loop_search import FARTHEST, WINDOW_DEVIATIONS, LoopSearch, squares
+from moteslam.slam.registration.search import LEAST_KNOWN, is_elsewhere
 
 G = TypeVar("G", bound=BoundGraph)
 
@@ -169,7 +169,8 @@ class LoopClosing(Generic[G]):
         if not len(nodes):
             return False
         others = [graph.loops[node, query].candidate for node in nodes.tolist()]
-        shares = np.array([fair_share(other, loop.candidate) for other in others])
+        # what is to be compared with the best one: see ``runner_up``
+        shares = np.array([o.share * max(loop.candidate.known / max(o.known, LEAST_KNOWN), 1.0) for o in others])
         at = se2.compose(graph.poses[submap], loop.candidate.found)
         off = se2.between(at, se2.compose(graph.poses[nodes], np.array([other.found for other in others])))
         rivals = is_elsewhere(off) & (shares >= loop.candidate.share - self._config.loops.least_margin)

@@ -23,7 +23,7 @@ from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
 from moteslam.slam.registration.information import keep_odometry, measured_information
 from moteslam.slam.registration.registrar import Registration, register, subsample
-from moteslam.slam.registration.search import LEAST_KNOWN, Window, candidates, runner_up, shares
+from moteslam.slam.registration.search import Window, candidates, runner_up, shares
 
 Points = NDArray[np.float32]
 
@@ -150,11 +150,6 @@ class LoopSearch:
             return "ambiguous"
         inside = squares(offset, covariance) <= FARTHEST**2
         return "accepted" if inside else "outside"
-
-
-def fair_share(rival: LoopCandidate, best: LoopCandidate) -> float:
-    """The share of a place in another submap, which is to be compared with the best one: see ``runner_up``."""
-    return rival.share * max(best.known / max(rival.known, LEAST_KNOWN), 1.0)
 
 
 def squares(offsets: Array, covariance: Array) -> Array:

@@ -62,10 +62,6 @@ class Edges:
         """The squares [e] of errors [e, 3], in standard deviations."""
         return np.asarray(np.einsum("ei,eij,ej->e", errors, self.information, errors))
 
-    def jacobians(self, poses: Array) -> tuple[Array, Array]:
-        """Of the errors by (x, y, theta) of the first and of the second pose, [e, 3, 3] each."""
-        return relative_jacobians(poses[self.first], poses[self.second], self.relative[:, 2])
-
 
 def relative_jacobians(first: Array, second: Array, heading: Array) -> tuple[Array, Array]:
     """Of the poses [e, 3] of ``second`` in the frames of ``first``, turned back by the headings [e] of the measured
@@ -102,7 +98,7 @@ def solve(poses: Array, edges: Edges, *, graduated: bool = True) -> tuple[Array,
             errors = edges.errors(poses)
             if graduated:
                 weights = _weights(errors, edges, scale)
-            first, second = edges.jacobians(poses)
+            first, second = relative_jacobians(poses[edges.first], poses[edges.second], edges.relative[:, 2])
             information = weights[:, None, None] * edges.information
             weighted_first, weighted_second = information @ first, information @ second
             own = system.sums(np.swapaxes(first, 1, 2) @ weighted_first, np.swapaxes(second, 1, 2) @ weighted_second)
