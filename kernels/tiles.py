@@ -172,13 +172,8 @@ class TileStore:
 
     def __init__(self, rows: int, columns: int, tiles: int, *, on_device: bool = False) -> None:
         self._on_device = on_device
-        self.tiles = Tiles(
-            self._put(np.zeros(tiles * CELLS, np.int16)),
-            self._put(np.zeros(rows * columns, np.int32)),
-            rows,
-            columns,
-            1,
-        )
+        pool, table = self._put(np.zeros(tiles * CELLS, np.int16)), self._put(np.zeros(rows * columns, np.int32))
+        self.tiles = Tiles(pool, table, rows, columns, 1)
         self.shares: Any  # int32 [t] how many table entries name each tile, above 1 for tile 0, as of the last `count`
         # int32 [t] of which the first `left` are tiles that no table names and no kernel has taken since
         self.free: Any

@@ -105,15 +105,8 @@ class Lidar:
             rows = slice(start, min(start + at_a_time, until))
             ranges[start - first : rows.stop - first] = self._scans(drive, scene, self.times[rows], tilt)
             progress(min(1.0, (start + at_a_time - first) / len(ranges)))
-        return LidarStream(
-            stamps=self.stamps[first:until],
-            ranges=given_up(ranges),
-            angle_min=scan.angle_min,
-            angle_increment=scan.angle_increment,
-            range_min=scan.range_min,
-            range_max=scan.range_max,
-            time_increment=lidar.time_increment,
-        )
+        figures = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max, lidar.time_increment
+        return LidarStream(self.stamps[first:until], given_up(ranges), *figures)
 
     def _scans(self, drive: Drive, scene: Scene, times: Array, tilt: Array | None) -> NDArray[np.float32]:
         """The ranges [m, beams] of scans that begin at some times [m] [s]."""

@@ -20,8 +20,7 @@ from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.measured_chain import MeasuredChain
-from moteslam.slam.backend.graph.pose_graph import relative_jacobians
-from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
+from moteslam.slam.backend.graph.pose_graph import BlockSystem, relative_jacobians
 from moteslam.slam.registration.information import least_bound_turn, least_informed
 from moteslam.slam.registration.registrar import FULL
 
