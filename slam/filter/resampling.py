@@ -23,18 +23,13 @@ class KldConfig(Section):
     The number changes where particles are resampled, and there alone.
     """
 
-    enabled: Truth = False
-    """Adapt the number of particles; `particles` is then the largest number, and the first."""
+    enabled: Truth = False  # Adapt the number of particles; `particles` is then the largest number, and the first
+    # Kullback-Leibler distance that is allowed between the particles and the posterior, over the bins
     epsilon: Positive = 0.05
-    """Kullback-Leibler distance that is allowed between the particles and the posterior, over the bins."""
-    delta: Annotated[Number, Field(gt=0, lt=1)] = 0.01
-    """Probability that it is exceeded."""
-    bin_size: Positive = 0.1
-    """Of the bins in x and in y [m]."""
-    bin_angle: Positive = 0.05
-    """Of the bins in the heading [rad]."""
-    least: Annotated[Whole, Field(ge=1)] = 10
-    """Never fewer particles than these; `particles` wins if it is smaller."""
+    delta: Annotated[Number, Field(gt=0, lt=1)] = 0.01  # Probability that it is exceeded
+    bin_size: Positive = 0.1  # Of the bins in x and in y [m]
+    bin_angle: Positive = 0.05  # Of the bins in the heading [rad]
+    least: Annotated[Whole, Field(ge=1)] = 10  # Never fewer particles than these; `particles` wins if it is smaller
 
 
 def resample(
