@@ -27,18 +27,13 @@ from moteslam.kernels.runtime import runtime, ti
 from moteslam.kernels.types import F32, I32, func, template
 
 SIDE_BITS = 5
-SIDE = 1 << SIDE_BITS
-"""Fine cells along a tile's edge."""
+SIDE = 1 << SIDE_BITS  # Fine cells along a tile's edge
 FINE_CELLS = SIDE * SIDE
-CELLS = FINE_CELLS + FINE_CELLS // 4
-"""Cells of a tile, both levels."""
-EMPTY = 0
-"""The number of the tile that stands for none."""
+CELLS = FINE_CELLS + FINE_CELLS // 4  # Cells of a tile, both levels
+EMPTY = 0  # The number of the tile that stands for none
 WEIGHT_BITS = 5
-MAX_WEIGHT = (1 << WEIGHT_BITS) - 1
-"""The largest weight that fits a cell."""
-STEPS = (1 << (15 - WEIGHT_BITS)) - 1
-"""Steps of distance within the truncation."""
+MAX_WEIGHT = (1 << WEIGHT_BITS) - 1  # The largest weight that fits a cell
+STEPS = (1 << (15 - WEIGHT_BITS)) - 1  # Steps of distance within the truncation
 
 
 class Tiles(NamedTuple):

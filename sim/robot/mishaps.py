@@ -18,12 +18,9 @@ from moteslam.robot.values import Number, Section
 from moteslam.sim.robot.driver import MAX_DURATION, SPACING, Commands, Driver, Route, Seconds, Task, sampled
 from moteslam.sim.world.world import World, check_place
 
-FAR = 10.0
-"""How far along its path a robot is carried unless it is said [m]."""
-CORNER = 0.3
-"""Over which corners are rounded, before and after them [m]."""
-TURNS = 0.4
-"""Over which turns are smoothed, before and after them [s]."""
+FAR = 10.0  # How far along its path a robot is carried unless it is said [m]
+CORNER = 0.3  # Over which corners are rounded, before and after them [m]
+TURNS = 0.4  # Over which turns are smoothed, before and after them [s]
 
 Duration = Annotated[Number, Field(gt=0, le=MAX_DURATION)]
 

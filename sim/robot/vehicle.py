@@ -19,12 +19,9 @@ from moteslam.robot.se2 import Array
 from moteslam.sim.actors.people import ROBOT
 from moteslam.sim.world.world import World
 
-PHYSICS_RATE = 400
-"""Physics steps a second [Hz]."""
-GRAVITY = 9.80665
-"""[m/s^2]"""
-SHIFTS = 0.02
-"""Time in which the load shifts between the wheels [s]."""
+PHYSICS_RATE = 400  # Physics steps a second [Hz]
+GRAVITY = 9.80665  # [m/s^2]
+SHIFTS = 0.02  # Time in which the load shifts between the wheels [s]
 
 
 class Vehicle:

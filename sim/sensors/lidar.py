@@ -42,8 +42,7 @@ class LidarErrors:
         return cls(*(rng.standard_normal(len(spread)) * spread).tolist())
 
 
-_RAYS = 512 * 1081
-"""Rays at a time; scans are not divided."""
+_RAYS = 512 * 1081  # Rays at a time; scans are not divided
 
 
 class Lidar:
@@ -213,8 +212,7 @@ def _at(drive: Drive, times: Array, values: Array) -> Array:
     return np.asarray(values[i] * (1 - share) + values[i + 1] * share)
 
 
-SETTLES = 0.1
-"""Time in which the body follows an acceleration, and over which it shakes alike [s]."""
+SETTLES = 0.1  # Time in which the body follows an acceleration, and over which it shakes alike [s]
 
 
 def tilt_of(drive: Drive, noise: DriveNoise, rng: np.random.Generator) -> Array:
@@ -236,8 +234,7 @@ def tilt_of(drive: Drive, noise: DriveNoise, rng: np.random.Generator) -> Array:
     return np.asarray(leans + shaken, np.float64)
 
 
-MAX_REACH = 2.0
-"""Of a sensor's mount from the robot's centre [m]."""
+MAX_REACH = 2.0  # Of a sensor's mount from the robot's centre [m]
 
 
 def check_sensors(platform: Platform) -> None:

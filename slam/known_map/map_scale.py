@@ -7,15 +7,12 @@ import numpy as np
 from moteslam.robot.se2 import Array, Pose, as_pose, compose_one
 from moteslam.robot.values import Issue
 
-SEGMENT = 1.0
-"""Motions in the map and by the odometry are compared over so much of a way [m]."""
-LEAST = 5.0
-"""Driven along an axis, at least [m]."""
+SEGMENT = 1.0  # Motions in the map and by the odometry are compared over so much of a way [m]
+LEAST = 5.0  # Driven along an axis, at least [m]
 STRETCHED, SCALED = 0.025, 0.04
 """Two axes that differ by so much in scale are a map's fault; from odometry any map differs by less than the second:
 wheels wear, ``findings.SCALE``."""
-SIGMAS = 2.0
-"""Standard deviations that a difference must have, too."""
+SIGMAS = 2.0  # Standard deviations that a difference must have, too
 
 
 class MapScale:

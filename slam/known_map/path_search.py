@@ -27,10 +27,8 @@ from moteslam.slam.registration.search import is_elsewhere
 
 Points = NDArray[np.float32]
 
-APART, MOST = 20.0, 20
-"""Searches are this far apart along the path [m], at least, and at most so many."""
-FOLLOWED = 10
-"""Places that each finds of which at most so many are followed."""
+APART, MOST = 20.0, 20  # Searches are this far apart along the path [m], at least, and at most so many
+FOLLOWED = 10  # Places that each finds of which at most so many are followed
 STEP = np.array([0.02, 0.02, 0.005])
 """Standard deviations of a step of the path from scan to scan, in a map that is bent a little [m, m, rad]."""
 CORRECTING = 0.7

@@ -19,14 +19,10 @@ from moteslam.slam.registration.registrar import Registration, subsample
 
 Points = NDArray[np.float32]
 
-CROSSING = 0.3
-"""What a ray through a surface costs [endpoints]: little, since doors open and people walk."""
-LEAST_KNOWN = 0.3
-"""A place that knows less of the endpoints than another counts as if it knew this share of them."""
-AT_ONCE = 2048
-"""Offsets, best first, that are compared at once."""
-ELSEWHERE_DISTANCE, ELSEWHERE_ROTATION = 0.5, 0.15
-"""A place this far off is another one [m], [rad]."""
+CROSSING = 0.3  # What a ray through a surface costs [endpoints]: little, since doors open and people walk
+LEAST_KNOWN = 0.3  # A place that knows less of the endpoints than another counts as if it knew this share of them
+AT_ONCE = 2048  # Offsets, best first, that are compared at once
+ELSEWHERE_DISTANCE, ELSEWHERE_ROTATION = 0.5, 0.15  # A place this far off is another one [m], [rad]
 
 
 class Window(NamedTuple):

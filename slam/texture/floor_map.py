@@ -21,11 +21,9 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, Summarised, counted
 from moteslam.slam.texture.config import TextureConfig
 
-MAX_CELLS = 40_000_000
-"""Of the sums, 32 bytes each."""
+MAX_CELLS = 40_000_000  # Of the sums, 32 bytes each
 
-BEYOND_ENDS = 0.1
-"""Frames this long before the first or after the last pose still get that pose [s]."""
+BEYOND_ENDS = 0.1  # Frames this long before the first or after the last pose still get that pose [s]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

@@ -36,8 +36,7 @@ from moteslam.slam.tsdf.motion import MotionSinceUpdate
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.proposal import Proposal
 
-FLAT = 1e-6
-"""Curvatures below this say nothing."""
+FLAT = 1e-6  # Curvatures below this say nothing
 
 
 class FloorFit(NamedTuple):

@@ -27,14 +27,10 @@ from moteslam.slam.inputs.odometry_path import between_known
 OFF, WELL_GROWN = 0.05, 1.25
 """The filter's path is corrected where a new loop is off by the first [m], and the path has grown by the second factor
 since the last correction ..."""
-CLEARLY_OFF, GROWN = 0.1, 1.03
-"""... or by these."""
-MOVED = 0.02
-"""A correction registers jointly the nodes that the loops have moved by this much [m] ..."""
-FAR_OFF = 0.3
-"""... and all of them where a loop was off by more than this [m] ..."""
-ROUNDS = 6
-"""... in at most this many rounds."""
+CLEARLY_OFF, GROWN = 0.1, 1.03  # ... or by these
+MOVED = 0.02  # A correction registers jointly the nodes that the loops have moved by this much [m] ...
+FAR_OFF = 0.3  # ... and all of them where a loop was off by more than this [m] ...
+ROUNDS = 6  # ... in at most this many rounds
 FARTHEST, SLACK = 10.0, 0.2
 """A correction moves no node farther than the first factor times what the new loops are off, plus the second [m]: so
 large a move follows from a wrong step of the chain, not from the loops."""
@@ -43,8 +39,7 @@ SAME_START = 0.3
 CLEARLY = 3.0
 """A map is clearly sharper by so many standard errors of the mean over the directions of the grid: of four directions
 95 % of the differences that mean nothing are within them (Student's t)."""
-LEAST_NODES = 3
-"""Fewer have nothing to correct."""
+LEAST_NODES = 3  # Fewer have nothing to correct
 
 
 class GraphBackend:
@@ -270,5 +265,4 @@ def _ends(poses: Array) -> Array:
     return np.vstack((poses[:, :2] + ahead, poses[:, :2] - ahead))
 
 
-GRAPH = BackendKind(GraphConfig, GraphBackend)
-"""The kind that ``backend.method = "graph"`` chooses."""
+GRAPH = BackendKind(GraphConfig, GraphBackend)  # The kind that `backend.method = "graph"` chooses

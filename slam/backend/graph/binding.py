@@ -21,8 +21,7 @@ from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION
 
 SEARCHED = np.diag(np.square([1 / LOST_DISTANCE, 1 / LOST_DISTANCE, 1 / LOST_ROTATION]))
 """Information of the place that was searched for: it is wrong where it is off by more."""
-LEAST_LOOPS = 2
-"""Loops that bind two sessions, at least: what one says another one confirms."""
+LEAST_LOOPS = 2  # Loops that bind two sessions, at least: what one says another one confirms
 
 
 def bind(building: Building, session: Building, node: int, pose: Array, config: GraphConfig) -> Building | None:

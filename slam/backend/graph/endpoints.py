@@ -15,8 +15,7 @@ from moteslam.robot.se2 import Array
 
 NORMAL_REACH, NORMAL_NOISE, NORMAL_LARGEST = 0.3, 0.005, 0.1
 """See ``scan_normals``: 30 cm of wall, points good to 5 mm, directions good to 0.1 rad."""
-SHARPNESS_CELL = 0.05
-"""Edge of the cells [m]."""
+SHARPNESS_CELL = 0.05  # Edge of the cells [m]
 
 
 class Endpoints(NamedTuple):

@@ -23,8 +23,7 @@ G = TypeVar("G", bound=BoundGraph)
 
 SAME_PREDICTION, SAME_WINDOW = 0.3, 0.5
 """A pair is not searched again where the prediction moved by less [m], and the window changed by less [share]."""
-SOLVED = 0.2
-"""The graph is solved anew for a loop that is off by more than this [m]."""
+SOLVED = 0.2  # The graph is solved anew for a loop that is off by more than this [m]
 LEAST_DEVIATIONS = np.array([0.5, 0.5, 0.06]) / WINDOW_DEVIATIONS
 """What the relative covariance has besides [m, m, rad]: submaps bend a little."""
 CHEAP = 1e8
@@ -32,8 +31,7 @@ CHEAP = 1e8
 LOOKUPS_PER_METRE = 4e6
 """Endpoints that all other searches together look up at most, for every metre driven: 4 ms of one processor. What that
 leaves unsearched stands in the ledger."""
-PASSAGE_GAP = 3
-"""Nodes within reach that follow each other with at most this many between are one passage."""
+PASSAGE_GAP = 3  # Nodes within reach that follow each other with at most this many between are one passage
 
 
 class LoopClosing(Generic[G]):

@@ -23,10 +23,8 @@ three degrees of freedom."""
 CONVEX = 10.0
 """The first scale is the largest below this many times the largest error's square: that loop then counts by half or
 so, since the scales are a factor of three or ten apart."""
-ITERATIONS, CONVERGED = 6, 1e-4
-"""Gauss-Newton steps on each scale at most; a smaller step [m, rad] ends it."""
-ANCHOR = 1e9
-"""Information that holds the first pose where it is [1/m^2, 1/rad^2]."""
+ITERATIONS, CONVERGED = 6, 1e-4  # Gauss-Newton steps on each scale at most; a smaller step [m, rad] ends it
+ANCHOR = 1e9  # Information that holds the first pose where it is [1/m^2, 1/rad^2]
 
 
 DENSE = 150
