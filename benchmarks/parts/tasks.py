@@ -197,8 +197,9 @@ def integration(loops: Loops, count: int = 1000) -> Task:
     return Task("particle", Contender(kernel, count), results, {"C": by_c})
 
 
-def search(loops: Loops, count: int = 1000) -> Task:
-    """Try 900 places around each of 1000 particles with 60 points, by the coarse level of their maps."""
+def search(loops: Loops) -> Task:
+    """Try 900 places around a particle with 60 points, by the coarse level of its map."""
+    count = 1
     maps, scan, poses = room(count)
     view, few, near, size = maps.all(), scan.points[::3][:MAX_SEARCH_POINTS], 0.5, 2 * CELL
     turns, shifts = np.linspace(-0.1, 0.1, 9), 0.06 * np.stack(np.divmod(np.arange(100), 10), axis=1) - 0.3
@@ -206,7 +207,7 @@ def search(loops: Loops, count: int = 1000) -> Task:
     none = np.empty(0, np.int32)
     coarse = Pool(pool, table.reshape(count, rows, columns), none, none).tsdf(0, level=1)
     kernel = partial(
-        search_scans, view.tiles, frames, few, turns, np.zeros(9), shifts, np.zeros(100), blocks=1, cell_size=CELL,
+        search_scans, view.tiles, frames[0], few, turns, np.zeros(9), shifts, np.zeros(100), blocks=1, cell_size=CELL,
         near=near,
     )  # fmt: skip
     pose = poses[0] - (*view.corner, 0.0)
