@@ -7,7 +7,7 @@ things along them, surfaces that swallow light. The robot's physics knows nothin
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
+from moteslam.robot.noise import Surroundings
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import Summarised
@@ -25,10 +26,6 @@ from moteslam.sim.world.pieces import MATERIALS, PLAIN, Block, Material, Polygon
 
 if TYPE_CHECKING:
     from shapely import STRtree
-
-from dataclasses import replace
-
-from moteslam.robot.noise import Surroundings
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -84,7 +84,8 @@ class TsdfMaps:
 
     def _write(self, poses: Array, scans: Sequence[ThinnedScan]) -> None:
         """Average scans into the TSDFs; of each particle there is a pose a scan."""
-        poses, scans = _with_surfaces(poses, scans)
+        if not all(some := [len(scan.points) >= 2 for scan in scans]):  # one point is no surface
+            poses, scans = poses[np.flatnonzero(some)], [scan for scan, has in zip(scans, some, strict=True) if has]
         if not scans:
             return
         c = self.config
@@ -130,14 +131,6 @@ class TsdfMaps:
                 field="particles",
             )
         self._store.enlarge()
-
-
-def _with_surfaces(poses: Array, scans: Sequence[ThinnedScan]) -> tuple[Array, Sequence[ThinnedScan]]:
-    """The scans of two points and more, and the poses at them; one scan may have any number of poses."""
-    some = [len(scan.points) >= 2 for scan in scans]
-    if all(some):
-        return poses, scans
-    return poses[np.flatnonzero(some)], [scan for scan, has in zip(scans, some, strict=True) if has]
 
 
 class TsdfView(NamedTuple):

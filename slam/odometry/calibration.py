@@ -63,8 +63,12 @@ class OdometryCalibration:
 
     def corrected(self, motion: Pose) -> Pose:
         """An increment of the odometry with its systematic errors removed."""
-        x, y, turn = self._on_axle(motion)
+        x, y, turn = motion
+        # the axle's distance is rescaled, and bent along half of the turn that is added
+        bend = self.turn_scale * turn + self.curvature * x - turn
+        cos, sin, turn = self.scale * math.cos(bend / 2), self.scale * math.sin(bend / 2), turn + bend
         offset = self.lidar_offset
+        x, y = cos * x - sin * y, sin * x + cos * y
         return x + offset * (math.cos(turn) - 1), y + offset * math.sin(turn), turn
 
     def update(self, odometry: Pose, registered: Pose, information: Array) -> None:
@@ -85,13 +89,6 @@ class OdometryCalibration:
         ):
             gains.predict(abs(x))
             gains.update(row, error, variance, c.gate)
-
-    def _on_axle(self, motion: Pose) -> Pose:
-        """The same motion of the axle: its distance rescaled, and bent along half of the turn that is added."""
-        x, y, turn = motion
-        bend = self.turn_scale * turn + self.curvature * x - turn
-        cos, sin = self.scale * math.cos(bend / 2), self.scale * math.sin(bend / 2)
-        return cos * x - sin * y, sin * x + cos * y, turn + bend
 
 
 class _Gains:

@@ -138,7 +138,9 @@ def map_texture(
         raise InputError("none, expected where the camera is", file=recording.name, field="platform.camera")
     if not len(trajectory):
         raise InputError("no poses, expected a trajectory", file=recording.name, field="trajectory")
-    reach = np.hypot(mount.x, mount.y) + config.max_depth * float(_longest_ray())
+    x, y = (max(at, size - at) for at, size in zip(rgbd.CENTRE, (rgbd.WIDTH, rgbd.HEIGHT), strict=True))
+    longest = float(np.sqrt(1 + (x / rgbd.FOCAL) ** 2 + (y / rgbd.FOCAL) ** 2))  # ray of the camera, for a depth of 1
+    reach = np.hypot(mount.x, mount.y) + config.max_depth * longest
     xy = trajectory.poses[:, :2]
     mapper = TextureMapper(mount, config, xy.min(axis=0) - reach, xy.max(axis=0) + reach)
     count, outside = FrameCount(), 0
@@ -157,12 +159,6 @@ def map_texture(
         text = f"camera: {counted(outside, 'frame')} left out, before the first pose or after the last"
         lost.append(Issue("frames-outside", text, outside))
     return mapper.snapshot(tuple(lost))
-
-
-def _longest_ray() -> float:
-    """The length of the longest ray of the depth camera for a depth of 1."""
-    x, y = (max(at, size - at) for at, size in zip(rgbd.CENTRE, (rgbd.WIDTH, rgbd.HEIGHT), strict=True))
-    return float(np.sqrt(1 + (x / rgbd.FOCAL) ** 2 + (y / rgbd.FOCAL) ** 2))
 
 
 SLANT = 0.5
