@@ -51,12 +51,10 @@ class DepthView:
 
 
 def view_of(directions: ArrayLike, *, height: float) -> View:
-    """The view of a camera.
+    """The view of a camera at a height above the floor [m].
 
-    Args:
-        directions: [rows, columns, 4] of every pixel: x, y, z in the robot's axes, and the depth along the optical
-            axis, all for the same length of the ray.
-        height: of the camera above the floor [m].
+    Its ``directions`` [rows, columns, 4] are of every pixel: x, y, z in the robot's axes, and the depth along the
+    optical axis, all for the same length of the ray.
     """
     image = as_finite("directions", directions, np.float64, (None, None, 4))
     rays = image.reshape(-1, 4)

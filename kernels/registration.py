@@ -29,7 +29,6 @@ QUERY = 13
 PRIOR_MEAN = slice(10, 13)
 
 LIKELIHOODS = (0.2, 0.98)  # Mean likelihoods that residuals are estimated from: beyond these they say nothing
-
 FIRST_POINTS = 1024  # Of a scan, to begin with: there is room for more where one has more
 
 OFFSET = slice(0, 3)

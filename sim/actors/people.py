@@ -26,9 +26,7 @@ if TYPE_CHECKING:
 
 
 MAX_PEOPLE = 60  # In a scenario: every beam is tested against each of them
-
 PEOPLE, ROBOT = 0b10, 0b100  # The physics engine's categories of shapes that are no walls
-
 MASS = 75.0  # Of a person [kg]
 AGILITY = 2.0  # How fast a person changes its velocity [m/s^2]
 PUSH, PUSH_RANGE = 1.5, 0.3  # Push of what touches a person [m/s], and the gap over which it fades to 1/e [m]

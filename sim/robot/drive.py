@@ -50,13 +50,10 @@ def drive(
     faults: Sequence[object] = (),
     progress: Callable[[float], None] = lambda _: None,
 ) -> Drive:
-    """Rest, drive until the driver has arrived, is stuck or out of time, and rest again.
+    """Rest, drive for at most so long [s] until the driver has arrived, is stuck or out of time, and rest again.
 
-    Args:
-        run: the robot where it starts, among the actors.
-        duration: of the drive at most [s].
-        faults: of a scenario; what happens to the robot (see `Mishap`) is taken from them, one at a time.
-        progress: called with the share of the path that lies behind.
+    Of a scenario's ``faults`` each `Mishap` happens to the robot, one at a time; ``progress`` is called with the share
+    of the path that lies behind.
     """
     vehicle, actors, dt, interval = run.vehicle, run.actors, 1 / PHYSICS_RATE, CONTROL_STEPS / PHYSICS_RATE
     waited = 0.0

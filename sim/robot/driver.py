@@ -40,17 +40,11 @@ class Limits(Section):
 
 
 class Driver(Protocol):
-    """Chooses what to do next.
+    """Chooses what to do next."""
 
-    Attributes:
-        looks: whether it slows down for people and doors, and gives up where it does not get on.
-        path: the points [n, 2] that it drives along [m]; None without a path.
-        at: the index of where it is on its path; set where it is to go on from another place.
-    """
-
-    looks: bool
-    path: Array | None
-    at: int
+    looks: bool  # whether it slows down for people and doors, and gives up where it does not get on
+    path: Array | None  # the points [n, 2] that it drives along [m]; None without a path
+    at: int  # the index of where it is on its path; set where it is to go on from another place
 
     def command(self, time: float, x: float, y: float, theta: float) -> tuple[float, float] | None:
         """The speed [m/s] and turn rate [rad/s] to ask for at a time [s since the rest ended] and true pose.

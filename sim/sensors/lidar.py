@@ -88,13 +88,11 @@ class Lidar:
         tilt: Array | None = None,
         progress: Callable[[float], None] = lambda _: None,
     ) -> LidarStream:
-        """The scans from where it was read last to before another one.
+        """The scans from where it was read last to before another one, with roll and pitch ``tilt`` [n, 2] of the body
+        [rad].
 
-        Args:
-            tilt: [n, 2] roll and pitch of the body at the drive's stamps [rad]; None for a body that stays level.
-
-        Returns:
-            ranges float32 [m, beams]: ``inf`` beyond the maximum, ``nan`` below the minimum and where a beam was lost.
+        That is at the drive's stamps; None for a body that stays level. Ranges are ``inf`` beyond the maximum, ``nan``
+        below the minimum and where a beam was lost.
         """
         lidar, scan, first = self._lidar, self._lidar.scan, self._read
         self._read = until

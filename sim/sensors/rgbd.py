@@ -27,11 +27,8 @@ from moteslam.sim.sensors.echoes import Rays, Scene
 from moteslam.sim.world.floor import FloorSettings, rasterise
 
 FLOOR_CELL = 0.01  # The floor is drawn from a picture of cells this large [m], or larger ones in a world of hectares
-
 FLOOR_PIXELS = 60_000_000  # Most cells of that picture
-
 FARTHEST = 200.0  # Walls further away than this are not drawn [m]
-
 _NOISE_LENGTH = 1 << 20  # Normal numbers drawn once; every frame reads them from another index on
 
 

@@ -109,9 +109,7 @@ class World(Summarised):
 
 
 MAX_SEGMENTS = 20_000  # Line segments in a world that a file spells out
-
 MAX_PLAN_SEGMENTS = 400_000  # Line segments in a world with a floor plan
-
 _SAMPLING = 0.05  # Between the points of a leg that are checked [m]
 
 

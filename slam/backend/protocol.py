@@ -56,13 +56,10 @@ class Backend(Protocol):
         """What the latest ``finish`` left aside or contradicts, for people. May be left out."""
 
     def add(self, key: KeyScan) -> Array | None:
-        """Take in the next key scan.
+        """Take in the next key scan; returns corrected poses [u, 3] of all u so far, from which the filter goes on, or
+        None.
 
         While the filter is not settled none comes; then all that have waited do, one after the other.
-
-        Returns:
-            [u, 3] corrected poses of all u key scans taken in so far, from which the filter goes on; None where there
-            is nothing to correct.
         """
 
     def relocated(self, path: Array) -> None:

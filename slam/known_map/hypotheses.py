@@ -49,10 +49,7 @@ def best_of(particles: Particles, before: int) -> int:
 def resample(particles: Particles, most: int) -> NDArray[np.int64]:
     """Draw at most so many particles anew, of every hypothesis in proportion to its weight, and one at least.
 
-    Those of less than ``LEAST`` are given up; the others keep their weights.
-
-    Returns:
-        [M] the parents.
+    Those of less than ``LEAST`` are given up; the others keep their weights. Returns the parents [M].
     """
     numbers, weight = shares(particles)
     numbers, weight = numbers[weight >= LEAST], weight[weight >= LEAST]

@@ -20,8 +20,6 @@ TABLE_CHUNK = 8  # The tables grow by multiples of this many tiles
 FIRST_TILES = 256  # Tiles of the pool to begin with; it doubles
 MAX_TILES = 2**31 // CELLS  # More would need 64-bit addresses, and 4 GB
 MAX_ENTRIES = 2**29  # Of all tables together: 2 GB
-
-
 DRAWN = 64  # Scans that are drawn into a map at a time: the tables are made large enough for all of them before
 
 
@@ -65,10 +63,8 @@ class TsdfMaps:
         """Average a scan in the robot's frame into every particle's TSDF, each from its own pose [N, 3] in the map
         frame.
 
-        Fewer than two points have no surface.
-
-        Raises:
-            InputError: tiles or tables would take more than ``MAX_TILES`` or ``MAX_ENTRIES``.
+        Fewer than two points have no surface. It is refused where tiles or tables would take more than ``MAX_TILES`` or
+        ``MAX_ENTRIES``.
         """
         self._write(poses, [scan])
 

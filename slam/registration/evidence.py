@@ -72,13 +72,9 @@ def proved(
 ) -> Registration:
     """What was found, and a registration held near the odometry where the endpoints do not prove what was found.
 
-    One of more than ``config.gate`` standard deviations must be more probable than ``against`` has it. One that is
-    proved is taken in full, along degenerate directions, too.
-
-    Args:
-        found: of N particles, as ``register`` keeps the odometry along degenerate directions.
-        maps, predicted, spread, points, origin, config: as of ``register``.
-        tracking: of ``against``.
+    Of N particles as ``register`` keeps the odometry along degenerate directions. One of more than ``config.gate``
+    standard deviations must be more probable than ``against`` has it. One that is proved is taken in full, along
+    degenerate directions, too.
     """
     far = (np.abs(found.free) > config.gate * spread).any(axis=1)
     if not far.any():

@@ -22,7 +22,6 @@ from moteslam.robot.values import Issue, Summarised, counted
 from moteslam.slam.texture.config import TextureConfig
 
 MAX_CELLS = 40_000_000  # Of the sums, 32 bytes each
-
 BEYOND_ENDS = 0.1  # Frames this long before the first or after the last pose still get that pose [s]
 
 
@@ -44,13 +43,9 @@ class TextureMap(Raster):
 
 
 class TextureMapper:
-    """Sums of the colours in each cell, frame by frame.
+    """Sums of the colours in each cell, frame by frame, between the corners ``low`` and ``high`` (x, y) of an area [m].
 
-    Args:
-        low, high: (x, y) of the corners of the area to map [m]; points outside are left out.
-
-    Raises:
-        InputError: an area of more than ``MAX_CELLS`` cells.
+    Points outside are left out. An area of more than ``MAX_CELLS`` cells is refused.
     """
 
     def __init__(self, mount: CameraSpec, config: TextureConfig, low: ArrayLike, high: ArrayLike) -> None:
@@ -117,18 +112,11 @@ def map_texture(
     *,
     watch: Callable[[float, TextureMapper], None] | None = None,
 ) -> TextureMap:
-    """Colour the floor along a trajectory.
+    """Colour the floor along a trajectory of the robot, on the clock of the recording: an estimate, or the truth.
 
-    Each frame's pose is the trajectory's, interpolated at the stamp of the disparity image.
-
-    Args:
-        recording: with images and a camera on its robot.
-        trajectory: of the robot, on the clock of the recording: an estimate, or the truth.
-        config: the defaults if None.
-        watch: called before each frame is added with its stamp and the mapper, and after the last with infinity.
-
-    Raises:
-        InputError: no images, no camera, no poses, or a trajectory that spans too large an area.
+    Each frame's pose is the trajectory's, interpolated at the stamp of the disparity image. ``watch`` is called before
+    each frame is added with its stamp and the mapper, and after the last with infinity. Refused are no images, no
+    camera, no poses, and a trajectory that spans too large an area.
     """
     config = config or TextureConfig()
     stream, mount = recording.rgbd, recording.platform.camera

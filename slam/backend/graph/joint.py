@@ -52,10 +52,8 @@ def register_jointly(
 ) -> Array:
     """Move all poses [n, 3] to where the scans fit each other best; the first stays.
 
-    Args:
-        free: [n] the scans that move, from within the last reach; by default all do, from within the first reach.
-        rounds: at most; by default those of the configuration.
-
+    Of the scans ``free`` [n] move, from within the last reach; by default all do, from within the first reach. Rounds
+    are those of the configuration by default.
     """
     joint = config.joint
     poses, n = poses.copy(), len(poses)
@@ -115,14 +113,10 @@ def choose_partners(endpoints: Endpoints, poses: Array, most: int, held: NDArray
 
 
 class _Problem:
-    """The normal equations of the scans that move: with their partners, and with the ends of their steps.
+    """The normal equations of the scans that are ``moving`` [n]: with their partners int32 [n, k], and the ends of
+    their steps.
 
-    Args:
-        seen: endpoints of n scans.
-        partners: int32 [n, k] of each, as of ``choose_partners``.
-        moving: [n] which of them move.
-        prior: of all n - 1 steps between them, see ``MeasuredChain.prior``.
-        weight: of an endpoint.
+    Of all n - 1 steps between them there is a prior, see ``MeasuredChain.prior``; an endpoint has a weight.
     """
 
     def __init__(

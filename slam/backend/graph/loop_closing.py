@@ -37,11 +37,8 @@ PASSAGE_GAP = 3  # Nodes within reach that follow each other with at most this m
 class LoopClosing(Generic[G]):
     """Looks for a node every ``config.loops.every`` metres in the submaps of those that may show the same place.
 
-    Args:
-        since: nodes from this one on are looked for, and if it is not the first, in the submaps of those before alone.
-
-    Attributes:
-        graph: that the loops are entered into.
+    Nodes from ``since`` on are looked for, and if it is not the first, in the submaps of those before alone. Loops are
+    entered into ``graph``.
     """
 
     def __init__(self, graph: G, config: GraphConfig, since: int = 0) -> None:

@@ -65,14 +65,9 @@ class LoopSearch:
         self._lattice = SearchConfig(search_prior=NEGLIGIBLE_PRIOR)
 
     def match(self, submap: int, query: int, predicted: Array, covariance: Array) -> Loop | None:
-        """Search a query in a submap.
+        """Search a query in a submap, None where there is nothing to compare.
 
-        Args:
-            predicted: [3] pose of the query's node in the frame of the submap's.
-            covariance: [3, 3] of that, in its frame.
-
-        Returns:
-            None where there is nothing to compare.
+        The query's node is ``predicted`` [3] in the frame of the submap's, with a covariance [3, 3] in its own.
         """
         # a place beyond the ends of the submap could be no rival of a wrong one
         half = WINDOW_DEVIATIONS * np.sqrt(covariance.diagonal())

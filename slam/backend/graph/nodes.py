@@ -24,20 +24,13 @@ FEW_POINTS = 20  # A scan of fewer points is not registered, and no node but the
 
 
 class Nodes:
-    """The nodes so far: the first key scan, and each after which the next one would be too far from the node before.
-
-    Args:
-        config: distance and turn between two nodes, where key scans allow, and how scans are thinned.
-
-    Attributes:
-        indices, stamps: of their scans in the recording.
-    """
+    """The nodes so far: the first key scan, and each after which the next one would be too far from the node before."""
 
     def __init__(self, config: GraphConfig) -> None:
         self._config = config
         self.updates: list[int] = []  # which of the key scans they are
-        self.indices: list[int] = []
-        self.stamps: list[float] = []
+        self.indices: list[int] = []  # of their scans in the recording
+        self.stamps: list[float] = []  # likewise
         self.scans: list[ThinnedScan] = []  # theirs, thinned, in the robot's frame
         self.origin = np.zeros(2)  # [2] where the rays start, in that frame [m]
         # [3] each: motion since the node before by odometry alone, in the frame of the pose there

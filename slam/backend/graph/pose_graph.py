@@ -117,11 +117,8 @@ def _weights(errors: Array, edges: Edges, scale: float) -> Array:
 class BlockSystem:
     """Sparse symmetric systems of 3 x 3 blocks: the normal equations of n poses and the pairs of them that are bound.
 
-    The places of the blocks are found once for many systems of the same pairs.
-
-    Args:
-        n: number of poses.
-        first, second: [e] the poses that each pair binds; a pair may occur more than once, either way round.
+    The places of the blocks are found once for many systems of the same pairs, ``first`` and ``second`` [e]: a pair may
+    occur more than once, either way round.
     """
 
     def __init__(self, n: int, first: Indices, second: Indices) -> None:
