@@ -18,8 +18,7 @@ from moteslam.robot.values import Number, Positive, Section, Truth
 from moteslam.sim.world.pieces import Point
 from moteslam.sim.world.world import World, check_legs, check_place
 
-MAX_DURATION = 12_000.0
-"""The longest recording [s], for two kilometres at 0.2 m/s; of `ucsd` 480 000 scans, 2.1 GB of ranges."""
+MAX_DURATION = 12_000.0  # Longest recording [s], for 2 km at 0.2 m/s; of `ucsd` 480 000 scans, 2.1 GB of ranges
 
 Seconds = Annotated[Number, Field(ge=0, le=MAX_DURATION)]
 
@@ -131,8 +130,7 @@ def _sway(points: Array, length: Array, limits: Limits, rng: np.random.Generator
     return np.asarray(left * sideways[:, None], np.float64)
 
 
-STOP_GAP, SLOW_GAP = 0.25, 0.9
-"""The robot stops with the first gap to who is ahead, and slows down over the second before that [m]."""
+STOP_GAP, SLOW_GAP = 0.25, 0.9  # The robot stops with the first gap to who is ahead; over the second it slows down [m]
 SIDE_GAP = 0.08  # Who leaves less than this beside the robot is in its path [m]
 PATIENCE = 60.0  # How long a driver waits for its path to become free [s]
 

@@ -34,8 +34,7 @@ def readings(rate: float, start: float, end: float, noise: ClockNoise, rng: np.r
     return np.asarray(times, np.float64), np.asarray(stamps, np.float64)
 
 
-EPOCH = 1_300_000_000.0
-"""The stamp of the drive's first moment [s since 1970], so that stamps are as coarse as a real robot's."""
+EPOCH = 1_300_000_000.0  # Stamp of the drive's first moment [s since 1970]: stamps are as coarse as a real robot's
 
 Stream = TypeVar("Stream", LidarStream, EncoderStream, ImuStream, OdometryStream)
 

@@ -19,8 +19,7 @@ from moteslam.slam.registration.registrar import Spread, prior_deviations
 from moteslam.slam.tsdf.doubt import ScanFit
 from moteslam.slam.tsdf.motion import StepMotion
 
-CORRELATION = 14.0
-"""Neighbouring endpoints err alike: this many of them count as one. Chosen on simulated drives of seeds from 200 on."""
+CORRELATION = 14.0  # So many neighbouring endpoints, which err alike, count as one. By drives of seeds from 200 on
 START = (1e-8, 0.0, 0.0, 1e-8, 0.0, 1e-8)
 """Of the first pose, from which the map is made: not quite zero, so that there is an inverse."""
 

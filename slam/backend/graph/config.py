@@ -12,8 +12,7 @@ from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.registration.config import RegistrationConfig
 
-MAX_PARTNERS = 32
-"""The kernels keep no more: ``moteslam.kernels.scan_pairs.MAX_PARTNERS``, which is not imported for its Taichi."""
+MAX_PARTNERS = 32  # The kernels keep no more: `kernels.scan_pairs.MAX_PARTNERS`, not imported for its Taichi
 
 
 class ChainConfig(Section):

@@ -26,15 +26,13 @@ from moteslam.slam.registration.registrar import FULL
 
 Indices = NDArray[np.intp]
 
-LEAST_RESIDUAL = 0.003
-"""The endpoints' distances to their lines vary by this standard deviation at least [m]; the rest is measured."""
+LEAST_RESIDUAL = 0.003  # Standard deviation of the endpoints' distances to lines, at least [m]; the rest is measured
 LEAST_INLIERS = 0.2  # Of the weights, in the estimate of that variance
 SHRINK = 0.75  # Of the reach, a round
 SCALE_SHARE, LEAST_SCALE = 0.25, 0.03  # The robust scale of the residuals: as a share of the reach, at least [m]
 AGREEMENT = 0.8  # Smallest cosine between the normals of a match
 SLIP = 3.0  # The robust scale of the chain's steps [standard deviations] (Cauchy)
-FIRST_POINTS = 3
-"""Every third endpoint is enough until the poses are still, and for the first half of the rounds at most."""
+FIRST_POINTS = 3  # Every third endpoint is enough until the poses are still, for half of the rounds at most
 STILL = 1e-3  # It ends when the root mean square of the poses' steps is below this [m]
 OVERLAP_CELL, LEAST_OVERLAP = 0.5, 0.2
 """Two scans are partners where they share this much of the cells [m] that the endpoints of one lie in."""

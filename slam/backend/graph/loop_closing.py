@@ -26,8 +26,7 @@ SAME_PREDICTION, SAME_WINDOW = 0.3, 0.5
 SOLVED = 0.2  # The graph is solved anew for a loop that is off by more than this [m]
 LEAST_DEVIATIONS = np.array([0.5, 0.5, 0.06]) / WINDOW_DEVIATIONS
 """What the relative covariance has besides [m, m, rad]: submaps bend a little."""
-CHEAP = 1e8
-"""A search that looks up fewer endpoints than this is made in any case: a tenth of a second of one processor."""
+CHEAP = 1e8  # A search that looks up fewer endpoints is made in any case: a tenth of a second of one processor
 LOOKUPS_PER_METRE = 4e6
 """Endpoints that all other searches together look up at most, for every metre driven: 4 ms of one processor. What that
 leaves unsearched stands in the ledger."""

@@ -27,8 +27,7 @@ from moteslam.slam.registration.search import Window, candidates, runner_up, sha
 
 Points = NDArray[np.float32]
 
-RESIDUAL = 0.03
-"""Standard deviation of an endpoint's distance to another submap's surface [m]: both submaps bend a little."""
+RESIDUAL = 0.03  # Standard deviation of endpoints' distances to another submap's surface [m]: both bend a little
 FLOOR = np.array([0.02, 0.02, np.radians(0.3)])  # No loop is known better: [m], [m], [rad]
 WEAKEST = 1e-3  # Information of a direction that nothing binds [1/m^2]
 LEAST_STARTS, STARTS, START_POINTS, FINALISTS = 8, 40, 120, 12

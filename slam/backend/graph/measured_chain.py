@@ -13,8 +13,7 @@ from moteslam.robot.se2 import Array
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import prior_spread
 
-CONTRADICTED = 10.0
-"""A path that differs from a step by this many standard deviations is no error of that step but contradicts it."""
+CONTRADICTED = 10.0  # A path so many deviations from a step is no error of that step but contradicts it
 UNKNOWN = 1e6
 """Variance of the step from the last node of a session to the first of the next, which nothing measured [m^2]: so small
 a weight only keeps the equations of a graph whole."""

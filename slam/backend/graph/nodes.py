@@ -15,8 +15,7 @@ from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.inputs.lapses import CLOSED, Open
 from moteslam.slam.inputs.step import thin
 
-LONGEST = 30.0
-"""A step from node to node by longer odometry [m] is the filter's: errors of that many metres are no prior."""
+LONGEST = 30.0  # A step by longer odometry [m] is the filter's: errors of that many metres are no prior
 MAX_RANGE = 30.0
 """Endpoints farther from the sensor are left out [m]: neighbouring beams are half a metre apart there, and the error of
 the heading moves them as far."""

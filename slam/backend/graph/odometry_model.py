@@ -19,8 +19,7 @@ TAIL = 4.0  # Squared robust scale of the fit [variances] (Cauchy)
 KNOWN, FEWEST = 2.0, 10
 """The noise is measured on steps whose registration has less than the first factor times the odometry's variance, where
 there are more than the second."""
-GAIN_INFORMATION = 200.0
-"""Prior on the gains, of standard deviation 0.07: wheels are off by some percent (docs/theory/default-filter.md)."""
+GAIN_INFORMATION = 200.0  # Prior on the gains, of deviation 0.07: wheels are off by percents (theory/default-filter.md)
 LEAST_SCALE = 0.1  # Of the noise, over its shape: no odometry is better
 LEAST_SHARE = 0.1  # Of that noise is the odometry's own, at least
 SAFETY = 2.0  # Factor on the measured standard deviation: errors of neighbouring steps are alike

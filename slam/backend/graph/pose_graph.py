@@ -25,10 +25,7 @@ CONVEX = 10.0
 so, since the scales are a factor of three or ten apart."""
 ITERATIONS, CONVERGED = 6, 1e-4  # Gauss-Newton steps on each scale at most; a smaller step [m, rad] ends it
 ANCHOR = 1e9  # Information that holds the first pose where it is [1/m^2, 1/rad^2]
-
-
-DENSE = 150
-"""Systems of up to this many unknowns are solved as full matrices: that is as fast, and SciPy need not be loaded."""
+DENSE = 150  # Systems of so many unknowns are solved as full matrices: as fast, and SciPy need not be loaded
 
 
 @dataclass(frozen=True, eq=False)
