@@ -19,8 +19,7 @@ a coordinate by, so that no ray passes between two walls that touch."""
 class SegmentBuckets:
     """Segments in square buckets, those of a bucket contiguous in memory."""
 
-    # [2] float64 (x, y) of the corner of bucket [0, 0] [m]; all other coordinates are relative to it.
-    corner: NDArray[np.float64]
+    corner: NDArray[np.float64]  # (x, y) of the corner of bucket [0, 0] [m]; all other coordinates are relative to it
     size: float  # of a bucket's side [m]
     columns: int  # buckets along x
     rows: int  # buckets along y

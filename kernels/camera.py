@@ -30,8 +30,7 @@ class View:
     # it, 0 to 1; inverse distance to the floor [1/m], 0 where the ray does not meet it; rise [m/m].
     rays: NDArray[np.float32]
     bins: NDArray[np.int32]  # [pixels] int32 index of the fan's bearing before
-    # [pixels] float32 depth along the optical axis over the distance along the floor [m/m].
-    depths: NDArray[np.float32]
+    depths: NDArray[np.float32]  # [pixels] depth along the optical axis over the distance along the floor [m/m]
     bearings: NDArray[np.float64]  # [b] float64 of the fan [rad], evenly spaced
     height: float  # of the camera above the floor [m]
     run: int  # pixels that one thread draws one after another: a row of the image

@@ -88,8 +88,7 @@ class ThinnedScan(NamedTuple):
     """A scan as it is registered and integrated."""
 
     points: NDArray[np.float32]  # float32 [k, 2] in the robot's frame [m], each the mean of neighbouring endpoints
-    # int32 [k]; 1 where a point and the next lie on the same surface, so that a segment joins them.
-    joined: NDArray[np.int32]
+    joined: NDArray[np.int32]  # [k]; 1 where a point and the next lie on the same surface, so that a segment joins them
 
 
 @func

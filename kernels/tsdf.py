@@ -40,9 +40,8 @@ class IntegrationOptions(NamedTuple):
     """Of ``integrate_scans``."""
 
     cell_size: float  # of the fine level [m]
-    # truncation, coarse_truncation: up to this distance from a segment cells are updated, on each level [m].
-    truncation: float
-    coarse_truncation: float
+    truncation: float  # up to this distance from a segment fine cells are updated [m]
+    coarse_truncation: float  # and coarse ones [m]
     coarse_chord: float  # on the coarse level segments are joined until their chord is this long [coarse cells]
     near: float  # distances below it weigh `near_weight` in a cell's average, the others 1 [m]
     near_weight: int  # 1 to ``tiles.MAX_WEIGHT``.

@@ -53,15 +53,9 @@ class Shots(Summarised):
 
 
 class Renderer:
-    """Draws frames of a run.
+    """Draws frames of a run: of so many colour and disparity images, the noise of each of which differs.
 
-    Args:
-        path: [m, 2] where the robot is when the colour camera fires [m]: the floor is drawn around it.
-        frames: numbers of colour and disparity images; the noise of each differs.
-        seed: of the noise.
-
-    Attributes:
-        mount, settings: as given.
+    The floor is drawn around ``path`` [m, 2], where the robot is when the colour camera fires [m].
     """
 
     def __init__(

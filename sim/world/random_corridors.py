@@ -38,8 +38,7 @@ class _Building:
 
     x: Array  # of the lattice's columns [m]
     y: Array  # of its rows [m]
-    # the corridors between neighbouring nodes, with their widths [m]
-    edges: dict[Edge, float] = field(default_factory=dict)
+    edges: dict[Edge, float] = field(default_factory=dict)  # corridors between neighbouring nodes and their widths [m]
     # x0, y0, x1, y1 [m] of free space, and whether each is free or filled again
     rectangles: list[tuple[float, float, float, float, bool]] = field(default_factory=list)
 

@@ -34,8 +34,7 @@ class World(Summarised):
 
     segments: Segments  # [m, 4] x0, y0, x1, y1 [m]: walls and the outlines of the solids
     solids: tuple[Polygon, ...] = ()  # polygons [k, 2] [m] of boxes, pillars and furniture
-    # [m] what each segment is made of, an index into palette; None if all is plain
-    surfaces: NDArray[np.int16] | None = None
+    surfaces: NDArray[np.int16] | None = None  # [m] of each segment the material, an index into palette; None if plain
     palette: Mapping[str, Material] = field(default_factory=lambda: {PLAIN: MATERIALS[PLAIN]})
     plan: Raster | None = None  # a floor plan's solid cells, as bools; their sides are among the segments
     hollows: tuple[Polygon, ...] = ()  # polygons [k, 2] [m] that nothing may stand in and beams see into: shelves

@@ -24,8 +24,7 @@ class KldConfig(Section):
     """
 
     enabled: Truth = False  # Adapt the number of particles; `particles` is then the largest number, and the first
-    # Kullback-Leibler distance that is allowed between the particles and the posterior, over the bins
-    epsilon: Positive = 0.05
+    epsilon: Positive = 0.05  # Kullback-Leibler distance that is allowed between particles and posterior, over the bins
     delta: Annotated[Number, Field(gt=0, lt=1)] = 0.01  # Probability that it is exceeded
     bin_size: Positive = 0.1  # Of the bins in x and in y [m]
     bin_angle: Positive = 0.05  # Of the bins in the heading [rad]

@@ -58,8 +58,7 @@ class TsdfConfig(Section):
 
     # Of the fine level [m]; the coarse level's cells are twice as large
     cell_size: Annotated[Number, Field(ge=0.01, le=1.0)] = 0.08
-    # Fine cells up to this far from a surface average their distance to it [m]; 1 to 100 cells
-    truncation: Positive = 0.16
+    truncation: Positive = 0.16  # Fine cells so far from a surface average their distance to it [m]; 1 to 100 cells
     coarse_truncation: Positive = 0.4  # The same of coarse cells [m]; 1 to 100 of them
     # On the coarse level the segments of a scan are joined until their chord is this long [coarse cells]: fewer
     # segments cost less

@@ -20,10 +20,8 @@ class CalibrationConfig(Section):
 
     enabled: Truth = True  # Estimate the odometry's systematic errors and correct them
     scale: Positive = 0.05  # Prior standard deviation of the scale error of distances and of turns [m/m], [rad/rad]
-    # Prior standard deviation of the curvature of a path that is straight by the odometry [rad/m]
-    curvature: Positive = 0.02
-    # Prior standard deviation of how far the lidar is ahead of where the recording says, seen from the axle [m]
-    lidar_offset: Positive = 0.1
+    curvature: Positive = 0.02  # Prior deviation of the curvature of a path that is straight by the odometry [rad/m]
+    lidar_offset: Positive = 0.1  # Prior deviation of the lidar's place ahead of the recorded one, from the axle [m]
     change: NotNegative = 0.001  # Standard deviation by which these gains change over a metre [1/sqrt(m)]
     translation: Positive = 0.005  # Standard deviation of the odometry's random error of one motion, at rest [m]
     translation_from_translation: NotNegative = 0.03  # Added to that for every metre [m/m]

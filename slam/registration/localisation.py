@@ -70,8 +70,7 @@ class Located(NamedTuple):
 class _Sought(NamedTuple):
     """A scan that is searched for, as arrays."""
 
-    # maps, predicted, spread, points, origin: as of ``Localiser.locate``.
-    maps: TsdfView
+    maps: TsdfView  # this and the next four as of ``Localiser.locate``
     predicted: Array
     spread: Array
     points: Points

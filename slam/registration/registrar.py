@@ -106,7 +106,6 @@ def register(
 class Fitted(NamedTuple):
     """Where one scan was found, in plain numbers: see ``Registration``."""
 
-    # offset, known, likelihood, crossed, cost, free, far: as there.
     offset: Pose
     information: tuple[float, float, float, float, float, float]  # the elements xx, xy, xt, yy, yt, tt; t is theta
     known: float

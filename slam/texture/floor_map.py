@@ -158,8 +158,7 @@ one to the next at the same shift, and nothing finer than a cell could be measur
 class FloorPatch(Summarised):
     """The floor that one frame shows."""
 
-    # [k, 2] float32 centres of cells, in the robot's frame [m]; the cells' rows are turned by `SLANT`.
-    points: NDArray[np.float32]
+    points: NDArray[np.float32]  # [k, 2] centres of cells, in the robot's frame [m]; their rows are turned by `SLANT`
     colours: NDArray[np.int32]  # [k] int32 red + 256 green + 65536 blue, the mean of the points in each cell
 
 
@@ -189,21 +188,11 @@ def colour_errors(
     limit: int,
     packed: NDArray[np.int32] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The mean difference of a patch's colours from the map's at each pose, and the number of cells compared.
+    """The mean difference of a patch's colours from the map's at each pose [n, 3], and the number of cells compared.
 
-    A cell's difference is |r| + |g| + |b|, at most ``limit``: robust against what has moved.
-
-    Args:
-        poses: [n, 3] of the robot.
-        limit: of a cell's difference [levels].
-        packed: ``packed_map(texture)``, to have it made once for many frames.
-
-    Returns:
-        float64 [n] the mean over the cells that lie on known floor [levels], half the limit where none does; int64 [n]
-        the number of these cells.
-
-    Raises:
-        InputError: poses that are not finite.
+    A cell's difference is |r| + |g| + |b|, at most ``limit`` [levels]: robust against what has moved. The mean, float64
+    [n] [levels], is over the cells that lie on known floor, half the limit where none does. ``packed_map(texture)`` may
+    be made once for many frames. Poses that are not finite are refused.
     """
     from moteslam.kernels.texture import match_colours  # imports Taichi
 

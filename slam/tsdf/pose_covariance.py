@@ -50,8 +50,7 @@ class PoseCovariance:
         self._fresh = (x * around, 0.0, 0.0, x * around, 0.0, theta * around)
         self._pose: Symmetric = START
         self._map: Symmetric = self._fresh
-        # heading of the degenerate direction of the last scan in the robot's frame [rad]; NaN without one
-        self.degenerate = math.nan
+        self.degenerate = math.nan  # heading of the last scan's degenerate direction from the robot's [rad], or NaN
 
     def step(self, motion: StepMotion, tracked: Pose, fit: Fit | None) -> None:
         """Take in a scan and its fit; None if it was not used for the pose."""

@@ -49,8 +49,7 @@ class GraphBackend:
         self._nodes = Nodes(config)
         self._closing: LoopClosing[LoopGraph] | None = None  # from the first node on
         self._path: list[Array] = []  # of all key scans, as the filter's map has them
-        # of each key scan that is no node, since its place is known, the nearest node; or -1
-        self._nearest = array("l")
+        self._nearest = array("l")  # of each key scan that is no node, as its place is known, the nearest node; or -1
         self._placed = np.zeros((0, 3))  # of the nodes, on that path
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()

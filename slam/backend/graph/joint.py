@@ -172,9 +172,8 @@ class _Problem:
 class _Steps(NamedTuple):
     """Steps of the chain."""
 
-    # before, after: [s] the scans that each leads from and to.
-    before: Indices
-    after: Indices
+    before: Indices  # [s] the scans that each leads from
+    after: Indices  # [s] and to
     measured: Array  # [s, 3]
     information: Array  # [s, 3, 3] of them
     doubted: NDArray[np.bool_]  # [s] which may be far off: these have heavy tails
@@ -190,19 +189,16 @@ def _add_pairs(
     blocks: Array,
     right: Array,
 ) -> Array:
-    """Add the matches of all pairs of scans to the system; returns the blocks [e, 3, 3] between them.
+    """Add the matches of all pairs of scans to the system, ``blocks`` and ``right``; returns the blocks [e, 3, 3]
+    between them.
 
     Between bare walls the errors of the normals pull along them. So what the matches of a pair say along their least
     informed direction has an offset of unknown size besides, whose standard deviation grows with how little they rest
     on, as in ``keep_odometry``; it is eliminated. All pairs of scans that see the same walls may have the same one: as
     many as one of them has partners, squared.
 
-    Args:
-        poses: [n, 3].
-        first, second: [e] the scans whose endpoints are held, and those that they are held to.
-        sums: [e, PAIR] of ``accumulate``, times the information of an endpoint.
-        variance: of the endpoints' distances to their lines [m^2].
-        blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
+    The endpoints of the scans ``first`` [e] are held to ``second``; the ``sums`` [e, PAIR] are of ``accumulate``, times
+    the information of an endpoint, whose distance to its line has a ``variance`` [m^2].
     """
     information, gradient = sums[:, FULL].reshape(-1, 3, 3), sums[:, 6:9].copy()
     registration = config.registration

@@ -24,11 +24,9 @@ class MeasuredChain(NamedTuple):
 
     steps: Array  # [n - 1, 3] in the frames where they begin: by registration, odometry and the filter
     covariance: Array  # [n - 1, 3, 3] of them, in the frames where they end
-    # prior_steps, prior_covariance: the same as a joint registration is to keep them.
-    prior_steps: Array
-    prior_covariance: Array
-    # [n - 1] which of these may be far off: a registration that the odometry contradicts, or none.
-    doubted: NDArray[np.bool_]
+    prior_steps: Array  # the same as a joint registration is to keep them
+    prior_covariance: Array  # likewise
+    doubted: NDArray[np.bool_]  # [n - 1] which of these may be far off: the odometry contradicts it, or there is none
 
     def prior(self, start: Array, config: RegistrationConfig) -> tuple[Array, Array, NDArray[np.bool_]]:
         """The steps for a joint registration that starts at poses [n, 3], their covariance, and which are doubtful.

@@ -32,8 +32,7 @@ class Nodes:
         self.stamps: list[float] = []  # likewise
         self.scans: list[ThinnedScan] = []  # theirs, thinned, in the robot's frame
         self.origin = np.zeros(2)  # [2] where the rays start, in that frame [m]
-        # [3] each: motion since the node before by odometry alone, in the frame of the pose there
-        self.odometry: list[Array] = []
+        self.odometry: list[Array] = []  # [3] each: motion since the node before by odometry alone, in the frame there
         self.filtered: list[Array] = []  # [3] each: the same as the filter estimates it
         self.measured: list[bool] = []  # whether odometry measured all of it
         self.left_open: list[Open] = []  # what a lapse of the odometry leaves open of that motion; nothing, of others

@@ -32,9 +32,8 @@ DENSE = 150  # Systems of so many unknowns are solved as full matrices: as fast,
 class Edges:
     """Measured relative poses."""
 
-    # first, second: [e] nodes.
-    first: Indices
-    second: Indices
+    first: Indices  # [e] nodes
+    second: Indices  # [e] nodes
     relative: Array  # [e, 3] measured pose of the second in the frame of the first
     information: Array  # [e, 3, 3] of its error, in the frame of the measured pose
     robust: NDArray[np.bool_]  # [e] whether graduated non-convexity may reject it
