@@ -179,11 +179,9 @@ class TextureStages:
 
     def look(self, stamp: float, mapper: TextureMapper) -> None:
         """Keep the map if a stage ends before this frame's stamp [s]."""
-        while len(self.kept) < STAGES:
-            due = self.begin + (len(self.kept) + 1) * (self.end - self.begin) / STAGES
-            if stamp < due:
-                return
-            self.kept.append((due, mapper.snapshot()))
+        for due in np.linspace(self.begin, self.end, STAGES + 1)[1:].tolist()[len(self.kept) :]:
+            if stamp >= due:
+                self.kept.append((due, mapper.snapshot()))
 
 
 def with_opacity(texture: TextureMap) -> NDArray[np.uint8]:
