@@ -75,8 +75,30 @@ def gather(paths: Sequence[Path]) -> Material:
     material = Material()
     folders = [path for path in found if path.is_dir()]
     for path in (path for path in found if path not in folders):
-        _take_sweep(material, path, runs.prefix_of(path, found))
-    _take_folders(material, folders)
+        with opened(path) as store:
+            spec = json.loads(store.spec)
+            material.success |= store.success
+            material.wanted += [name for name in spec.get("metrics") or () if name not in material.wanted]
+            material.documents.append((f"Specification of {path.name}", tomli_w.dumps(spec)))
+            for title, facts in store.environment.items():
+                material.facts.setdefault(f"{title} of {path.name}", dict(facts))
+            made = [
+                row.renamed(runs.prefix_of(path, found) + row.run.configuration) for row in store.rows() if row.status
+            ]
+            material.pending += len(store.pending())
+        material.runs += made
+        if programs := {row.run.configuration: row.run.version for row in made if row.run.version}:
+            material.facts[f"programs of {path.name}"] = programs
+    rows = [runs.read_result_folder(folder) for folder in folders]
+    # those of one configuration, by the text of ``config.toml``, are runs of it
+    texts = runs.grouped(rows, lambda row: read_text(_config(row), "a file of a result folder", limit=runs.MAX_BYTES))
+    names = _names(texts)
+    for text, members in texts.items():
+        material.documents.append((f"Configuration {names[text]}", text))
+        material.runs += [row.renamed(names[text]) for row in members]
+        for row in members:
+            for title, values in row.facts.items():
+                material.facts.setdefault(title.capitalize(), dict(values))
     if not material.runs:
         raise InputError("no run was made yet, expected at least one", file=paths[0])
     return material
@@ -95,34 +117,6 @@ def _within(top: Path) -> Iterator[Path]:
         yield from (
             [Path(root)] if is_result else (Path(root, name) for name in sorted(names) if name.endswith(".sweep"))
         )
-
-
-def _take_sweep(material: Material, path: Path, prefix: str) -> None:
-    with opened(path) as store:
-        spec = json.loads(store.spec)
-        material.success |= store.success
-        material.wanted += [name for name in spec.get("metrics") or () if name not in material.wanted]
-        material.documents.append((f"Specification of {path.name}", tomli_w.dumps(spec)))
-        for title, facts in store.environment.items():
-            material.facts.setdefault(f"{title} of {path.name}", dict(facts))
-        made = [row.renamed(prefix + row.run.configuration) for row in store.rows() if row.status]
-        material.pending += len(store.pending())
-    material.runs += made
-    if programs := {row.run.configuration: row.run.version for row in made if row.run.version}:
-        material.facts[f"programs of {path.name}"] = programs
-
-
-def _take_folders(material: Material, folders: Sequence[Path]) -> None:
-    """Result folders: those of one configuration, by the text of ``config.toml``, are runs of it."""
-    rows = [runs.read_result_folder(folder) for folder in folders]
-    texts = runs.grouped(rows, lambda row: read_text(_config(row), "a file of a result folder", limit=runs.MAX_BYTES))
-    names = _names(texts)
-    for text, members in texts.items():
-        material.documents.append((f"Configuration {names[text]}", text))
-        material.runs += [row.renamed(names[text]) for row in members]
-        for row in members:
-            for title, facts in row.facts.items():
-                material.facts.setdefault(title.capitalize(), dict(facts))
 
 
 def _config(row: Row) -> Path:

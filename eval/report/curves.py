@@ -206,7 +206,12 @@ def draw_sweep(
     """
     lines = lines_over(rows, column)
     places = places_of([value for line in lines for value in line.groups])
-    looks = _looks(lines)
+    wheres, hows = list(dict.fromkeys(line.where for line in lines)), list(dict.fromkeys(line.how for line in lines))
+    looks = []
+    for first, second in ((wheres.index(line.where), hows.index(line.how)) for line in lines):
+        marker = MARKERS[(second if len(hows) > 1 else first) % len(MARKERS)]
+        look = {"color": style.COLOURS[first % len(style.COLOURS)], "marker": marker}
+        looks.append(look | {"ls": style.DASHES[second % len(style.DASHES)]})
     with style.saved_figure(path, size=(1.0 + 5.2 * len(metrics), 4.6)) as figure:
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axes, name in zip(panels, metrics, strict=True):
@@ -229,16 +234,6 @@ def places_of(values: Sequence[Any]) -> dict[Any, float]:
     if not numbers or not all(map(isfinite, numbers.values())):
         return {value: float(k) for k, value in enumerate(once)}
     return dict(sorted(numbers.items(), key=lambda item: item[1]))
-
-
-def _looks(lines: Sequence[SweptLine]) -> list[dict[str, Any]]:
-    wheres, hows = list(dict.fromkeys(line.where for line in lines)), list(dict.fromkeys(line.how for line in lines))
-    looks = []
-    for first, second in ((wheres.index(line.where), hows.index(line.how)) for line in lines):
-        marker = MARKERS[(second if len(hows) > 1 else first) % len(MARKERS)]
-        look = {"color": style.COLOURS[first % len(style.COLOURS)], "marker": marker}
-        looks.append(look | {"ls": style.DASHES[second % len(style.DASHES)]})
-    return looks
 
 
 def far_apart(values: Sequence[float], factor: float = LOG_Y) -> bool:

@@ -81,7 +81,15 @@ def draw_dead_reckoning(
     """
     walls = np.zeros((0, 2))
     if recording is not None and recording.lidar is not None and len(recording.lidar) == len(trajectory):
-        walls = _endpoints(recording, trajectory)
+        lidar = recording.lidar
+        scans = evenly(np.arange(len(lidar)), SCANS_DRAWN)
+        beams = slice(None, None, max(1, -(-lidar.ranges.shape[1] // BEAMS_DRAWN)))
+        ranges = lidar.ranges[scans, beams].astype(np.float64)
+        ranges[np.isinf(ranges)] = np.nan  # infinity times zero is a warning
+        x, y, heading = compose(trajectory.poses[scans], recording.platform.lidar.pose).T[..., None]
+        directions = heading + lidar.angles[beams]
+        ends = np.stack((x + ranges * np.cos(directions), y + ranges * np.sin(directions)), axis=-1)
+        walls = np.asarray(ends[np.isfinite(ranges)])
     paths = [] if truth is None else [(truth.poses, {**style.TRUTH_BAND, "label": "truth"})]
     paths.append((trajectory.poses, {"color": style.DEAD_RECKONING, "lw": 1.4, "label": "dead reckoning"}))
     limits = np.quantile(walls, (STRAY, 1 - STRAY), axis=0) if len(walls) else walls
@@ -123,20 +131,6 @@ def _lines(trajectory: Trajectory, loops: Sequence[LoopCandidate]) -> Array:
     ends = np.full((len(loops), 3, 2), np.nan)
     ends[:, :2] = trajectory.poses[scans, :2]
     return ends.reshape(-1, 2)
-
-
-def _endpoints(recording: Recording, trajectory: Trajectory) -> Array:
-    """Endpoints [k, 2] of an even choice of scans and beams, where the trajectory puts them [m]."""
-    lidar = recording.lidar
-    assert lidar is not None
-    scans = evenly(np.arange(len(lidar)), SCANS_DRAWN)
-    beams = slice(None, None, max(1, -(-lidar.ranges.shape[1] // BEAMS_DRAWN)))
-    ranges = lidar.ranges[scans, beams].astype(np.float64)
-    ranges[np.isinf(ranges)] = np.nan  # infinity times zero is a warning
-    x, y, heading = compose(trajectory.poses[scans], recording.platform.lidar.pose).T[..., None]
-    directions = heading + lidar.angles[beams]
-    ends = np.stack((x + ranges * np.cos(directions), y + ranges * np.sin(directions)), axis=-1)
-    return np.asarray(ends[np.isfinite(ranges)])
 
 
 STAGES = 6
