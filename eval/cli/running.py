@@ -27,7 +27,7 @@ from moteslam.robot.values import Issue, counted
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.online import OnlineSlam
-from moteslam.slam.run import wants_colours, with_texture
+from moteslam.slam.estimate import wants_colours, with_texture
 from moteslam.slam.sessions import expect_graph, go_on
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 

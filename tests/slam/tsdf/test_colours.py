@@ -17,6 +17,7 @@ from moteslam.sim.scenario import load_scenario, with_camera
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.inputs.floor_views import FloorViews
+from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
@@ -36,7 +37,13 @@ OLDEST = CONFIG.colours.largest_age
 
 
 def views_of(recording: Recording) -> FloorViews:
-    return FloorViews(recording, synchronise(recording), largest_gap=CONFIG.texture.largest_gap)
+    return views_over(recording, synchronise(recording))
+
+
+def views_over(recording: Recording, inputs: Inputs) -> FloorViews:
+    return FloorViews(
+        lambda: recording.rgbd, recording.platform.camera, inputs, largest_gap=CONFIG.texture.largest_gap
+    )
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +107,7 @@ def test_which_frame_a_scan_gets_does_not_depend_on_images_that_come_later(room:
 
     def handed_out(stream: RgbdStream, scans: range) -> list[tuple[float, float] | None]:
         """The stamps of the frames that the scans get."""
-        views = FloorViews(recording.replace(rgbd=stream), inputs, largest_gap=CONFIG.texture.largest_gap)
+        views = views_over(recording.replace(rgbd=stream), inputs)
         got = (views.at(scan, OLDEST) for scan in scans)
         return [None if view is None else (view.frame.stamp, view.frame.rgb_stamp) for view in got]
 
