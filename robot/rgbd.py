@@ -149,7 +149,8 @@ def has_images(stream: RgbdStream | None) -> bool:
 
 class FrameChoice:
     """Which disparity images are used: those at least an interval [s] apart, give or take a quarter of the latest
-    frames', and from their colour image, the nearest in time, by at most the largest gap [s]."""
+    frames', and from their colour image, the nearest in time, by at most the largest gap [s].
+    """
 
     def __init__(self, interval: float, largest_gap: float) -> None:
         self._interval, self._largest_gap, self._last = interval, largest_gap, -np.inf

@@ -187,9 +187,12 @@ class OnlineSlam(Core):
                 file=recording.name,
             )
         if slam._filter.uses_camera:
-            stream, mount, slam._missing = recording.rgbd, slam._platform.camera, missing_for_floor_views(recording, inputs)
-            if not slam._missing and stream is not None and mount is not None:
-                slam._views = FloorViews(lambda: stream, mount, inputs, largest_gap=slam.config.texture.largest_gap)
+            slam._missing = missing_for_floor_views(recording, inputs)
+            if not slam._missing:
+                gap, stream, mount = slam.config.texture.largest_gap, recording.rgbd, slam._platform.camera
+                assert stream is not None
+                assert mount is not None
+                slam._views = FloorViews(lambda: stream, mount, inputs, largest_gap=gap)
         return slam
 
     def __len__(self) -> int:

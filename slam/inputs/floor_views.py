@@ -81,9 +81,8 @@ class FloorViews:
         inputs, stream = self._inputs, self._stream()
         stamp, path = float(inputs.stamps[index]), inputs.path
         since = stamp - max_age - 2 * self._largest_gap
-        (first, last), (begin, end) = (
-            np.searchsorted(stamps, (since, stamp), side="right") for stamps in (stream.disparity_stamps, stream.rgb_stamps)
-        )
+        both = (stream.disparity_stamps, stream.rgb_stamps)
+        (first, last), (begin, end) = (np.searchsorted(each, (since, stamp), side="right") for each in both)
         if path is None or first == last or begin == end:
             return None
         shown, colours = stream.disparity_stamps[first:last], stream.rgb_stamps[begin:end]

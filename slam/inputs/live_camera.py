@@ -34,7 +34,7 @@ class LiveCamera:
         self._latest: dict[str, deque[tuple[float, NDArray[Any]]]] = {RGB: deque(), DISPARITY: deque()}
         self._undecided = 0  # of the latest disparity images: their colours may be still to come
         self._newest = -np.inf
-        self._file = TemporaryFile(buffering=0)  # noqa: SIM115: it goes with this object
+        self._file = TemporaryFile(buffering=0)  # noqa: SIM115 - it goes with this object
         weakref.finalize(self, self._file.close)
         self._places: dict[str, list[tuple[float, int, int]]] = {RGB: [], DISPARITY: []}  # stamp, offset, bytes
 
@@ -51,15 +51,15 @@ class LiveCamera:
     @property
     def latest(self) -> RgbdStream:
         """The images that are in memory."""
-        stamps = (np.array([stamp for stamp, _ in self._latest[kind]]) for kind in (RGB, DISPARITY))
         rgb, disparity = (list(self._latest[kind]) for kind in (RGB, DISPARITY))
-        return RgbdStream(*stamps, images=Images(lambda k: rgb[k][1], lambda k: disparity[k][1]))
+        colours, shown = (np.array([stamp for stamp, _ in images]) for images in (rgb, disparity))
+        return RgbdStream(colours, shown, images=Images(lambda k: rgb[k][1], lambda k: disparity[k][1]))
 
     def used(self) -> RgbdStream:
         """The frames that the floor is coloured by, as far as they are chosen."""
-        stamps = (np.array([stamp for stamp, _, _ in self._places[kind]]) for kind in (RGB, DISPARITY))
+        colours, shown = (np.array([stamp for stamp, _, _ in self._places[kind]]) for kind in (RGB, DISPARITY))
         read = Images(lambda k: decode_rgb(self._read(RGB, k)), lambda k: decode_disparity(self._read(DISPARITY, k)))
-        return RgbdStream(*stamps, images=read)
+        return RgbdStream(colours, shown, images=read)
 
     def decide(self, waited: float) -> None:
         """Choose among the disparity images whose colours have come, or that are older than a stamp [s]."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from issues import messages
-from parts.runs import Drawn, with_images
+from parts.runs import with_images
 from slam_rooms import ate, run, tiled_room
 
 from moteslam.robot import se2
@@ -41,9 +41,7 @@ def views_of(recording: Recording) -> FloorViews:
 
 
 def views_over(recording: Recording, inputs: Inputs) -> FloorViews:
-    return FloorViews(
-        lambda: recording.rgbd, recording.platform.camera, inputs, largest_gap=CONFIG.texture.largest_gap
-    )
+    return FloorViews(lambda: recording.rgbd, recording.platform.camera, inputs, largest_gap=CONFIG.texture.largest_gap)
 
 
 @pytest.fixture(scope="module")
@@ -195,12 +193,14 @@ def test_all_of_the_odometrys_error_is_drawn_where_colours_weigh_the_particles(
 
 
 def test_the_same_seed_gives_the_same_bytes_and_frames_are_read_at_updates_alone(
-    room: Room, estimate: Estimate, monkeypatch: pytest.MonkeyPatch
+    room: Room, estimate: Estimate
 ) -> None:
     asked: list[int] = []
-    draw = Drawn.rgb
-    monkeypatch.setattr(Drawn, "rgb", lambda self, index: asked.append(index) or draw(self, index))
-    assert same(run_slam(room[1], CONFIG, seed=3), estimate)
+    stream = room[1].rgbd
+    draw = stream.images.rgb
+    watched = stream.images._replace(rgb=lambda index: asked.append(index) or draw(index))
+    again = run_slam(room[1].replace(rgbd=replace(stream, images=watched)), CONFIG, seed=3)
+    assert same(again, estimate)
     assert 10 < len(asked) == len(set(asked)) <= estimate.diagnostics["updated"].sum()
 
 
