@@ -8,17 +8,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised
 from moteslam.sim.actors.actors import TRUTH_RATE, Actors, Tracks
 from moteslam.sim.robot.driver import PATIENCE, Driver, Limits, pace
 from moteslam.sim.robot.mishaps import Carried, Mishap, carrying
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
-
-Array = NDArray[np.float64]
 
 CONTROL_STEPS = 8
 """Physics steps between two commands of the driver (50 Hz)."""
@@ -102,18 +100,10 @@ def drive(
     return run.driven(end)
 
 
-def _steps_of(fault: Mishap) -> range:
-    """The physics steps of a mishap."""
-    first = round(fault.start * PHYSICS_RATE)
-    return range(first, first + max(1, round(fault.duration * PHYSICS_RATE)))
-
-
 class Run:
     """Vehicle and actors step by step.
 
     Attributes:
-        state: the vehicle's present one, see ``Vehicle.state``.
-        steps: of the physics so far.
         speed, turn_rate: what the motors are asked for [m/s], [rad/s].
         driver: on whose path it is carried; None for one without a path.
     """
@@ -122,10 +112,14 @@ class Run:
         """What happens to the robot (see `Mishap`) is taken from a scenario's faults, one at a time."""
         self.vehicle, self.actors = vehicle, actors
         self.driver: Driver | None = None
-        mishaps = ((fault, f"faults.{i}") for i, fault in enumerate(faults) if isinstance(fault, Mishap))
-        self._mishaps = {_steps_of(fault): (fault, field) for fault, field in mishaps}
-        self.state = vehicle.state()
-        self.steps = 0
+        self._mishaps: dict[range, tuple[Mishap, str]] = {}  # by their steps
+        for i, fault in enumerate(faults):
+            if isinstance(fault, Mishap):
+                first = round(fault.start * PHYSICS_RATE)
+                steps = range(first, first + max(1, round(fault.duration * PHYSICS_RATE)))
+                self._mishaps[steps] = (fault, f"faults.{i}")
+        self.state = vehicle.state()  # the vehicle's present one, see ``Vehicle.state``
+        self.steps = 0  # of the physics so far
         self.speed = self.turn_rate = 0.0
         self._states = array("d", self.state)  # a fifth of the memory of tuples: two hours are 3 million states
         if actors is not None:

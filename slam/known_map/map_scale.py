@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from moteslam.robot.se2 import Pose, as_pose, compose_one
+from moteslam.robot.se2 import Array, Pose, as_pose, compose_one
 from moteslam.robot.values import Issue
-
-Array = NDArray[np.float64]
 
 SEGMENT = 1.0
 """Motions in the map and by the odometry are compared over so much of a way [m]."""
