@@ -159,15 +159,10 @@ variance.
 
 
 class Kept(NamedTuple):
-    """How a prediction is kept along degenerate directions.
+    """How a prediction is kept along degenerate directions."""
 
-    Attributes:
-        deviation: standard deviation of the prediction [m].
-        error: of the registration along a direction that is informed as well as the one across [m].
-    """
-
-    deviation: float
-    error: float
+    deviation: float  # standard deviation of the prediction [m]
+    error: float  # of the registration along a direction that is informed as well as the one across [m]
 
 
 NOT_KEPT = Kept(0.0, 0.0)

@@ -86,14 +86,10 @@ SMALLEST = 0x00800000
 
 
 class ThinnedScan(NamedTuple):
-    """A scan as it is registered and integrated.
+    """A scan as it is registered and integrated."""
 
-    Attributes:
-        points: float32 [k, 2] in the robot's frame [m], each the mean of neighbouring endpoints.
-        joined: int32 [k]; 1 where a point and the next lie on the same surface, so that a segment joins them.
-    """
-
-    points: NDArray[np.float32]
+    points: NDArray[np.float32]  # float32 [k, 2] in the robot's frame [m], each the mean of neighbouring endpoints
+    # int32 [k]; 1 where a point and the next lie on the same surface, so that a segment joins them.
     joined: NDArray[np.int32]
 
 

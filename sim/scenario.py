@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError, InputError
@@ -19,6 +18,7 @@ from moteslam.files import file_within
 from moteslam.robot.noise import Noise
 from moteslam.robot.platform import CameraSettings, Platform
 from moteslam.robot.platforms import BASE, UCSD, load_platform, platform_table, whole_platform
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Section, Table, Truth, Whole, assigned, merged, read_toml, validated
 from moteslam.sim.actors.actors import MAX_DOORS, Door, check_doors, check_people
 from moteslam.sim.actors.people import CLEARANCE, MAX_PEOPLE, Crowd, Person
@@ -35,8 +35,6 @@ from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 from moteslam.sim.world.random_corridors import random_corridors
 from moteslam.sim.world.visit import Visit, visited
 from moteslam.sim.world.world import World, check_world
-
-Array = NDArray[np.float64]
 
 SCENARIOS = Path(__file__).parent / "scenarios"
 MAX_SEED = 2**63 - 1

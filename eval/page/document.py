@@ -10,7 +10,6 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import distribution
@@ -24,7 +23,7 @@ from markupsafe import Markup, escape
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval import runs
-from moteslam.eval.metrics.registry import chosen, metric, title_of
+from moteslam.eval.metrics.registry import chosen, title_of
 from moteslam.eval.page import charts
 from moteslam.eval.page.player import budget_of, playable
 from moteslam.eval.statistics import FEWEST, Proportion
@@ -195,17 +194,11 @@ def page(
     measured = {name: unit for run in made for name, one in run.scores.items() if (unit := one.get("unit"))}
     known = {name: [run.known.get(name) for run in made] for name in names}
     shown = {name: charts.Shown(name, *heading) for name, heading in runs.headings(known, measured).items()}
-    meanings = dict.fromkeys(names, "")
-    for name in names:
-        with suppress(ConfigError):
-            meanings[name] = metric(name).meaning
-    played = [run for run in made if run.folder is not None]
-    budget = budget_of(max(len(played), 1))
+    played = [(run, run.folder) for run in made if run.folder is not None]
     players: list[tuple[str, Markup]] = []
-    for run in played:
-        assert run.folder is not None
+    for run, folder in played:
         name = f"{runs.name_of(run, runs.apart(made)) or run.name}, seed {run.run.seed}"
-        players.append((name, data_block(playable(run.folder, budget))))
+        players.append((name, data_block(playable(folder, budget_of(len(played))))))
         progress(len(players))
     keys = runs.apart(made, "scenario")
     groups = runs.grouped(made, lambda run: runs.name_of(run, keys) or run.run.configured)
@@ -232,7 +225,7 @@ def page(
             "material": material,
             "names": names,
             "shown": shown,
-            "meanings": meanings,
+            "meanings": {name: runs.known_metric(name).meaning for name in names},
             "runs": made,
             "axis": runs.key_words(axis),
             "groups": groups,

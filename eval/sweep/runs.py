@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import resource
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
 from moteslam.eval.metrics.registry import COSTS, Value, measure
@@ -26,8 +26,7 @@ MAP_CELL = 0.05
 """Of the true map [m]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
+class Case(NamedTuple):
     """What is run over, and what it is scored by."""
 
     recording: Recording
@@ -36,29 +35,26 @@ class Case:
     relations: Relations | None
 
 
+_latest: dict[Any, Case] = {}
+
+
 def load_case(run: PlannedRun) -> Case:
     """Simulate the scenario of a run, or read its recording."""
-    if run.scenario:
-        from moteslam.sim.scenario import load_scenario
-        from moteslam.sim.simulate import simulate
+    from moteslam.robot.formats import open_recording
+    from moteslam.sim.scenario import load_scenario
+    from moteslam.sim.simulate import simulate
 
+    if run.scenario:
         platform, noise = run.platform or None, run.noise or None
         scenario = load_scenario(run.scenario, platform=platform, noise=noise, settings=run.for_scenario())
         if run.duration is not None:
             scenario = scenario.model_copy(update={"duration": min(run.duration, scenario.duration)})
         simulation = simulate(scenario, seed=run.seed)
         return Case(simulation.recording, simulation.truth, simulation.true_map(MAP_CELL), None)
-    from moteslam.robot.formats import open_recording
-
     path = Path(run.recording)
     file = truth_file(path)
-    truth = None if file is None else read_tum(file)
-    true_map = None if truth is None else true_map_beside(path)
+    truth, true_map = (None, None) if file is None else (read_tum(file), true_map_beside(path))
     return Case(open_recording(path), truth, true_map, relations_beside(path))
-
-
-_latest: dict[Any, Case] = {}
-"""The next run may be of it."""
 
 
 def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
@@ -68,7 +64,7 @@ def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
         ``values`` of all metrics, scans and distance, each with ``value`` and ``unit`` or ``absent``; and ``issues``.
     """
     run = PlannedRun.model_validate(table)
-    if run.case not in _latest:
+    if run.case not in _latest:  # the next run may be of it
         _latest.clear()
         _latest[run.case] = load_case(run)
     case = _latest[run.case]

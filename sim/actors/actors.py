@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Section, Summarised, Truth
 from moteslam.sim.actors.people import Crowd, Person, Walkers, place_crowd
 from moteslam.sim.world.pieces import PLAIN, Point
@@ -20,7 +21,6 @@ from moteslam.sim.world.world import World, check_legs, check_place
 if TYPE_CHECKING:
     import pymunk
 
-Array = NDArray[np.float64]
 
 TRUTH_RATE = 100
 """Places of people and doors, and true poses of the robot, that are kept a second [Hz]."""

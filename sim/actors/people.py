@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Positive, Section, Truth, Whole
 from moteslam.sim.world.pieces import Point
 from moteslam.sim.world.world import World, true_map
@@ -24,7 +24,6 @@ from moteslam.sim.world.world import World, true_map
 if TYPE_CHECKING:
     import pymunk
 
-Array = NDArray[np.float64]
 
 MAX_PEOPLE = 60
 """In a scenario: every beam is tested against each of them."""

@@ -8,17 +8,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised
 from moteslam.sim.actors.actors import TRUTH_RATE, Actors, Tracks
 from moteslam.sim.robot.driver import PATIENCE, Driver, Limits, pace
 from moteslam.sim.robot.mishaps import Carried, Mishap, carrying
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
-
-Array = NDArray[np.float64]
 
 CONTROL_STEPS = 8
 """Physics steps between two commands of the driver (50 Hz)."""
@@ -67,7 +65,12 @@ def drive(
     end, end_step = "out of time", round((duration - limits.rest_end) * PHYSICS_RATE)
     rest_steps, stuck_steps = round(limits.rest_start * PHYSICS_RATE), round(STUCK_AFTER * PHYSICS_RATE)
     stuck_check, stuck_pose, carried = rest_steps + stuck_steps, run.state, 0
-    mishaps = {_steps_of(fault): (fault, f"faults.{i}") for i, fault in enumerate(faults) if isinstance(fault, Mishap)}
+    mishaps = {}  # by their steps
+    for i, mishap in enumerate(faults):
+        if isinstance(mishap, Mishap):
+            first = round(mishap.start * PHYSICS_RATE)
+            steps = range(first, first + max(1, round(mishap.duration * PHYSICS_RATE)))
+            mishaps[steps] = (mishap, f"faults.{i}")
     for step in range(end_step):
         held = next((steps for steps in mishaps if step in steps), None)
         if held is not None:
@@ -109,25 +112,17 @@ def drive(
     return run.driven(end)
 
 
-def _steps_of(fault: Mishap) -> range:
-    """The physics steps of a mishap."""
-    first = round(fault.start * PHYSICS_RATE)
-    return range(first, first + max(1, round(fault.duration * PHYSICS_RATE)))
-
-
 class Run:
     """Vehicle and actors step by step.
 
     Attributes:
-        state: the vehicle's present one, see ``Vehicle.state``.
-        steps: of the physics so far.
         speed, turn_rate: what the motors are asked for [m/s], [rad/s].
     """
 
     def __init__(self, vehicle: Vehicle, actors: Actors | None) -> None:
         self.vehicle, self.actors = vehicle, actors
-        self.state = vehicle.state()
-        self.steps = 0
+        self.state = vehicle.state()  # the vehicle's present one, see ``Vehicle.state``
+        self.steps = 0  # of the physics so far
         self.speed = self.turn_rate = 0.0
         self._states = array("d", self.state)  # a fifth of the memory of tuples: two hours are 3 million states
         if actors is not None:
@@ -147,7 +142,7 @@ class Run:
         """One physics step in which the wheels spin as asked while the robot stands."""
         x, y, theta = self.state[:3]
         self.vehicle.spin(self.speed, self.turn_rate)
-        self._advance((x, y, theta), (0.0, 0.0, 0.0))
+        self._advance((x, y, theta))
 
     def carry(self, fault: Carried, index: int, count: int, driver: Driver, field: str) -> None:
         """One of ``count`` physics steps of being carried; the driver goes on from where the last of them ends."""

@@ -9,16 +9,14 @@ import math
 from typing import Annotated, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import Platform
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Positive, Section, Truth
 from moteslam.sim.world.pieces import Point
 from moteslam.sim.world.world import World, check_legs, check_place
-
-Array = NDArray[np.float64]
 
 MAX_DURATION = 12_000.0
 """The longest recording [s], for two kilometres at 0.2 m/s; of `ucsd` 480 000 scans, 2.1 GB of ranges."""

@@ -13,12 +13,10 @@ from pydantic import Field, model_validator
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Section
 from moteslam.sim.robot.driver import MAX_DURATION, SPACING, Commands, Driver, Route, Seconds, Task, sampled
 from moteslam.sim.world.world import World, check_place
-
-Array = NDArray[np.float64]
-
 
 FAR = 10.0
 """How far along its path a robot is carried unless it is said [m]."""

@@ -12,16 +12,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from moteslam.errors import ConfigError
 from moteslam.robot.noise import DriveNoise
 from moteslam.robot.platform import Body, Platform, Wheels
+from moteslam.robot.se2 import Array
 from moteslam.sim.actors.people import ROBOT
 from moteslam.sim.world.world import World
-
-Array = NDArray[np.float64]
 
 PHYSICS_RATE = 400
 """Physics steps a second [Hz]."""

@@ -12,10 +12,9 @@ from pydantic import Field
 
 from moteslam.robot.noise import ClockNoise
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Section
 from moteslam.sim.robot.mishaps import Carried
-
-Array = NDArray[np.float64]
 
 
 def readings(rate: float, start: float, end: float, noise: ClockNoise, rng: np.random.Generator) -> tuple[Array, Array]:

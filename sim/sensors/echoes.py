@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.noise import LidarNoise
+from moteslam.robot.se2 import Array
 from moteslam.sim.actors.actors import Tracks
 from moteslam.sim.world.pieces import Material
 from moteslam.sim.world.world import World
@@ -22,7 +23,6 @@ from moteslam.sim.world.world import World
 if TYPE_CHECKING:
     from moteslam.kernels.buckets import SegmentBuckets
 
-Array = NDArray[np.float64]
 
 MAX_SURFACES = 4
 """That a beam is followed to."""

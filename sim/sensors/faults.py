@@ -17,13 +17,11 @@ from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import OdometryStream, Recording
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Positive, Section, Truth
 from moteslam.sim.robot.driver import MAX_DURATION
 from moteslam.sim.robot.mishaps import Interval, Spell
 from moteslam.sim.sensors.clock import EPOCH, readings_of
-
-Array = NDArray[np.float64]
-
 
 Length = Annotated[Number, Field(gt=0, le=20)]
 
@@ -54,20 +52,13 @@ class Cart(Interval):
         dx, dy = origin
         cos, sin = np.cos(self.bearing), np.sin(self.bearing)
         along, across = cos * dx + sin * dy, cos * dy - sin * dx
-        found = np.full(len(bearings), np.inf)
-        for near, far, right, left in self._boxes():
-            box = (near - along, far - along, right - across, left - across)
-            found = np.minimum(found, _box_ranges(box, bearings - self.bearing))
-        return found
-
-    def _boxes(self) -> list[tuple[float, float, float, float]]:
-        """The solid boxes: from near to far and from right to left, from the lidar's mount towards the cart [m]."""
         near, far, half = self.distance, self.distance + self.depth, self.width / 2
-        if not self.leg:
-            return [(near, far, -half, half)]
-        rows = ((near, near + self.leg), (far - self.leg, far))
-        columns = ((-half, -half + self.leg), (half - self.leg, half))
-        return [(*row, *column) for row in rows for column in columns]
+        rows, columns = [(near, far)], [(-half, half)]  # of the solid boxes, from the lidar's mount towards the cart
+        if self.leg:
+            rows = [(near, near + self.leg), (far - self.leg, far)]
+            columns = [(-half, -half + self.leg), (half - self.leg, half)]
+        boxes = [(a - along, b - along, c - across, d - across) for a, b in rows for c, d in columns]
+        return np.asarray(np.min([_box_ranges(box, bearings - self.bearing) for box in boxes], axis=0))
 
 
 class Tilt(Interval):

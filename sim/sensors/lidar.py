@@ -12,13 +12,12 @@ from moteslam.errors import ConfigError
 from moteslam.robot.noise import DriveNoise, LidarNoise
 from moteslam.robot.platform import LidarSpec, Platform, ScanFigures
 from moteslam.robot.recording import LidarStream
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import given_up
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.clock import readings
 from moteslam.sim.sensors.echoes import Rays, Scene, mix_at_edges
 from moteslam.sim.sensors.faults import Cart, Tilt, carts_in_view, leaning
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -185,11 +184,11 @@ def tilted(
 def measured(
     exact: NDArray[np.float32], scan: ScanFigures, noise: LidarNoise, rng: np.random.Generator
 ) -> NDArray[np.float32]:
-    """Ranges float32 as the sensor reports them: noise that grows with the range, dropouts, limits, resolution.
+    """Exact ranges [m] of any shape as the sensor reports them, float32: noise that grows with the range, dropouts,
+    limits.
 
-    Args:
-        exact: ranges [m], any shape; ``inf`` where nothing is within reach, ``nan`` where an echo is of no use.
-        rng: two numbers a range are drawn; three with outliers.
+    ``inf`` is where nothing is within reach, ``nan`` where an echo is of no use. Two numbers a range are drawn from
+    ``rng``; three with outliers.
     """
     hit = np.isfinite(exact)
     useless = np.isnan(exact)

@@ -18,15 +18,13 @@ from moteslam.errors import ConfigError
 from moteslam.robot import rgbd
 from moteslam.robot.platform import CameraSettings, CameraSpec
 from moteslam.robot.recording import RgbdStream
-from moteslam.robot.se2 import interpolate, transform_points
+from moteslam.robot.se2 import Array, interpolate, transform_points
 from moteslam.robot.values import Summarised
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.robot.mishaps import Interval
 from moteslam.sim.sensors.clock import EPOCH, readings
 from moteslam.sim.sensors.echoes import Rays, Scene
 from moteslam.sim.world.floor import FloorSettings, rasterise
-
-Array = NDArray[np.float64]
 
 FLOOR_CELL = 0.01
 """The floor is drawn from a picture of cells this large [m], or larger ones in a world of hectares."""
@@ -71,7 +69,6 @@ class Renderer:
 
     Attributes:
         mount, settings: as given.
-        views: of the depth camera, False, and of the colour camera, True.
     """
 
     def __init__(
@@ -92,7 +89,7 @@ class Renderer:
         # each camera's place in the robot's frame: the colour camera stands to the right of the depth camera
         place = np.array((mount.x, mount.y, mount.z))
         self._places = {False: place, True: place + rotation @ np.array((rgbd.RGB_OFFSET, 0.0, 0.0))}
-        self.views = {}
+        self.views = {}  # of the depth camera, False, and of the colour camera, True
         for colour in (False, True):
             optical = optical_rays(colour=colour)
             directions = np.concatenate((optical @ rotation.T, optical[..., 2:]), axis=-1)
@@ -101,7 +98,8 @@ class Renderer:
         width, height = ground[2] - ground[0], ground[3] - ground[1]
         cell = max(FLOOR_CELL, float(np.sqrt(width * height / FLOOR_PIXELS)))
         self._ground = rasterise(floor, ground, cell)
-        self._packed = _pack(self._ground.values)
+        red, green, blue = np.moveaxis(self._ground.values.astype(np.int32), -1, 0)
+        self._packed = np.ascontiguousarray(red | green << 8 | blue << 16)
         rng = np.random.default_rng(np.random.SeedSequence(seed))
         reads = rgbd.HEIGHT * rgbd.WIDTH + 2 * rgbd.WIDTH
         normal = rng.standard_normal(_NOISE_LENGTH + reads, np.float32)
@@ -109,16 +107,9 @@ class Renderer:
         self._colour_noise = np.float32(settings.colour_noise) * normal
         self._disparity_noise = np.where(lost, np.float32(np.inf), np.float32(settings.disparity_noise) * normal)
         self._rgb_starts, self._disparity_starts = (rng.integers(_NOISE_LENGTH, size=count) for count in frames)
-        self._depth_view = depth_view_of(
-            self.views[False],
-            scale=rgbd.DEPTH_SCALE,
-            offset=rgbd.DISPARITY_OFFSET,
-            slope=rgbd.DISPARITY_SLOPE,
-            nothing=rgbd.NO_DISPARITY,
-            nearest=settings.nearest,
-            farthest=settings.farthest,
-            grazing=settings.grazing,
-        )
+        raw = {"scale": rgbd.DEPTH_SCALE, "offset": rgbd.DISPARITY_OFFSET, "slope": rgbd.DISPARITY_SLOPE}
+        measured = {"nearest": settings.nearest, "farthest": settings.farthest, "grazing": settings.grazing}
+        self._depth_view = depth_view_of(self.views[False], **raw, **measured, nothing=rgbd.NO_DISPARITY)
 
     def rgb(self, shots: Shots) -> NDArray[np.uint8]:
         """The colour images [k, 480, 640, 3] (RGB) of k shots."""
@@ -172,12 +163,6 @@ def _bounds(scene: Scene, path: Array, reach: float) -> tuple[float, float, floa
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def _pack(colours: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """Colours [H, W, 3] as one number each: red + 256 green + 65536 blue."""
-    red, green, blue = (colours[..., k].astype(np.int32) for k in range(3))
-    return np.ascontiguousarray(red | green << 8 | blue << 16)
-
-
 MAX_HEIGHT = 10.0
 """Of the camera above the floor [m]."""
 
@@ -193,15 +178,11 @@ def check_camera(camera: CameraSpec | None) -> CameraSpec:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CameraFrames(Summarised):
-    """All the frames of a run. It knows the truth, and is never part of a recording.
-
-    Attributes:
-        renderer: draws them; made when it is first called.
-    """
+    """All the frames of a run. It knows the truth, and is never part of a recording."""
 
     rgb: Shots
     disparity: Shots
-    renderer: Callable[[], Renderer]
+    renderer: Callable[[], Renderer]  # draws them; made when it is first called
 
     def without(self, gap: Interval) -> CameraFrames:
         """The frames whose stamps are not in an interval; they look as they did."""

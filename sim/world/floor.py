@@ -18,9 +18,8 @@ from pydantic import Field, model_validator
 from moteslam.errors import ConfigError, InputError
 from moteslam.files import read_bytes
 from moteslam.robot.raster import Raster, decode_picture, picture_size
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Positive, Section, Share, Whole
-
-Array = NDArray[np.float64]
 
 
 def smooth_noise(u: Array, v: Array, seed: int, layer: int) -> Array:
@@ -166,14 +165,14 @@ class FloorSettings(Section):
         if not len(flat):
             return np.empty((*points.shape[:-1], 3), np.uint8)
         x, y = flat.T.copy()
-        colours = self._picture_at(x, y) if self.image is not None else self._pattern_at(x, y)
+        if self.image is not None:
+            colours = self._picture_at(x, y)
+        else:
+            draw, size, palette = PATTERNS[self.material]
+            colours = draw(x, y, self.size or size, np.asarray(self.colours or palette, np.float64), self.seed)
         if self.stains > 0:
             colours = colours * stain_shade(x, y, self.stains, self.seed)[:, None]
         return np.rint(np.clip(colours, 0, 255)).astype(np.uint8).reshape(*points.shape[:-1], 3)
-
-    def _pattern_at(self, x: Array, y: Array) -> Array:
-        draw, size, palette = PATTERNS[self.material]
-        return draw(x, y, self.size or size, np.asarray(self.colours or palette, np.float64), self.seed)
 
     def _picture_at(self, x: Array, y: Array) -> Array:
         assert self.image is not None

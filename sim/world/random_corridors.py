@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.se2 import Array
 from moteslam.sim.world.layout import trace_sides
 from moteslam.sim.world.pieces import Block, Box, Chair, Pillar, Table
 
 if TYPE_CHECKING:
     from shapely import Geometry
 
-Array = NDArray[np.float64]
 
 CELL = 0.1
 """Of the raster [m]."""

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Summarised
 from moteslam.sim.world.layout import Layout, Slippery, read_floor_plan, wall_segments
 from moteslam.sim.world.pieces import MATERIALS, PLAIN, Block, Material, Polygon, Segments
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
 from dataclasses import replace
 
 from moteslam.robot.noise import Surroundings
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -172,13 +172,8 @@ def choose_parents(
     seed: int,
     step: int,
 ) -> Parents:
-    """The particles that survive, [M] rising indices: as many as there are, or as ``kld`` asks for.
-
-    Args:
-        scheme: one of ``SCHEMES``.
-        kld: whether and how the number is adapted.
-        poses: [N, 3] of the particles as weighed.
-        weights: [N], sum 1.
+    """The particles [N, 3], as weighed [N], that survive: [M] rising indices, as many as there are or as ``kld`` asks
+    for.
     """
     count = len(poses)
     if kld.enabled:

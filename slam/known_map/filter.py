@@ -17,7 +17,7 @@ from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.raster import Raster
-from moteslam.robot.se2 import as_pose, compose_one
+from moteslam.robot.se2 import Array, as_pose, compose_one
 from moteslam.robot.values import Issue
 from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of
 from moteslam.slam.filter.protocol import StepResult
@@ -51,8 +51,6 @@ from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate
 from moteslam.slam.tsdf.pose_covariance import PoseCovariance
 from moteslam.slam.tsdf.proposal import Proposal
 from moteslam.slam.tsdf.tracking import Tracked
-
-Array = NDArray[np.float64]
 
 DECIDED = 0.99
 """Probability of one place from which on the others are given up."""

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
-from moteslam.robot.se2 import Pose, compose_one
+from moteslam.robot.se2 import Array, Pose, compose_one
 from moteslam.robot.values import Issue
-
-Array = NDArray[np.float64]
 
 SEGMENT, SEGMENTS = 1.0, 8
 """Distances in the map and by the odometry are compared over this way [m], and up to as many times it."""

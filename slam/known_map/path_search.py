@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import Array
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST
 from moteslam.slam.known_map.maps import KnownMaps
@@ -24,7 +25,6 @@ from moteslam.slam.registration.evidence import CORRELATION
 from moteslam.slam.registration.registrar import register, subsample
 from moteslam.slam.registration.search import is_elsewhere
 
-Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 
 APART, MOST = 20.0, 20
@@ -49,19 +49,12 @@ CLEARLY = 0.5
 
 
 class Place(NamedTuple):
-    """Where a path may lie.
+    """Where a path may lie."""
 
-    Attributes:
-        node: the scan of it around which it was searched for.
-        evidence: of all its scans [nats].
-        contradicted: share of the endpoints that the map knows, of scans where a robot stood; 1 without any.
-        track: [n, 3] where they lie.
-    """
-
-    node: int
-    evidence: float
-    contradicted: float
-    track: Array
+    node: int  # the scan of it around which it was searched for
+    evidence: float  # of all its scans [nats]
+    contradicted: float  # share of the endpoints that the map knows, of scans where a robot stood; 1 without any
+    track: Array  # [n, 3] where they lie
 
 
 def find_path(
@@ -117,7 +110,7 @@ def _followed(
         at, last = poses, node
         for k in way:
             points = subsample(scans[k], POINTS)
-            at, last = np.asarray(se2.compose(at, se2.between(path[last], path[k]))), k
+            at, last = se2.compose(at, se2.between(path[last], path[k])), k
             if len(points):
                 fit = register(view, at, STEP, points, origin, still, config.registration, coarse=False)
                 corrects = fit.known >= CORRECTING * len(points)

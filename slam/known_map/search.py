@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, SquareScores
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.inputs.step import Step
 from moteslam.slam.known_map.hypotheses import LEAST
 from moteslam.slam.known_map.maps import KnownMaps
@@ -28,7 +29,6 @@ from moteslam.slam.registration.evidence import CORRELATION
 from moteslam.slam.registration.registrar import Registration, prior_spread, register, subsample
 from moteslam.slam.registration.search import apart
 
-Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 
 STEP, TURN = 0.2, 0.06
@@ -69,19 +69,12 @@ IN_MAP = 0.5
 
 
 class Sight(NamedTuple):
-    """A scan of a robot.
+    """A scan of a robot."""
 
-    Attributes:
-        pose: [3] of the robot by its odometry.
-        points: [k, 2] the scan's endpoints [m].
-        origin: [2] where its rays start [m].
-        silent: [m, 2] ends of rays that nothing answered [m], see ``silent_rays``.
-    """
-
-    pose: Array
-    points: Points
-    origin: Array
-    silent: Points = np.empty((0, 2), np.float32)
+    pose: Array  # [3] of the robot by its odometry
+    points: Points  # [k, 2] the scan's endpoints [m]
+    origin: Array  # [2] where its rays start [m]
+    silent: Points = np.empty((0, 2), np.float32)  # [m, 2] ends of rays that nothing answered [m], see `silent_rays`
 
     def apart(self, pose: Array) -> float:
         """How far off another pose is, as a multiple of what makes scans err independently."""
@@ -135,17 +128,11 @@ def contradictions(
 
 
 class Hypotheses(NamedTuple):
-    """Where the robot may be at the latest scan.
+    """Where the robot may be at the latest scan."""
 
-    Attributes:
-        poses: [K, 3] in the map, the most probable first.
-        probabilities: [K]; what is left to 1 is that it is at none of them.
-        all_found: these are all that count; else so many places look alike that others were left out.
-    """
-
-    poses: Array
-    probabilities: Array
-    all_found: bool
+    poses: Array  # [K, 3] in the map, the most probable first
+    probabilities: Array  # [K]; what is left to 1 is that it is at none of them
+    all_found: bool  # these are all that count; else so many places look alike that others were left out
 
 
 class WholeMapSearch:
@@ -226,7 +213,7 @@ class WholeMapSearch:
         latest = scans[0]
         view, zeros = self._maps.of(0), np.zeros_like(starts)
         found = register(view, starts, wide, points, latest.origin, zeros, self._config)
-        places = np.asarray(se2.compose(starts, found.offsets))
+        places = se2.compose(starts, found.offsets)
         odds, fine = np.zeros(len(starts)), np.zeros(len(starts))
         for seen in scans:
             back = se2.between(latest.pose, seen.pose)
@@ -234,7 +221,7 @@ class WholeMapSearch:
             if not count:
                 continue
             drift = prior_spread(self._config, float(np.hypot(*back[:2])), abs(float(back[2])))
-            there = np.asarray(se2.compose(places, back))
+            there = se2.compose(places, back)
             fit, contradicted = contradictions(self._maps, there, drift, seen, self._config)
             odds += ((ELSEWHERE - ON_SURFACE) * count - contradicted) / CORRELATION
             against = fit.far + count - fit.known

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from moteslam.robot.values import NotNegative, Number, Positive, Section, Whole
@@ -19,6 +20,8 @@ LOST_DISTANCE = 0.3
 """A pose that is off by more than this from the map around it is wrong [m]; ..."""
 LOST_ROTATION = math.radians(5.0)
 """... or whose heading is off by more than this [rad]."""
+APART = np.array([0.5, 0.5, 0.2])
+"""Two places are farther apart than this in one component at least [m], [m], [rad]."""
 
 
 class MapConfig(Section):

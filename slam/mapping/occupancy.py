@@ -26,10 +26,7 @@ class OccupancyGrid:
     """Log-odds, and beside them which cells count as occupied, kept in step by one kernel.
 
     Attributes:
-        log_odds: [H, W] int16 in counts of ``UNIT``.
-        occupied: [H, W] uint8, 1 where the log-odds exceed the threshold; its outermost ring is always 0.
         origin: [2] (x, y) of the corner of cell [0, 0] [m].
-        cell_size: [m].
     """
 
     def __init__(self, config: MapConfig) -> None:
@@ -39,8 +36,9 @@ class OccupancyGrid:
         self._threshold = round(config.occupied_threshold / UNIT)
         self._scan = 0
         self._corner = np.array([-CHUNK, -CHUNK])  # cell [0, 0] on the lattice of all cells: (column, row)
-        self.cell_size = config.cell_size
-        self.log_odds = np.zeros((2 * CHUNK, 2 * CHUNK), np.int16)
+        self.cell_size = config.cell_size  # [m]
+        self.log_odds = np.zeros((2 * CHUNK, 2 * CHUNK), np.int16)  # [H, W] int16 in counts of `UNIT`
+        # [H, W] uint8, 1 where the log-odds exceed the threshold; its outermost ring is always 0
         self.occupied = np.zeros((2 * CHUNK, 2 * CHUNK), np.uint8)
         self._seen = np.zeros((2 * CHUNK, 2 * CHUNK), np.int32)
 
@@ -52,9 +50,7 @@ class OccupancyGrid:
     def add_scan(self, sensor: ArrayLike, points: NDArray[np.float64]) -> None:
         """Update the cells that one scan measures (III.2): +log 4 at endpoints, -log 4 along the rays to them.
 
-        Args:
-            sensor: (x, y) of the lidar in the world [m].
-            points: [k, 2] endpoints in the world [m].
+        The lidar is at (x, y), the endpoints [k, 2] are in the world [m].
 
         Raises:
             InputError: the map would grow beyond ``MAX_CELLS``.
@@ -120,12 +116,7 @@ class OccupancyGrid:
 
 
 def draw_map(config: MapConfig, scans: Scans, indices: list[int], poses: NDArray[np.float64]) -> Raster:
-    """The occupancy map of scans from known poses, as log-odds.
-
-    Args:
-        indices: [u] which scans.
-        poses: [u, 3] of the robot at each.
-    """
+    """The occupancy map, as log-odds, of the scans of these indices [u] from known poses [u, 3] of the robot."""
     grid = OccupancyGrid(config)
     for index, pose in zip(indices, poses, strict=True):
         points = scans.points(index)

@@ -13,10 +13,8 @@ from moteslam.errors import InputError
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.kernels.tiles import CELLS, SIDE, Tiles, tile_store
 from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
-from moteslam.robot.se2 import Pose, as_pose
+from moteslam.robot.se2 import Array, Pose, as_pose
 from moteslam.slam.mapping.config import TsdfConfig
-
-Array = NDArray[np.float64]
 
 TABLE_CHUNK = 8
 """The tables grow by multiples of this many tiles."""
@@ -65,10 +63,7 @@ class TsdfMaps:
         return TsdfView(config, tiles.of(particle), corner)
 
     def resample(self, parents: NDArray[np.int64]) -> None:
-        """Give every particle its parent's TSDF.
-
-        Args:
-            parents: [M] indices of particles; M is their number from now on.
+        """Give every particle the TSDF of its parent [M]; M is their number from now on.
 
         Raises:
             InputError: the tables would take more than ``MAX_ENTRIES``.
@@ -77,11 +72,10 @@ class TsdfMaps:
         self._store.resample(parents)
 
     def integrate(self, poses: Array, scan: ThinnedScan) -> None:
-        """Average a scan into every particle's TSDF, each from its own pose.
+        """Average a scan in the robot's frame into every particle's TSDF, each from its own pose [N, 3] in the map
+        frame.
 
-        Args:
-            poses: [N, 3] of the robot in the map frame.
-            scan: in the robot's frame; fewer than two points have no surface.
+        Fewer than two points have no surface.
 
         Raises:
             InputError: tiles or tables would take more than ``MAX_TILES`` or ``MAX_ENTRIES``.
@@ -89,11 +83,8 @@ class TsdfMaps:
         self._write(poses, [scan])
 
     def draw(self, poses: Array, scans: Sequence[ThinnedScan]) -> None:
-        """Average scans, one after the other, into the one TSDF that there is.
-
-        Args:
-            poses: [m, 3] of the robot at the scans.
-            scans: m, as of ``integrate``; they are written ``DRAWN`` at a time.
+        """Average m scans from poses [m, 3], ``DRAWN`` at a time and one after the other, into the one TSDF that there
+        is.
 
         Raises:
             InputError: as of ``integrate``.
@@ -160,17 +151,11 @@ def _with_surfaces(poses: Array, scans: Sequence[ThinnedScan]) -> tuple[Array, S
 
 
 class TsdfView(NamedTuple):
-    """The TSDFs of some of the particles.
+    """The TSDFs of some of the particles."""
 
-    Attributes:
-        config: cell size and truncations.
-        tiles: of n particles.
-        corner: (x, y) of the tables' first tile [m].
-    """
-
-    config: TsdfConfig
-    tiles: Tiles
-    corner: tuple[float, float]
+    config: TsdfConfig  # cell size and truncations
+    tiles: Tiles  # of n particles
+    corner: tuple[float, float]  # (x, y) of the tables' first tile [m]
 
     def reach(self, pose: Array) -> float:
         """How far from a pose the map reaches [m]: beyond it no endpoint is known, however long a lapse lasts."""

@@ -10,12 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from moteslam.robot.se2 import Pose
+from moteslam.robot.se2 import Array, Pose
 from moteslam.robot.values import NotNegative, Positive, Section, Truth
-
-Array = NDArray[np.float64]
 
 
 class CalibrationConfig(Section):
@@ -79,11 +76,7 @@ class OdometryCalibration:
         return x + offset * (math.cos(turn) - 1), y + offset * math.sin(turn), turn
 
     def update(self, odometry: Pose, registered: Pose, information: Array) -> None:
-        """Update the gains with one motion.
-
-        Args:
-            information: [3, 3] of the scan's endpoints about its pose.
-        """
+        """Update the gains with one motion, and the information [3, 3] of the scan's endpoints about its pose."""
         if not self._config.enabled:
             return
         c = self._config

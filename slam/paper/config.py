@@ -9,13 +9,33 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from moteslam.robot.values import Number, Positive, Section, Share
+from moteslam.robot.values import NotNegative, Number, Positive, Section, Share
 from moteslam.slam.config import Method, ParticleFilterConfig, made_on_demand
 from moteslam.slam.filter.update_policy import UpdateConfig
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.odometry.noise import MotionNoise
 
 Offsets = Annotated[tuple[Number, ...], Field(min_length=1, max_length=41)]
+
+
+class MotionNoise(Section):
+    """Standard deviations of the Gaussian noise that prediction adds to the control (epsilon in II.6, III.3).
+
+    The paper's noise is constant in (v, omega): the first two. The others grow with the motion itself, so that logs
+    whose stamps carry no time (equal ones, one a second) spread too (alpha 1 to 4 of Probabilistic Robotics, 5.3).
+    """
+
+    velocity: NotNegative = 0.0
+    """Noise on the velocity [m/s]."""
+    yaw_rate: NotNegative = 0.0
+    """Noise on the yaw rate [rad/s]."""
+    translation_from_translation: NotNegative = 0.0
+    """Noise along the path, as a share of the distance [m/m] (alpha 3)."""
+    translation_from_rotation: NotNegative = 0.0
+    """Noise of the position for a turn [m/rad] (alpha 4)."""
+    rotation_from_translation: NotNegative = 0.0
+    """Noise of the heading for a distance [rad/m] (alpha 2)."""
+    rotation_from_rotation: NotNegative = 0.0
+    """Noise of the heading, as a share of the turn [rad/rad] (alpha 1)."""
 
 
 class MatchConfig(Section):

@@ -197,23 +197,15 @@ one to the next at the same shift, and nothing finer than a cell could be measur
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FloorPatch(Summarised):
-    """The floor that one frame shows.
+    """The floor that one frame shows."""
 
-    Attributes:
-        points: [k, 2] float32 centres of cells, in the robot's frame [m]; the cells' rows are turned by ``SLANT``.
-        colours: [k] int32 red + 256 green + 65536 blue, the mean of the points in each cell.
-    """
-
+    # [k, 2] float32 centres of cells, in the robot's frame [m]; the cells' rows are turned by `SLANT`.
     points: NDArray[np.float32]
-    colours: NDArray[np.int32]
+    colours: NDArray[np.int32]  # [k] int32 red + 256 green + 65536 blue, the mean of the points in each cell
 
 
 def floor_patch(frame: CameraFrame, mount: CameraSpec, config: TextureConfig, *, max_depth: float) -> FloorPatch:
-    """The floor near the robot as one frame shows it, a point a cell.
-
-    Args:
-        max_depth: points deeper than this are left out [m].
-    """
+    """The floor near the robot as one frame shows it, no deeper than ``max_depth`` [m], a point a cell."""
     near = config.model_copy(update={"max_depth": max_depth})
     reach = 1.3 * max_depth + float(np.hypot(mount.x, mount.y))
     mapper = TextureMapper(mount, near, (-reach, -reach), (reach, reach))

@@ -38,21 +38,13 @@ USUAL = 10.0
 
 
 class ScanFit(NamedTuple):
-    """A scan at its place in the map.
+    """A scan at its place in the map."""
 
-    Attributes:
-        score: its match score, as a share of the points where the map is known.
-        points: how many it has.
-        known: of these lie where the map is known.
-        far: of these are ``LOST_DISTANCE`` or more from the surface.
-        crossed: rays that pass through a surface of the map.
-    """
-
-    score: float
-    points: float
-    known: float
-    far: float
-    crossed: float
+    score: float  # its match score, as a share of the points where the map is known
+    points: float  # how many it has
+    known: float  # of these lie where the map is known
+    far: float  # of these are `LOST_DISTANCE` or more from the surface
+    crossed: float  # rays that pass through a surface of the map
 
 
 class Doubt:
@@ -62,14 +54,11 @@ class Doubt:
     prior: a robot is carried off at any time. The first scan that counts is one whose score drops below what is usual,
     and below the scan before: what the robot drives into lowers the scores little by little. What is usual is learnt
     while the robot is not doubted.
-
-    Attributes:
-        carried: the robot was, and has not been found since.
     """
 
     def __init__(self) -> None:
         self._log_odds = PRIOR
-        self.carried = False
+        self.carried = False  # the robot was, and has not been found since
         self._driven = 0.0  # since the last scan that was not suspected [m]
         self._scores, self._before = Scores(), 0.0
         self._far, self._crossed, self._unknown = FAR_AT_FIRST, 0.0, UNKNOWN_WHERE_LOST  # usual shares of the endpoints

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.inputs.floor_views import FloorView
 from moteslam.slam.texture.config import TextureConfig
 from moteslam.slam.texture.floor_map import (
@@ -30,41 +31,29 @@ from moteslam.slam.texture.floor_map import (
     floor_patch,
     packed_map,
 )
-from moteslam.slam.tsdf.config import ColourConfig
+from moteslam.slam.tsdf.config import ColourConfig, TsdfFilterConfig
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.proposal import Proposal
 
-Array = NDArray[np.float64]
 FLAT = 1e-6
 """Curvatures below this say nothing."""
 
 
 class FloorFit(NamedTuple):
-    """What the floor says of where the particles are.
+    """What the floor says of where the particles are."""
 
-    Attributes:
-        offsets: [N, 3] from each particle's pose to where the floor puts it, in the frame of that pose; no turn.
-        information: [3, 3] of that: the inverse of a covariance, zero where it says nothing.
-    """
-
-    offsets: Array
-    information: Array
+    offsets: Array  # [N, 3] from each particle's pose to where the floor puts it, in the frame of that pose; no turn
+    information: Array  # [3, 3] of that: the inverse of a covariance, zero where it says nothing
 
 
 @dataclass(eq=False)
 class _FloorMap:
-    """A map of the floor and where it was begun.
+    """A map of the floor and where it was begun."""
 
-    Attributes:
-        mapper: in the frame of the anchor.
-        anchors: [N, 3] of the particles.
-        distance: driven since [m].
-    """
-
-    mapper: TextureMapper
-    anchors: Array
-    distance: float = 0.0
+    mapper: TextureMapper  # in the frame of the anchor
+    anchors: Array  # [N, 3] of the particles
+    distance: float = 0.0  # driven since [m]
     known: tuple[TextureMap, NDArray[np.int32]] | None = field(default=None)
 
     def lookup(self) -> tuple[TextureMap, NDArray[np.int32]]:
@@ -111,9 +100,7 @@ class FloorTracker:
     def add(self, view: FloorView, poses: Array, best: int, travelled: float) -> None:
         """Write a frame into the newest map along the best particle's motion, or begin the next with it.
 
-        Args:
-            poses: [N, 3] of the particles at the scan.
-            travelled: since the frame before [m].
+        ``poses`` [N, 3] are of the particles at the scan; the robot travelled so far since the frame before [m].
         """
         if self._maps:
             self._maps[-1].distance += travelled
@@ -189,22 +176,17 @@ def _peak(shifts: Array, values: Array) -> tuple[Array, Array] | None:
 
 
 class FloorLikelihood:
-    """Weighs particles by camera frames of the floor; without frames it changes nothing.
+    """Weighs particles by camera frames of the floor; without frames it changes nothing."""
 
-    Args:
-        information_share: share of the endpoints' information that counts beside that of the floor.
-    """
-
-    def __init__(self, config: ColourConfig, texture: TextureConfig, information_share: float) -> None:
+    def __init__(self, config: TsdfFilterConfig) -> None:
         self._config = config
-        self._tracker = FloorTracker(config, texture)
-        self._information_share = information_share
+        self._tracker = FloorTracker(config.colours, config.texture)
         self._view: FloorView | None = None  # the frame of this update
         self._since_frame = 0.0  # distance since the last frame [m]
 
     def read_frame(self, read: Callable[[float], FloorView | None] | None) -> None:
         """Read the newest frame for this update, if the run uses the camera."""
-        self._view = None if read is None else read(self._config.largest_age)
+        self._view = None if read is None else read(self._config.colours.largest_age)
 
     def refine(self, proposal: Proposal, since: MotionSinceUpdate, best: int) -> Proposal | None:
         """The proposal multiplied by what the floor measures of each particle's position.
@@ -223,14 +205,15 @@ class FloorLikelihood:
         fit = self._tracker.fit(self._view, proposal.means, best)
         if fit is None:
             return None
-        lidar = proposal.precision(self._information_share)
+        share = self._config.proposal.information_share  # that counts of the endpoints beside the floor
+        lidar = proposal.precision(share)
         gain = np.linalg.solve(lidar + fit.information, np.broadcast_to(fit.information, lidar.shape))
         inside = fit.information - fit.information @ gain
         off = fit.offsets
         return replace(
             proposal,
             offsets=se2.compose(proposal.offsets, np.einsum("nij,nj->ni", gain, off)),
-            information=proposal.information + fit.information / self._information_share,
+            information=proposal.information + fit.information / share,
             position_share=1.0,  # the floor tells particles apart where the lidar does not
             log_likelihood=-0.5 * np.einsum("ni,nij,nj->n", off, inside, off),
         )

@@ -15,20 +15,13 @@ from numpy.typing import NDArray
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
 from moteslam.slam.registration.localisation import BENT
 from moteslam.slam.registration.registrar import Registration, register, subsample
-from moteslam.slam.registration.search import (
-    ELSEWHERE_DISTANCE,
-    ELSEWHERE_ROTATION,
-    Window,
-    candidates,
-    runner_up,
-    shares,
-)
+from moteslam.slam.registration.search import Window, candidates, is_elsewhere, runner_up, shares
 
-Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 
 QUERY = 4.0
@@ -60,9 +53,6 @@ class Relocation:
         path: [u, 3] on which that map was made.
         begin: [3] where the new map begins, as far as is known.
         reach: how far off that is at most [m].
-
-    Attributes:
-        updates: how many updates the map is of: those since are in the new one.
     """
 
     def __init__(
@@ -76,7 +66,7 @@ class Relocation:
         reach: float = np.inf,
         carried: bool = False,
     ) -> None:
-        self.updates = len(path)
+        self.updates = len(path)  # how many updates the map is of: those since are in the new one
         self._maps, self._particle = maps, particle
         self._config = config.model_copy(update={"residual": BENT})
         self._mapped = path[:, :2].min(axis=0) - MARGIN, path[:, :2].max(axis=0) + MARGIN
@@ -87,11 +77,7 @@ class Relocation:
         self._found: Array | None = None  # by the search before: where the new map's frame lies in the old one's
 
     def search(self, pose: Array, points: Points) -> Array | None:
-        """Take in an update since, and search if it is time.
-
-        Args:
-            pose: [3] in the new map.
-            points: [k, 2] of its scan.
+        """Take in an update since, at a pose [3] in the new map with endpoints [k, 2], and search if it is time.
 
         Returns:
             [3] where the new map's frame lies in the old one's, once that is known.
@@ -106,7 +92,9 @@ class Relocation:
         drifted = not self._carried and self.reach == np.inf
         place, share = self._search(pose, pose, FIRST_WINDOW) if drifted else (None, 0.0)
         if share < FIRST_SHARE:
-            low, high = self._window()
+            # the lowest and the highest x and y that the robot may have in the old map
+            within, (low, high) = self.reach + self._driven, self._mapped
+            low, high = np.maximum(low, self._begin - within), np.minimum(high, self._begin + within)
             half = np.array([*np.maximum(high - low, 0.0) / 2, np.pi])
             metres = Window(half, STEP, TURN).places * MAX_SEARCH_POINTS / ENDPOINTS_PER_METRE
             if self._driven < max(self._next_whole, metres if drifted else 0.0):
@@ -116,33 +104,18 @@ class Relocation:
         before, self._found = self._found, None
         if place is None:
             return None
-        self._found = np.asarray(se2.compose(place, se2.between(pose, np.zeros(3))))
+        self._found = se2.compose(place, se2.between(pose, np.zeros(3)))
         if before is None:
             return None
-        off = se2.between(se2.compose(before, pose), place)
-        return self._found if np.hypot(*off[:2]) < ELSEWHERE_DISTANCE and abs(off[2]) < ELSEWHERE_ROTATION else None
+        return None if is_elsewhere(se2.between(se2.compose(before, pose), place)) else self._found
 
     def revise(self, path: Array, scans: Sequence[ThinnedScan]) -> None:
-        """Draw the map anew along its corrected path.
-
-        Args:
-            path: [u, 3] at its updates.
-        """
+        """Draw the map anew along its corrected path [u, 3]."""
         self._maps, self._particle, self._found = TsdfMaps(self._maps.config), 0, None
         self._maps.draw(path, scans)
 
-    def _window(self) -> tuple[Array, Array]:
-        """The lowest and the highest x and y [2] that the robot may have in the old map."""
-        within, (low, high) = self.reach + self._driven, self._mapped
-        return np.maximum(low, self._begin - within), np.minimum(high, self._begin + within)
-
     def _search(self, pose: Array, middle: Array, half: Array) -> tuple[Array | None, float]:
-        """Where in the old map the robot is.
-
-        Args:
-            pose: [3] in the new map.
-            middle: [3] of the window.
-            half: [3] half widths of that.
+        """Where in the old map the robot at a pose [3] of the new one is, in a window [3] of half widths [3].
 
         Returns:
             [3] and the share of the endpoints there; None and 0 where no place is sure.
@@ -160,7 +133,7 @@ class Relocation:
         best = int(places.argmax())
         if places[best] < LEAST_SHARE or places[best] - runner_up(found, places, len(points)) < LEAST_MARGIN:
             return None, 0.0
-        return np.asarray(se2.compose(middle, found.offsets[best])), float(places[best])
+        return se2.compose(middle, found.offsets[best]), float(places[best])
 
     def _registered(self, points: Points, starts: Array, middle: Array, half: Array) -> Registration:
         """Endpoints registered from many starts, as offsets from the middle, free of any prediction."""

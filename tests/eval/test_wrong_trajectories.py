@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_lines import shown, told
 from scipy.spatial.transform import Rotation
 
 from moteslam.eval.cli import main
@@ -16,6 +16,7 @@ from moteslam.robot.trajectories import read_trajectory
 
 T0 = 1300000000.0
 Table = np.ndarray  # [n, 8] t x y z qx qy qz qw
+Change = Callable[[Table], Table]
 
 
 def drive(period: float, noise: float = 0.0, *, length: float = 120.0) -> Table:
@@ -39,11 +40,16 @@ def write(path: Path, table: Table, stamps: str = "%.9f", header: str = "", sepa
 
 
 def codes(capsys: pytest.CaptureFixture[str], estimate: str, reference: str) -> list[str]:
-    assert main.run(["evaluate", estimate, reference, "--json"]) == 0
-    return [issue["code"] for issue in json.loads(capsys.readouterr().out)["warnings"]]
+    return [issue["code"] for issue in shown(capsys, "evaluate", estimate, reference)["warnings"]]
 
 
-def changed(change: Callable[[Table], object]) -> Callable[[Table], Table]:
+def files_of(folder: Path, estimate: Change, reference: Change) -> tuple[str, str]:
+    """A noisy, sparse estimate and a dense reference of one drive, changed."""
+    tables = estimate(drive(0.2, 0.005)), reference(drive(0.01))
+    return write(folder / "est.tum", tables[0]), write(folder / "ref.tum", tables[1])
+
+
+def changed(change: Callable[[Table], object]) -> Change:
     def made(table: Table) -> Table:
         table = table.copy()
         found = change(table)
@@ -52,23 +58,23 @@ def changed(change: Callable[[Table], object]) -> Callable[[Table], Table]:
     return made
 
 
-def put(rows: slice, columns: slice | int, value: object) -> Callable[[Table], Table]:
+def put(rows: slice, columns: slice | int, value: object) -> Change:
     return changed(lambda table: table.__setitem__((rows, columns), value))
 
 
-def scaled(column: slice | int, factor: float) -> Callable[[Table], Table]:
+def scaled(column: slice | int, factor: float) -> Change:
     return changed(lambda table: table.__setitem__((slice(None), column), table[:, column] * factor))
 
 
-def held(count: int) -> Callable[[Table], Table]:
+def held(count: int) -> Change:
     return changed(lambda t: t.__setitem__((slice(None), slice(1, 8)), t[np.arange(len(t)) // count * count, 1:]))
 
 
-def rounded(step: float) -> Callable[[Table], Table]:
+def rounded(step: float) -> Change:
     return changed(lambda table: table.__setitem__((slice(None), 0), np.floor(table[:, 0] / step) * step))
 
 
-def clocked(rate: float, offset: float = 0.0) -> Callable[[Table], Table]:
+def clocked(rate: float, offset: float = 0.0) -> Change:
     return changed(lambda t: t.__setitem__((slice(None), 0), T0 + rate * (t[:, 0] - T0) + offset))
 
 
@@ -92,7 +98,7 @@ def started(table: Table) -> Table:
     return table - np.concatenate(([0.0], table[0, 1:4], np.zeros(4)))
 
 
-def between(begin: float, end: float) -> Callable[[Table], Table]:
+def between(begin: float, end: float) -> Change:
     return changed(lambda table: table[(table[:, 0] >= T0 + begin) & (table[:, 0] < T0 + end)])
 
 
@@ -137,10 +143,9 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
 
 
 def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
-    files = write(tmp_path / "est.tum", drive(0.2, 0.005)), write(tmp_path / "ref.tum", tilted(drive(0.01)))
+    files = files_of(tmp_path, same, tilted)
     for given, named in ((files, files[1]), (files[::-1], files[1])):
-        assert main.run(["evaluate", *given]) == 0
-        assert f"{named}: moves in a plane" in capsys.readouterr().err
+        assert f"{named}: moves in a plane" in told(capsys, "evaluate", *given)
 
 
 @pytest.mark.parametrize(
@@ -182,17 +187,13 @@ def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
     ],
 )
 def test_what_evaluate_says(tmp_path: Path, capsys, estimate, reference, expected: list[str]) -> None:
-    files = (
-        write(tmp_path / "est.tum", estimate(drive(0.2, 0.005))),
-        write(tmp_path / "ref.tum", reference(drive(0.01))),
-    )
-    assert codes(capsys, *files) == expected
+    assert codes(capsys, *files_of(tmp_path, estimate, reference)) == expected
 
 
 OPTICAL = Rotation.from_matrix(((0, 0, 1), (-1, 0, 0), (0, -1, 0)))  # z ahead, y down, in the axes of the base
 
 
-def at_arm(*arm: float) -> Callable[[Table], Table]:
+def at_arm(*arm: float) -> Change:
     """The path of another point of the robot."""
     return changed(lambda t: t.__setitem__((slice(None), slice(1, 4)), t[:, 1:4] + Rotation(t[:, 4:]).apply(arm)))
 
@@ -211,7 +212,7 @@ def wavy(table: Table) -> Table:
     return np.column_stack((table[:, :4], (Rotation(table[:, 4:]) * tilt).as_quat()))
 
 
-def chain(*changes: Callable[[Table], Table]) -> Callable[[Table], Table]:
+def chain(*changes: Callable[[Table], Table]) -> Change:
     def made(table: Table) -> Table:
         for change in changes:
             table = change(table)
@@ -245,8 +246,7 @@ def test_another_point_of_the_robot_is_told(
     """The offset on the robot is found, in the axes of the body that has orientations, and mends the error."""
     tables = estimate(drive(0.2, 0.005)), reference(drive(0.01))
     files = [write(tmp_path / f"{k}.tum", table) for k, table in enumerate(tables)]
-    assert main.run(["evaluate", *files, "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = shown(capsys, "evaluate", *files)
     assert [issue["code"] for issue in result["warnings"]] == expected
     [message] = [issue["message"] for issue in result["warnings"] if issue["code"] == "lever-arm"]
     found = re.search(r"x (\S+) m, y (\S+) m(?:, z (\S+) m)? on the robot", message)
@@ -255,8 +255,7 @@ def test_another_point_of_the_robot_is_told(
     assert mend in message
     mended = int("exchange" in mend)
     files[mended] = write(tmp_path / "mended.tum", at_arm(*arm)(tables[mended]))
-    assert main.run(["evaluate", *files, "--json"]) == 0
-    after = json.loads(capsys.readouterr().out)["ate"]["translation_m"]["rmse"]
+    after = shown(capsys, "evaluate", *files)["ate"]["translation_m"]["rmse"]
     assert after < 0.012 < 0.06 < result["ate"]["translation_m"]["rmse"]
 
 
@@ -272,12 +271,8 @@ def test_another_point_of_the_robot_is_told(
 def test_a_clock_is_told_where_it_explains_more_than_an_arm(
     tmp_path: Path, capsys, estimate, reference, expected: list[str], words: tuple[str, ...]
 ) -> None:
-    files = (
-        write(tmp_path / "est.tum", estimate(drive(0.2, 0.005))),
-        write(tmp_path / "ref.tum", reference(drive(0.01))),
-    )
-    assert main.run(["evaluate", *files, "--json"]) == 0
-    warnings = json.loads(capsys.readouterr().out)["warnings"]
+    files = files_of(tmp_path, estimate, reference)
+    warnings = shown(capsys, "evaluate", *files)["warnings"]
     assert [issue["code"] for issue in warnings] == expected
     assert all(word in warnings[-1]["message"] for word in words)
 
@@ -293,15 +288,11 @@ def test_a_reference_that_is_the_estimate_is_told(tmp_path: Path, capsys, change
 @pytest.mark.parametrize("whose", ["estimate", "reference"])
 def test_a_clock_that_runs_fast_or_slow_is_measured(tmp_path: Path, capsys, rate: float, whose: str) -> None:
     changes = (clocked(rate), same) if whose == "estimate" else (same, clocked(rate))
-    tables = (drive(0.2, 0.005), drive(0.01))
-    files = [
-        write(tmp_path / f"{k}.tum", how(table)) for k, (how, table) in enumerate(zip(changes, tables, strict=True))
-    ]
-    assert main.run(["evaluate", *files]) == 0
+    files = files_of(tmp_path, *changes)
     fast = (rate > 1) == (whose == "estimate")
-    assert f"its clock runs {100 * abs(rate - 1):.1f}" in capsys.readouterr().err.replace("0.99 %", "1.00 %")
-    assert main.run(["evaluate", *files]) == 0
-    assert ("% fast" if fast else "% slow") in capsys.readouterr().err
+    said = told(capsys, "evaluate", *files)
+    assert f"its clock runs {100 * abs(rate - 1):.1f}" in said.replace("0.99 %", "1.00 %")
+    assert ("% fast" if fast else "% slow") in said
 
 
 def test_stamps_in_few_digits_are_named_where_nothing_matches(tmp_path: Path, capsys) -> None:
@@ -312,8 +303,7 @@ def test_stamps_in_few_digits_are_named_where_nothing_matches(tmp_path: Path, ca
     assert said.count("\n") == 1
     assert f"; {files[1]}: " in said
     assert "of 12000 poses have the stamp of the one before" in said
-    assert main.run(["convert", files[1], str(tmp_path / "out.tum")]) == 0
-    assert "of 12000 poses have the stamp of the one before" in capsys.readouterr().err
+    assert "of 12000 poses have the stamp of the one before" in told(capsys, "convert", files[1], tmp_path / "out.tum")
 
 
 def angles(table: Table, factor: float) -> Table:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.se2 import umeyama
+from moteslam.robot.se2 import Array, umeyama
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.backend.building import Measured
 from moteslam.slam.backend.graph.config import GraphConfig
@@ -23,8 +23,6 @@ from moteslam.slam.backend.kinds import BackendKind
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.inputs.odometry_path import between_known
-
-Array = NDArray[np.float64]
 
 OFF, WELL_GROWN = 0.05, 1.25
 """The filter's path is corrected where a new loop is off by the first [m], and the path has grown by the second factor
@@ -47,11 +45,7 @@ LEAST_NODES = 3
 
 
 class GraphBackend:
-    """Corrects the path of the key scans where a loop contradicts it, and at the end.
-
-    Args:
-        config: of all stages.
-    """
+    """Corrects the path of the key scans where a loop contradicts it, and at the end."""
 
     def __init__(self, config: GraphConfig) -> None:
         self._config = config
@@ -118,15 +112,10 @@ class GraphBackend:
         return True
 
     def _between_nodes(self, poses: Array, updates: NDArray[np.intp], path: Array) -> Array:
-        """The path [u, 3] of all key scans, where those of the nodes are known.
+        """The path [u, 3] of all key scans by the filter, where poses [n, 3] of nodes, the key scans [n], are known.
 
         A key scan that is no node since its place is known moves with the node nearest to it: the filter saw it at this
         place of its map, and the map there is that node's.
-
-        Args:
-            poses: [n, 3] of the nodes.
-            updates: [n] which key scans they are.
-            path: [u, 3] of all key scans by the filter.
         """
         nearest = np.array(self._nearest[: len(path)])
         others = np.flatnonzero(nearest >= 0)
@@ -206,7 +195,6 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
     Args:
         graph: of n nodes, as it was solved last; solved as measured afterwards.
         filtered: [n, 3] by the filter, with the corrections while it drove.
-        config: of the back end.
 
     Returns:
         [n, 3] poses, and whether the graph's measurements led there rather than the filter's path.
@@ -221,7 +209,7 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
     if config.joint.enabled:
         tried: list[Array] = []
         for start in starts:
-            if any(_off(start, other) < SAME_START for other in tried):
+            if any(np.hypot(*(laid_over(start, other) - other)[:, :2].T).max() < SAME_START for other in tried):
                 continue
             registered = register_jointly(endpoints, start, graph.measured, config)
             paths.append((registered, start is not filtered))
@@ -238,12 +226,10 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
 def contradictions(
     graph: LoopGraph, poses: Array, loops: tuple[LoopCandidate, ...], *, measured: bool
 ) -> tuple[Issue, ...]:
-    """What the final path contradicts of what the graph measured.
+    """What the final poses [n, 3] contradict of what the graph measured.
 
     Args:
-        graph: of n nodes.
-        poses: [n, 3] the final ones.
-        loops: the ledger as these confirm it.
+        loops: the ledger as the poses confirm it.
         measured: whether the graph's measurements led there.
     """
     issues, stamps = [], graph.nodes.stamps
@@ -274,12 +260,6 @@ def _frame(graph: LoopGraph, filtered: Array) -> Array:
     return graph.registered if len(graph.registered) else filtered
 
 
-def _off(one: Array, other: Array) -> float:
-    """How far the farthest node of a path [n, 3] is off, laid over another one [m]."""
-    off = laid_over(one, other) - other
-    return float(np.hypot(off[:, 0], off[:, 1]).max())
-
-
 def laid_over(poses: Array, before: Array) -> Array:
     """Poses [n, 3] moved rigidly so that the first m lie on those before [m, 3], by least squares.
 
@@ -287,7 +267,7 @@ def laid_over(poses: Array, before: Array) -> Array:
     a large building's far end by decimetres. Headings count as points a metre ahead and behind, for nodes on one spot.
     """
     moved = umeyama(_ends(poses[: len(before)]), _ends(before))
-    return np.asarray(se2.compose(moved, poses))
+    return se2.compose(moved, poses)
 
 
 def _ends(poses: Array) -> Array:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from moteslam.kernels.normals import scan_normals
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot.raster import cell_counts
-
-Array = NDArray[np.float64]
+from moteslam.robot.se2 import Array
 
 NORMAL_REACH, NORMAL_NOISE, NORMAL_LARGEST = 0.3, 0.005, 0.1
 """See ``scan_normals``: 30 cm of wall, points good to 5 mm, directions good to 0.1 rad."""
@@ -23,18 +22,13 @@ CLEARLY = 3.0
 
 
 class Endpoints(NamedTuple):
-    """The endpoints of n scans, scan by scan.
+    """The endpoints of n scans, scan by scan."""
 
-    Attributes:
-        points, normals: float32 [p, 2] in the robot's frame of each scan.
-        starts: int32 [n + 1] of each scan among them, and p.
-        owners: int32 [p] the scan of each.
-    """
-
+    # points, normals: float32 [p, 2] in the robot's frame of each scan.
     points: NDArray[np.float32]
     normals: NDArray[np.float32]
-    starts: NDArray[np.int32]
-    owners: NDArray[np.int32]
+    starts: NDArray[np.int32]  # int32 [n + 1] of each scan among them, and p
+    owners: NDArray[np.int32]  # int32 [p] the scan of each
 
     @classmethod
     def of(cls, scans: Sequence[ThinnedScan]) -> Endpoints:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.submaps import Submaps
@@ -24,7 +25,6 @@ from moteslam.slam.registration.information import keep_odometry, measured_infor
 from moteslam.slam.registration.registrar import Registration, register, subsample
 from moteslam.slam.registration.search import LEAST_KNOWN, Window, candidates, runner_up, shares
 
-Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 
 RESIDUAL = 0.03
@@ -64,13 +64,7 @@ class Loop(NamedTuple):
 
 
 class LoopSearch:
-    """Searches queries in submaps.
-
-    Args:
-        nodes: all of them.
-        submaps: theirs.
-        config: of the back end.
-    """
+    """Searches queries in submaps."""
 
     def __init__(self, nodes: Nodes, submaps: Submaps, config: GraphConfig) -> None:
         self._nodes, self._submaps, self._config = nodes, submaps, config
@@ -81,7 +75,6 @@ class LoopSearch:
         """Search a query in a submap.
 
         Args:
-            submap, query: their nodes.
             predicted: [3] pose of the query's node in the frame of the submap's.
             covariance: [3, 3] of that, in its frame.
 
@@ -110,7 +103,7 @@ class LoopSearch:
         error = np.linalg.inv(information + WEAKEST * np.eye(3)) + np.diag(np.square(FLOOR))
         candidate = replace(
             self._candidate(submap, query, predicted, window),
-            found=np.asarray(se2.compose(predicted, kept.offsets[best])),
+            found=se2.compose(predicted, kept.offsets[best]),
             share=float(places[best]),
             runner_up=second,
             known=float(found.known[best]) / len(points),
@@ -127,20 +120,8 @@ class LoopSearch:
     def _candidate(self, submap: int, query: int, predicted: Array, window: Window) -> LoopCandidate:
         """A pair before it is searched."""
         indices, stamps = self._nodes.indices, self._nodes.stamps
-        return LoopCandidate(
-            earlier=int(indices[submap]),
-            later=int(indices[query]),
-            stamps=(float(stamps[submap]), float(stamps[query])),
-            predicted=predicted,
-            found=predicted,
-            window=(float(window.half[0]), float(window.half[2])),
-            share=0.0,
-            runner_up=0.0,
-            known=0.0,
-            likelihood=0.0,
-            crossed=0.0,
-            verdict="unsearched",
-        )
+        pair, half = (indices[submap], indices[query]), (float(window.half[0]), float(window.half[2]))
+        return LoopCandidate.unsearched(*pair, (stamps[submap], stamps[query]), predicted, half)
 
     def window(self, covariance: Array) -> Window:
         """What is searched of a prediction of this covariance [3, 3]."""

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 SCHEDULE = (1e5, 1e4, 3e3, 1e3, 300.0, 100.0, 30.0, 10.0)
@@ -32,20 +32,14 @@ ANCHOR = 1e9
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """Measured relative poses.
+    """Measured relative poses."""
 
-    Attributes:
-        first, second: [e] nodes.
-        relative: [e, 3] measured pose of the second in the frame of the first.
-        information: [e, 3, 3] of its error, in the frame of the measured pose.
-        robust: [e] whether graduated non-convexity may reject it.
-    """
-
+    # first, second: [e] nodes.
     first: Indices
     second: Indices
-    relative: Array
-    information: Array
-    robust: NDArray[np.bool_]
+    relative: Array  # [e, 3] measured pose of the second in the frame of the first
+    information: Array  # [e, 3, 3] of its error, in the frame of the measured pose
+    robust: NDArray[np.bool_]  # [e] whether graduated non-convexity may reject it
 
     def __len__(self) -> int:
         return len(self.first)
@@ -62,7 +56,7 @@ class Edges:
 
     def errors(self, poses: Array) -> Array:
         """The errors [e, 3] of the measured relative poses, in their frames, where the nodes are at ``poses``."""
-        return np.asarray(se2.between(self.relative, se2.between(poses[self.first], poses[self.second])))
+        return se2.between(self.relative, se2.between(poses[self.first], poses[self.second]))
 
     def squares(self, errors: Array) -> Array:
         """The squares [e] of errors [e, 3], in standard deviations."""
@@ -74,11 +68,8 @@ class Edges:
 
 
 def relative_jacobians(first: Array, second: Array, heading: Array) -> tuple[Array, Array]:
-    """Of the pose of ``second`` in the frame of ``first``, turned back by a heading, by both poses.
-
-    Args:
-        first, second: [e, 3].
-        heading: [e] of the measured relative pose.
+    """Of the poses [e, 3] of ``second`` in the frames of ``first``, turned back by the headings [e] of the measured
+    ones.
 
     Returns:
         [e, 3, 3] by (x, y, theta) of the first pose, and by those of the second.
@@ -97,19 +88,16 @@ def relative_jacobians(first: Array, second: Array, heading: Array) -> tuple[Arr
 
 
 def solve(poses: Array, edges: Edges, *, graduated: bool = True) -> tuple[Array, Array]:
-    """The poses that fit the edges best; the first pose stays.
+    """The poses [n, 3] that fit the edges best, from poses to begin with, and the weights [e] of the edges, 0 to 1.
 
-    Args:
-        poses: [n, 3] to begin with.
-        edges: that bind all nodes together.
-        graduated: reject loops step by step; else all edges count in full.
-
-    Returns:
-        [n, 3] poses, and the weights [e] of the edges, 0 to 1.
+    The first pose stays. With ``graduated`` loops are rejected step by step; else all edges count in full.
     """
     system, poses = BlockSystem(len(poses), edges.first, edges.second), poses.copy()
     weights = np.ones(len(edges))
-    for scale in _schedule(edges.squares(edges.errors(poses))[edges.robust]) if graduated else SCHEDULE[:1]:
+    largest = float(edges.squares(edges.errors(poses))[edges.robust].max(initial=0.0))
+    # from where the largest error counts by half or so
+    schedule = [*(scale for scale in SCHEDULE[:-1] if scale < CONVEX * largest), SCHEDULE[-1]]
+    for scale in schedule if graduated else SCHEDULE[:1]:
         for _ in range(ITERATIONS):
             errors = edges.errors(poses)
             if graduated:
@@ -133,13 +121,3 @@ def solve(poses: Array, edges: Edges, *, graduated: bool = True) -> tuple[Array,
 def _weights(errors: Array, edges: Edges, scale: float) -> Array:
     """Of Geman and McClure, for the edges that may be rejected."""
     return np.where(edges.robust, np.square(scale / (scale + edges.squares(errors))), 1.0)
-
-
-def _schedule(squares: Array) -> tuple[float, ...]:
-    """The scales to go through: from where the largest error counts by half or so.
-
-    Args:
-        squares: of the errors at the start, in standard deviations.
-    """
-    first = CONVEX * float(squares.max(initial=0.0))
-    return tuple(scale for scale in SCHEDULE[:-1] if scale < first) + SCHEDULE[-1:]

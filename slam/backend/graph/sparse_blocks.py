@@ -50,9 +50,8 @@ class BlockSystem:
         """The solution [n, 3] of the system.
 
         Args:
-            own: [n, 3, 3] blocks of each pose with itself.
+            own: [n, 3, 3] blocks of each pose with itself; right: [n, 3] right-hand side.
             pairs: [e, 3, 3] blocks between the first and the second pose of each pair; those of equal pairs are added.
-            right: [n, 3] right-hand side.
         """
         placed = np.where(self._turned[:, None, None], np.swapaxes(pairs, 1, 2), pairs)
         blocks = np.zeros((self._blocks, 9))
