@@ -10,10 +10,11 @@ from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from moteslam.robot import se2
-from moteslam.robot.recording import OdometryStream, Recording
+from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Positive, Section, Truth
 from moteslam.sim.robot.driver import MAX_DURATION
@@ -152,23 +153,29 @@ class OdometryJump(Section):
         return self
 
 
-def with_scans_repeated(recording: Recording, faults: Iterable[object]) -> Recording:
-    """The recording with the scans of every `RepeatedScans` in place of its own.
+class Repeating:
+    """The lidar's driver, which sends a scan again and again wherever a scenario's faults are `RepeatedScans`."""
 
-    ``faults`` are a scenario's, here and below: those of other kinds are passed over.
-    """
-    lidar = recording.lidar
-    assert lidar is not None
-    for fault in faults:
-        if isinstance(fault, RepeatedScans) and len(frozen := np.flatnonzero(fault.covers(lidar.stamps - EPOCH))):
-            ranges = np.array(lidar.ranges)
-            ranges[frozen] = ranges[max(frozen[0] - 1, 0)]
+    def __init__(self, faults: Iterable[object]) -> None:
+        self._faults = [fault for fault in faults if isinstance(fault, RepeatedScans)]
+        self._last: dict[int, NDArray[np.float32]] = {}  # what each has sent last
+
+    def sent(self, lidar: LidarStream) -> LidarStream:
+        """The next scans, those of every fault in place of their own."""
+        for k, fault in enumerate(self._faults if len(lidar) else ()):
+            frozen, ranges = np.flatnonzero(fault.covers(lidar.stamps - EPOCH)), np.array(lidar.ranges)
+            if len(frozen):
+                ranges[frozen] = ranges[frozen[0] - 1] if frozen[0] else self._last.get(k, ranges[0])
+            self._last[k] = ranges[-1]
             lidar = replace(lidar, ranges=ranges)
-    return recording.replace(lidar=lidar)
+        return lidar
 
 
 def without_lost_motion(recording: Recording, faults: Iterable[object]) -> Recording:
-    """The recording with no counts and no turns in every gap whose counts are lost: what a base integrates of it."""
+    """The recording with no counts and no turns in every gap whose counts are lost: what a base integrates of it.
+
+    ``faults`` are a scenario's, here and below: those of other kinds are passed over.
+    """
     encoders, imu = recording.encoders, recording.imu
     assert encoders is not None
     for fault in faults:

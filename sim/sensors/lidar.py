@@ -205,10 +205,10 @@ def _at(drive: Drive, times: Array, values: Array) -> Array:
 SETTLES = 0.1  # Time in which the body follows an acceleration, and over which it shakes alike [s]
 
 
-def tilt_of(drive: Drive, noise: DriveNoise, rng: np.random.Generator) -> Array:
+def tilt_of(drive: Drive, noise: DriveNoise, white: Array) -> Array:
     """Roll (to the right positive) and pitch (down positive) [n, 2] at the drive's stamps [rad].
 
-    The body leans in bends, dips when it brakes, and shakes with its speed.
+    The body leans in bends, dips when it brakes, and shakes with its speed, as standard normal numbers [n, 2] say.
     """
     from scipy.signal import lfilter
 
@@ -219,7 +219,7 @@ def tilt_of(drive: Drive, noise: DriveNoise, rng: np.random.Generator) -> Array:
     forward, left = np.cos(theta) * ax + np.sin(theta) * ay, np.cos(theta) * ay - np.sin(theta) * ax
     leans = noise.sway * np.stack((left, -forward), axis=1)
     leans = lfilter([1.0 - keep], [1.0, -keep], leans, axis=0)
-    white = np.sqrt(1 - keep**2) * rng.standard_normal((len(theta), 2))
+    white = np.sqrt(1 - keep**2) * white
     shaken = noise.shake * np.hypot(vx, vy)[:, None] * lfilter([1.0], [1.0, -keep], white, axis=0)
     return np.asarray(leans + shaken, np.float64)
 
