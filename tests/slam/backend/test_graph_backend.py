@@ -128,7 +128,7 @@ def test_what_the_walls_do_not_measure_the_odometry_decides(name: str, most: flo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("platform", ["rplidar_a1", "ucsd"])
+@pytest.mark.parametrize("platform", ["rplidar_a1", "turtlebot3"])
 def test_in_a_round_tank_the_odometry_decides_about_turns(platform: str, tmp_path: Path):
     """Scans are the same whatever the heading: errors of the map turned it by 2 to 20 degrees."""
 
