@@ -3,8 +3,7 @@
     python examples/paper_figures.py [FOLDER [UCSD]] [--figure N]
 
 UCSD is a folder with the sequences 20 and 21. Without it two are simulated: the corridor with its camera, and once more
-with a gyro that drifts by 30 degrees a minute. Figures 7 and 8 are of the filter without its search, which hides the
-noise; in figure 8 it does not resample either.
+with a gyro that drifts by 30 degrees a minute. In figures 7 and 8 the filter does not search, in 8 nor resample.
 """
 
 from argparse import ArgumentParser
@@ -47,8 +46,7 @@ def run(recording: moteslam.Recording, *settings: str) -> tuple[moteslam.Estimat
 def show(axes, raster=None, *paths: np.ndarray, **look) -> None:
     """A map, grey or in colours, and paths on it."""
     if raster is not None and raster.values.ndim == 3:
-        shown = np.where(raster.known[..., None], raster.values, 255)
-        axes.imshow(shown, origin="lower", extent=raster.extent)
+        axes.imshow(np.where(raster.known[..., None], raster.values, 255), origin="lower", extent=raster.extent)
     elif raster is not None:
         grey = np.where(raster.values > 0, 0.15, np.where(raster.values < 0, 1.0, 0.88))
         axes.imshow(grey, origin="lower", extent=raster.extent, cmap="gray", vmin=0, vmax=1)
@@ -68,12 +66,11 @@ def picture(folder: Path, number: int, count: int = 1):
     plt.close(figure)
 
 
-def stages(folder: Path, rasters: dict[int, list], figures: Collection[int], path: moteslam.Trajectory) -> None:
-    """The figures of these numbers, as far as they are wanted: a raster and the path at each stage."""
-    for number in rasters.keys() & set(figures):
-        for axes, raster, share in zip(picture(folder, number, len(STAGES)), rasters[number], STAGES, strict=True):
-            show(axes, raster, path.poses[: int(share * len(path))])
-            axes.set_title(f"{share * np.ptp(path.stamps):.0f} s")
+def stages(folder: Path, number: int, rasters: list, path: moteslam.Trajectory) -> None:
+    """A figure of a raster and the path at each stage."""
+    for axes, raster, share in zip(picture(folder, number, len(STAGES)), rasters, STAGES, strict=True):
+        show(axes, raster, path.poses[: int(share * len(path))])
+        axes.set_title(f"{share * np.ptp(path.stamps):.0f} s")
 
 
 def endpoints(recording: moteslam.Recording, trajectory: moteslam.Trajectory) -> np.ndarray:
@@ -86,39 +83,38 @@ def endpoints(recording: moteslam.Recording, trajectory: moteslam.Trajectory) ->
     return ends[np.isfinite(ranges)]
 
 
-def main(folder: Path, ucsd: Path | None = None, figures: Collection[int] = range(1, 9)) -> float:
+def main(folder: Path, ucsd: Path | None = None, wanted: Collection[int] = range(1, 9)) -> float:
     """Draw figures, and return how far apart the paths of figure 8 end, in y [m]; 0 without it."""
     folder.mkdir(parents=True, exist_ok=True)
     apart = 0.0
     for row, sequence in enumerate((20, 21)):
+        whole, part = {1 + row, 3 + row, 6 - row} & {*wanted}, {7, 8} & {*wanted} if sequence == 20 else set()
         with TemporaryDirectory() as made:
-            if {1 + row, 3 + row, 6 - row, *(() if row else (7, 8))}.isdisjoint(figures):
-                continue
-            recording = moteslam.open_recording(ucsd or simulated(Path(made), sequence), sequence=sequence)
-            if not {1 + row, 3 + row, 6 - row}.isdisjoint(figures):
-                found, maps, floors = run(recording)
-                stages(folder, {1 + row: maps, 3 + row: floors}, figures, found.trajectory)
-            if 6 - row in figures:
-                for axes in picture(folder, 6 - row):
-                    axes.plot(*endpoints(recording, found.dead_reckoning).T, ",", color="0.6")
-                    show(axes, None, found.dead_reckoning.poses, color="tab:orange")
-            begin = moteslam.cut(recording, moteslam.Cut(end=50.0))
-            if row == 0 and 7 in figures:
-                spoilt, bad, _ = run(begin, *NO_SEARCH, "motion.yaw_rate=3.0")
-                stages(folder, {7: bad}, figures, spoilt.trajectory)
-            if row == 0 and 8 in figures:
+            if whole | part:
+                recording = moteslam.open_recording(ucsd or simulated(Path(made), sequence), sequence=sequence)
+            if whole:
+                found, *rasters = run(recording)
+            for number in whole - {6 - row}:
+                stages(folder, number, rasters[number // 3], found.trajectory)
+            for axes in picture(folder, 6 - row) if 6 - row in whole else ():
+                axes.plot(*endpoints(recording, found.dead_reckoning).T, ",", color="0.6")
+                show(axes, None, found.dead_reckoning.poses, color="tab:orange")
+            begin = moteslam.cut(recording, moteslam.Cut(end=50.0)) if part else None
+            if 7 in part:
+                spoilt, maps, _ = run(begin, *NO_SEARCH, "motion.yaw_rate=3.0")
+                stages(folder, 7, maps, spoilt.trajectory)
+            for axes in picture(folder, 8) if 8 in part else ():
                 paths = run(begin, *NO_SEARCH, "resample_below=0.0")[0].particle_paths
-                for axes in picture(folder, 8):
-                    show(axes, None, *paths[::10])
+                show(axes, None, *paths[::10])
                 apart = float(np.ptp(paths[:, -1, 1]))
     return apart
 
 
 if __name__ == "__main__":
     parser = ArgumentParser()
-    parser.add_argument("folder", nargs="?", type=Path, default=Path())
+    parser.add_argument("folder", nargs="?", type=Path, default=".")
     parser.add_argument("ucsd", nargs="?", type=Path)
-    parser.add_argument("--figure", type=int, choices=range(1, 9), help="this one alone")
+    parser.add_argument("--figure", type=int, choices=range(1, 9))
     given = parser.parse_args()
     ends = main(given.folder, given.ucsd, [given.figure] if given.figure else range(1, 9))
     print(f"pictures in {given.folder}" + (f"; the paths of figure 8 end up to {ends:.1f} m apart" if ends else ""))

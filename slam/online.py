@@ -81,15 +81,15 @@ class OnlineSlam(Core):
         live = self._live("odometry")
         if (pose is None) is (counts is None) or (pose is not None and live.odometry_in.counted):
             raise InputError("both or neither, expected poses or counts", field="odometry")
-        taken, stamps = live.odometry_in, np.array([stamp], np.float64)
+        stamps = np.array([stamp], np.float64)
         if pose is not None:
             given = _numbers(pose, np.float64, 3, "odometry.pose")[None]
             live.arrives("odometry", stamp)
-            taken.add_poses(stamps, given)
+            live.odometry_in.add_poses(stamps, given)
         else:
             given = _numbers(counts, np.int64, 4, "odometry.counts")[None]
             live.arrives("odometry", stamp)
-            taken.add_counts(stamps, given)
+            live.odometry_in.add_counts(stamps, given)
         return self._take_in(live)
 
     def add_imu(self, stamp: float, yaw_rate: float) -> Update | None:
@@ -129,7 +129,7 @@ class OnlineSlam(Core):
         if mount is None:
             raise ConfigError("none, expected where the camera is", field="platform.camera")
         live.arrives(kind, stamp)
-        if self._camera is None:
+        if self._camera is None or live.messages == 1:
             gap, used = texture.largest_gap, texture.largest_gap if texture.enabled else -1.0  # none is
             self._camera = camera = LiveCamera(texture.interval, used, kept=self._patience + BEHIND)
             if self._filter.uses_camera:

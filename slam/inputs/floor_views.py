@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.platform import CameraSpec
-from moteslam.robot.recording import Recording, RgbdStream, nearest_stamp
-from moteslam.robot.rgbd import CameraFrame, FrameCount, has_images, read_frame
+from moteslam.robot.recording import Recording, RgbdStream
+from moteslam.robot.rgbd import CameraFrame, FrameCount, has_images, pairs, read_frame
 from moteslam.robot.values import Issue
 from moteslam.slam.inputs.inputs import Inputs
 
@@ -83,24 +83,22 @@ class FloorViews:
         since = stamp - max_age - 2 * self._largest_gap
         both = (stream.disparity_stamps, stream.rgb_stamps)
         (first, last), (begin, end) = (np.searchsorted(each, (since, stamp), side="right") for each in both)
-        if path is None or first == last or begin == end:
-            return None
-        shown, colours = stream.disparity_stamps[first:last], stream.rgb_stamps[begin:end]
-        nearest = nearest_stamp(colours, shown)
-        apart = np.abs(colours[nearest] - shown)
+        near = RgbdStream(stream.rgb_stamps[begin:end], stream.disparity_stamps[first:last])
+        depth, colour = pairs(near, largest_gap=self._largest_gap)
+        shown = near.disparity_stamps[depth]
         # later on no colour image nearer to the disparity image can arrive any more
-        whole = np.flatnonzero((apart <= self._largest_gap) & (shown + apart <= stamp))
-        if not len(whole):
+        whole = np.flatnonzero(shown + np.abs(near.rgb_stamps[colour] - shown) <= stamp)
+        if path is None or not len(whole):
             return None
-        newest, colour = int(whole[-1]), int(nearest[whole[-1]])
-        taken = float(colours[colour])  # of colours that several disparity images may have as their nearest
+        newest = whole[-1]
+        taken = float(near.rgb_stamps[colour[newest]])  # that several disparity images may have as their nearest
         if taken <= self._last or stamp - taken > max_age:
             return None
         before = max(int(np.searchsorted(inputs.stamps, taken, side="right")) - 1, 0)
         if not inputs.measured[before + 1 : index + 1].all():
             return None
         self._last = taken
-        frame = read_frame(stream, int(first) + newest, int(begin) + colour)
+        frame = read_frame(stream, int(first + depth[newest]), int(begin + colour[newest]))
         self.count.note(frame)
         if not isinstance(frame, CameraFrame):
             return None
