@@ -12,11 +12,12 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot.inspection import other_units
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import Recording
+from moteslam.robot.rgbd import has_images
 from moteslam.robot.values import Issue, expect_type, shortened
 from moteslam.slam.config import METHODS, SlamConfig
 from moteslam.slam.core import Core, MakeFilter
 from moteslam.slam.estimate import Estimate, with_texture
-from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
+from moteslam.slam.inputs.floor_views import FloorViews
 from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.live_camera import BEHIND, DISPARITY, RGB, LiveCamera, checked_image
 from moteslam.slam.inputs.step import steps
@@ -187,12 +188,13 @@ class OnlineSlam(Core):
                 file=recording.name,
             )
         if slam._filter.uses_camera:
-            slam._missing = missing_for_floor_views(recording, inputs)
-            if not slam._missing:
-                gap, stream, mount = slam.config.texture.largest_gap, recording.rgbd, slam._platform.camera
-                assert stream is not None
-                assert mount is not None
-                slam._views = FloorViews(lambda: stream, mount, inputs, largest_gap=gap)
+            stream, mount, gap = recording.rgbd, slam._platform.camera, slam.config.texture.largest_gap
+            if stream is None or not has_images(stream):
+                slam._missing = "no camera images"
+            elif mount is None or not inputs.moves:
+                slam._missing = f"no {'camera on the robot' if mount is None else 'odometry between frames and scans'}"
+            else:
+                slam._views, slam._missing = FloorViews(lambda: stream, mount, inputs, largest_gap=gap), ""
         return slam
 
     def __len__(self) -> int:

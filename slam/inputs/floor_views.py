@@ -10,27 +10,20 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.platform import CameraSpec
-from moteslam.robot.recording import Recording, RgbdStream
-from moteslam.robot.rgbd import CameraFrame, FrameCount, has_images, pairs, read_frame
+from moteslam.robot.recording import RgbdStream
+from moteslam.robot.rgbd import CameraFrame, FrameCount, pairs, read_frame
 from moteslam.robot.values import Issue
 from moteslam.slam.inputs.inputs import Inputs
 
 
 @dataclass(frozen=True, eq=False)
 class FloorView:
-    """A frame of the floor, and where the robot was when it was taken.
+    """A frame of the floor, and where the robot was when it was taken."""
 
-    Attributes:
-        frame: what the camera saw.
-        mount: of the camera.
-        place: [3] of the robot at the frame, in its frame at the scan, by the odometry.
-        age: from frame to scan [s].
-    """
-
-    frame: CameraFrame
-    mount: CameraSpec
-    place: NDArray[np.float64]
-    age: float
+    frame: CameraFrame  # what the camera saw
+    mount: CameraSpec  # of the camera
+    place: NDArray[np.float64]  # [3] of the robot at the frame, in its frame at the scan, by the odometry
+    age: float  # from frame to scan [s]
 
     def corrected(self, odometry: NDArray[np.float64], motion: NDArray[np.float64], seconds: float) -> FloorView:
         """The same view with its place corrected by the odometry's error, which is taken to be even over a motion.
@@ -113,14 +106,3 @@ class FloorViews:
             text = f"colours: no new frame at {without} of {self.asked} updates: weighed without them"
             issues.append(Issue("colours-late", text, without))
         return tuple(issues)
-
-
-def missing_for_floor_views(recording: Recording, inputs: Inputs) -> str:
-    """What a recording lacks that colours in the weights need; empty if it lacks nothing."""
-    if recording.platform.camera is None:
-        return "no camera on the robot"
-    if not has_images(recording.rgbd):
-        return "no camera images"
-    if not inputs.moves:
-        return "no odometry between frames and scans"
-    return ""
