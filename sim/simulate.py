@@ -207,12 +207,7 @@ class Sensors:
             self._clocks[sensor] = clock, lost, rng
 
     def read(
-        self,
-        driven: Drive,
-        scene: Scene,
-        until: float = np.inf,
-        *,
-        progress: Callable[[float], None] = lambda _: None,
+        self, driven: Drive, scene: Scene, until: float = np.inf, *, progress: Callable[[float], None] = lambda _: None
     ) -> tuple[Recording, CameraFrames | None]:
         """What has arrived since this was asked last, until a time [s], as the base gets it; and the camera's."""
         scenario, lidar, encoders, imu, tilt = self._scenario, self._lidar, self._encoders, self._imu, None

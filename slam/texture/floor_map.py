@@ -183,10 +183,7 @@ def map_texture(
 
 def _longest_ray() -> float:
     """The length of the longest ray of the depth camera for a depth of 1."""
-    x, y = (
-        max(rgbd.CENTRE[0], rgbd.WIDTH - rgbd.CENTRE[0]),
-        max(rgbd.CENTRE[1], rgbd.HEIGHT - rgbd.CENTRE[1]),
-    )
+    x, y = (max(rgbd.CENTRE[0], rgbd.WIDTH - rgbd.CENTRE[0]), max(rgbd.CENTRE[1], rgbd.HEIGHT - rgbd.CENTRE[1]))
     return float(np.sqrt(1 + (x / rgbd.FOCAL) ** 2 + (y / rgbd.FOCAL) ** 2))
 
 
@@ -223,12 +220,7 @@ def packed_map(texture: TextureMap) -> NDArray[np.int32]:
 
 
 def colour_errors(
-    patch: FloorPatch,
-    poses: ArrayLike,
-    texture: TextureMap,
-    *,
-    limit: int,
-    packed: NDArray[np.int32] | None = None,
+    patch: FloorPatch, poses: ArrayLike, texture: TextureMap, *, limit: int, packed: NDArray[np.int32] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """The mean difference of a patch's colours from the map's at each pose, and the number of cells compared.
 
