@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli.interrupt import check_interrupt
+from moteslam.eval.cli.options import named
 from moteslam.eval.cli.text import note, say, warn
 from moteslam.robot.values import Issue, shortened
 
 if TYPE_CHECKING:
     from moteslam.eval.cli.options import SlamOptions
-    from moteslam.robot.platform import Platform
     from moteslam.slam.config import SlamConfig
     from moteslam.slam.online import OnlineSlam
     from moteslam.slam.scan_records import Update
@@ -31,9 +31,7 @@ KEYS = {"odometry": {"stamp", "pose", "counts"}, "imu": {"stamp", "yaw_rate"}, "
 """What a message of each type may have."""
 
 
-def follow(
-    stream: BinaryIO, platform: Platform, config: SlamConfig, out: Path | None, run: SlamOptions, about: dict[str, Any]
-) -> None:
+def follow(stream: BinaryIO, robot: Path | None, config: SlamConfig, out: Path | None, run: SlamOptions) -> None:
     """Take in the lines of a stream to its end, print an update a line, and fill the result folder if there is one.
 
     A line that cannot be used is told and left out: a robot does not stop for it.
@@ -41,7 +39,12 @@ def follow(
     from moteslam.eval.results import write_results
     from moteslam.files import result_folder
     from moteslam.kernels import runtime
+    from moteslam.robot.platform import Platform
+    from moteslam.robot.platforms import load_platform, platform_of, read_platform
     from moteslam.slam.online import OnlineSlam
+
+    with named("--platform"):
+        platform = Platform() if robot is None else (read_platform if robot.suffix == ".toml" else load_platform)(robot)
 
     with nullcontext() if out is None else result_folder(out, force=run.force) as folder:
         device, began = runtime.init(run.arch, run.threads), time.perf_counter()
@@ -49,13 +52,13 @@ def follow(
         for number, line in enumerate(_lines(stream), start=1):
             try:
                 message = _message(line)
-                if message["type"] == "platform":
+                if (kind := message.pop("type")) == "platform":
                     if slam is not None:
                         raise InputError("after other messages, expected as the first", field="platform")
-                    platform = _platform_over(platform, message, number)
+                    platform = platform_of(message, file=f"{STDIN}:{number}", base=platform)
                     continue
                 slam = OnlineSlam(platform, config, run.seed, name=STDIN) if slam is None else slam
-                _print(_add(slam, message))
+                _print(_add(slam, kind, message))
             except ConfigError as error:
                 hint = ": --platform NAME, or a first line of type platform" if error.field == "platform.lidar" else ""
                 raise ConfigError(error.problem + hint, file=error.file, field=error.field) from error
@@ -72,12 +75,10 @@ def follow(
         warn(issues)
         if folder is None:
             return
-        more: dict[str, Any] = {
-            "warnings": [issue.as_dict() for issue in issues],
-            "command": ["moteslam", *sys.argv[1:]],
-        }
-        more |= {"slam_seconds": time.perf_counter() - began, "arch": device.arch, "threads": device.threads}
-        write_results(folder, estimate, figures=not run.no_figures, run={**about, **more})
+        about: dict[str, Any] = {} if robot is None else {"platform": str(robot)}
+        about |= {"warnings": [issue.as_dict() for issue in issues], "command": ["moteslam", *sys.argv[1:]]}
+        about |= {"slam_seconds": time.perf_counter() - began, "arch": device.arch, "threads": device.threads}
+        write_results(folder, estimate, figures=not run.no_figures, run=about)
     note(f"{len(estimate.trajectory)} scans, {estimate.trajectory_final.length:.1f} m: result in {out}")
 
 
@@ -110,15 +111,8 @@ def _message(line: bytes) -> dict[str, Any]:
     return message
 
 
-def _platform_over(platform: Platform, message: dict[str, Any], number: int) -> Platform:
-    from moteslam.robot.platforms import platform_of
-
-    table = {key: value for key, value in message.items() if key != "type"}
-    return platform_of(table, file=f"{STDIN}:{number}", base=platform)
-
-
-def _add(slam: OnlineSlam, message: dict[str, Any]) -> Update | None:
-    kind, stamp, ranges = message["type"], float(message["stamp"]), message.get("ranges", "none")
+def _add(slam: OnlineSlam, kind: str, message: dict[str, Any]) -> Update | None:
+    stamp, ranges = float(message["stamp"]), message.get("ranges", "none")
     if kind == "odometry":
         return slam.add_odometry(stamp, message.get("pose"), counts=message.get("counts"))
     if kind == "imu":

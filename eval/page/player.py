@@ -88,7 +88,14 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
         found["effective"] = [round(value, 1) for value in diagnostics.values["n_eff"][steps].tolist()]
     found["states"] = [state.name.lower() for state in LocalisationState]
     if (folder / "loops.csv").is_file():
-        found["loops"] = _loops(folder / "loops.csv", final, start)
+        rows = []
+        for loop in read_loops(folder / "loops.csv"):
+            if loop.verdict not in SHOWN or max(loop.earlier, loop.later) >= len(final):
+                continue
+            ends = np.rint(1e3 * final.poses[[loop.earlier, loop.later], :2]).astype(int)
+            time = round(1e3 * (float(final.stamps[loop.later]) - start))
+            rows.append([time, *ends.ravel().tolist(), SHOWN[loop.verdict]])
+        found["loops"] = sorted(rows)
     if (folder / "particles.npz").is_file():
         found["particles"] = _particles(folder / "particles.npz", start, budget)
     if (folder / BUILDING).is_file():
@@ -107,18 +114,6 @@ def _errors(trajectory: Trajectory, truth: Trajectory, stamps: Array) -> list[in
     known = np.flatnonzero(ends > begins)  # steps with errors; others get what lies between
     largest = [ate.errors[begin:end].max() for begin, end in zip(begins[known], ends[known], strict=True)]
     return _deltas(1e4 * np.interp(np.arange(len(stamps)), known, largest))
-
-
-def _loops(file: Path, final: Trajectory, start: float) -> list[list[int]]:
-    """A row a loop: time [ms], the two ends x, y [mm], and what became of it."""
-    rows = []
-    for loop in read_loops(file):
-        if loop.verdict not in SHOWN or max(loop.earlier, loop.later) >= len(final):
-            continue
-        ends = np.rint(1e3 * final.poses[[loop.earlier, loop.later], :2]).astype(int)
-        time = round(1e3 * (float(final.stamps[loop.later]) - start))
-        rows.append([time, *ends.ravel().tolist(), SHOWN[loop.verdict]])
-    return sorted(rows)
 
 
 def _particles(file: Path, start: float, budget: Budget) -> dict[str, Any]:

@@ -18,10 +18,8 @@ from moteslam.sim.robot.driver import PATIENCE, Driver, Limits, pace
 from moteslam.sim.robot.mishaps import Carried, Mishap, carrying
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 
-CONTROL_STEPS = 8
-"""Physics steps between two commands of the driver (50 Hz)."""
-STUCK_AFTER = 5.0
-"""A driver that asks for motion and gets under 5 cm and 0.05 rad of it in this time gives up [s]."""
+CONTROL_STEPS = 8  # Physics steps between two commands of the driver (50 Hz)
+STUCK_AFTER = 5.0  # A driver that asks for motion and gets under 5 cm and 0.05 rad of it in this time gives up [s]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

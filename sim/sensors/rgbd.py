@@ -27,17 +27,13 @@ from moteslam.sim.sensors.echoes import Rays, Scene
 from moteslam.sim.world.floor import FloorSettings, rasterise
 from moteslam.sim.world.world import World
 
-FLOOR_CELL = 0.01
-"""The floor is drawn from a picture of cells this large [m], or larger ones in a world of hectares."""
+FLOOR_CELL = 0.01  # The floor is drawn from a picture of cells this large [m], or larger ones in a world of hectares
 
-FLOOR_PIXELS = 60_000_000
-"""Most cells of that picture."""
+FLOOR_PIXELS = 60_000_000  # Most cells of that picture
 
-FARTHEST = 200.0
-"""Walls further away than this are not drawn [m]."""
+FARTHEST = 200.0  # Walls further away than this are not drawn [m]
 
-_NOISE_LENGTH = 1 << 20
-"""Normal numbers drawn once; every frame reads them from another index on."""
+_NOISE_LENGTH = 1 << 20  # Normal numbers drawn once; every frame reads them from another index on
 
 
 def optical_rays(*, colour: bool) -> Array:
@@ -167,8 +163,7 @@ def _bounds(world: World, path: Array | None, reach: float) -> tuple[float, floa
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-MAX_HEIGHT = 10.0
-"""Of the camera above the floor [m]."""
+MAX_HEIGHT = 10.0  # Of the camera above the floor [m]
 
 
 def check_camera(camera: CameraSpec | None) -> CameraSpec:

@@ -32,8 +32,7 @@ pytestmark = pytest.mark.usefixtures("taichi")
 ROOM = World.of(Layout(rooms=(Room(corner=(0, 0), size=(12, 9)),), boxes=(Box(centre=(5, 3.4), size=(0.6, 0.6)),)))
 START = (3.0, 3.0, 0.3)
 FLOOR = FloorSettings(seed=3)
-STILL = CameraSettings(rate=30.0, nearest=0.4, farthest=8.0, grazing=0.05)
-"""Nothing is random but the phase."""
+STILL = CameraSettings(rate=30.0, nearest=0.4, farthest=8.0, grazing=0.05)  # Nothing is random but the phase
 
 
 def frames_of(settings: CameraSettings = STILL, seed: int = 0, run: Drive | None = None) -> CameraFrames:

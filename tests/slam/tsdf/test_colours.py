@@ -21,10 +21,9 @@ from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
-from moteslam.slam.texture.config import TextureConfig
 from moteslam.slam.tsdf import filter as tsdf_filter
 from moteslam.slam.tsdf.config import ColourConfig, TsdfFilterConfig
-from moteslam.slam.tsdf.floor import FloorTracker
+from moteslam.slam.tsdf.floor import FloorLikelihood
 from moteslam.slam.tsdf.proposal import Proposal
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -137,7 +136,7 @@ def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(room: R
     assert recording.lidar is not None
     stamps = recording.lidar.stamps
     apart = np.array([(0.0, 0.0, 0.0), (3.0, 1.0, 0.5), (-2.0, 0.4, -2.0), (40.0, 50.0, 3.0)])
-    tracker, views = FloorTracker(ColourConfig(map_length=0.5), TextureConfig()), views_of(recording)
+    tracker, views = FloorLikelihood(TsdfFilterConfig(colours=ColourConfig(map_length=0.5))), views_of(recording)
     for index in range(40, 230, 8):
         seen = views.at(index, OLDEST)
         if seen is not None:
@@ -164,7 +163,7 @@ def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(room: R
     assert children is not None
     np.testing.assert_allclose(children.offsets, 0.0, atol=0.01)
     blank = replace(view, frame=replace(view.frame, rgb=np.full_like(view.frame.rgb, 128)))
-    plain = FloorTracker(ColourConfig(), TextureConfig())
+    plain = FloorLikelihood(TsdfFilterConfig())
     assert plain.fit(blank, poses, 0) is None
     plain.add(blank, poses, 0, 0.0)
     assert plain.fit(blank, poses, 0) is None  # of one colour
