@@ -40,11 +40,11 @@ class Images:
         self._disparity = (np.linspace(600, 900, 640) + random.normal(0, 1, (PATTERNS, 480, 640))).astype(np.uint16)
 
     def rgb(self, index: int) -> NDArray[np.uint8]:
-        """See `ImageSource`."""
+        """See `moteslam.robot.recording.Images`."""
         return np.asarray(self._rgb[index % PATTERNS])
 
     def disparity(self, index: int) -> NDArray[np.uint16]:
-        """See `ImageSource`."""
+        """See `moteslam.robot.recording.Images`."""
         return np.asarray(self._disparity[index % PATTERNS])
 
 

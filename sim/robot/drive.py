@@ -42,12 +42,7 @@ class Drive(Summarised):
 
 
 def drive(
-    run: Run,
-    driver: Driver,
-    limits: Limits,
-    duration: float,
-    *,
-    progress: Callable[[float], None] = lambda _: None,
+    run: Run, driver: Driver, limits: Limits, duration: float, *, progress: Callable[[float], None] = lambda _: None
 ) -> Drive:
     """Rest, drive for at most so long [s] until the driver has arrived, is stuck or out of time, and rest again.
 

@@ -141,14 +141,7 @@ def particle_number(
 
 
 def choose_parents(
-    scheme: str,
-    kld: KldConfig,
-    most: int,
-    poses: NDArray[np.float64],
-    weights: Weights,
-    *,
-    seed: int,
-    step: int,
+    scheme: str, kld: KldConfig, most: int, poses: NDArray[np.float64], weights: Weights, *, seed: int, step: int
 ) -> Parents:
     """The particles [N, 3], as weighed [N], that survive: [M] rising indices, as many as there are or as ``kld`` asks
     for.

@@ -37,13 +37,7 @@ def against(squares: Array, config: TrackingConfig) -> Array:
     return np.asarray(SLIP + np.minimum(heavy_tail(squares, config), np.log(places)))
 
 
-def nats_for(
-    found: Registration,
-    held: Registration,
-    points: int,
-    unknown: float,
-    correlation: float,
-) -> Array:
+def nats_for(found: Registration, held: Registration, points: int, unknown: float, correlation: float) -> Array:
     """The evidence [N] of a scan's endpoints for where it was found, against a place near the odometry [nats].
 
     The difference of the mean costs of the endpoints that each place knows, times the smaller number of them, counting

@@ -181,12 +181,7 @@ def packed_map(texture: TextureMap) -> NDArray[np.int32]:
 
 
 def colour_errors(
-    patch: FloorPatch,
-    poses: ArrayLike,
-    texture: TextureMap,
-    *,
-    limit: int,
-    packed: NDArray[np.int32] | None = None,
+    patch: FloorPatch, poses: ArrayLike, texture: TextureMap, *, limit: int, packed: NDArray[np.int32] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """The mean difference of a patch's colours from the map's at each pose [n, 3], and the number of cells compared.
 
