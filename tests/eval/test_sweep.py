@@ -199,9 +199,9 @@ def test_all_runs_are_made_summed_up_and_exported(
     assert {row.status for row in rows} == {"ok"}
     assert all(0 < (row.values["final.ate"] or 0) < 0.1 for row in rows)
     assert all(row.costs == {} for row in rows)
-    shown = printed(capsys, "sweep", "show", whole, "--metric", "final.ate", "--metric", "map_f1")
-    assert "12 ok" in shown
-    assert len(shown.splitlines()) == 1 + 6 + 4
+    text = printed(capsys, "sweep", "show", whole, "--metric", "final.ate", "--metric", "map_f1")
+    assert "12 ok" in text
+    assert len(text.splitlines()) == 1 + 6 + 4
     groups = shown(capsys, "sweep", "show", whole)["groups"]
     assert [group["runs"] for group in groups] == [2] * 6
     assert groups[0]["success"]["share"] == 1.0
