@@ -83,7 +83,7 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
         read = deep or isinstance(recording.lidar.ranges, np.ndarray)
         try:
             inputs = synchronise(recording, trusting(SyncConfig(travelling=read, deskew=False), more))
-            more += warnings(recording, inputs, read_ranges=read)
+            more += tuple(one for one in warnings(recording, inputs, read_ranges=read) if one not in more)
             more += about_jumps(inputs.stamps, inputs.odometry, inputs.jumped)
         except InputError as error:
             more += (Issue("refused", f"SLAM refuses it: {error}"),)

@@ -91,7 +91,7 @@ def replay(
     onto: Annotated[Path | None, opt("Go on with the building of this result folder.", "RESULT")] = None,
     calibrate: Calibrate = None,
     stdin: Annotated[
-        bool, typer.Option("--stdin", help="Messages come on stdin as lines of JSON; --out optional.")
+        bool, typer.Option("--stdin", help="Messages, but no images, come on stdin as lines of JSON; --out optional.")
     ] = False,
     *,
     part: options.RecordingOptions,

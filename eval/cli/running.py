@@ -24,9 +24,8 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.estimate import Estimate
+from moteslam.slam.estimate import Estimate, wants_colours, with_texture
 from moteslam.slam.online import OnlineSlam
-from moteslam.slam.run import wants_colours, with_texture
 from moteslam.slam.sessions import expect_graph, go_on
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 

@@ -111,6 +111,20 @@ def test_a_line_that_cannot_be_used_is_told_left_out_and_stops_nothing(
         assert told[-1] == f"moteslam: warning: stdin: {len(some)} of {len(good) + len(some)} lines were left out"
 
 
+@pytest.mark.parametrize("begins", [12.5, 1.7e9], ids=str)
+def test_a_first_message_of_another_clock_is_told_and_left_out(
+    begins: float, recording: Recording, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, *good = lines(recording)
+    early = json.dumps({"type": "scan", "stamp": begins, "ranges": [1] * 271})
+    assert fed(monkeypatch, "\n".join([robot, early, *good]), "--set", "particles=3") == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out.splitlines()[-1])["index"] == SCANS - 1
+    told = [line for line in err.splitlines() if "left out" in line]
+    assert told[0].startswith(f"moteslam: warning: stdin:2: scan.stamp: {begins} s")
+    assert told[1:] == [f"moteslam: warning: stdin: 1 of {len(good) + 2} lines were left out"]
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
