@@ -25,8 +25,9 @@ TAIL = 4.0
 KNOWN, FEWEST = 2.0, 10
 """The noise is measured on steps whose registration has less than the first factor times the odometry's variance, where
 there are more than the second."""
-GAIN_INFORMATION = 200.0
-"""Prior on the gains, of standard deviation 0.07: wheels are off by some percent (docs/theory/default-filter.md)."""
+GAIN_SCALE, GAIN_INFORMATION = 0.01, 200.0
+"""Prior on the gains: Cauchy of this scale, since most wheels are right to a percent and some off by several
+(docs/theory/default-filter.md), and no looser than a standard deviation of 0.07."""
 LEAST_SCALE = 0.1
 """Of the noise, over its shape: no odometry is better."""
 LEAST_SHARE = 0.1
@@ -94,9 +95,8 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
             total = variance[:, axis] + noise
             weights = 1 / total / (1 + rest * rest / total / TAIL)
             weighted = true * weights[:, None]
-            gains[axis] = np.linalg.solve(
-                weighted.T @ odometry + GAIN_INFORMATION * np.eye(3), weighted.T @ errors[:, axis]
-            )
+            prior = np.diag(np.maximum(2 / (GAIN_SCALE**2 + np.square(gains[axis])), GAIN_INFORMATION))
+            gains[axis] = np.linalg.solve(weighted.T @ odometry + prior, weighted.T @ errors[:, axis])
             rest = errors[:, axis] - odometry @ gains[axis]
             known = variance[:, axis] < KNOWN * noise
             measured[axis] = known.sum() > FEWEST
