@@ -113,9 +113,9 @@ def _calls(one: Contender) -> int:
     return int(np.ceil(SHORTEST / max(time.perf_counter() - began, 1e-7)))
 
 
-def digits(value: float) -> str:
-    """Three of them, without an exponent."""
-    return f"{float(f'{value:.3g}'):.12g}"
+def digits(value: float | None) -> str:
+    """Three of them, without an exponent; none for what so few rounds do not say."""
+    return "" if value is None else f"{float(f'{value:.3g}'):.12g}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

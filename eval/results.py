@@ -7,7 +7,7 @@ import os
 import platform
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
@@ -50,6 +50,8 @@ BUILDING = "sessions.npz"
 BUILDING_VERSION = 1
 WHOLE = ("sizes", "scans", "nodes", "counts", "drawn", "points", "first", "second", "doubted")
 CHAIN, LOOPS = MeasuredChain._fields, ("first", "second", "relative", "information")
+EACH = ("stamps", "path", "nodes", "counts", "drawn")
+PACKED = {"path": np.float32, "drawn": np.int8, "doubted": np.int8}
 MOST = 32767
 """Of the steps that endpoints are written in, which are a millimetre or more: a lidar of 32 m."""
 SHAPES: dict[str, Shape] = {
@@ -161,42 +163,34 @@ def draw_figures(
     """Draw the figures of a run into a folder, with what is known of it."""
     from moteslam.eval.report import curves, maps, particles
 
-    def title(text: str) -> str:
-        return f"{estimate.name}: {text}"
+    def drawn(draw: Callable[..., None], name: str, text: str, *given: Any, **more: Any) -> None:
+        draw(folder / f"{name}.png", *given, title=f"{estimate.name}: {text}", **more)
 
     online, final, odometry = estimate.trajectory, estimate.trajectory_final, estimate.dead_reckoning
     truth, diagnostics = run.truth, estimate.diagnostics
-    true_final, true_odometry = (None if truth is None else from_same_start(truth, one) for one in (final, odometry))
-    maps.draw_trajectories(
-        folder / "trajectories.png",
-        estimate.map,
-        slam=final,
-        dead_reckoning=_begun_at(final.poses[0], odometry),
-        truth=true_final,
-        title=title("the map and the paths, all from its start"),
-    )
+    true, true_odometry = (None if truth is None else from_same_start(truth, one) for one in (final, odometry))
+    text, paths = "the map and the paths, all from its start", {"slam": final, "truth": true}
+    begun = _begun_at(final.poses[0], odometry)
+    drawn(maps.draw_trajectories, "trajectories", text, estimate.map, dead_reckoning=begun, **paths)
     if snapshots:
-        file = folder / "over_time.png"
-        maps.draw_over_time(file, snapshots, trajectory=online, title=title("trajectory and map over time"))
+        drawn(maps.draw_over_time, "over_time", "trajectory and map over time", snapshots, trajectory=online)
     if stages:
-        file, about = folder / "texture_over_time.png", title("map and coloured floor over time")
-        maps.draw_texture_over_time(file, stages, estimate.map, trajectory=final, title=about)
-    file, about = folder / "dead_reckoning.png", title("dead reckoning")
-    maps.draw_dead_reckoning(file, odometry, recording=run.recording, truth=true_odometry, title=about)
+        text, given = "map and coloured floor over time", (stages, estimate.map)
+        drawn(maps.draw_texture_over_time, "texture_over_time", text, *given, trajectory=final)
+    known = {"recording": run.recording, "truth": true_odometry}
+    drawn(maps.draw_dead_reckoning, "dead_reckoning", "dead reckoning", odometry, **known)
     if estimate.loops:
-        file = folder / "loops.png"
-        maps.draw_loops(file, estimate.map, estimate.loops, trajectory=final, title=title("loops on the map"))
+        drawn(maps.draw_loops, "loops", "loops on the map", estimate.map, estimate.loops, trajectory=final)
     if len(estimate.particle_stamps):
-        particles.draw_particles(folder / "particles.png", particles.Cloud.of(estimate), title=title("particles"))
+        drawn(particles.draw_particles, "particles", "particles", particles.Cloud.of(estimate))
         updated = diagnostics["updated"] > 0
         n_eff, resampled, count = (diagnostics[name][updated] for name in ("n_eff", "resampled", "particles"))
-        values: Any = (online.stamps[updated], n_eff, resampled)
-        file, about = folder / "effective_particles.png", title("effective number of particles")
-        curves.draw_effective_particles(file, *values, particles=count, title=about)
+        text, values = "effective number of particles", (online.stamps[updated], n_eff, resampled)
+        drawn(curves.draw_effective_particles, "effective_particles", text, *values, particles=count)
     if truth is not None:
         slam, last, first = (run.track(name).ate for name in (ONLINE, FINAL, DEAD_RECKONING))
-        about = title("error over time, after alignment")
-        curves.draw_error(folder / "error.png", slam=slam, final=last, dead_reckoning=first, title=about)
+        text, errors = "error over time, after alignment", {"slam": slam, "final": last, "dead_reckoning": first}
+        drawn(curves.draw_error, "error", text, **errors)
 
 
 def from_same_start(truth: Trajectory, trajectory: Trajectory) -> Trajectory:
@@ -254,17 +248,13 @@ def write_building(path: Path, building: Building) -> None:
         "sizes": np.array([len(one) for one in sessions]),
         "scans": np.array([len(one.stamps) for one in sessions]),
         "origins": np.array([one.origin for one in sessions]),
-        "stamps": np.concatenate([one.stamps for one in sessions]),
-        "path": np.concatenate([one.path for one in sessions]).astype(np.float32),
-        "nodes": np.concatenate([one.nodes for one in sessions]),
-        "counts": np.concatenate([one.counts for one in sessions]),
-        "drawn": np.concatenate([one.drawn for one in sessions]).astype(np.int8),
+        **{name: np.concatenate([getattr(one, name) for one in sessions]) for name in EACH},
         "points": np.diff(whole, axis=0, prepend=np.zeros((1, 2), np.int16)),
         "resolution": np.float64(resolution),
         **{name: getattr(loops, name) for name in LOOPS},
         **{name: np.concatenate([one[name][[0, *range(len(one[name]))]] for one in chains]) for name in CHAIN},
     }
-    arrays["doubted"] = arrays["doubted"].astype(np.int8)
+    arrays |= {name: arrays[name].astype(kind) for name, kind in PACKED.items()}
     write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
 
 
@@ -298,12 +288,10 @@ def read_building(folder: Path) -> Building:
 
 
 def _check(path: Path, found: dict[str, NDArray[Any]]) -> None:
-    """Refuse arrays that contradict each other, or mean nothing."""
     for name, array in found.items():
-        if not np.isfinite(array).all():
-            raise InputError("expected finite numbers", file=path, field=name)
-        if name in WHOLE and array.dtype.kind != "i":
-            raise InputError(f"{array.dtype}, expected whole numbers", file=path, field=name)
+        if not np.isfinite(array).all() or (name in WHOLE and array.dtype.kind != "i"):
+            expected = "whole" if name in WHOLE else "finite"
+            raise InputError(f"{array.dtype}, expected {expected} numbers", file=path, field=name)
     for name, holds in _rules(found):
         if not holds:
             raise InputError("contradicts the other arrays, or no such value can be", file=path, field=name)

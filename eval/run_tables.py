@@ -12,7 +12,7 @@ from itertools import chain
 from math import isfinite, isnan
 from os import PathLike
 from pathlib import Path
-from typing import IO, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,10 +110,9 @@ def write_diagnostics(path: str | PathLike[str], estimate: Estimate) -> None:
 
 def read_diagnostics(path: str | PathLike[str]) -> Diagnostics:
     """Read ``diagnostics.csv``; an ``InputError`` names the line and the column that is broken."""
-    rows = [list(row.values()) for _, row in _read(Path(path), DIAGNOSTICS_COLUMNS, "a table of diagnostics")]
-    table = np.array(rows, np.float64).reshape(-1, len(DIAGNOSTICS_COLUMNS))
-    columns = dict(zip(DIAGNOSTICS_COLUMNS, table.T, strict=True))
-    covariances = np.empty((len(table), 3, 3))
+    rows = [row for _, row in _read(Path(path), DIAGNOSTICS_COLUMNS, "a table of diagnostics")]
+    columns = {name: np.array([row[name] for row in rows], np.float64) for name in DIAGNOSTICS_COLUMNS}
+    covariances = np.empty((len(rows), 3, 3))
     for name, (i, j) in ELEMENTS.items():
         covariances[:, i, j] = covariances[:, j, i] = columns[name]
     return Diagnostics(columns["stamp"], covariances, {name: columns[name] for name in ("state", *VALUES)})
@@ -152,12 +151,9 @@ def read_loops(path: str | PathLike[str]) -> tuple[LoopCandidate, ...]:
 
 def write_particles(path: str | PathLike[str], estimate: Estimate) -> None:
     """Write ``particles.npz``; the same run writes the same bytes."""
-    stamps, paths, spread = estimate.particle_stamps, estimate.particle_paths, estimate.particle_spread
-
-    def write(file: IO[bytes]) -> None:
-        np.savez_compressed(file, stamps=stamps, paths=paths.astype(np.float32), spread=spread.astype(np.float32))
-
-    write_atomically(path, write)
+    paths, spread = (values.astype(np.float32) for values in (estimate.particle_paths, estimate.particle_spread))
+    arrays: dict[str, Any] = {"stamps": estimate.particle_stamps, "paths": paths, "spread": spread}
+    write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
 
 
 def read_particles(path: str | PathLike[str]) -> Particles:
@@ -180,18 +176,16 @@ def _read(path: Path, columns: Mapping[str, Kind], what: str) -> Iterator[tuple[
         words = text.split(",")
         if len(words) != len(columns):
             raise InputError(f"{len(words)} columns, expected {len(columns)}", file=path, line=line)
-        row = {name: _value(word, kind) for (name, kind), word in zip(columns.items(), words, strict=True)}
-        if (wrong := next((name for name, value in row.items() if value is None), None)) is not None:
-            kind = columns[wrong]
-            expected = f"one of {', '.join(kind)}" if isinstance(kind, tuple) else f"a finite {kind}"
-            raise InputError(
-                f"{words[list(row).index(wrong)]!r}, expected {expected}", file=path, line=line, field=wrong
-            )
+        row = {}
+        for (name, kind), word in zip(columns.items(), words, strict=True):
+            row[name] = _value(word, kind)
+            if row[name] is None:
+                expected = f"one of {', '.join(kind)}" if isinstance(kind, tuple) else f"a finite {kind}"
+                raise InputError(f"{word!r}, expected {expected}", file=path, line=line, field=name)
         yield line, row
 
 
 def _value(word: str, kind: Kind) -> float | None:
-    """What a word says, None if it is not of its kind."""
     if isinstance(kind, tuple):
         return kind.index(word) if word in kind else None
     if kind == "index":

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from moteslam.errors import ConfigError, InputError, OutputError
-from moteslam.eval.metrics.registry import COSTS, chosen, metric, split, title_of
+from moteslam.eval.metrics.registry import COSTS, Metric, chosen, metric, split, title_of
 from moteslam.eval.statistics import Better, Comparison, Proportion, Summary, compare
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.spec import PREFIXES
@@ -51,11 +51,6 @@ class _About(BaseModel):
     warnings: tuple[dict[str, Any], ...] = ()
     versions: dict[str, Any] = {}
     hardware: dict[str, Any] = {}
-
-
-def is_result_folder(folder: Path) -> bool:
-    """Whether a folder holds the two files that ``read_result_folder`` reads."""
-    return all((folder / name).is_file() for name in ("metrics.json", "run.json"))
 
 
 def read_result_folder(folder: Path) -> Row:
@@ -131,12 +126,6 @@ def _value(row: Row, axis: str) -> Any:
     return row.run.configured if axis == CONFIGURATION else row.about.get(axis, "")
 
 
-def pair_of(row: Row, axis: str = CONFIGURATION) -> Key:
-    """What two runs of a pair have in common: all but the axis; of result folders the robot may differ."""
-    keys = row.about if axis != CONFIGURATION else _settings(row)
-    return (*(row.about[key] for key in keys if key != axis), row.run.duration, row.run.seed)
-
-
 def _settings(row: Row) -> Sequence[str]:
     return SETTINGS if row.folder is None else ("scenario", "noise")
 
@@ -177,20 +166,17 @@ def comparisons(rows: Sequence[Row], name: str, axis: str, first: str) -> dict[s
     return found
 
 
+def known_metric(name: str) -> Metric:
+    """The metric of that name; without unit and words of scans, of distance, or of a plug-in that is not here."""
+    try:
+        return metric(name)
+    except ConfigError:
+        return Metric("", "", "", of_run=lambda _: None)
+
+
 def better(name: str) -> Better:
     """Which values of a metric are better; lower of one where neither is."""
-    try:
-        return metric(name).better or "lower"
-    except ConfigError:  # scans, distance, or of a plug-in that is not here
-        return "lower"
-
-
-def unit_of(name: str) -> str:
-    """Of a metric; empty for what is none."""
-    try:
-        return metric(name).unit
-    except ConfigError:
-        return ""
+    return known_metric(name).better or "lower"
 
 
 def headings(
@@ -205,7 +191,7 @@ def headings(
         alike.setdefault(split(name)[1], []).extend(some)
     found = {}
     for name in values:
-        unit, factor = fitting((units or {}).get(name) or unit_of(name), alike[split(name)[1]])
+        unit, factor = fitting((units or {}).get(name) or known_metric(name).unit, alike[split(name)[1]])
         found[name] = f"{title_of(name)} [{unit}]" if unit else title_of(name), factor
     return found
 
@@ -240,16 +226,22 @@ def success_of(rows: Sequence[Row]) -> Proportion | None:
 
 def success_words(limits: Mapping[str, float]) -> str:
     """When a run succeeds: ``final ATE at most 0.5 m``."""
-    return ", ".join(f"{title_of(name)} at most {most:g} {unit_of(name)}".strip() for name, most in limits.items())
+    each = ((title_of(name), f"{most:g} {known_metric(name).unit}".strip()) for name, most in limits.items())
+    return ", ".join(f"{title} at most {most}" for title, most in each)
 
 
 def values_of(rows: Iterable[Row], name: str, axis: str = CONFIGURATION) -> dict[Key, float | None]:
-    """One metric's by ``pair_of``, None of runs that failed; runs of which it is absent are left out."""
-    return {
-        pair_of(row, axis): row.known[name] if row.status == "ok" else None
-        for row in rows
-        if row.status != "ok" or name in row.known
-    }
+    """One metric's, None of runs that failed; runs of which it is absent are left out.
+
+    By what two runs of a pair have in common: all but the axis; of result folders the robot may differ.
+    """
+
+    def pair(row: Row) -> Key:
+        keys = row.about if axis != CONFIGURATION else _settings(row)
+        return (*(row.about[key] for key in keys if key != axis), row.run.duration, row.run.seed)
+
+    having = (row for row in rows if row.status != "ok" or name in row.known)
+    return {pair(row): row.known[name] if row.status == "ok" else None for row in having}
 
 
 def summary_of(rows: Iterable[Row], name: str) -> Summary:
@@ -297,18 +289,14 @@ def differences(first: Table, second: Table) -> list[dict[str, str]]:
     Of each: ``run``, in words, ``column``, and what stands there in the ``first`` and the ``second``.
     """
     found = []
-    for run, row in first.items():
-        other = second.get(run)
-        if other is None:
-            continue
+    for row, other in ((row, second[run]) for run, row in first.items() if run in second):
         place = row["scenario"] or Path(row["recording"]).name
-        parts = filter(None, (place, row["platform"], row["noise"], f"seed {row['seed']}", row["configuration"]))
         varied = (f"{key}={value}" for key, value in row.items() if key.startswith(PREFIXES))
-        name = ", ".join((*parts, *varied))
-        for column in dict.fromkeys((*row, *other)):
+        parts = (place, row["platform"], row["noise"], f"seed {row['seed']}", row["configuration"], *varied)
+        for column in (name for name in dict.fromkeys((*row, *other)) if name not in COSTS):
             one, two = row.get(column, ""), other.get(column, "")
-            if one != two and column not in COSTS:
-                found.append({"run": name, "column": column, "first": one, "second": two})
+            if one != two:
+                found.append({"run": ", ".join(filter(None, parts)), "column": column, "first": one, "second": two})
     return found
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import replace
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -55,15 +56,6 @@ OUTSIDE, ASTRAY, ALIKE = 2, 10.0, 0.5
 more are known; and of two maps of one place more than the third of one's walls are at those of the other."""
 
 
-@dataclass(frozen=True, eq=False)
-class Evaluation:
-    """How a trajectory does: figures, with what is doubtful in ``warnings``, and errors by stamp, both fit for JSON."""
-
-    figures: dict[str, Any]
-    errors: dict[str, Any]
-    result: AteResult | RelationResult | ResidualResult
-
-
 def evidence_of(
     estimate: Estimate,
     truth: Truth = None,
@@ -75,16 +67,15 @@ def evidence_of(
     """What is known of a run of ours when it is scored; arguments as of ``score_estimate``."""
     tracks = estimate.trajectory_final, estimate.trajectory, estimate.dead_reckoning
     states, updated, n_eff = (estimate.diagnostics[name] for name in ("state", "updated", "n_eff"))
-    spread, corrections = estimate.particle_spread, estimate.corrections
-    occupancy = estimate.map
+    known = (estimate.covariances, states, updated, n_eff, estimate.particle_spread, estimate.corrections)
     return Evidence(
         trajectories=dict(zip(TRACKS, tracks, strict=True)),
         truth=truth,
         relations=relations,
-        occupancy=Raster(trinary(occupancy.values), occupancy.cell_size, occupancy.origin),
+        occupancy=replace(estimate.map, values=trinary(estimate.map.values)),
         true_map=true_map,
         recording=recording,
-        certainty=Certainty(estimate.covariances, states, updated, n_eff, spread, corrections),
+        certainty=Certainty(*known),
         loops=estimate.loops if looks_for_loops(estimate.config) else None,
     )
 
@@ -123,19 +114,15 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
         "localisation": {
             "states": state_counts(diagnostics["state"]),
             "first_lost_stamp": float(stamps[lost[0]]) if len(lost) else None,
-            "compared": None if run.truth is None else _compared_states(run),
+            "compared": None,
         },
+        "metrics": {name: value.as_dict() for name, value in measure(run).items()},
     }
-    figures["metrics"] = {name: value.as_dict() for name, value in measure(run).items()}
-    return figures
-
-
-def _compared_states(run: Evidence) -> dict[str, Any] | None:
-    try:
+    with suppress(InputError):  # what cannot be had never costs the run
         found = run.localisation.as_dict()
-    except InputError:  # what cannot be had never costs the run
-        return None
-    return {name: found[name] for name in ("scans", "wrong", "states", "doubtful_or_lost")}
+        compared = {name: found[name] for name in ("scans", "wrong", "states", "doubtful_or_lost")}
+        figures["localisation"]["compared"] = compared
+    return figures
 
 
 def number(figures: Figures, name: str) -> float | None:
@@ -179,8 +166,10 @@ def against(
     all_pairs: bool = False,
     max_difference: float | None = None,
     nearest: bool = False,
-) -> Evaluation:
+) -> tuple[AteResult | RelationResult, Figures, Figures]:
     """Score a trajectory by another one or by relations; arguments that are not of that kind change nothing.
+
+    The errors, their figures with what is doubtful in ``warnings``, and the errors by stamp, both fit for JSON.
 
     ``align`` and ``scale`` are those of the absolute error, ``delta``, ``unit`` and ``all_pairs`` of the relative one:
     an estimate that is shorter than ``delta`` has none, which a warning says. Stamps that belong together differ by at
@@ -198,7 +187,7 @@ def against(
             text = f"relations the other way round, t1 seen from t2, are missed by {means}: exchange their stamps?"
             told = (Issue("relations-inverted", text, len(reference)),)
         figures = {"kind": "relations", **missed.as_dict(), "warnings": [issue.as_dict() for issue in told]}
-        return Evaluation(figures, _by_stamp(missed), missed)
+        return missed, figures, _by_stamp(missed)
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
     which: dict[str, Any] = {"max_difference": apart, "interpolate": False if nearest else None}
     try:
@@ -227,7 +216,7 @@ def against(
         "rpe": rpe,
         "warnings": [issue.as_dict() for issue in issues],
     }
-    return Evaluation(figures, _by_stamp(ate), ate)
+    return ate, figures, _by_stamp(ate)
 
 
 def _by_stamp(errors: PoseErrors) -> dict[str, Any]:
@@ -245,8 +234,10 @@ def carried(trajectory: Trajectory, offset: Sequence[float]) -> Trajectory:
     return replace(moved, space=Space(there, space.rotations @ turn))
 
 
-def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> Evaluation:
-    """Score a trajectory by the scans of its recording; arguments and errors as in ``scan_residuals``."""
+def under_recording(
+    estimate: Trajectory, recording: Recording, *, scans: Scans | None = None
+) -> tuple[ResidualResult, Figures, Figures]:
+    """Score a trajectory by the scans of its recording: as ``against``, by ``scan_residuals``."""
     oriented(estimate)
     result = scan_residuals(recording, estimate, scans=scans)
     assert recording.lidar is not None  # or there would be no residuals
@@ -254,18 +245,18 @@ def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans 
     issues = few_matched(result.matched, min(len(estimate), len(recording.lidar)), "scans or poses", question)
     figures = {**result.as_dict(), "warnings": [issue.as_dict() for issue in issues]}
     medians = [None if isnan(median) else median for median in result.medians.tolist()]
-    return Evaluation(figures, {"stamps": result.stamps.tolist(), "median_m": medians}, result)
+    return result, figures, {"stamps": result.stamps.tolist(), "median_m": medians}
 
 
 def measured(
     estimate: Trajectory,
     reference: Reference | None,
+    names: Sequence[str] | None = None,
     *,
     recording: Recording | None = None,
     occupancy: Path | None = None,
     true_map: Path | None = None,
     loops: Sequence[LoopCandidate] | None = None,
-    names: Sequence[str] | None = None,
 ) -> dict[str, Value]:
     """Metrics of a trajectory of any SLAM, by name; those that need what is not there are absent, with the reason.
 
@@ -282,16 +273,15 @@ def measured(
     maps = [None if file is None else read_map(file) for file in (occupancy, true_map)]
     for raster, file, one in zip(maps, (occupancy, true_map), (estimate, truth), strict=True):
         if raster is not None and file is not None and one is not None:
-            _warn_if_elsewhere(raster, file, one)
-    evidence = Evidence(
-        {FINAL: estimate},
-        truth=truth,
-        relations=reference if isinstance(reference, Relations) else None,
-        recording=recording,
-        occupancy=maps[0],
-        true_map=maps[1],
-        loops=loops,
-    )
+            there = raster.values_at(one.poses[:, :2], outside=OUTSIDE)
+            walls, unknown, outside = (100 * float((there == value).mean()) for value in (OCCUPIED, UNKNOWN, OUTSIDE))
+            if walls + outside > ASTRAY or unknown > 100 - ASTRAY:
+                shares = f"{walls:.0f} % in its walls, {unknown:.0f} % where it is unknown, {outside:.0f} % outside"
+                why = "of another building, or its resolution, origin, turn, rows or sign of greys are other ones"
+                text = f"{file}: of the path {shares}: {why}; its scores mean nothing"
+                warnings.warn(MoteslamWarning(text), stacklevel=2)
+    relations = reference if isinstance(reference, Relations) else None
+    evidence = Evidence({FINAL: estimate}, truth, relations, maps[0], maps[1], recording, loops=loops)
     asked = [*(ACCURACY_OF_MAPS if true_map is not None else ()), *(() if loops is None else OF_LOOPS), *(names or ())]
     found = measure(evidence, dict.fromkeys(asked))
     precise = found.get("map_precision")
@@ -300,13 +290,3 @@ def measured(
         why = "another building or frame, a flipped image, or a map that is wrong"
         warnings.warn(MoteslamWarning(text + why), stacklevel=2)
     return found
-
-
-def _warn_if_elsewhere(raster: Raster, file: Path, path: Trajectory) -> None:
-    """Warn where much of the path of a robot is in the walls of a map, or most of it not where that is free."""
-    there = raster.values_at(path.poses[:, :2], outside=OUTSIDE)
-    walls, unknown, outside = (100 * float((there == value).mean()) for value in (OCCUPIED, UNKNOWN, OUTSIDE))
-    if walls + outside > ASTRAY or unknown > 100 - ASTRAY:
-        shares = f"{walls:.0f} % in its walls, {unknown:.0f} % where it is unknown, {outside:.0f} % outside"
-        why = "of another building, or its resolution, origin, turn, rows or sign of greys are other ones"
-        warnings.warn(MoteslamWarning(f"{file}: of the path {shares}: {why}; its scores mean nothing"), stacklevel=3)

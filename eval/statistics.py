@@ -39,15 +39,9 @@ class Statistics:
     def of(cls, errors: ArrayLike) -> Statistics:
         """The statistics of errors [n], n at least 1."""
         errors = np.asarray(errors, np.float64)
-        return cls(
-            rmse=float(np.sqrt(np.mean(errors**2))),
-            mean=float(errors.mean()),
-            median=float(np.median(errors)),
-            std=float(errors.std()),
-            min=float(errors.min()),
-            max=float(errors.max()),
-            count=len(errors),
-        )
+        rmse, median = float(np.sqrt(np.mean(errors**2))), float(np.median(errors))
+        mean, std, least, most = (float(value) for value in (errors.mean(), errors.std(), errors.min(), errors.max()))
+        return cls(rmse, mean, median, std, least, most, len(errors))
 
     def as_dict(self) -> dict[str, float | int]:
         """By name, fit for JSON."""
@@ -84,8 +78,7 @@ class Summary:
         if not len(ranked):
             return cls(total, failed, absent, *[None] * 7)
         median, low_quartile, high_quartile = (quantile(ranked, share) for share in (0.5, 0.25, 0.75))
-        ends = (float(ranked[0]), float(ranked[-1]))
-        best, worst = ends if better == "lower" else ends[::-1]
+        best, worst = (float(ranked[end]) for end in ((0, -1) if better == "lower" else (-1, 0)))
         low, high = median_interval(ranked)
         return cls(total, failed, absent, median, low_quartile, high_quartile, low, high, best, worst)
 

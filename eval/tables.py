@@ -79,16 +79,8 @@ def shortened(text: str, longest: int) -> str:
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
-def found_at(figures: Mapping[str, Any], place: str) -> Any:
-    """What is at a place in tables within tables, as ``ate/rmse``; None where there is nothing."""
-    found: Any = figures
-    for key in place.split("/"):
-        found = None if found is None else found.get(key)
-    return found
-
-
 class Column(NamedTuple):
-    """A figure in a table: the head of its column, its place in a dict, as ``ate/rmse``, and how it is written."""
+    """A figure in a table: the head of its column, its place in dicts, ``ate/rmse``, and its format, or ``number``."""
 
     head: str
     place: str
@@ -98,9 +90,11 @@ class Column(NamedTuple):
 
     def cell(self, figures: Mapping[str, Any]) -> str:
         """The figure of a dict, a dash where it has none."""
-        found = found_at(figures, self.place)
-        if found is None:
-            return "-"
+        found: Any = figures
+        for key in self.place.split("/"):
+            found = None if found is None else found.get(key)
+        if found is None or self.form == "number":
+            return number(None if found is None else self.factor * found)
         return f"{found if isinstance(found, str) else self.factor * found:{self.form}} {self.unit}".rstrip()
 
 

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.kernels.checks import as_finite
 
-MAX_BUCKETS = 2**20
-"""Largest number of buckets; in larger worlds the buckets are larger."""
+MAX_BUCKETS = 2**20  # Largest number of buckets; in larger worlds the buckets are larger
 SLACK = 4 * 2.0**-23
 """Share of the world's extent by which walls are lengthened at both ends: four times what rounding to float32 can move
 a coordinate by, so that no ray passes between two walls that touch."""
@@ -18,27 +17,17 @@ a coordinate by, so that no ray passes between two walls that touch."""
 
 @dataclass(frozen=True, eq=False)
 class SegmentBuckets:
-    """Segments in square buckets, those of a bucket contiguous in memory.
+    """Segments in square buckets, those of a bucket contiguous in memory."""
 
-    Attributes:
-        corner: [2] float64 (x, y) of the corner of bucket [0, 0] [m]; all other coordinates are relative to it.
-        size: of a bucket's side [m].
-        columns: buckets along x.
-        rows: buckets along y.
-        slack: by which segments are lengthened at both ends [m].
-        starts: int32 [rows * columns + 1]; bucket b holds walls[starts[b]:starts[b + 1]].
-        walls: float32 [n, 4] (x0, y0, x1, y1) [m], relative to the corner.
-        segments: int32 [n] index of each wall among the world's segments.
-    """
-
+    # [2] float64 (x, y) of the corner of bucket [0, 0] [m]; all other coordinates are relative to it.
     corner: NDArray[np.float64]
-    size: float
-    columns: int
-    rows: int
-    slack: float
-    starts: NDArray[np.int32]
-    walls: NDArray[np.float32]
-    segments: NDArray[np.int32]
+    size: float  # of a bucket's side [m]
+    columns: int  # buckets along x
+    rows: int  # buckets along y
+    slack: float  # by which segments are lengthened at both ends [m]
+    starts: NDArray[np.int32]  # int32 [rows * columns + 1]; bucket b holds walls[starts[b]:starts[b + 1]]
+    walls: NDArray[np.float32]  # float32 [n, 4] (x0, y0, x1, y1) [m], relative to the corner
+    segments: NDArray[np.int32]  # int32 [n] index of each wall among the world's segments
 
 
 def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentBuckets:
@@ -53,8 +42,10 @@ def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentB
     low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
     extent = float((high - low).max())
     lengths = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
-    size = _default_size(lengths, high - low) if size is None else float(size)
-    size = max(size, 1e-3 * extent, float(np.sqrt(np.prod(high - low) / (0.9 * MAX_BUCKETS))), 1e-6)
+    if size is None:  # about two buckets a segment, which measures best (benchmarks/)
+        room = max(float(np.prod(high - low)), float(lengths.sum()))
+        size = float(np.clip(0.7 * np.sqrt(room / len(lengths)), 0.5, 4.0))
+    size = max(float(size), 1e-3 * extent, float(np.sqrt(np.prod(high - low) / (0.9 * MAX_BUCKETS))), 1e-6)
     slack = SLACK * max(extent, size)
     # error of a ray's path through the buckets: its sum of steps, one for each bucket, is rounded too
     margin = 1e-3 * size + 4 * slack + 2.0**-22 * extent * extent / size
@@ -68,11 +59,6 @@ def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentB
     walls = np.ascontiguousarray(relative.reshape(-1, 4)[segment[order]], np.float32)
     owners = np.ascontiguousarray(segment[order], np.int32)
     return SegmentBuckets(corner, size, columns, rows, slack, starts, walls, owners)
-
-
-def _default_size(lengths: NDArray[np.float64], extent: NDArray[np.float64]) -> float:
-    """About two buckets a segment, of 0.5 to 4 m, which measures best (benchmarks/)."""
-    return float(np.clip(0.7 * np.sqrt(max(float(np.prod(extent)), float(lengths.sum())) / len(lengths)), 0.5, 4.0))
 
 
 def _crossed(

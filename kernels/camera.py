@@ -18,52 +18,36 @@ from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, I32, I32_1D, U16_1D, func, kernel, template
 
 _FAR = 1e6
-_RESOLUTION = 4e-4
-"""Of the fan [rad]; 2 mm at 5 m."""
-_JUMP = 0.05
-"""Two neighbouring bearings whose inverse reaches differ by more than this share lie on different walls."""
+_RESOLUTION = 4e-4  # Of the fan [rad]; 2 mm at 5 m
+_JUMP = 0.05  # Two neighbouring bearings whose inverse reaches differ by more than this share lie on different walls
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A camera's pixels as rays from one point, in the robot's axes.
+    """A camera's pixels as rays from one point, in the robot's axes."""
 
-    Attributes:
-        rays: [5, pixels] float32: cosine and sine of the bearing; its place between the fan's bearings before and after
-            it, 0 to 1; inverse distance to the floor [1/m], 0 where the ray does not meet it; rise [m/m].
-        bins: [pixels] int32 index of the fan's bearing before.
-        depths: [pixels] float32 depth along the optical axis over the distance along the floor [m/m].
-        bearings: [b] float64 of the fan [rad], evenly spaced.
-        height: of the camera above the floor [m].
-        run: pixels that one thread draws one after another: a row of the image.
-    """
-
+    # [5, pixels] float32: cosine and sine of the bearing; its place between the fan's bearings before and after
+    # it, 0 to 1; inverse distance to the floor [1/m], 0 where the ray does not meet it; rise [m/m].
     rays: NDArray[np.float32]
-    bins: NDArray[np.int32]
+    bins: NDArray[np.int32]  # [pixels] int32 index of the fan's bearing before
+    # [pixels] float32 depth along the optical axis over the distance along the floor [m/m].
     depths: NDArray[np.float32]
-    bearings: NDArray[np.float64]
-    height: float
-    run: int
+    bearings: NDArray[np.float64]  # [b] float64 of the fan [rad], evenly spaced
+    height: float  # of the camera above the floor [m]
+    run: int  # pixels that one thread draws one after another: a row of the image
 
 
 @dataclass(frozen=True, eq=False)
 class DepthView:
-    """The view of a depth camera that gives raw disparities d: scale / depth = slope d + offset.
+    """The view of a depth camera that gives raw disparities d: scale / depth = slope d + offset."""
 
-    Attributes:
-        view: its pixels.
-        table: [4, pixels] float32: d of the floor, infinite where it is not met; d measured of it, infinite where it is
-            lost; factor of the inverse reach of a wall; place between bearings as in ``View.rays``.
-        offset: added to that product for the d of a wall.
-        limits: smallest and largest d that can be measured.
-        nothing: value of a pixel that measures nothing.
-    """
-
-    view: View
+    view: View  # its pixels
+    # [4, pixels] float32: d of the floor, infinite where it is not met; d measured of it, infinite where it is
+    # lost; factor of the inverse reach of a wall; place between bearings as in ``View.rays``.
     table: NDArray[np.float32]
-    offset: float
-    limits: tuple[float, float]
-    nothing: int
+    offset: float  # added to that product for the d of a wall
+    limits: tuple[float, float]  # smallest and largest d that can be measured
+    nothing: int  # value of a pixel that measures nothing
 
 
 def view_of(directions: ArrayLike, *, height: float) -> View:

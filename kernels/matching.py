@@ -24,12 +24,9 @@ from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, U8_1D, U32, U64_1D,
 
 AT_ONCE = 64
 """Beams whose cells are found before the first is read: few enough to unroll and to keep in the fastest cache."""
-SPAN = 5
-"""Shifts along each axis that fit in a window."""
-FULL_BYTE = 255
-"""Points counted before a byte of a word could overflow."""
-ROW_BITS = 0x0101010101
-"""The lowest bit of each of five rows of a window."""
+SPAN = 5  # Shifts along each axis that fit in a window
+FULL_BYTE = 255  # Points counted before a byte of a word could overflow
+ROW_BITS = 0x0101010101  # The lowest bit of each of five rows of a window
 EVEN_BYTES = 0x00FF00FF00FF00FF
 
 
@@ -72,17 +69,11 @@ def sum_under_scan(cells: template, width: I32, height: I32, c: F32, s: F32, x: 
 
 
 class Match(NamedTuple):
-    """The best pose around each particle.
+    """The best pose around each particle."""
 
-    Attributes:
-        scores: int32 [N].
-        indices: int32 [N, 3] of its offsets in x, y and theta.
-        poses: float64 [N, 3] the particles moved by these; theta is not wrapped.
-    """
-
-    scores: NDArray[np.int32]
-    indices: NDArray[np.int32]
-    poses: NDArray[np.float64]
+    scores: NDArray[np.int32]  # int32 [N]
+    indices: NDArray[np.int32]  # int32 [N, 3] of its offsets in x, y and theta
+    poses: NDArray[np.float64]  # float64 [N, 3] the particles moved by these; theta is not wrapped
 
 
 @kernel
@@ -218,15 +209,33 @@ def match_poses(
     theta = as_finite("offsets_theta", offsets_theta, np.float64, (None,))
     turned = np.repeat(poses, len(theta), axis=0)
     turned[:, 2] += np.tile(theta, len(poses))
-    frames, scan = _in_cells(origin, cell_size, turned, points)
+    corner = as_finite("origin", origin, np.float64, (2,))
+    places = (np.cos(turned[:, 2]), np.sin(turned[:, 2]), *((turned[:, :2] - corner) / cell_size).T)
+    frames = np.stack(places, axis=1).astype(np.float32)  # in cells, as the scan
+    scan = np.ascontiguousarray((as_finite("points", points, np.float64, (None, 2)) / cell_size).T, np.float32)
     runtime()
     scores, best = np.zeros(len(poses), np.int32), np.zeros(len(poses), np.int32)
-    order = _nearest_first(xy, theta)
+    i, j, k = np.indices((len(xy), len(xy), len(theta)))
+    centre, ahead = np.abs(xy).argmin(), np.abs(theta).argmin()
+    distance = (i - centre) ** 2 + (j - centre) ** 2 + (k - ahead) ** 2
+    order = np.argsort(distance.reshape(-1), kind="stable").astype(np.int32)  # nearest the centre first
     whole = np.rint(xy / cell_size)
     is_lattice = (np.abs(xy / cell_size - whole) < 1e-6).all() and np.ptp(whole) < SPAN and scan.shape[1] < 2**16
     if len(poses) and is_lattice:
+        cells = whole.astype(np.int32)
+        low = int(cells.min())
+        (col, last_col), (row, last_row) = _box(frames, scan, low, width, height)
+        columns, rows = (last_col - col) // 4 + 1, (last_row - row) // 4 + 1
+        windows = np.empty(columns * rows, np.uint64)
         words = occupied.reshape(-1).view(np.dtype("<i4"))  # the first of four cells in the lowest byte
-        _match_windows(words, width, height, frames, scan, whole.astype(np.int32), order, scores, best)
+        _build_windows(words, width, height, row, col, columns, windows)
+        rank = np.empty_like(order)
+        rank[order] = np.arange(len(order), dtype=np.int32)
+        corners = ((cells - low)[None, :] * SPAN + (cells - low)[:, None]).reshape(-1).astype(np.int32)
+        _search_windows(
+            windows, row, col, columns, last_row, last_col, low, frames, scan, corners, rank, scores, best,
+            passes_for(len(scores)),
+        )  # fmt: skip
         best = order[best]
     elif len(poses):
         shifts = np.stack(np.meshgrid(xy / cell_size, xy / cell_size, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -237,50 +246,6 @@ def match_poses(
     indices = np.stack(np.unravel_index(best, (len(xy), len(xy), len(theta))), axis=-1).astype(np.int32)
     moved = poses + np.stack((xy[indices[:, 0]], xy[indices[:, 1]], theta[indices[:, 2]]), axis=-1)
     return Match(scores, indices, moved)
-
-
-def _in_cells(
-    origin: ArrayLike, cell_size: float, poses: NDArray[np.float64], points: ArrayLike
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Poses [N, 4] as cos, sin, column, row, and the points [2, k] of a scan, x and y in rows; lengths in cells."""
-    corner = as_finite("origin", origin, np.float64, (2,))
-    ends = as_finite("points", points, np.float64, (None, 2))
-    columns = (np.cos(poses[:, 2]), np.sin(poses[:, 2]), *((poses[:, :2] - corner) / cell_size).T)
-    return np.stack(columns, axis=1).astype(np.float32), np.ascontiguousarray((ends / cell_size).T, np.float32)
-
-
-def _nearest_first(xy: NDArray[np.float64], theta: NDArray[np.float64]) -> NDArray[np.int32]:
-    """The flat indices (i, j, k) of the offsets, nearest the centre first, then in order."""
-    across, turn = np.abs(xy).argmin(), np.abs(theta).argmin()
-    i, j, k = np.indices((len(xy), len(xy), len(theta)))
-    distance = (i - across) ** 2 + (j - across) ** 2 + (k - turn) ** 2
-    return np.argsort(distance.reshape(-1), kind="stable").astype(np.int32)
-
-
-def _match_windows(
-    words: NDArray[np.int32],
-    width: int,
-    height: int,
-    frames: NDArray[np.float32],
-    scan: NDArray[np.float32],
-    whole: NDArray[np.int32],
-    order: NDArray[np.int32],
-    scores: NDArray[np.int32],
-    best: NDArray[np.int32],
-) -> None:
-    """Search by windows, writing scores and best (positions in order)."""
-    low = int(whole.min())
-    (col, last_col), (row, last_row) = _box(frames, scan, low, width, height)
-    columns, rows = (last_col - col) // 4 + 1, (last_row - row) // 4 + 1
-    windows = np.empty(columns * rows, np.uint64)
-    _build_windows(words, width, height, row, col, columns, windows)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order), dtype=np.int32)
-    corners = ((whole - low)[None, :] * SPAN + (whole - low)[:, None]).reshape(-1).astype(np.int32)
-    _search_windows(
-        windows, row, col, columns, last_row, last_col, low, frames, scan, corners, rank, scores, best,
-        passes_for(len(scores)),
-    )  # fmt: skip
 
 
 def _box(

@@ -28,11 +28,9 @@ begin at (x, y [m], theta); and of the prior on the offset the inverse variances
 QUERY = 13
 PRIOR_MEAN = slice(10, 13)
 
-LIKELIHOODS = (0.2, 0.98)
-"""Mean likelihoods that residuals are estimated from: beyond these they say nothing."""
+LIKELIHOODS = (0.2, 0.98)  # Mean likelihoods that residuals are estimated from: beyond these they say nothing
 
-FIRST_POINTS = 1024
-"""Of a scan, to begin with: there is room for more where one has more."""
+FIRST_POINTS = 1024  # Of a scan, to begin with: there is room for more where one has more
 
 OFFSET = slice(0, 3)
 INFORMATION = slice(3, 9)
@@ -40,59 +38,38 @@ COST, KNOWN, LIKELIHOOD, CROSSED = range(9, 13)
 FREE = slice(13, 16)
 FAR = 16
 MEANS = slice(17, 20)
-FOUND = 20
-"""The columns of what ``register_scans`` returns."""
+FOUND = 20  # The columns of what `register_scans` returns
 
 
 class RegistrationOptions(NamedTuple):
-    """Of ``register_scans``.
+    """Of ``register_scans``."""
 
-    Attributes:
-        cell_size: of the fine level [m].
-        truncation, coarse_truncation: of each level [m].
-        residual: standard deviation of the distances on the fine level [m].
-        coarse_residual_factor: by what it is multiplied on the coarse level.
-        iterations: at most, on each level.
-        unknown: cost of an endpoint where neither level was seen.
-        outlier: largest cost of an endpoint where one was; below it the cost is half the squared residual.
-        likelihood_width: standard deviation of a residual r in an endpoint's likelihood, exp(-(r / width)^2 / 2).
-        ray_clearance: a ray crosses a surface of the map if it meets one this far from its endpoint [truncations], ...
-        ray_weight: ... in a cell that weighs more than this, ...
-        ray_distance: ... nearer to the surface than this [truncations].
-        far: an endpoint at least this far from the surface on the coarse level is far [m]; at most three quarters of
-            its truncation count.
-    """
-
-    cell_size: float
+    cell_size: float  # of the fine level [m]
+    # truncation, coarse_truncation: of each level [m].
     truncation: float
     coarse_truncation: float
-    residual: float
-    coarse_residual_factor: float
-    iterations: int
-    unknown: float
-    outlier: float
-    likelihood_width: float
+    residual: float  # standard deviation of the distances on the fine level [m]
+    coarse_residual_factor: float  # by what it is multiplied on the coarse level
+    iterations: int  # at most, on each level
+    unknown_cost: float  # cost of an endpoint where neither level was seen
+    outlier_cost: float  # largest cost of an endpoint where one was; below it the cost is half the squared residual
+    likelihood_width: float  # standard deviation of a residual r in an endpoint's likelihood, exp(-(r / width)^2 / 2)
+    # a ray crosses a surface of the map if it meets one this far from its endpoint [truncations], ...
     ray_clearance: float
-    ray_weight: int
-    ray_distance: float
+    ray_weight: int  # ... in a cell that weighs more than this, ...
+    ray_distance: float  # ... nearer to the surface than this [truncations].
+    # an endpoint at least this far from the surface on the coarse level is far [m]; at most three quarters of its
+    # truncation count.
     far: float
 
-    @property
+    @lru_cache(maxsize=64)  # noqa: B019 - a tuple of numbers
     def numbers(self) -> NDArray[np.float32]:
         """As the kernel reads them: lengths in m, what concerns rays and what is far in steps of distance."""
-        return _numbers(self)
-
-
-@lru_cache(maxsize=64)
-def _numbers(o: RegistrationOptions) -> NDArray[np.float32]:
-    numbers = np.array(
-        (o.cell_size, o.truncation, o.coarse_truncation, o.residual, o.coarse_residual_factor * o.residual,
-         o.iterations, o.unknown, o.outlier, -0.5 / o.likelihood_width**2, o.ray_clearance * o.truncation,
-         o.ray_weight, round(o.ray_distance * STEPS), round(min(o.far / o.coarse_truncation, 0.75) * STEPS)),
-        np.float32,
-    )  # fmt: skip
-    numbers.setflags(write=False)
-    return numbers
+        coarse_residual, exponent = self.coarse_residual_factor * self.residual, -0.5 / self.likelihood_width**2
+        far = round(min(self.far / self.coarse_truncation, 0.75) * STEPS)
+        of_rays = self.ray_clearance * self.truncation, self.ray_weight, round(self.ray_distance * STEPS)
+        costs = self.unknown_cost, self.outlier_cost, exponent
+        return np.array((*self[:4], coarse_residual, self.iterations, *costs, *of_rays, far), np.float32)
 
 
 @func
@@ -217,14 +194,10 @@ def _register(
 
 
 class _Room(threading.local):
-    """Room for the points of a scan, for each thread its own: what stays in its place is not set at every launch.
-
-    Attributes:
-        scan: float32 [2, m] of which the first columns are points.
-    """
+    """Room for the points of a scan, for each thread its own: what stays in its place is not set at every launch."""
 
     def __init__(self) -> None:
-        self.scan = np.empty((2, FIRST_POINTS), np.float32)
+        self.scan = np.empty((2, FIRST_POINTS), np.float32)  # float32 [2, m] of which the first columns are points
 
     def put(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
         """The scan, with these points [k, 2] in its first columns."""
@@ -281,7 +254,7 @@ def register_scans(
     if n:
         _register(
             pool, table, begin, columns * rows if maps > 1 else 0, columns, rows, queries, _room.put(scan), len(scan),
-            *origin, options.numbers, int(coarse), *(kept or NOT_KEPT), found, passes_for(n),
+            *origin, options.numbers(), int(coarse), *(kept or NOT_KEPT), found, passes_for(n),
             n == 1 and not one_thread(),
         )  # fmt: skip
     return found

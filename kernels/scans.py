@@ -81,19 +81,14 @@ def project_scans(
 
 SPACING_GROWTH, LEAST_SPACING = 1.2, 0.001
 """While there are too many points, the spacing is multiplied by the first and is at least the second [m]."""
-SMALLEST = 0x00800000
-"""The bits of the smallest float32 above 0 that has all its digits."""
+SMALLEST = 0x00800000  # The bits of the smallest float32 above 0 that has all its digits
 
 
 class ThinnedScan(NamedTuple):
-    """A scan as it is registered and integrated.
+    """A scan as it is registered and integrated."""
 
-    Attributes:
-        points: float32 [k, 2] in the robot's frame [m], each the mean of neighbouring endpoints.
-        joined: int32 [k]; 1 where a point and the next lie on the same surface, so that a segment joins them.
-    """
-
-    points: NDArray[np.float32]
+    points: NDArray[np.float32]  # float32 [k, 2] in the robot's frame [m], each the mean of neighbouring endpoints
+    # int32 [k]; 1 where a point and the next lie on the same surface, so that a segment joins them.
     joined: NDArray[np.int32]
 
 

@@ -27,37 +27,25 @@ from moteslam.kernels.runtime import runtime, ti
 from moteslam.kernels.types import F32, I32, func, template
 
 SIDE_BITS = 5
-SIDE = 1 << SIDE_BITS
-"""Fine cells along a tile's edge."""
+SIDE = 1 << SIDE_BITS  # Fine cells along a tile's edge
 FINE_CELLS = SIDE * SIDE
-CELLS = FINE_CELLS + FINE_CELLS // 4
-"""Cells of a tile, both levels."""
-EMPTY = 0
-"""The number of the tile that stands for none."""
+CELLS = FINE_CELLS + FINE_CELLS // 4  # Cells of a tile, both levels
+EMPTY = 0  # The number of the tile that stands for none
 WEIGHT_BITS = 5
-MAX_WEIGHT = (1 << WEIGHT_BITS) - 1
-"""The largest weight that fits a cell."""
-STEPS = (1 << (15 - WEIGHT_BITS)) - 1
-"""Steps of distance within the truncation."""
+MAX_WEIGHT = (1 << WEIGHT_BITS) - 1  # The largest weight that fits a cell
+STEPS = (1 << (15 - WEIGHT_BITS)) - 1  # Steps of distance within the truncation
 
 
 class Tiles(NamedTuple):
-    """The maps of n particles as kernels take them, of a ``TileStore``.
+    """The maps of n particles as kernels take them, of a ``TileStore``."""
 
-    Attributes:
-        pool: int16 [t * CELLS] of all tiles.
-        table: int32 the particles' tables, one after the other, row by row: tiles 0 to t - 1.
-        rows, columns: of each table.
-        maps: n.
-        first: where in ``table`` that of the first particle begins.
-    """
-
-    pool: NDArray[np.int16]
-    table: NDArray[np.int32]
+    pool: NDArray[np.int16]  # int16 [t * CELLS] of all tiles
+    table: NDArray[np.int32]  # int32 the particles' tables, one after the other, row by row: tiles 0 to t - 1
+    # rows, columns: of each table.
     rows: int
     columns: int
-    maps: int
-    first: int = 0
+    maps: int  # n
+    first: int = 0  # where in `table` that of the first particle begins
 
     @property
     def size(self) -> int:
@@ -159,12 +147,7 @@ def copy_on_write(pool: template, table: template, shares: template, free: templ
 
 
 def frames_in_cells(frames: ArrayLike, cell_size: float) -> NDArray[np.float64]:
-    """A copy of frames with their places in cells.
-
-    Args:
-        frames: float64 [n, 4] cos, sin, x, y of poses, from the tables' corner [m].
-        cell_size: of the level [m].
-    """
+    """A copy of frames float64 [n, 4] (cos, sin, x, y of poses, from the tables' corner [m]), places in cells."""
     scaled: NDArray[np.float64] = np.array(as_finite("frames", frames, np.float64, (None, 4)))
     scaled[:, 2:] /= cell_size
     return scaled
@@ -180,23 +163,16 @@ class TileStore:
 
     Attributes:
         tiles: the maps.
-        shares: int32 [t] how many table entries name each tile, above 1 for tile 0, as of the last ``count``.
-        free: int32 [t] of which the first ``left`` are tiles that no table names and no kernel has taken since.
-        left: how many.
     """
 
     def __init__(self, rows: int, columns: int, tiles: int, *, on_device: bool = False) -> None:
         self._on_device = on_device
-        self.tiles = Tiles(
-            self._put(np.zeros(tiles * CELLS, np.int16)),
-            self._put(np.zeros(rows * columns, np.int32)),
-            rows,
-            columns,
-            1,
-        )
-        self.shares: Any
+        pool, table = self._put(np.zeros(tiles * CELLS, np.int16)), self._put(np.zeros(rows * columns, np.int32))
+        self.tiles = Tiles(pool, table, rows, columns, 1)
+        self.shares: Any  # int32 [t] how many table entries name each tile, above 1 for tile 0, as of the last `count`
+        # int32 [t] of which the first `left` are tiles that no table names and no kernel has taken since
         self.free: Any
-        self.left = 0
+        self.left = 0  # how many
         self.count()
 
     @property

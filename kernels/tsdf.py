@@ -30,8 +30,7 @@ from moteslam.kernels.tiles import (
 )
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, func, kernel, template
 
-FAR = 1e6
-"""Cells; farther than any map."""
+FAR = 1e6  # Cells; farther than any map
 ALONG_AXIS = 1e-3
 """Sine of the angle to an axis below which a segment counts as parallel to it: its reciprocal must stay small."""
 OVERLAP = 0.25
@@ -41,38 +40,23 @@ SLACK = 0.01
 
 
 class IntegrationOptions(NamedTuple):
-    """Of ``integrate_scans``.
+    """Of ``integrate_scans``."""
 
-    Attributes:
-        cell_size: of the fine level [m].
-        truncation, coarse_truncation: up to this distance from a segment cells are updated, on each level [m].
-        coarse_chord: on the coarse level segments are joined until their chord is this long [coarse cells].
-        near: distances below it weigh ``near_weight`` in a cell's average, the others 1 [m].
-        near_weight: 1 to ``tiles.MAX_WEIGHT``.
-        max_weight: of the average itself, 1 to ``tiles.MAX_WEIGHT``.
-    """
-
-    cell_size: float
+    cell_size: float  # of the fine level [m]
+    # truncation, coarse_truncation: up to this distance from a segment cells are updated, on each level [m].
     truncation: float
     coarse_truncation: float
-    coarse_chord: float
-    near: float
-    near_weight: int
-    max_weight: int
+    coarse_chord: float  # on the coarse level segments are joined until their chord is this long [coarse cells]
+    near: float  # distances below it weigh `near_weight` in a cell's average, the others 1 [m]
+    near_weight: int  # 1 to ``tiles.MAX_WEIGHT``.
+    max_weight: int  # of the average itself, 1 to ``tiles.MAX_WEIGHT``.
 
-    @property
+    @lru_cache(maxsize=64)  # noqa: B019 - a tuple of numbers
     def numbers(self) -> NDArray[np.float32]:
         """As the kernel reads them, lengths in cells: of the coarse level the coarse truncation, else fine ones."""
-        return _numbers(self)
-
-
-@lru_cache(maxsize=64)
-def _numbers(o: IntegrationOptions) -> NDArray[np.float32]:
-    cell = o.cell_size
-    lengths = o.truncation / cell, o.coarse_truncation / (2 * cell), 2 * o.coarse_chord, o.near / cell
-    numbers = np.array((*lengths, o.near_weight, o.max_weight), np.float32)
-    numbers.setflags(write=False)
-    return numbers
+        cell = self.cell_size
+        lengths = self.truncation / cell, self.coarse_truncation / (2 * cell), 2 * self.coarse_chord, self.near / cell
+        return np.array((*lengths, self.near_weight, self.max_weight), np.float32)
 
 
 @func
@@ -235,7 +219,7 @@ def integrate_scans(
     _integrate(
         *(tiles.pool, tiles.table, tiles.first, store.shares, store.free, counters, tiles.columns, tiles.size), places,
         np.ascontiguousarray(points.T / np.float32(options.cell_size)), joined,
-        np.array([0, *accumulate(len(scan.points) for scan in scans)], np.int32), options.numbers,
+        np.array([0, *accumulate(len(scan.points) for scan in scans)], np.int32), options.numbers(),
         *(passes_for(tiles.maps), tiles.maps == 1 and not one_thread()),
     )  # fmt: skip
     left, short = counters.tolist()

@@ -11,8 +11,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Poses = NDArray[np.float64]
-"""float64, shape [..., 3]: x [m], y [m], theta [rad]."""
+Array = NDArray[np.float64]
+Poses = Array
+"""[..., 3]: x [m], y [m], theta [rad]."""
 Pose = tuple[float, float, float]
 """One of them in plain numbers: for single poses arrays take five times as long."""
 
@@ -128,8 +129,7 @@ def umeyama(source: NDArray[np.float64], target: NDArray[np.float64]) -> Poses:
     """
     centre, goal = source.mean(axis=0), target.mean(axis=0)
     a, b = source - centre, target - goal
-    dot = float((a * b).sum())
-    cross = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
+    dot, cross = float((a * b).sum()), float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
     # below this the sums are rounding of coordinates far from the origin, and their angle is noise
     rounding = len(a) * (np.finfo(float).eps * max(1.0, float(np.abs(source).max()))) ** 2
     angle = float(np.arctan2(cross, dot)) if np.hypot(dot, cross) > rounding else 0.0

@@ -15,11 +15,10 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream, Recording, nearest_stamp
+from moteslam.robot.se2 import Array
 from moteslam.robot.wheel_odometry import gyro_covers, wheel_motion, wheel_path
 from moteslam.sim.sensors.faults import with_gaps, with_odometry_faults
 from moteslam.sim.simulate import Simulation, random_generators
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

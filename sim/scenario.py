@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError, InputError
@@ -19,6 +18,7 @@ from moteslam.files import file_within
 from moteslam.robot.noise import Noise
 from moteslam.robot.platform import CameraSettings, Platform
 from moteslam.robot.platforms import BASE, UCSD, load_platform, platform_table, whole_platform
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Section, Table, Truth, Whole, assigned, merged, read_toml, validated
 from moteslam.sim.actors.actors import MAX_DOORS, Door, check_doors, check_people
 from moteslam.sim.actors.people import CLEARANCE, MAX_PEOPLE, Crowd, Person
@@ -26,7 +26,7 @@ from moteslam.sim.robot.driver import MAX_DURATION, Commands, Limits, Route, Tas
 from moteslam.sim.robot.mishaps import Carried, StuckWheels, check_mishaps
 from moteslam.sim.robot.vehicle import check_body, check_wheels
 from moteslam.sim.sensors.clock import Outage
-from moteslam.sim.sensors.faults import Cart, Gap, OdometryJump, RepeatedScans, StaleOdometry, Tilt, check_tilt
+from moteslam.sim.sensors.faults import Cart, Gap, OdometryJump, RepeatedScans, StaleOdometry, Tilt
 from moteslam.sim.sensors.lidar import check_sensors
 from moteslam.sim.sensors.rgbd import check_camera
 from moteslam.sim.world.floor import FloorSettings
@@ -35,8 +35,6 @@ from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 from moteslam.sim.world.random_corridors import random_corridors
 from moteslam.sim.world.visit import Visit, visited
 from moteslam.sim.world.world import World, check_world
-
-Array = NDArray[np.float64]
 
 SCENARIOS = Path(__file__).parent / "scenarios"
 MAX_SEED = 2**63 - 1
@@ -141,8 +139,9 @@ class Scenario(Section):
             raise ConfigError(str(error), field="world.plan.file") from error
         check_world(world)
         for i, fault in enumerate(self.faults):
-            if isinstance(fault, Tilt):
-                check_tilt(fault, platform.lidar, field=f"faults.{i}")
+            if isinstance(fault, Tilt) and fault.height is None and (z := platform.lidar.z) <= 0:
+                problem = f"missing, expected it where the robot's lidar is at z = {z:g} m"
+                raise ConfigError(problem, field=f"faults.{i}.height")
         check_people(self.people, world, start, platform.radius)
         check_doors(self.doors, world, start, platform.radius)
         check_task(self.task, world, platform)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from typing import Any
+
 import pytest
 
 from moteslam.eval.cli import main
@@ -12,6 +15,24 @@ def printed(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     capsys.readouterr()
     assert main.run([str(argument) for argument in arguments]) == 0
     return capsys.readouterr().out
+
+
+def shown(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
+    """What a command line that must end well prints with ``--json``."""
+    return json.loads(printed(capsys, *arguments, "--json"))
+
+
+def codes(capsys: pytest.CaptureFixture[str], *arguments: object) -> list[str]:
+    """The codes of what it says is wrong."""
+    found = shown(capsys, *arguments)
+    return [issue["code"] for issue in found.get("warnings", found.get("problems"))]
+
+
+def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """What a command line that must end well says on stderr."""
+    capsys.readouterr()
+    assert main.run([str(argument) for argument in arguments]) == 0
+    return capsys.readouterr().err
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 2) -> str:

@@ -202,10 +202,10 @@ def distance_maps() -> Results:
         tiles, queries, scan.points, (0.1, 0.0), kept=Kept(0.02, 1e-4),
         options=RegistrationOptions(**REGISTRATION),  # type: ignore[arg-type]
     )  # fmt: skip
-    shifts = 0.06 * np.stack(np.divmod(np.arange(100), 10), axis=1) - 0.3
+    shifts = 0.012 * np.stack(np.divmod(np.arange(10_000), 100), axis=1) - 0.6
     scores, chosen = search_scans(
-        tiles, frames(poses), scan.points[::4][:MAX_SEARCH_POINTS], np.linspace(-0.1, 0.1, 9),
-        np.zeros(9), shifts, np.zeros(100), blocks=4, cell_size=CELL, near=0.5,
+        tiles.of(3), frames(poses)[3], scan.points[::4][:MAX_SEARCH_POINTS], np.linspace(-0.1, 0.1, 25),
+        np.zeros(25), shifts, np.zeros(10_000), blocks=16, cell_size=CELL, near=0.5,
     )  # fmt: skip
     return {
         "thin_scan": scan.points,

@@ -197,32 +197,32 @@ def integration(loops: Loops, count: int = 1000) -> Task:
     return Task("particle", Contender(kernel, count), results, {"C": by_c})
 
 
-def search(loops: Loops, count: int = 1000) -> Task:
-    """Try 900 places around each of 1000 particles with 60 points, by the coarse level of their maps."""
-    maps, scan, poses = room(count)
+def search(loops: Loops) -> Task:
+    """Try 900 places around a particle with 60 points, by the coarse level of its map."""
+    maps, scan, poses = room(1)
     view, few, near, size = maps.all(), scan.points[::3][:MAX_SEARCH_POINTS], 0.5, 2 * CELL
     turns, shifts = np.linspace(-0.1, 0.1, 9), 0.06 * np.stack(np.divmod(np.arange(100), 10), axis=1) - 0.3
     frames, (pool, table, rows, columns, *_) = view.frames(poses), view.tiles
     none = np.empty(0, np.int32)
-    coarse = Pool(pool, table.reshape(count, rows, columns), none, none).tsdf(0, level=1)
+    coarse = Pool(pool, table.reshape(1, rows, columns), none, none).tsdf(0, level=1)
     kernel = partial(
-        search_scans, view.tiles, frames, few, turns, np.zeros(9), shifts, np.zeros(100), blocks=1, cell_size=CELL,
+        search_scans, view.tiles, frames[0], few, turns, np.zeros(9), shifts, np.zeros(100), blocks=1, cell_size=CELL,
         near=near,
     )  # fmt: skip
     pose = poses[0] - (*view.corner, 0.0)
     twin = partial(tsdf.search, coarse, pose, few, turns, shifts, cell_size=size, near=int(near * STEPS))
-    (ours, places), (scores, chosen) = kernel(), (np.empty((count, 9), np.int32) for _ in range(2))
+    (ours, places), (scores, chosen) = kernel(), (np.empty((9, 1), np.int32) for _ in range(2))
     c = loops.bind(
-        "search_all", pool, table, rows, columns, frames / (1, 1, size, size), count,
+        "search_all", pool, table, rows, columns, frames / (1, 1, size, size), 1,
         np.ascontiguousarray(few.T / np.float32(size)), len(few), turns.astype(np.float32), np.zeros(9, np.int32), 9,
         (shifts / size).astype(np.float32), np.zeros(100, np.int32), 100, int(near * STEPS), scores, chosen,
     )  # fmt: skip
     results = {"scores": Same(ours, 0, ON_EDGES), "places": Same(places, 0, ON_EDGES)}
     others = {
-        "C": Contender(c, count, lambda _: {"scores": scores, "places": chosen}),
-        "Python": Contender(twin, 1, lambda found: {"scores": found.max(axis=1)[None]}, serial=True),
+        "C": Contender(c, 1, lambda _: {"scores": scores, "places": chosen}),
+        "Python": Contender(twin, 1, lambda found: {"scores": found.max(axis=1)[:, None]}, serial=True),
     }
-    return Task("particle", Contender(kernel, count), results, others)
+    return Task("particle", Contender(kernel, 1), results, others)
 
 
 def matching(loops: Loops, count: int = 2000) -> Task:

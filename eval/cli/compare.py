@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -80,21 +80,17 @@ def _lines(axis: str, first: str, compared: dict[str, dict[str, Any]], form: str
     """A table a metric, or of them all: a row a place of each configuration; and, as text, what else differs."""
     from moteslam.eval.runs import headings
     from moteslam.eval.statistics import FEWEST
-    from moteslam.robot.values import interval
 
     several = any(len(each) > 1 for pairs in compared.values() for each in pairs.values())
     head = (axis, *(["where"] if several else []), *HEAD)
-    medians = {
-        name: [one["median"] for each in pairs.values() for one in each.values()] for name, pairs in compared.items()
-    }
+    alone = {name: [one for each in pairs.values() for one in each.values()] for name, pairs in compared.items()}
+    medians = {name: [one["median"] for one in each] for name, each in alone.items()}
     tables: dict[str, list[tuple[str, ...]]] = {}
     for name, (title, factor) in headings(medians).items():
         cells = tables[title] = []
         for other, place, one in ((other, *item) for other, each in compared[name].items() for item in each.items()):
-            ends = (None if one[end] is None else factor * one[end] for end in ("median", "low", "high"))
-            median, low, high = (number(end, sign=True) for end in ends)
             counts = [str(count) for count in (*(one[count] for count in COUNTS), *one["failed"][::-1])]
-            shown = (*counts[:-2], median, interval(low, high), f"{one['p']:.2g}", *counts[-2:])
+            shown = (*counts[:-2], *median_cells(one, factor, sign=True), f"{one['p']:.2g}", *counts[-2:])
             cells.append((other, *([place] if several else []), *shown))
     if form != "text":
         yield FORMATS[form]([("metric", *head), *((title, *cell) for title, cells in tables.items() for cell in cells)])
@@ -103,10 +99,19 @@ def _lines(axis: str, first: str, compared: dict[str, dict[str, Any]], form: str
         yield f"{title}, against {literal(first)}"
         empty = [k for k in (-1, -2, -4) if all(cell[k] in ("0", "-") for cell in cells)]
         yield aligned([[one for k, one in enumerate(row, -len(row)) if k not in empty] for row in (head, *cells)])
-    if any(one["pairs"] < FEWEST for pairs in compared.values() for each in pairs.values() for one in each.values()):
+    if any(one["pairs"] < FEWEST for each in alone.values() for one in each):
         yield f"fewer than {FEWEST} pairs have no 95 % interval"
     if also:
         yield also
+
+
+def median_cells(one: Mapping[str, Any], factor: float, *, sign: bool = False) -> tuple[str, str]:
+    """A median and its interval."""
+    from moteslam.robot.values import interval
+
+    ends = (None if one[end] is None else factor * one[end] for end in ("median", "low", "high"))
+    median, low, high = (number(end, sign=sign) for end in ends)
+    return median, interval(low, high)
 
 
 def summed_up(store: Store, wanted: list[str] | None) -> dict[str, Any]:
@@ -129,7 +134,6 @@ def summed_up(store: Store, wanted: list[str] | None) -> dict[str, Any]:
 
 
 def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[str]:
-    """The metrics that are wanted; by default those that the sweep names, and time and memory if they were measured."""
     from moteslam.eval.runs import metric_names
 
     there = list(dict.fromkeys(name for row in rows if row.status == "ok" for name in (*row.values, *row.costs)))
@@ -150,7 +154,6 @@ def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
     """A row a group: of each metric the median with its interval."""
     from moteslam.eval.runs import headings, success_words, varying
     from moteslam.eval.statistics import FEWEST
-    from moteslam.robot.values import interval
 
     groups = found["groups"]
     if groups:
@@ -166,10 +169,8 @@ def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
         medians = {name: [each["metrics"][name]["median"] for each in groups] for name in names}
         for name, (title, factor) in headings(medians).items():
             rows[0] += [title, "95 %"]
-            for row, one in zip(rows[1:], (each["metrics"][name] for each in groups), strict=True):
-                ends = (None if one[end] is None else factor * one[end] for end in ("median", "low", "high"))
-                median, low, high = map(number, ends)
-                row += [median, interval(low, high)]
+            for row, each in zip(rows[1:], groups, strict=True):
+                row += median_cells(each["metrics"][name], factor)
         if form == "text" and all(each["runs"] < FEWEST for each in groups):
             rows = [[cell for k, cell in enumerate(row) if rows[0][k] != "95 %"] for row in rows]
         yield FORMATS[form](rows)

@@ -14,7 +14,7 @@ from moteslam.errors import InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer, note, warn
-from moteslam.eval.tables import FORMATS, Column, fitting, found_at, literal, number, rows_of
+from moteslam.eval.tables import FORMATS, Column, fitting, literal, number, rows_of
 
 NEEDED = {
     "a recording": ("sequence", "platform"),
@@ -132,7 +132,7 @@ def evaluate(
     from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.inputs.synchronise import synchronise
 
-    _refuse_options(context, paths, recording, map_file)
+    _refuse_options(context, paths)
     with options.new_file(save, force=force), options.new_file(plot, *options.FIGURES, force=force):
         estimates, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
         if wrong := next(filter(is_relations, estimates), None):
@@ -141,11 +141,10 @@ def evaluate(
         if not abs(time_offset) < MAX_STAMP:
             raise InputError(f"{time_offset:g}, expected seconds", field="--time-offset")
         trajectories = {str(file): read_trajectory(file) for file in estimates}
-        if time_offset:
-            trajectories = {name: replace(one, stamps=one.stamps + time_offset) for name, one in trajectories.items()}
-        if any(est_offset):
+        for name, one in trajectories.items():
+            one = replace(one, stamps=one.stamps + time_offset) if time_offset else one
             with options.named("--est-offset"):
-                trajectories = {name: carried(oriented(one)[0], est_offset) for name, one in trajectories.items()}
+                trajectories[name] = carried(oriented(one)[0], est_offset) if any(est_offset) else one
         opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)
         truth: Reference | None = None
         if reference is not None:
@@ -156,25 +155,21 @@ def evaluate(
                 warn(one.warnings)
         results: dict[str, Any] = {}
         rows: list[dict[str, Any]] = []
-        whole: list[dict[str, Any]] = []
-        """The rows, with the error at every stamp."""
+        errors: list[dict[str, Any]] = []  # at every stamp
         how: dict[str, Any] = {"align": not no_align, "scale": scale, "delta": delta, "unit": unit}
         how |= {"all_pairs": all_pairs, "max_difference": max_difference, "nearest": nearest}
         for name, one in trajectories.items():
-            row: dict[str, Any] = {"estimate": name}
-            errors: dict[str, Any] = {}
+            rows.append({"estimate": name})
+            errors.append({})
             if truth is not None and reference is not None:
                 with options.in_file(reference), options.named(delta="--delta", max_difference="--max-difference"):
-                    compared = against(one, truth, **how)
-                results[name], errors["errors"] = compared.result, compared.errors
-                row |= {"reference": str(reference), **compared.figures}
+                    results[name], figures, errors[-1]["errors"] = against(one, truth, **how)
+                rows[-1] |= {"reference": str(reference), **figures}
             if opened is not None:
                 with options.in_file(name):
-                    under = under_recording(one, opened, scans=scans)
-                row |= {"recording": str(recording), "residuals": under.figures}
-                errors["residuals"] = {**under.figures, "errors": under.errors}
-            rows.append(row)
-            whole.append(row | errors)
+                    _, figures, by_stamp = under_recording(one, opened, scans=scans)
+                rows[-1] |= {"recording": str(recording), "residuals": figures}
+                errors[-1]["residuals"] = {**figures, "errors": by_stamp}
         if opened is not None:
             warn(opened.warnings)
         found: dict[str, Any] = {}
@@ -182,14 +177,14 @@ def evaluate(
             known: dict[str, Any] = {"recording": opened, "occupancy": map_file, "true_map": true_map}
             known["loops"] = None if loops is None else read_loops(loops)
             with options.named(metrics="--metric"):
-                measures = {name: measured(one, truth, names=metrics, **known) for name, one in trajectories.items()}
-            found["metrics"] = {
-                name: {metric: value.as_dict() for metric, value in values.items()} for name, values in measures.items()
-            }
+                found["metrics"] = {
+                    name: {metric: value.as_dict() for metric, value in measured(one, truth, metrics, **known).items()}
+                    for name, one in trajectories.items()
+                }
         if save is not None:
             from moteslam.eval.results import write_json
 
-            write_json(save, {"results": whole, **found})
+            write_json(save, {"results": [row | more for row, more in zip(rows, errors, strict=True)], **found})
         if plot is not None:
             from moteslam.eval.report.curves import draw_comparison
 
@@ -199,40 +194,33 @@ def evaluate(
         for doubt in _doubts(rows):
             note(f"warning: {doubt}")
     one_or_all = rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}
-    text = form == "text"
-    parts = (part if isinstance(part, str) else FORMATS[form](part) for part in _parts(rows, found))
-    tables = (FORMATS[form](part) for part in _parts(rows, found) if not isinstance(part, str))
-    answer(one_or_all | found, parts if text else tables, as_json=as_json)
+    parts = [part for part in _parts(rows, found) if form == "text" or not isinstance(part, str)]
+    lines = (part if isinstance(part, str) else FORMATS[form](part) for part in parts)
+    answer(one_or_all | found, lines, as_json=as_json)
 
 
-def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None, map_file: Path | None) -> None:
+def _refuse_options(context: typer.Context, paths: list[Path]) -> None:
     """Refuse what does not go together, also what was given with the value that it has by default."""
     from moteslam.eval.metrics.relations import is_relations
 
     sources = {name: context.get_parameter_source(name) for name in context.params}
     given = {name.removesuffix("_file") for name, source in sources.items() if source and source.name == "COMMANDLINE"}
-
-    def refuse(problem: str, name: str) -> typer.BadParameter:
-        return typer.BadParameter(problem, param_hint=f"'--{name.replace('_', '-')}'")
-
-    if len(paths) < 2 and recording is None:
+    there = {"a recording": "recording" in given, "a reference": len(paths) > 1, "a --map": "map" in given}
+    there["a reference trajectory"] = len(paths) > 1 and not is_relations(paths[-1])
+    lone = [(name, needed) for needed, names in NEEDED.items() for name in names if name in given and not there[needed]]
+    hint, problem = "EST... [REF]", ""
+    if len(paths) < 2 and "recording" not in given:
         problem = "one file, expected trajectories and, last, their reference, or a --recording"
-        raise typer.BadParameter(problem, param_hint="'EST... [REF]'")
-    if "map" in given and given.isdisjoint(("true_map", "metrics")):
-        raise refuse("given without --true-map, expected the map to compare it with", "map")
-    if "map" in given and len(paths) > 2:
-        raise refuse("given with several EST, expected the one whose map it is", "map")
-    there = {
-        "a recording": recording is not None,
-        "a reference": len(paths) > 1,
-        "a reference trajectory": len(paths) > 1 and not is_relations(paths[-1]),
-        "a --map": map_file is not None,
-    }
-    for needed, names in NEEDED.items():
-        if not there[needed] and (without := next((name for name in names if name in given), None)):
-            raise refuse(f"given without {needed}", without)
-    if given >= {"scale", "no_align"}:
-        raise refuse("given with --no-align, expected one of the two", "scale")
+    elif "map" in given and given.isdisjoint(("true_map", "metrics")):
+        hint, problem = "--map", "given without --true-map, expected the map to compare it with"
+    elif "map" in given and len(paths) > 2:
+        hint, problem = "--map", "given with several EST, expected the one whose map it is"
+    elif lone:
+        hint, problem = f"--{lone[0][0].replace('_', '-')}", f"given without {lone[0][1]}"
+    elif given >= {"scale", "no_align"}:
+        hint, problem = "--scale", "given with --no-align, expected one of the two"
+    if problem:
+        raise typer.BadParameter(problem, param_hint=f"'{hint}'")
 
 
 def _parts(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str | Table]:
@@ -299,23 +287,19 @@ def _errors(row: Row) -> Table:
 
 
 def _comparison(rows: Sequence[Row]) -> Table:
-    pairs = next((f"{row['rpe']['delta']:g} {row['rpe']['unit']}" for row in rows if row["rpe"] is not None), "")
-    columns = {
-        "ATE RMSE": "ate/translation_m/rmse",
-        "median": "ate/translation_m/median",
-        "max": "ate/translation_m/max",
-        "heading RMSE [deg]": "ate/rotation_deg/rmse",
-        **({f"RPE over {pairs}": "rpe/translation_m/rmse"} if pairs else {}),
-    }
+    pairs = [f"RPE over {row['rpe']['delta']:g} {row['rpe']['unit']}" for row in rows if row["rpe"] is not None]
     unit, factor = fitting("m", [row["ate"]["translation_m"]["max"] for row in rows])
-    table = [["estimate", "poses"], *([row["estimate"], str(row["ate"]["translation_m"]["count"])] for row in rows)]
-    for title, place in columns.items():
-        turn = "rotation" in place
-        table[0].append(title if turn else f"{title} [{unit}]")
-        for line, row in zip(table[1:], rows, strict=True):
-            value = found_at(row, place)
-            line.append(number(None if value is None else value * (1 if turn else factor)))
-    return table
+
+    def length(head: str, place: str) -> Column:
+        return Column(f"{head} [{unit}]", place, "number", factor=factor)
+
+    columns = [
+        *(Column("estimate", "estimate"), Column("poses", "ate/translation_m/count")),
+        *(length("ATE RMSE", "ate/translation_m/rmse"), length("median", "ate/translation_m/median")),
+        *(length("max", "ate/translation_m/max"), Column("heading RMSE [deg]", "ate/rotation_deg/rmse", "number")),
+        *(length(head, "rpe/translation_m/rmse") for head in pairs[:1]),
+    ]
+    return [*map(list, rows_of(columns, rows))]
 
 
 def _relations(row: Row) -> Iterator[str | Table]:

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import wraps
 from inspect import Parameter, Signature, signature
-from itertools import chain
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -19,7 +18,6 @@ from moteslam.errors import ConfigError, ExistsError, InputError, MoteslamError,
 from moteslam.eval.cli.text import answer
 
 if TYPE_CHECKING:
-    from moteslam.robot.formats import Topics
     from moteslam.robot.recording import Recording
     from moteslam.slam.config import SlamConfig
 
@@ -71,10 +69,7 @@ Settings = Annotated[list[str] | None, opt("Change one value; may be repeated.",
 
 @contextmanager
 def named(option: str | None = None, /, **by_field: str) -> Iterator[None]:
-    """Errors of the block that name no file name an option: that of their field, else the one given for all.
-
-    In it ``{}`` stands for the field.
-    """
+    """Errors of the block that name no file name an option: that of their field, else the one given for all."""
     try:
         yield
     except MoteslamError as error:
@@ -101,11 +96,11 @@ def new_file(file: Path | None, *endings: str, force: bool) -> Iterator[None]:
 
     Folders above it are made; an error in the block leaves none of them.
     """
+    from moteslam.files import expect_file, folder_for
+
     if file is None:
         yield
         return
-    from moteslam.files import expect_file, folder_for
-
     if endings and file.suffix.lower() not in endings:
         raise OutputError(f"expected a name that ends in {' or '.join(endings)}", file=file)
     expect_file(file)
@@ -178,7 +173,16 @@ class RecordingOptions:
         streams = tuple(name.strip() for name in self.streams.split(",")) if self.streams is not None else ()
         with named(start="--start", end="--end", every="--every", streams="--streams"):
             part = Cut(self.start, inf if self.end is None else self.end, self.every, streams)
-        topics = _topics(self.topics or ())
+        topics: dict[str, tuple[str, ...]] = {}
+        for words in self.topics or ():
+            stream, _, text = words.partition("=")
+            names = tuple(name.strip() for name in text.split(",") if name.strip())
+            if stream not in TOPIC_STREAMS or not names:
+                expected = f"STREAM=TOPIC with a stream of {', '.join(TOPIC_STREAMS)}"
+                raise ConfigError(f"{words!r}, expected {expected}", field="--topics")
+            if stream in topics:
+                raise ConfigError(f"{stream} twice, expected lidars to merge as lidar=/front,/back", field="--topics")
+            topics[stream] = names
         recording = open_recording(path, sequence=self.sequence, platform=self.platform, topics=topics, streams=streams)
         return cut(recording, part)
 
@@ -188,40 +192,21 @@ class RecordingOptions:
         return {field.name: value for field in fields(self) if (value := getattr(self, field.name)) != field.default}
 
 
-def _topics(given: Iterable[str]) -> Topics:
-    """The topics of each stream: ``lidar=/scan`` or, to merge several lidars, ``lidar=/front,/back``."""
-    topics: dict[str, tuple[str, ...]] = {}
-    for words in given:
-        stream, _, text = words.partition("=")
-        names = tuple(name.strip() for name in text.split(",") if name.strip())
-        if stream not in TOPIC_STREAMS or not names:
-            expected = f"STREAM=TOPIC with a stream of {', '.join(TOPIC_STREAMS)}"
-            raise ConfigError(f"{words!r}, expected {expected}", field="--topics")
-        if stream in topics:
-            raise ConfigError(f"{stream} twice, expected lidars to merge as lidar=/front,/back", field="--topics")
-        topics[stream] = names
-    return topics
-
-
 def with_options(**groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the options of dataclasses after its own; it gets each as one argument: ``run=SlamOptions``."""
-
-    def parameters(of: Callable[..., Any]) -> list[Parameter]:
-        found = signature(of, eval_str=True).parameters.values()
-        return [one.replace(kind=Parameter.KEYWORD_ONLY) for one in found if one.name not in groups]
-
-    shared = {name: parameters(group) for name, group in groups.items()}
 
     def extended(command: Callable[..., None]) -> Callable[..., None]:
         @wraps(command)
         def whole(**given: Any) -> None:
             for name, group in groups.items():
-                given[name] = group(**{parameter.name: given.pop(parameter.name) for parameter in shared[name]})
+                given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
             command(**given)
 
-        listed = [*parameters(command), *chain.from_iterable(shared.values())]
+        given_by: tuple[Callable[..., Any], ...] = (command, *groups.values())
+        found = (one for of in given_by for one in signature(of, eval_str=True).parameters.values())
+        listed = [one.replace(kind=Parameter.KEYWORD_ONLY) for one in found if one.name not in groups]
         whole.__signature__ = Signature(listed)  # type: ignore[attr-defined]  # Typer reads it
-        whole.__annotations__ = {parameter.name: parameter.annotation for parameter in listed}
+        whole.__annotations__ = {one.name: one.annotation for one in listed}
         return whole
 
     return extended

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -61,12 +62,10 @@ class Recorded:
         from moteslam.sim.scenario import with_camera
 
         self.logging()
-        robot, settings = self.platform, self.settings or ()
-        loaded = scenario_of(name, seed, platform=robot, noise=self.noise, settings=settings, duration=self.duration)
-        if not self.camera:
-            return loaded
+        more: dict[str, Any] = {"settings": self.settings or (), "duration": self.duration}
+        loaded = scenario_of(name, seed, platform=self.platform, noise=self.noise, **more)
         with options.in_file(name):
-            return with_camera(loaded)
+            return with_camera(loaded) if self.camera else loaded
 
     def simulate(self, scenario: Scenario, seed: int | None, progress: Progress | None = None) -> Simulation:
         """Drive the scenario and log what is asked for, by default all that the sensors gave."""
@@ -148,31 +147,25 @@ def scenario_of(
     from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 
     numbered = f"{name}-{seed or 0}" if name == RANDOM_CORRIDORS else name
-    flags = {"settings": "--set"}
-    if platform is not None:
-        flags |= dict.fromkeys(("platform", platform), f"--platform {platform}")
-    with options.named(**flags):
+    flags = {} if platform is None else dict.fromkeys(("platform", platform), f"--platform {platform}")
+    with options.named(settings="--set", **flags):
         loaded = load_scenario(numbered, platform=platform, noise=noise, settings=settings)
-    if duration is None:
-        return loaded
-    return loaded.model_copy(update={"duration": min(duration, loaded.duration)})
+    return loaded.model_copy(update={"duration": min(inf if duration is None else duration, loaded.duration)})
 
 
 def about(simulation: Simulation) -> dict[str, Any]:
     """The outcome of a simulation: scenario, seed, distance, time, end, and how many readings each stream has."""
     truth, recording = simulation.truth, simulation.recording
-    readings = {
-        name: len(stream) for name in ("lidar", "encoders", "imu") if (stream := getattr(recording, name)) is not None
-    }
+    streams = {name: getattr(recording, name) for name in ("lidar", "encoders", "imu")}
     if recording.rgbd is not None:
-        readings |= {"rgb": len(recording.rgbd.rgb_stamps), "disparity": len(recording.rgbd.disparity_stamps)}
+        streams |= {"rgb": recording.rgbd.rgb_stamps, "disparity": recording.rgbd.disparity_stamps}
     return {
         "scenario": simulation.scenario.name,
         "seed": simulation.scenario.seed,
         "distance_m": truth.length,
         "duration_s": float(truth.stamps[-1] - truth.stamps[0]),
         "end": simulation.end,
-        "readings": readings,
+        "readings": {name: len(stream) for name, stream in streams.items() if stream is not None},
     }
 
 

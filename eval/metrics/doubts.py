@@ -124,7 +124,7 @@ def _lever_arm(
         moved = (there.positions + there.rotations @ arm) @ turn.T
         moved -= moved.mean(axis=0)
         off = goal - moved
-        best = min(best, (float(np.sqrt(np.square(off).sum(axis=1).mean())), arm), key=lambda one: one[0])
+        best = min(best, (_rmse(off), arm), key=lambda one: one[0])
         about = np.cross(np.eye(3)[:, None], moved / max(size, SAME))
         design = np.concatenate((about, np.moveaxis(turn @ there.rotations, 2, 0)))
         design -= design.mean(axis=1, keepdims=True)
@@ -244,10 +244,8 @@ def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
     factor, scaled = straight / own, float(np.sqrt(max(0.0, spread**2 - straight**2 / own)))
     if scaled < SHAPE * min(rigid, spread):  # else it shrinks to the middle of a path that it has nothing to do with
         text = f"scaled by {factor:.4g} the estimate fits with an ATE of {scaled:.4f} m in place of {rigid:.4f} m"
-        yield (
-            scaled,
-            Issue("sizes-differ", f"{text}: another unit, ranges or wheels that are off, or a clock along a line?"),
-        )
+        text += ": another unit, ranges or wheels that are off, or a clock along a line?"
+        yield scaled, Issue("sizes-differ", text)
     if ate.motion is None and mirrored < SHAPE * rigid:
         text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
         yield mirrored, Issue("mirrored", text)
@@ -308,7 +306,7 @@ class _Search:
     def rmse(self, offset: float, most: int, part: tuple[float, float] = (-inf, inf)) -> float:
         """After rigid alignment [m], or NaN."""
         found = self.laid(offset, 0.0, most, part)
-        return float("nan") if found is None else float(np.sqrt(np.square(found[1]).sum(axis=1).mean()))
+        return float("nan") if found is None else _rmse(found[1])
 
     def fitted(self, offset: float, *, drifts: bool) -> tuple[float, float, float]:
         """The best offset near one [s], with ``drifts`` the rate of the clock too, and the RMSE [m]; Gauss-Newton."""
@@ -317,7 +315,7 @@ class _Search:
             if (found := self.laid(offset, rate, FINE)) is None:
                 break
             keep, off, turn = found
-            best = min(best, (offset, rate, float(np.sqrt(np.square(off).sum(axis=1).mean()))), key=lambda one: one[2])
+            best = min(best, (offset, rate, _rmse(off)), key=lambda one: one[2])
             since = self.at[keep] - self.middle
             times = self.at[keep] - offset - rate * since
             before, after = (_at(times + by, self.stamps, self.positions) for by in (-STEP / 2, STEP / 2))
@@ -335,13 +333,16 @@ class _Search:
         keep, off, _ = found
         there = self.there[keep] - self.there[keep].mean(axis=0)
         own = there - off
-        left = there - own * (there * own).sum() / max(float(np.square(own).sum()), 1e-12)
-        return float(np.sqrt(np.square(left).sum(axis=1).mean()))
+        return _rmse(there - own * (there * own).sum() / max(float(np.square(own).sum()), 1e-12))
 
     def common(self, offset: float) -> float:
         """How long both last at an offset [s]; below 0 the gap between them."""
         end, begin = min(self.stamps[-1] + offset, self.times[-1]), max(self.stamps[0] + offset, self.times[0])
         return float(end - begin)
+
+
+def _rmse(off: Array) -> float:
+    return float(np.sqrt(np.square(off).sum(axis=1).mean()))
 
 
 def _at(times: Array, stamps: Array, positions: Array) -> Array:

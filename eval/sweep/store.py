@@ -89,14 +89,10 @@ class Row:
         }
 
     @property
-    def place(self) -> str:
-        """For people: where it drove, with which robot and noise."""
-        return ", ".join(filter(None, (str(self.about[key]) for key in ("scenario", "platform", "noise"))))
-
-    @property
     def name(self) -> str:
-        """The same, with the seed."""
-        return f"{self.place}, seed {self.run.seed}"
+        """For people: where it drove, with which robot, noise and seed."""
+        place = filter(None, (str(self.about[key]) for key in ("scenario", "platform", "noise")))
+        return ", ".join((*place, f"seed {self.run.seed}"))
 
     def renamed(self, configuration: str) -> Row:
         """The same with another name of its configuration."""
@@ -156,12 +152,11 @@ class Store:
         if (other.spec, other.digest) != (self.spec, self.digest):
             raise InputError("of another sweep, expected parts of one", file=other.path)
         mine = {row.run.id: row for row in self.rows() if row.status}
-        for row in other.rows():
+        for row in (row for row in other.rows() if row.status):
             known = mine.get(row.run.id)
-            if row.status and known is None:
-                result = {"values": row.scores, "issues": row.issues}
-                self.record(Outcome(row.run, row.status, row.error, result))
-            elif known is not None and row.status and (known.status, known.values) != (row.status, row.values):
+            if known is None:
+                self.record(Outcome(row.run, row.status, row.error, {"values": row.scores, "issues": row.issues}))
+            elif (known.status, known.values) != (row.status, row.values):
                 raise InputError(f"another result of {row.run.name}, expected the same", file=other.path)
 
 
@@ -197,8 +192,8 @@ def create(
     path: Path, spec: str, runs: Iterable[PlannedRun], *, part: str = WHOLE, digest: str = "", environment: Facts = None
 ) -> None:
     """Make the file of a sweep, complete or not at all; the specification is JSON."""
-    about = {"version": VERSION, "spec": spec, "part": part, "digest": digest}
-    about["environment"] = json.dumps(environment or {})
+    facts = json.dumps(environment or {})
+    about = {"version": VERSION, "spec": spec, "part": part, "digest": digest, "environment": facts}
     rows = ((run.id, number, run.model_dump_json()) for number, run in enumerate(runs))
     try:
         with staged_file(path) as partial, closing(sqlite3.connect(partial)) as connection, connection:
@@ -220,12 +215,12 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Env
         raise ConfigError(f"{part!r}, expected a part and how many there are, such as 2/8", field="--shard")
     if target.exists():
         with opened(target) as store:
-            problem = ""
-            if store.spec != text:
-                problem = "is of another specification"
-            elif store.part != part:
-                problem = f"holds part {store.part}, not {part}"
-            elif store.digest and store.digest != digest(plan(spec, check=False)):
+            problems = {
+                "is of another specification": store.spec != text,
+                f"holds part {store.part}, not {part}": store.part != part,
+            }
+            problem = next((problem for problem, found in problems.items() if found), "")
+            if not problem and store.digest and store.digest != digest(plan(spec, check=False)):
                 problem = "has runs of other scenarios or robots of these names"
             if problem:
                 raise OutputError(f"{problem}, expected another --out", file=target)
@@ -234,8 +229,7 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Env
         runs = plan(spec)
     except ConfigError as error:
         raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
-    mine = shard(runs, int(number), int(of))
-    create(target, text, mine, part=part, digest=digest(runs), environment=environment)
+    create(target, text, shard(runs, int(number), int(of)), part=part, digest=digest(runs), environment=environment)
 
 
 def merge(files: Sequence[Path], out: Path) -> dict[str, int]:

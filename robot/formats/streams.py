@@ -205,19 +205,26 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
     return (order if issues else None), tuple(issues)
 
 
-def given_again(path: Path, field: str, stamps: Stamps, same: Mask, issues: list[Issue]) -> Mask:
-    """Which scans [n] a driver published again, sooner than its lidar measures, under a later stamp; told.
+def given_again(path: Path, field: str, stamps: Stamps, marks: Array, issues: list[Issue]) -> Mask:
+    """Which scans [n] were published again under a later stamp: sooner than the lidar measures, or, each by about the
+    same time, after others; told. Marks [n] are equal of scans that are.
 
-    ``same`` [n] says which equal the one before. A lidar that stands may measure the same again, a period later.
+    A lidar that stands may measure the same again, a period later, and some at rest after others, at any time.
     """
-    new = np.flatnonzero(~same)
+    _, first, which, times = np.unique(marks, return_index=True, return_inverse=True, return_counts=True)
+    same, index = np.diff(which, prepend=-1) == 0, np.arange(len(marks))
+    begin = np.maximum.accumulate(np.where(same, 0, index))
+    after = (first[which] < begin) & (times[which] <= FEWEST)
+    late = stamps - stamps[np.where(after, first[which], begin)]
+    if after.sum() < FOLLOWING or np.ptp(np.percentile(late[after], (10, 90))) > np.median(late[after]) / 2:
+        after[:] = False
+    new = np.flatnonzero(~same & ~after)
     period = np.percentile(np.diff(stamps[new]), 10) if len(new) > 1 else 0.0
-    late = stamps - stamps[np.maximum.accumulate(np.where(same, 0, np.arange(len(same))))]
-    again = same & (late < AGAIN * period)
+    again = after | (same & (late < AGAIN * period))
     count = int(again.sum())
     if count < FOLLOWING:
         return np.zeros(len(stamps), np.bool_)
-    text = f"{count} scans given again {np.median(late[again]):.3f} s later, before the lidar can have measured anew: "
+    text = f"{count} scans given again {np.median(late[again]):.3f} s later, when the lidar cannot have measured them: "
     issues.append(Issue("doubles", f"{path.name}: {field}: {text}dropped, since nothing was measured then", count))
     return np.asarray(again)
 
@@ -277,10 +284,8 @@ class Sensors:
         """Ranges [n, beams] [m] as reported, poses [n, 3] logged with the scans; ``interlace`` as in `LidarStream`."""
         fan = fan.over(self.given, ranges.shape[1], file=file, field="angle_increment")
         stamps, (order,) = sort_by_stamp(file, field, stamps, self.issues, np.arange(len(stamps)))
-        same = np.zeros(len(order), np.bool_)
-        for scan in range(1, len(order)):
-            same[scan] = np.array_equal(ranges[order[scan]], ranges[order[scan - 1]], equal_nan=True)
-        new = ~given_again(file, field, stamps, same, self.issues)
+        marks = np.array([hash(ranges[scan].tobytes()) for scan in order], np.int64)
+        new = ~given_again(file, field, stamps, marks, self.issues)
         stamps, order = stamps[new], order[new]
         sequence = None if odometry is None else _sequence(file, field, odometry, order, self.issues)
         fan = fan.within(ranges[sampled(len(ranges))], self.issues, f"{file.name}: {field}")

@@ -9,16 +9,14 @@ import math
 from typing import Annotated, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import Platform
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Positive, Section, Truth
 from moteslam.sim.world.pieces import Point
 from moteslam.sim.world.world import World, check_legs, check_place
-
-Array = NDArray[np.float64]
 
 MAX_DURATION = 12_000.0
 """The longest recording [s], for two kilometres at 0.2 m/s; of `ucsd` 480 000 scans, 2.1 GB of ranges."""
@@ -67,8 +65,7 @@ class Driver(Protocol):
         ...
 
 
-SPACING = 0.05
-"""Between the points that a path is sampled at [m]."""
+SPACING = 0.05  # Between the points that a path is sampled at [m]
 
 
 class PathDriver:
@@ -142,10 +139,8 @@ def _sway(points: Array, length: Array, limits: Limits, rng: np.random.Generator
 
 STOP_GAP, SLOW_GAP = 0.25, 0.9
 """The robot stops with the first gap to who is ahead, and slows down over the second before that [m]."""
-SIDE_GAP = 0.08
-"""Who leaves less than this beside the robot is in its path [m]."""
-PATIENCE = 60.0
-"""How long a driver waits for its path to become free [s]."""
+SIDE_GAP = 0.08  # Who leaves less than this beside the robot is in its path [m]
+PATIENCE = 60.0  # How long a driver waits for its path to become free [s]
 
 
 def pace(pose: tuple[float, float, float], platform: Platform, centres: Array, radii: Array) -> float:

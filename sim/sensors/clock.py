@@ -12,10 +12,9 @@ from pydantic import Field
 
 from moteslam.robot.noise import ClockNoise
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Section
 from moteslam.sim.robot.mishaps import Carried
-
-Array = NDArray[np.float64]
 
 
 def readings(rate: float, start: float, end: float, noise: ClockNoise, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -33,6 +32,12 @@ def readings(rate: float, start: float, end: float, noise: ClockNoise, rng: np.r
     gaps = noise.burst_interval * np.arange(len(times))
     stamps = np.maximum.accumulate(times + delay - gaps) + gaps
     return np.asarray(times, np.float64), np.asarray(stamps, np.float64)
+
+
+def arrived(times: Array, stamps: Array, until: float) -> int:
+    """How many readings that are complete at times [n] and stamped [n] have arrived by a time [s]."""
+    taken = np.searchsorted(times, until, side="right")
+    return int(min(taken, np.searchsorted(stamps, until, side="right")))
 
 
 EPOCH = 1_300_000_000.0

@@ -13,17 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from moteslam.errors import ConfigError
 from moteslam.robot import se2
-from moteslam.robot.platform import LidarSpec
-from moteslam.robot.recording import OdometryStream, Recording
+from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Positive, Section, Truth
 from moteslam.sim.robot.driver import MAX_DURATION
 from moteslam.sim.robot.mishaps import Interval, Spell
 from moteslam.sim.sensors.clock import EPOCH, readings_of
-
-Array = NDArray[np.float64]
-
 
 Length = Annotated[Number, Field(gt=0, le=20)]
 
@@ -54,20 +50,13 @@ class Cart(Interval):
         dx, dy = origin
         cos, sin = np.cos(self.bearing), np.sin(self.bearing)
         along, across = cos * dx + sin * dy, cos * dy - sin * dx
-        found = np.full(len(bearings), np.inf)
-        for near, far, right, left in self._boxes():
-            box = (near - along, far - along, right - across, left - across)
-            found = np.minimum(found, _box_ranges(box, bearings - self.bearing))
-        return found
-
-    def _boxes(self) -> list[tuple[float, float, float, float]]:
-        """The solid boxes: from near to far and from right to left, from the lidar's mount towards the cart [m]."""
         near, far, half = self.distance, self.distance + self.depth, self.width / 2
-        if not self.leg:
-            return [(near, far, -half, half)]
-        rows = ((near, near + self.leg), (far - self.leg, far))
-        columns = ((-half, -half + self.leg), (half - self.leg, half))
-        return [(*row, *column) for row in rows for column in columns]
+        rows, columns = [(near, far)], [(-half, half)]  # of the solid boxes, from the lidar's mount towards the cart
+        if self.leg:
+            rows = [(near, near + self.leg), (far - self.leg, far)]
+            columns = [(-half, -half + self.leg), (half - self.leg, half)]
+        boxes = [(a - along, b - along, c - across, d - across) for a, b in rows for c, d in columns]
+        return np.asarray(np.min([_box_ranges(box, bearings - self.bearing) for box in boxes], axis=0))
 
 
 class Tilt(Interval):
@@ -88,30 +77,11 @@ class Tilt(Interval):
         return self
 
 
-def carts_in_view(
-    exact: NDArray[np.float32], carts: Sequence[Cart], times: Array, origin: tuple[float, float], bearings: Array
-) -> NDArray[np.float32]:
-    """The ranges [n, beams] [m] of scans with carts in them: the nearer of what stands there and the cart.
-
-    Args:
-        times: [n, beams] of the beams, since the drive's start [s].
-        origin: where the lidar is beside its mount [m].
-        bearings: [beams] in the robot's frame [rad].
-    """
-    for cart in carts:
-        met = np.where(cart.covers(times), cart.ranges(origin, bearings), np.inf)
-        exact = np.where(np.isfinite(met), np.fmin(exact, met), exact).astype(np.float32)
-    return exact
-
-
 def leaning(leans: Array, z: float, tilts: Sequence[Tilt], times: Array) -> tuple[Array, Array | float, Array | float]:
     """Roll and pitch of beams, the height of their lidar, and from which angle on they measure the floor.
 
-    Args:
-        leans: [n, beams, 2] or [2] roll and pitch without the tilts [rad].
-        z: the lidar's height without them [m].
-        tilts: of its mount, which add up; of height and grazing the last one's count.
-        times: [n, beams] of the beams, since the drive's start [s].
+    Without tilts of its mount they lean [n, beams, 2] or [2] [rad] at a height z [m]; tilts add up, but of height and
+    grazing the last one's count. ``times`` [n, beams] are since the drive's start [s].
     """
     if not tilts:
         return leans, z, np.inf
@@ -124,14 +94,6 @@ def leaning(leans: Array, z: float, tilts: Sequence[Tilt], times: Array) -> tupl
         if tilt.height is not None:
             height[covered] = tilt.height
     return leans, height.reshape(-1), grazing.reshape(-1)
-
-
-def check_tilt(tilt: Tilt, lidar: LidarSpec, *, field: str) -> None:
-    """Refuse a tilt of a lidar whose height is not known."""
-    if tilt.height is None and lidar.z <= 0:
-        raise ConfigError(
-            f"missing, expected it where the robot's lidar is at z = {lidar.z:g} m", field=f"{field}.height"
-        )
 
 
 def _box_ranges(box: tuple[float, float, float, float], bearings: Array) -> Array:
@@ -191,23 +153,29 @@ class OdometryJump(Section):
         return self
 
 
-def with_scans_repeated(recording: Recording, faults: Iterable[object]) -> Recording:
-    """The recording with the scans of every `RepeatedScans` in place of its own.
+class Repeating:
+    """The lidar's driver, which sends a scan again and again wherever a scenario's faults are `RepeatedScans`."""
 
-    ``faults`` are a scenario's, here and below: those of other kinds are passed over.
-    """
-    lidar = recording.lidar
-    assert lidar is not None
-    for fault in faults:
-        if isinstance(fault, RepeatedScans) and len(frozen := np.flatnonzero(fault.covers(lidar.stamps - EPOCH))):
-            ranges = np.array(lidar.ranges)
-            ranges[frozen] = ranges[max(frozen[0] - 1, 0)]
+    def __init__(self, faults: Iterable[object]) -> None:
+        self._faults = [fault for fault in faults if isinstance(fault, RepeatedScans)]
+        self._last: dict[int, NDArray[np.float32]] = {}  # what each has sent last
+
+    def sent(self, lidar: LidarStream) -> LidarStream:
+        """The next scans, those of every fault in place of their own."""
+        for k, fault in enumerate(self._faults if len(lidar) else ()):
+            frozen, ranges = np.flatnonzero(fault.covers(lidar.stamps - EPOCH)), np.array(lidar.ranges)
+            if len(frozen):
+                ranges[frozen] = ranges[frozen[0] - 1] if frozen[0] else self._last.get(k, ranges[0])
+            self._last[k] = ranges[-1]
             lidar = replace(lidar, ranges=ranges)
-    return recording.replace(lidar=lidar)
+        return lidar
 
 
 def without_lost_motion(recording: Recording, faults: Iterable[object]) -> Recording:
-    """The recording with no counts and no turns in every gap whose counts are lost: what a base integrates of it."""
+    """The recording with no counts and no turns in every gap whose counts are lost: what a base integrates of it.
+
+    ``faults`` are a scenario's, here and below: those of other kinds are passed over.
+    """
     encoders, imu = recording.encoders, recording.imu
     assert encoders is not None
     for fault in faults:

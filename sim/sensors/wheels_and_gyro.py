@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot.noise import EncoderNoise, ImuNoise
 from moteslam.robot.platform import ImuSpec, Platform
 from moteslam.robot.recording import EncoderStream, ImuStream
+from moteslam.robot.se2 import Array
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.robot.vehicle import GRAVITY
 from moteslam.sim.sensors.clock import readings
 
-Array = NDArray[np.float64]
-
-_RIGHT = np.array((True, False, True, False))
-"""Which of FR, FL, RR, RL are on the right."""
+_RIGHT = np.array((True, False, True, False))  # Which of FR, FL, RR, RL are on the right
 
 
 class Encoders:
@@ -132,7 +129,11 @@ class Imu:
         self.times, self.stamps = readings(spec.rate, *span, noise.clock, rng)
         count = len(self.times)
         shimmer = noise.gyro_noise * _coloured(count, noise.gyro_correlation, rng)
-        self._angular = scale * (shimmer + _bias(count, spec.rate, noise, rng))
+        # roll and pitch, which nothing integrates, have five times the bias of the yaw, which is as measured
+        size = noise.gyro_bias * (1 + noise.gyro_bias_spread * rng.standard_normal(3)) * np.array((5.0, 5.0, 1.0))
+        sign = np.where(rng.random(3) < 0.5, -1.0, 1.0)
+        walk = noise.gyro_bias_walk / np.sqrt(spec.rate) * rng.standard_normal((count, 3))
+        self._angular = scale * (shimmer + (sign * size + np.cumsum(walk, axis=0)))
         self._shake = rng.standard_normal((count, 5))
         self._acceleration = noise.accelerometer_noise * rng.standard_normal((count, 3))
         self._acceleration += noise.accelerometer_bias * rng.standard_normal(3)
@@ -165,14 +166,6 @@ def _mean_rate(stamps: Array, values: Array, times: Array, rate: float) -> Array
     """The mean rate of change over the interval before each time; these sum to the true change."""
     now, before = (np.interp(at, stamps, values) for at in (times, times - 1 / rate))
     return np.asarray((now - before) * rate, np.float64)
-
-
-def _bias(count: int, rate: float, noise: ImuNoise, rng: np.random.Generator) -> Array:
-    """The biases [count, 3] [rad/s]: yaw as measured; roll and pitch, which nothing integrates, five times that."""
-    size = noise.gyro_bias * (1 + noise.gyro_bias_spread * rng.standard_normal(3)) * np.array((5.0, 5.0, 1.0))
-    sign = np.where(rng.random(3) < 0.5, -1.0, 1.0)
-    walk = noise.gyro_bias_walk / np.sqrt(rate) * rng.standard_normal((count, 3))
-    return np.asarray(sign * size + np.cumsum(walk, axis=0), np.float64)
 
 
 def _coloured(count: int, correlation: tuple[float, float], rng: np.random.Generator) -> Array:

@@ -18,9 +18,8 @@ from pydantic import Field, model_validator
 from moteslam.errors import ConfigError, InputError
 from moteslam.files import read_bytes
 from moteslam.robot.raster import Raster, decode_picture, picture_size
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Positive, Section, Share, Whole
-
-Array = NDArray[np.float64]
 
 
 def smooth_noise(u: Array, v: Array, seed: int, layer: int) -> Array:
@@ -57,8 +56,7 @@ def _hash(i: Array, j: Array, seed: int, layer: int) -> Array:
 
 
 Rgb = tuple[int, int, int]
-JOINT = 0.005
-"""Half a joint between tiles [m]."""
+JOINT = 0.005  # Half a joint between tiles [m]
 
 
 def _tiles(x: Array, y: Array, size: float, palette: Array, seed: int) -> Array:
@@ -124,12 +122,10 @@ def stain_shade(x: Array, y: Array, share: float, seed: int) -> Array:
 
 Level = Annotated[Whole, Field(ge=0, le=255)]
 
-MAX_PIXELS = 200_000_000
-"""A raster larger than this is refused: at 1 cm, 140 m by 140 m."""
+MAX_PIXELS = 200_000_000  # A raster larger than this is refused: at 1 cm, 140 m by 140 m
 
 
-MAX_PICTURE_BYTES, MAX_PICTURE_PIXELS = 100_000_000, 64_000_000
-"""Of a floor's picture."""
+MAX_PICTURE_BYTES, MAX_PICTURE_PIXELS = 100_000_000, 64_000_000  # Of a floor's picture
 
 
 class FloorSettings(Section):
@@ -166,14 +162,14 @@ class FloorSettings(Section):
         if not len(flat):
             return np.empty((*points.shape[:-1], 3), np.uint8)
         x, y = flat.T.copy()
-        colours = self._picture_at(x, y) if self.image is not None else self._pattern_at(x, y)
+        if self.image is not None:
+            colours = self._picture_at(x, y)
+        else:
+            draw, size, palette = PATTERNS[self.material]
+            colours = draw(x, y, self.size or size, np.asarray(self.colours or palette, np.float64), self.seed)
         if self.stains > 0:
             colours = colours * stain_shade(x, y, self.stains, self.seed)[:, None]
         return np.rint(np.clip(colours, 0, 255)).astype(np.uint8).reshape(*points.shape[:-1], 3)
-
-    def _pattern_at(self, x: Array, y: Array) -> Array:
-        draw, size, palette = PATTERNS[self.material]
-        return draw(x, y, self.size or size, np.asarray(self.colours or palette, np.float64), self.seed)
 
     def _picture_at(self, x: Array, y: Array) -> Array:
         assert self.image is not None

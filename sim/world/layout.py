@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 from moteslam.errors import InputError
 from moteslam.robot.formats.map_server import FREE, MAX_EXTENT, MAX_PIXELS, OCCUPIED, read_map, trinary
 from moteslam.robot.raster import Raster, read_map_arrays
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import NotNegative, Number, Positive, Section, Truth
 from moteslam.sim.world.pieces import (
     MATERIALS,
@@ -31,8 +32,6 @@ from moteslam.sim.world.pieces import (
     Size,
     Table,
 )
-
-Array = NDArray[np.float64]
 
 
 def wall_segments(solid: Raster) -> Segments:
@@ -114,8 +113,7 @@ def _of_arrays(path: Path) -> Raster:
     return Raster(trinary(log_odds.values), log_odds.cell_size, log_odds.origin)
 
 
-_TINY = 1e-9
-"""Pieces of wall shorter than this are rounding errors [m]."""
+_TINY = 1e-9  # Pieces of wall shorter than this are rounding errors [m]
 
 
 class Doorway(Section):

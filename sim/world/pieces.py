@@ -14,10 +14,8 @@ from moteslam.robot.values import Number, Positive, Section, Share, Whole
 Coordinate = Annotated[Number, Field(ge=-1000, le=1000)]
 Point = tuple[Coordinate, Coordinate]
 Size = Annotated[Number, Field(gt=0, le=1000)]
-Polygon = NDArray[np.float64]
-"""float64, shape [k, 2]: corners [m]."""
-Segments = NDArray[np.float64]
-"""float64, shape [m, 4]: x0, y0, x1, y1 [m]."""
+Polygon = NDArray[np.float64]  # float64, shape [k, 2]: corners [m]
+Segments = NDArray[np.float64]  # float64, shape [m, 4]: x0, y0, x1, y1 [m]
 
 
 def rectangle(centre: Point, size: tuple[float, float], angle: float) -> Polygon:
@@ -84,17 +82,22 @@ class Block(Section):
         return np.concatenate([outline(solid) for solid in self.solids()])
 
 
-class Box(Block):
-    """A solid rectangle: its centre and size [m], turned by ``angle`` [rad]."""
+class Rectangle(Block):
+    """A rectangle: its centre and size [m], turned by ``angle`` [rad]."""
 
     centre: Point
     size: tuple[Size, Size]
     angle: Number = 0.0
-    material: str = PLAIN
 
     def polygon(self) -> Polygon:
         """The corners [4, 2]."""
         return rectangle(self.centre, self.size, self.angle)
+
+
+class Box(Rectangle):
+    """A solid one."""
+
+    material: str = PLAIN
 
 
 class Pillar(Block):
@@ -114,25 +117,18 @@ class Pillar(Block):
 Leg = Annotated[Number, Field(gt=0.005, le=0.5)]
 
 
-class Table(Block):
-    """Four square legs under the corners of a board that the lidar looks under: centre, size [m], angle [rad]."""
+class Table(Rectangle):
+    """Four square legs under the corners of a board that the lidar looks under."""
 
-    centre: Point
     size: tuple[Size, Size] = (1.6, 0.8)
-    angle: Number = 0.0
     leg: Leg = 0.06
     material: str = PLAIN
 
-    def polygon(self) -> Polygon:
-        """The corners [4, 2]."""
-        return rectangle(self.centre, self.size, self.angle)
-
     def solids(self) -> list[Polygon]:
         """The legs."""
-        inset = (max(self.size[0] - self.leg, 0.0), max(self.size[1] - self.leg, 0.0))
-        return [
-            rectangle((x, y), (self.leg, self.leg), self.angle) for x, y in rectangle(self.centre, inset, self.angle)
-        ]
+        wide, deep = (max(side - self.leg, 0.0) for side in self.size)
+        corners = rectangle(self.centre, (wide, deep), self.angle)
+        return [rectangle((x, y), (self.leg, self.leg), self.angle) for x, y in corners]
 
 
 class Chair(Table):
@@ -142,21 +138,15 @@ class Chair(Table):
     leg: Leg = 0.03
 
 
-class Shelf(Block):
+class Shelf(Rectangle):
     """An open shelf: its back and sides are boards, uprights divide it; its front is open to the left of ``angle``.
 
     ``size`` is along the back and deep [m], ``angle`` of the back [rad], ``bay`` the largest distance between uprights.
     """
 
-    centre: Point
     size: tuple[Size, Size] = (2.0, 0.4)
-    angle: Number = 0.0
     bay: Annotated[Number, Field(ge=0.05, le=1000)] = 1.0
     material: str = PLAIN
-
-    def polygon(self) -> Polygon:
-        """The corners [4, 2]."""
-        return rectangle(self.centre, self.size, self.angle)
 
     def solids(self) -> list[Polygon]:
         """None: beams see into it."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Section, Share, Whole
 from moteslam.sim.world.layout import Layout, Wall
 from moteslam.sim.world.pieces import Box, Shelf, Table
@@ -18,17 +18,12 @@ from moteslam.sim.world.world import World
 if TYPE_CHECKING:
     from shapely import Geometry, STRtree
 
-Array = NDArray[np.float64]
 Piece = Box | Table | Shelf
 
-FURNITURE = ("boxes", "tables", "chairs", "shelves")
-"""What may be moved; pillars belong to the building."""
-NEAREST, FARTHEST, TRIES = 0.5, 3.0, 100
-"""How far a piece is moved [m], and how many places are tried for it."""
-SAME_DOOR = 0.3
-"""Doorways whose middles are nearer to each other are one, in two walls that touch [m]."""
-LEAF = 0.25
-"""A shut door is in pieces of at most this length, on which ``lived_in`` puts neither relief nor clutter [m]."""
+FURNITURE = ("boxes", "tables", "chairs", "shelves")  # What may be moved; pillars belong to the building
+NEAREST, FARTHEST, TRIES = 0.5, 3.0, 100  # How far a piece is moved [m], and how many places are tried for it
+SAME_DOOR = 0.3  # Doorways whose middles are nearer to each other are one, in two walls that touch [m]
+LEAF = 0.25  # A shut door is in pieces of at most this length, on which `lived_in` puts neither relief nor clutter [m]
 
 
 class Visit(Section):
@@ -41,11 +36,8 @@ class Visit(Section):
 
 
 def visited(layout: Layout, visit: Visit, route: Array, others: Sequence[tuple[Array, float]]) -> Layout:
-    """The layout as a visit finds it.
-
-    Args:
-        route: [k, 2] corners of the robot's way, which stays clear [m].
-        others: lines [k, 2] that stay clear, too, and how far [m].
+    """The layout as a visit finds it; clear stay corners ``route`` [k, 2] and, as far as is said, other lines [k, 2]
+    [m].
     """
     import shapely
 
@@ -53,7 +45,8 @@ def visited(layout: Layout, visit: Visit, route: Array, others: Sequence[tuple[A
     clear = shapely.union_all([swept(route), *(_line(line).buffer(far) for line, far in others)])
     shut: list[Wall] = []
     seen: list[Array] = []
-    for doorway in _doorways(layout):
+    walls_of_rooms = (side for room in layout.rooms for side in room.sides())
+    for doorway in (each for wall in (*layout.walls, *walls_of_rooms) for each in wall.doorways()):
         middle = doorway.mean(axis=0)
         if any(np.hypot(*(middle - other)) < SAME_DOOR for other in seen):
             continue
@@ -82,12 +75,6 @@ def _line(points: Array) -> Geometry:
 
     points = np.asarray(points, np.float64)
     return shapely.LineString(points if len(points) > 1 else np.repeat(points, 2, axis=0))
-
-
-def _doorways(layout: Layout) -> Iterator[Array]:
-    """The ends [2, 2] of each doorway."""
-    for wall in (*layout.walls, *(side for room in layout.rooms for side in room.sides())):
-        yield from wall.doorways()
 
 
 def _moved(piece: Piece, walls: STRtree, taken: Geometry, rng: np.random.Generator) -> Piece:

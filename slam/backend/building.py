@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from moteslam.kernels.scans import ThinnedScan, thin_scans
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import PoseGraph, Trajectory
 from moteslam.robot.values import Summarised
 from moteslam.slam.backend.graph.measured_chain import MeasuredChain
@@ -22,45 +23,27 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.mapping.config import MapConfig
 from moteslam.slam.mapping.occupancy import OccupancyGrid
 
-Array = NDArray[np.float64]
-
 
 class Measured(NamedTuple):
-    """What a back end has measured of one recording.
+    """What a back end has measured of one recording."""
 
-    Attributes:
-        nodes: [n] which of its scans are nodes of the graph.
-        chain: the steps between these.
-        loops: that were accepted.
-    """
-
-    nodes: NDArray[np.int64]
-    chain: MeasuredChain
-    loops: Edges
+    nodes: NDArray[np.int64]  # [n] which of its scans are nodes of the graph
+    chain: MeasuredChain  # the steps between these
+    loops: Edges  # that were accepted
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Session(Summarised):
-    """One recording, as the back end has left it.
+    """One recording, as the back end has left it."""
 
-    Attributes:
-        stamps: [s] of its scans [s].
-        path: [s, 3] where they were taken.
-        nodes: [n] which of them are nodes of the graph.
-        chain: the steps between these, as measured.
-        points: float32 [p, 2] endpoints of the nodes' scans in the robot's frame [m], scan by scan.
-        counts: int32 [n] how many are of each.
-        origin: [2] where the rays start, in that frame [m].
-        drawn: [n] whether the map is drawn of them: not of a part of the path that lies nobody knows where.
-    """
-
-    stamps: Array
-    path: Array
-    nodes: NDArray[np.int64]
-    chain: MeasuredChain
-    points: NDArray[np.float32]
-    counts: NDArray[np.int32]
-    origin: Array
+    stamps: Array  # [s] of its scans [s]
+    path: Array  # [s, 3] where they were taken
+    nodes: NDArray[np.int64]  # [n] which of them are nodes of the graph
+    chain: MeasuredChain  # the steps between these, as measured
+    points: NDArray[np.float32]  # float32 [p, 2] endpoints of the nodes' scans in the robot's frame [m], scan by scan
+    counts: NDArray[np.int32]  # int32 [n] how many are of each
+    origin: Array  # [2] where the rays start, in that frame [m]
+    # [n] whether the map is drawn of them: not of a part of the path that lies nobody knows where.
     drawn: NDArray[np.bool_]
 
     def __len__(self) -> int:
@@ -87,38 +70,20 @@ class Session(Summarised):
         begins = np.cumsum(counts, dtype=np.int32) - counts
         return thin_scans(self.points[near], begins, counts, self.origin, **vars(config))
 
-    def draw_on(self, grid: OccupancyGrid) -> None:
-        """Enter the nodes' scans into a map."""
-        for k in np.flatnonzero(self.drawn):
-            points, pose = self.points[self.begins[k] :][: self.counts[k]], self.path[self.nodes[k]]
-            grid.add_scan(se2.transform_points(pose, self.origin), se2.transform_points(pose, points))
-
     def _summary(self) -> str:
         return f"{len(self)} nodes, {self.trajectory._summary()}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Building(Summarised):
-    """Sessions in one frame.
+    """Sessions in one frame."""
 
-    Attributes:
-        sessions: in the order in which they came to it.
-        loops: that were accepted, within and between them, of nodes that are numbered through all sessions.
-    """
-
-    sessions: tuple[Session, ...]
-    loops: Edges
+    sessions: tuple[Session, ...]  # in the order in which they came to it
+    loops: Edges  # that were accepted, within and between them, of nodes that are numbered through all sessions
 
     @classmethod
     def of(cls, measured: Measured, path: Trajectory, scans: Scans, drawn: NDArray[np.bool_]) -> Building:
-        """One session.
-
-        Args:
-            measured: of n nodes.
-            path: a pose at every scan.
-            scans: of the recording.
-            drawn: [n], see ``Session``.
-        """
+        """One session of n nodes, with a pose at every scan; ``drawn`` [n] as of ``Session``."""
         seen = [scans.points(int(node)) for node in measured.nodes]
         counts = np.array([len(points) for points in seen], np.int32)
         points = np.concatenate(seen)
@@ -139,7 +104,7 @@ class Building(Summarised):
     def chain(self) -> MeasuredChain:
         """The steps between all nodes."""
         ends, poses = self.firsts[1:-1], self.poses
-        gaps = np.asarray(se2.between(poses[ends - 1], poses[ends])).reshape(-1, 3)
+        gaps = se2.between(poses[ends - 1], poses[ends]).reshape(-1, 3)
         return MeasuredChain.of_sessions([session.chain for session in self.sessions], gaps)
 
     @property
@@ -196,7 +161,10 @@ class Building(Summarised):
         for number in self.by_age:
             if config.memory:
                 grid.forget(config.memory)
-            self.sessions[number].draw_on(grid)
+            session = self.sessions[number]
+            for k in np.flatnonzero(session.drawn):
+                points, pose = session.points[session.begins[k] :][: session.counts[k]], session.path[session.nodes[k]]
+                grid.add_scan(se2.transform_points(pose, session.origin), se2.transform_points(pose, points))
         return grid.snapshot()
 
     def _summary(self) -> str:

@@ -4,24 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from moteslam.plugins import Plugins
-from moteslam.slam.backend.none import NoBackend, NoBackendConfig
-from moteslam.slam.backend.protocol import Backend, BackendConfig
+from moteslam.robot.se2 import Array
+from moteslam.robot.values import Issue
+from moteslam.slam.backend.ledger import LoopCandidate
+from moteslam.slam.backend.protocol import Backend, BackendConfig, KeyScan
 
 
 @dataclass(frozen=True)
 class BackendKind:
-    """A kind of back end.
+    """A kind of back end."""
 
-    Attributes:
-        config: the model of its section ``[backend]``; its ``method`` is the entry point's.
-        make: makes one for a run, of its configuration.
-    """
+    config: type[BackendConfig]  # the model of its section ``[backend]``; its `method` is the entry point's
+    make: Callable[[Any], Backend]  # makes one for a run, of its configuration
 
-    config: type[BackendConfig]
-    make: Callable[[Any], Backend]
+
+class NoBackendConfig(BackendConfig):
+    """No back end: what the filter finds is final."""
+
+    # The back end behind the filter: `none`, `graph`, or one that another package brings
+    method: Literal["none"] = "none"
+
+
+class NoBackend:
+    """Corrects nothing."""
+
+    loops: tuple[LoopCandidate, ...] = ()
+    measured: None = None
+    issues: tuple[Issue, ...] = ()
+
+    def __init__(self, config: NoBackendConfig) -> None:
+        del config
+
+    def add(self, key: KeyScan) -> None:
+        """See ``Backend``."""
+
+    def finish(self, path: Array) -> None:
+        """See ``Backend``."""
+
+    relocated = finish
 
 
 NONE = BackendKind(NoBackendConfig, NoBackend)

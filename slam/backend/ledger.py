@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Summarised
 
-Array = NDArray[np.float64]
 Verdict = Literal["accepted", "weak", "ambiguous", "outside", "contradicted", "overruled", "unsearched"]
 """What became of a candidate: `accepted`; `weak`: too few endpoints on surfaces; `ambiguous`: another place fits nearly
 as well; `outside`: found beyond what the relative covariance allows; `contradicted`: the other edges of the graph
@@ -20,35 +17,30 @@ outvoted it; `overruled`: it was an edge of the graph, but the final path, from 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LoopCandidate(Summarised):
-    """A pair of scans that may show the same place.
+    """A pair of scans that may show the same place."""
 
-    Attributes:
-        earlier, later: indices of the scans in the recording.
-        stamps: theirs [s], the earlier first.
-        predicted: [3] pose of the later scan in the frame of the earlier one, by the graph as it was.
-        found: [3] the same, where the search found it.
-        window: half widths of the search: [m], [rad].
-        share: of the endpoints that lie on surfaces of the submap, at most 1, less what rays through surfaces and the
-            offset from the prediction cost.
-        runner_up: the largest share at a place half a metre or more off, 0 where there is none.
-        known: share of the endpoints where the submap is known.
-        likelihood: mean likelihood of those, 0 to 1.
-        crossed: share of the rays that pass through a surface of the submap.
-        verdict: what became of it.
-    """
-
+    # earlier, later: indices of the scans in the recording.
     earlier: int
     later: int
-    stamps: tuple[float, float]
-    predicted: Array
-    found: Array
-    window: tuple[float, float]
+    stamps: tuple[float, float]  # theirs [s], the earlier first
+    predicted: Array  # [3] pose of the later scan in the frame of the earlier one, by the graph as it was
+    found: Array  # [3] the same, where the search found it
+    window: tuple[float, float]  # half widths of the search: [m], [rad]
+    # of the endpoints that lie on surfaces of the submap, at most 1, less what rays through surfaces and the
+    # offset from the prediction cost.
     share: float
-    runner_up: float
-    known: float
-    likelihood: float
-    crossed: float
-    verdict: Verdict
+    runner_up: float  # the largest share at a place half a metre or more off, 0 where there is none
+    known: float  # share of the endpoints where the submap is known
+    likelihood: float  # mean likelihood of those, 0 to 1
+    crossed: float  # share of the rays that pass through a surface of the submap
+    verdict: Verdict  # what became of it
+
+    @classmethod
+    def unsearched(
+        cls, earlier: int, later: int, stamps: tuple[float, float], predicted: Array, window: tuple[float, float]
+    ) -> LoopCandidate:
+        """One before it is searched for."""
+        return cls(earlier, later, stamps, predicted, predicted, window, 0.0, 0.0, 0.0, 0.0, 0.0, "unsearched")
 
     @property
     def accepted(self) -> bool:

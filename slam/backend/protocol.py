@@ -8,49 +8,35 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, Section, Summarised
 from moteslam.slam.backend.building import Measured
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.inputs.lapses import CLOSED, Open
 
-Array = NDArray[np.float64]
-
 
 class BackendConfig(Section):
     """Which back end runs behind the filter; each back end has a model of its own under this one."""
 
-    method: str = "none"
-    """The back end: `none`, `graph`, or one that another package brings."""
+    method: str = "none"  # The back end: `none`, `graph`, or one that another package brings
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class KeyScan(Summarised):
-    """A scan that the filter updated its particles with.
+    """A scan that the filter updated its particles with."""
 
-    Attributes:
-        index: of the scan in the recording.
-        stamp: of the scan [s].
-        points: [k, 2] float32 endpoints in the robot's frame [m].
-        origin: [2] where the rays start, in the same frame [m].
-        pose: [3] of the robot in the map frame, as the filter estimates it now.
-        odometry: [3] motion since the key scan before by odometry alone, in the frame of the pose there; zeros where
-            nothing measured it.
-        measured: whether the odometry measured all of that motion.
-        motion: [3] the same motion as the filter estimates it, along the path of its best particle.
-        lost: the filter does not know where the robot is in the map of before.
-        left_open: after a lapse of the odometry how far off the filter may be, if the scan did not say where the robot
-            is.
-    """
-
-    index: int
-    stamp: float
-    points: NDArray[np.float32]
-    origin: Array
-    pose: Array
+    index: int  # of the scan in the recording
+    stamp: float  # of the scan [s]
+    points: NDArray[np.float32]  # [k, 2] float32 endpoints in the robot's frame [m]
+    origin: Array  # [2] where the rays start, in the same frame [m]
+    pose: Array  # [3] of the robot in the map frame, as the filter estimates it now
+    # [3] motion since the key scan before by odometry alone, in the frame of the pose there; zeros where nothing
+    # measured it.
     odometry: Array
-    measured: bool
-    motion: Array
-    lost: bool = False
+    measured: bool  # whether the odometry measured all of that motion
+    motion: Array  # [3] the same motion as the filter estimates it, along the path of its best particle
+    lost: bool = False  # the filter does not know where the robot is in the map of before
+    # after a lapse of the odometry how far off the filter may be, if the scan did not say where the robot is.
     left_open: Open = CLOSED
 
 

@@ -14,7 +14,7 @@ from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.sensor_reports import turns
 from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.clock_step import ClockStep, clock_steps, with_stamps
-from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Fit, Pairs, Parameter, Path, clock, fit
+from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Change, Fit, Pairs, Parameter, Path, clock, fit
 from moteslam.slam.calibration.odometry_forms import FORMS, in_form, quarter_turn
 from moteslam.slam.calibration.registered import (
     FEWEST,
@@ -30,7 +30,7 @@ from moteslam.slam.calibration.registered import (
 )
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
-from moteslam.slam.inputs.synchronise import apart, in_order, is_coarse
+from moteslam.slam.inputs.synchronise import Bundles, apart, bundles, in_order, is_coarse
 
 Array = NDArray[np.float64]
 
@@ -78,6 +78,7 @@ class Calibration:
 
     Attributes:
         angle_scale, angle_deviation, excess: of the angles, over the stated; by how much ranges are too long [m].
+        longer: where that changes most clearly.
         mirrored: the beams, or the odometry, go the other way round.
         form: of `FORMS`, the one that odometry poses fit the scans in.
         quarter: what is to be added to the headings in that form [rad]: a quarter turn to either side where they point
@@ -91,12 +92,13 @@ class Calibration:
         reversed: mirrored beams are in the wrong order in time, too; None where scans do not show it.
         faster: the scans fit clearly better if a sweep takes half as long as stated.
         fits: the odometry measures the motion of the scans; else nothing but the angles is known.
-        step: of a clock in mid recording; all else is of the recording without it.
+        step: of a clock in mid recording, or bundles of scans; all else is of the recording without it.
     """
 
     angle_scale: float
     angle_deviation: float
     excess: tuple[float, float]
+    longer: Change
     mirrored: bool
     wrong: Literal["", "lidar", "odometry", "gyro"]
     form: str
@@ -109,7 +111,7 @@ class Calibration:
     fits: bool
     reversed: bool | None
     faster: bool
-    step: ClockStep | None = None
+    step: ClockStep | Bundles | None = None
 
 
 def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None:
@@ -134,6 +136,9 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
     lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
         return None
+    if (bundled := bundles(lidar)) is not None:
+        found = estimate(bundled.undone(recording), pairs)
+        return None if found is None else replace(found, step=bundled)
     middle = len(lidar) // 2
     some = lidar.ranges[middle : middle + SOME]
     if np.isnan(some).mean() > SPARSE or any(map(is_coarse, recording.stamps().values())):
@@ -222,6 +227,7 @@ def _calibrate(
     wrong = _wrong(recording, scans.pairs) if mirrored else ""
     is_reversed = scans.mirror(lidar, _rates(scans, at, offset, drift)) if mirrored else False
     angle_scale, deviation, excess = scans.scale_angles()
+    longer = scans.change_of_offset(excess[1])
     best = fit(scans.pairs, at, (offset, drift), shared=logged)
     quarter = 0.0
     if not mirrored and recording.encoders is None:
@@ -234,10 +240,11 @@ def _calibrate(
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged
     certain = abs(angle_scale - 1) > SIGMAS * deviation
     beside = wheels_alone or scans.sees_both_sides(recording.platform.lidar.yaw)
-    if abs(angle_scale - 1) > ANGLES and not (certain and beside):
+    if abs(angle_scale - 1) > ANGLES:
         witness = scans.stated()
+        certain = certain and bool(scans.fits_better(witness))
         as_stated = fit(witness.pairs, at, (offset, drift), shared=logged)
-        if not certain or clocks.cost > EXPLAINED * as_stated.cost:
+        if not certain or not (beside or clocks.cost <= EXPLAINED * as_stated.cost):
             scans, clocks, excess = witness, as_stated, (excess[0], max(excess[1], abs(excess[0])))
             deviation = max(deviation, abs(angle_scale - 1))
     one = clocks if logged else fit(scans.pairs, at, (0.0, 0.0), shared=True)
@@ -268,6 +275,7 @@ def _calibrate(
         angle_scale=angle_scale,
         angle_deviation=deviation,
         excess=excess,
+        longer=longer,
         mirrored=mirrored,
         wrong=wrong,
         form=form,

@@ -21,6 +21,12 @@ class ClockStep(NamedTuple):
     stamp: float
     seconds: float
 
+    @property
+    def text(self) -> tuple[str, str]:
+        """The code and the text of it."""
+        text = f"{self.streams[0]}: its clock steps by {self.seconds:+.2f} s after {self.stamp:.3f} s, where nothing "
+        return "clock-step", f"{text}is recorded and the robot does not drive"
+
     def undone(self, recording: Recording) -> Recording:
         """The recording without it."""
         gap = self.stamp + self.seconds / 2  # streams of one clock have their last readings at other stamps

@@ -157,13 +157,16 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         else:
             text += "If ranges are, the odometry's x and y are to be multiplied by it; if not, the ranges divided"
         told.append(("range-scale", text))
-    time, share, about = c.fit.change
-    if c.fits and abs(share) > max(CHANGE, CHANGE_SIGMAS * about):
-        text = f"lidar: from about {time:.0f} s on lengths by ranges are {100 * abs(share):.1f} % "
-        text += (
-            f"{'more' if share > 0 else 'less'} over the odometry's than before: ranges, and with them the map, are "
-        )
+    change = c.fit.change
+    if c.fits and change.exceeds(CHANGE, CHANGE_SIGMAS):
+        by = f"{100 * abs(np.expm1(change.amount)):.1f} % {'more' if change.amount > 0 else 'less'}"
+        text = f"lidar: from about {change.time:.0f} s on lengths by ranges are {by} over the odometry's than before: "
+        text += "ranges, and with them the map, are "
         told.append(("range-change", f"{text}of another scale from there on, or the wheels slip"))
+    if c.longer.exceeds(EXCESS, CHANGE_SIGMAS):
+        side = "longer" if c.longer.amount > 0 else "shorter"
+        text = f"lidar: from about {c.longer.time:.0f} s on all ranges are {abs(c.longer.amount):.2f} m {side} than "
+        told.append(("range-change", f"{text}before, or more, by scans from other places: the map has walls twice"))
     if (turns := certain.get("turns")) is not None:
         text = f"odometry: robot turns {_percent(turns)} odometry does: its track is wrong, or its angles no radians"
         told.append(("odometry-turn-scale", text))
@@ -187,9 +190,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text += f"{1000 * (-drift.value + WITHIN * drift.deviation):+.2f}"
         told.append(("clock-drift", text))
     if c.step is not None:
-        text = f"{c.step.streams[0]}: its clock steps by {c.step.seconds:+.2f} s after {c.step.stamp:.3f} s, where "
-        told.append(("clock-step", f"{text}nothing is recorded and the robot does not drive"))
-    decided = {"clock-step", "clock-offset", "clock-drift", "odometry-signs", "odometry-headings"}
+        told.append(c.step.text)
+    decided = {"clock-step", "stamps-jitter", "clock-offset", "clock-drift", "odometry-signs", "odometry-headings"}
     decided |= {"mirrored"} if c.wrong else set()
     decided |= set() if c.correlation else {"odometry-unfit"}
     issues = tuple(Issue(*each) for each in told)

@@ -89,11 +89,28 @@ class Pairs(NamedTuple):
 
 
 class Change(NamedTuple):
-    """From a time on [s] lengths are larger by a share, with its deviation."""
+    """From a time on [s] a figure is larger by an amount, with its deviation."""
 
     time: float = 0.0
-    share: float = 0.0
+    amount: float = 0.0
     deviation: float = 1.0
+
+    def exceeds(self, least: float, sigmas: float) -> bool:
+        """Whether the amount does, and as many standard deviations."""
+        return abs(self.amount) > max(least, sigmas * self.deviation)
+
+
+def clearest_change(first: Array, estimate: Callable[[Array], tuple[float, float]]) -> Change:
+    """Of those at the eighths of pairs that begin at times [k] [s]; ``estimate`` gives a figure of some of the pairs,
+    which are those of a mask [k], and its deviation.
+    """
+    found = Change()
+    for time in np.quantile(first, np.arange(1, 8) / 8).tolist():
+        (before, about_before), (after, about_after) = (estimate(some) for some in (first < time, first >= time))
+        change = Change(time, after - before, float(np.hypot(about_before, about_after)))
+        if abs(change.amount) / change.deviation > abs(found.amount) / found.deviation:
+            found = change
+    return found
 
 
 class Fit(NamedTuple):
@@ -105,7 +122,7 @@ class Fit(NamedTuple):
         deviations: [8] their standard deviations.
         cost: mean robust cost of a pair; about 3 where the model holds.
         middle: the time that the drift counts from [s].
-        change: where the lengths by the scans over those by the odometry change most clearly.
+        change: of the logarithm of lengths by the scans over those by the odometry, where it is clearest.
     """
 
     values: Array
@@ -215,7 +232,12 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, 
     p[Parameter.LENGTHS] *= ratio
     p[Parameter.YAW] = se2.wrap(p[Parameter.YAW])
     mean = float((TAIL**2 * np.log1p(square / TAIL**2)).mean())
-    return Fit(p, deviations, mean, pairs.middle, _change_of_lengths(pairs, expected, robust))
+
+    def log_ratio(some: Array) -> tuple[float, float]:
+        ratio, deviation = _ratio_of_lengths(Pairs(*(each[some] for each in pairs)), expected[some], robust[some])
+        return float(np.log(ratio)), deviation / ratio
+
+    return Fit(p, deviations, mean, pairs.middle, clearest_change(pairs.first, log_ratio))
 
 
 def _expected(p: Array, first: Array, last: Array, middle: float, path: Path, turns: Array | None = None) -> Array:
@@ -247,21 +269,6 @@ def _direction(pairs: Pairs, odometry: Array) -> tuple[float, float]:
     ratio = base / scans * np.exp(0.5j * (pairs.motions[use, 2] - odometry[use, 2]))
     middle = complex(np.median(ratio.real), np.median(ratio.imag))
     return float(np.angle(middle)), float(np.clip(1 / max(abs(middle), 1e-3), 0.01, 100))
-
-
-def _change_of_lengths(pairs: Pairs, expected: Array, robust: Array) -> Change:
-    """The clearest change of the ratio of lengths, of those at the eighths of the pairs in time."""
-    found = Change()
-    for time in np.quantile(pairs.first, np.arange(1, 8) / 8).tolist():
-        earlier = pairs.first < time
-        (before, about_before), (after, about_after) = (
-            _ratio_of_lengths(Pairs(*(each[some] for each in pairs)), expected[some], robust[some])
-            for some in (earlier, ~earlier)
-        )
-        share, deviation = after / before - 1, float(np.hypot(about_before / before, about_after / after))
-        if abs(share) / deviation > abs(found.share) / found.deviation:
-            found = Change(time, share, deviation)
-    return found
 
 
 def _ratio_of_lengths(pairs: Pairs, expected: Array, robust: Array) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
-from moteslam.slam.calibration.hand_eye import Pairs, covariances
+from moteslam.slam.calibration.hand_eye import Change, Pairs, clearest_change, covariances
 from moteslam.slam.calibration.scan_pairs import LEAST_FIT, Beams, cost, refine, register
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
@@ -172,15 +172,23 @@ class RegisteredPairs:
         return is_reversed
 
     def is_faster(self, rates: tuple[Array, Array]) -> bool:
-        """Whether the scans clearly fit better if a sweep takes half as long as stated; ``rates`` as of ``mirror``."""
-        half = self._beams._replace(sweep=self._beams.sweep / 2)
-        return half.sweep > SWEEP and bool(self._fits_better(self._beams, half, self._found.motions, rates))
+        """Whether the scans clearly fit better if a sweep takes half as long as stated; ``rates`` as of ``mirror``.
 
-    def _fits_better(self, one: Beams, other: Beams, motions: Array, rates: tuple[Array, Array]) -> bool | None:
+        If they fit better yet at a quarter, it is the rates that are poor, as those of wheels without a gyro.
+        """
+        stated, half, quarter = (self._beams._replace(sweep=share * self._beams.sweep) for share in (1, 1 / 2, 1 / 4))
+        motions = self._found.motions
+        if half.sweep <= SWEEP or not self._fits_better(stated, half, motions, rates):
+            return False
+        return not self._fits_better(half, quarter, motions, rates, sigmas=0.0)
+
+    def _fits_better(
+        self, one: Beams, other: Beams, motions: Array, rates: tuple[Array, Array], sigmas: float = ORDER
+    ) -> bool | None:
         """Whether the other beams clearly fit better, each scan straightened by its own turn; None if neither."""
         as_is, new = (refine(*self._ranges, each, self._seconds, motions, rates=rates) for each in (one, other))
         both = as_is.good & new.good
-        return _clearly_above_zero(np.log(cost(as_is)[both] / cost(new)[both]))
+        return _clearly_above_zero(np.log(cost(as_is)[both] / cost(new)[both]), sigmas)
 
     def scale_angles(self) -> tuple[float, float, tuple[float, float]]:
         """The scale of the angles between beams at which the scans fit each other best, and its deviation.
@@ -217,10 +225,29 @@ class RegisteredPairs:
         noise = float(np.median(self._found.deviation[self._found.good]))
         return float(scale), deviation, (-float(offset), max(float(about_offset), OFFSET_FLOOR, NOISY * noise))
 
+    def change_of_offset(self, deviation: float) -> Change:
+        """Where in the recording the ranges become longer or shorter than before most clearly, and by how much [m].
 
-def _clearly_above_zero(values: Array) -> bool | None:
+        A step of Gauss-Newton from what all pairs have in common, known to a deviation [m]: of larger changes it finds
+        a part.
+        """
+        good = self._found.good
+        weight = 1 / np.maximum(self._found.deviation[good], 0.003) ** 2
+        slope, about = self._found.gradients[good][:, 0] * weight, self._found.about_warps[good][:, 0, 0] * weight
+
+        def excess(some: Array) -> tuple[float, float]:
+            total = max(float(about[some].sum()), 1e-9)
+            mean = float(slope[some].sum()) / total
+            apart = np.array_split(slope[some] - mean * about[some], 25)
+            spread = float(np.linalg.norm([part.sum() for part in apart])) / total
+            return mean, float(np.hypot(spread, deviation / 2 / np.sqrt(some.mean())))
+
+        return clearest_change(self.first[good], excess)
+
+
+def _clearly_above_zero(values: Array, sigmas: float = ORDER) -> bool | None:
     """Whether the mean of some values [k] is, or else below; None where they are few, or neither is clear."""
-    certain = len(values) >= FEWEST and abs(values.mean()) > ORDER * values.std() / np.sqrt(len(values))
+    certain = len(values) >= FEWEST and abs(values.mean()) > sigmas * values.std() / np.sqrt(len(values))
     return bool(values.mean() > 0) if certain else None
 
 

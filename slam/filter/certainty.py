@@ -14,17 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.filter.covariance import Symmetric, as_array, largest_deviation
 from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION, RESOLVED
 
-Array = NDArray[np.float64]
-
-NEIGHBOURHOOD = 5.0
-"""The map around the robot was made from poses up to this distance from it [m]."""
-FLOOR = RESOLVED[0] ** 2, RESOLVED[1] ** 2
-"""Variances that no pose falls below [m^2], [rad^2]."""
-DOUBTFUL_FROM, LOST_FROM = 0.05, 0.5
-"""Probability of a wrong pose from which on it is doubtful, and lost."""
+NEIGHBOURHOOD = 5.0  # The map around the robot was made from poses up to this distance from it [m]
+FLOOR = RESOLVED[0] ** 2, RESOLVED[1] ** 2  # Variances that no pose falls below [m^2], [rad^2]
+DOUBTFUL_FROM, LOST_FROM = 0.05, 0.5  # Probability of a wrong pose from which on it is doubtful, and lost
 
 
 class LocalisationState(IntEnum):
@@ -47,19 +43,15 @@ class LocalisationState(IntEnum):
 
 
 class Certainty(NamedTuple):
-    """How sure a filter is of the pose at one scan.
+    """How sure a filter is of the pose at one scan."""
 
-    Attributes:
-        covariance: [3, 3] of the pose's error relative to the map around the robot, in the robot's frame: x forward
-            and y left [m], theta [rad].
-        degenerate: heading of the direction in the plane about which the scan carries less information than the
-            odometry, in the robot's frame, -pi/2 to pi/2 [rad]; NaN without one.
-        wrong: probability that the pose is wrong, by its covariance and by how the scans fit the map.
-    """
-
+    # [3, 3] of the pose's error relative to the map around the robot, in the robot's frame: x forward and y left
+    # [m], theta [rad].
     covariance: Array
+    # heading of the direction in the plane about which the scan carries less information than the odometry, in
+    # the robot's frame, -pi/2 to pi/2 [rad]; NaN without one.
     degenerate: float
-    wrong: float
+    wrong: float  # probability that the pose is wrong, by its covariance and by how the scans fit the map
 
     @property
     def state(self) -> LocalisationState:
@@ -77,31 +69,21 @@ def state_of(wrong: float) -> LocalisationState:
 def wrong_by_spread(position: float, heading: float) -> float:
     """The probability of a wrong pose by standard deviations alone, if errors are normal; 1 at most.
 
-    Args:
-        position: largest standard deviation of the position in any direction [m].
-        heading: standard deviation of the heading [rad].
+    The first is the largest of the position in any direction [m], the other of the heading [rad].
     """
     return min(_beyond(LOST_DISTANCE, position) + _beyond(LOST_ROTATION, heading), 1.0)
 
 
 def certainty_of(covariance: Symmetric, degenerate: float, misfit: float) -> Certainty:
-    """The certainty of a pose.
-
-    Args:
-        covariance, degenerate: as of ``Certainty``.
-        misfit: probability of a wrong pose by how the scans fit the map.
-    """
+    """As of ``Certainty``, with the probability of a wrong pose by how the scans fit the map."""
     spread = wrong_by_spread(largest_deviation(covariance), math.sqrt(covariance[5]))
     return Certainty(as_array(covariance), degenerate, 1 - (1 - spread) * (1 - misfit))
 
 
 def certainty_of_particles(poses: Array, weights: Array, pose: Array) -> Certainty:
-    """What the spread of the particles about a pose shows: for filters that measure no more themselves.
+    """What the spread of particles [N, 3] of weights [N], sum 1, about an estimate [3] shows.
 
-    Args:
-        poses: [N, 3] of the particles.
-        weights: [N], with sum 1.
-        pose: [3] the estimate.
+    For filters that measure no more themselves.
     """
     off = se2.between(pose, poses)
     covariance = (off * weights[:, None]).T @ off + np.diag((FLOOR[0], *FLOOR))
@@ -115,11 +97,8 @@ def _beyond(limit: float, deviation: float) -> float:
 
 
 def spread(poses: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The weighted standard deviations [3] of particles: along and across the mean heading [m], of the heading [rad].
-
-    Args:
-        poses: [N, 3] of the particles.
-        weights: [N], with sum 1.
+    """The weighted standard deviations [3] of particles [N, 3]: along and across the mean heading [m], of the heading
+    [rad].
     """
     if len(poses) == 1:
         return np.zeros(3)

@@ -8,11 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from moteslam.robot.se2 import Pose
+from moteslam.robot.se2 import Array, Pose
 
-Array = NDArray[np.float64]
 Symmetric = tuple[float, float, float, float, float, float]
 """The elements xx, xy, xt, yy, yt, tt of a symmetric matrix; t is theta."""
 

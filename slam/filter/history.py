@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-
-Array = NDArray[np.float64]
+from moteslam.robot.se2 import Array
 
 
 class History:
@@ -37,7 +36,7 @@ class History:
             return np.zeros(3)
         parents = self._parents[-2]
         parent = particle if parents is None else int(parents[particle])
-        return np.asarray(se2.between(self._poses[-2][parent], self._poses[-1][particle]))
+        return se2.between(self._poses[-2][parent], self._poses[-1][particle])
 
     @property
     def weighed(self) -> tuple[Array, Array] | None:
@@ -55,10 +54,7 @@ class History:
         self._parents[-1] = parents
 
     def ancestors(self, particles: NDArray[np.int64], first: int = 0) -> NDArray[np.int64]:
-        """The indices of the particles that these of the last update descend from.
-
-        Args:
-            particles: [K].
+        """The indices of the particles that these [K] of the last update descend from, [K, updates from the first on].
 
         Returns:
             [K, updates from the first on].
@@ -73,10 +69,8 @@ class History:
         return ancestors
 
     def paths(self, particles: NDArray[np.int64], first: int = 0) -> Array:
-        """The paths that end in these particles of the last update (before its resampling).
-
-        Args:
-            particles: [K].
+        """The paths [K, updates from the first on, 3] that end in particles [K] of the last update (before its
+        resampling).
 
         Returns:
             [K, updates from the first on, 3].
@@ -94,14 +88,11 @@ class History:
     def move(self, first: int, frames: Array) -> None:
         """Move the poses of all updates from the first on by frames [N, 3], one of each particle."""
         for update in range(first, len(self)):
-            self._poses[update] = np.asarray(se2.compose(frames, self._poses[update]))
+            self._poses[update] = se2.compose(frames, self._poses[update])
 
     def revise(self, path: Array, revised: Array) -> None:
-        """Move all particles' poses by the correction of one path: each keeps its place relative to that path.
-
-        Args:
-            path: [updates, 3] of one particle, as it was.
-            revised: [updates, 3] the same path, corrected.
+        """Move all poses by the correction of one particle's path [updates, 3]: each keeps its place relative to that
+        path.
         """
         for update, (old, new) in enumerate(zip(path, revised, strict=True)):
             self._poses[update] = se2.compose(new, se2.between(old, self._poses[update]))

@@ -12,33 +12,25 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from moteslam.robot.se2 import Pose
+from moteslam.robot.se2 import Array, Pose
 from moteslam.slam.filter.certainty import NEIGHBOURHOOD, LocalisationState
-
-Array = NDArray[np.float64]
 
 DOUBTFUL_DROP, LOST_DROP = 3.5, 6.0
 """A scan whose score is below the mean by this many standard deviations is doubtful, or lost. Chosen on simulated
 drives of seeds from 200 on, with and without robots that were carried off (docs/theory/am-i-lost.md)."""
 LEAST_SPREAD = 0.05
 """The smallest standard deviation, and the first, which counts like ``FIRST_PATH`` of path; chosen likewise."""
-FIRST_PATH = 10.0
-"""See ``LEAST_SPREAD`` [m]."""
+FIRST_PATH = 10.0  # See `LEAST_SPREAD` [m]
 WRONG_IF_DOUBTFUL, WRONG_IF_LOST = 0.3, 0.75
 """Probability of a wrong pose: of the scans called lost three of four were wrong, over all scenarios."""
 
 
 class Scores:
-    """What match scores are usual: their mean along the last ``NEIGHBOURHOOD`` of path, and their spread along it all.
-
-    Attributes:
-        mean: so far.
-    """
+    """What match scores are usual: their mean along the last ``NEIGHBOURHOOD`` of path, their spread along it all."""
 
     def __init__(self) -> None:
-        self.mean = 0.0
+        self.mean = 0.0  # so far
         self._scans = 0  # that it is of
         self._variance, self._path = LEAST_SPREAD**2, FIRST_PATH  # of the scores about it, along all the path
 
@@ -62,23 +54,15 @@ class Scores:
 
 @dataclass
 class _Drop:
-    """A scan that did not fit, and how those since did.
+    """A scan that did not fit, and how those since did."""
 
-    Attributes:
-        usual: mean score before, less a standard deviation: what counts as fitting again.
-        before: [u, 2] places of the updates before.
-        path: driven since [m].
-        matched: part of that to scans that were used [m].
-        fit: sum of their scores, each times the distance that it was driven over [m].
-        looked: where the nearest place before was looked for, and how far it was within ``NEIGHBOURHOOD`` [m]: until
-            the robot has moved that far, it still is.
-    """
-
-    usual: float
-    before: Array
-    path: float = 0.0
-    matched: float = 0.0
-    fit: float = 0.0
+    usual: float  # mean score before, less a standard deviation: what counts as fitting again
+    before: Array  # [u, 2] places of the updates before
+    path: float = 0.0  # driven since [m]
+    matched: float = 0.0  # part of that to scans that were used [m]
+    fit: float = 0.0  # sum of their scores, each times the distance that it was driven over [m]
+    # where the nearest place before was looked for, and how far it was within `NEIGHBOURHOOD` [m]: until the
+    # robot has moved that far, it still is.
     looked: tuple[float, float, float] | None = None
 
     def over(self, x: float, y: float) -> bool:
@@ -118,11 +102,9 @@ class Misfit:
         return (0.0, WRONG_IF_DOUBTFUL, WRONG_IF_LOST)[self.state]
 
     def observe(self, driven: float, score: float | None) -> None:
-        """Take in a scan.
+        """Take in a scan, driven so far after the one before [m].
 
-        Args:
-            driven: since the scan before [m].
-            score: its match score, as a share of the points where the map is known; None if it was not matched.
+        The score is a share of the points where the map is known; None if the scan was not matched.
         """
         if self._lost is not None:
             self._lost.path += driven

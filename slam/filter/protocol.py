@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue
 from moteslam.slam.filter.certainty import Certainty
 from moteslam.slam.filter.history import History
@@ -18,29 +19,18 @@ from moteslam.slam.inputs.step import Step
 
 __all__ = ["Filter", "FilterDefaults", "Scans", "Step", "StepResult"]
 
-Array = NDArray[np.float64]
-
 
 class StepResult(NamedTuple):
-    """The result of one step.
+    """The result of one step."""
 
-    Attributes:
-        pose: [3] of the robot in the map frame, as estimated now.
-        motion: [3] since the scan before, as the filter estimates it, in the frame of the pose there.
-        n_eff: effective number of particles, before resampling.
-        score: of the best particle's scan in its map; what it counts is the filter's own.
-        updated: the filter updated particles and map with this scan; else the pose followed the motion.
-        resampled: particles were resampled.
-        certainty: how sure the filter is of the pose; None if it does not measure that: then it follows from
-            the spread of the particles.
-    """
-
-    pose: Array
-    motion: Array
-    n_eff: float
-    score: float
-    updated: bool
-    resampled: bool
+    pose: Array  # [3] of the robot in the map frame, as estimated now
+    motion: Array  # [3] since the scan before, as the filter estimates it, in the frame of the pose there
+    n_eff: float  # effective number of particles, before resampling
+    score: float  # of the best particle's scan in its map; what it counts is the filter's own
+    updated: bool  # the filter updated particles and map with this scan; else the pose followed the motion
+    resampled: bool  # particles were resampled
+    # how sure the filter is of the pose; None if it does not measure that: then it follows from the spread of the
+    # particles.
     certainty: Certainty | None = None
 
 
@@ -84,12 +74,8 @@ class FilterDefaults(Protocol):
         return None
 
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
-        """Go on from a path that was corrected.
-
-        Args:
-            poses: [u, 3] of the robot at every update so far, corrected.
-            updates: [u] the indices of their scans.
-            scans: endpoints of all scans.
+        """Go on from a path that was corrected: poses [u, 3] of the robot at every update so far, of the scans
+        ``updates`` [u].
         """
         return
 

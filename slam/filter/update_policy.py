@@ -14,26 +14,17 @@ class UpdateConfig(Section):
     since the last that was; the poses of scans between follow the motion. With zeros every scan is used.
     """
 
-    distance: NotNegative = 0.0
-    """Distance since the last update [m]."""
-    rotation: NotNegative = 0.0
-    """Sum of the absolute turns since [rad]."""
-    interval: Positive = 1e9
-    """Time since [s]."""
+    distance: NotNegative = 0.0  # Distance since the last update [m]
+    rotation: NotNegative = 0.0  # Sum of the absolute turns since [rad]
+    interval: Positive = 1e9  # Time since [s]
 
 
 class Travelled(NamedTuple):
-    """How much the robot has moved since the last update.
+    """How much the robot has moved since the last update."""
 
-    Attributes:
-        distance: sum of the distances of all steps [m].
-        rotation: sum of their absolute turns [rad].
-        elapsed: time [s].
-    """
-
-    distance: float = 0.0
-    rotation: float = 0.0
-    elapsed: float = 0.0
+    distance: float = 0.0  # sum of the distances of all steps [m]
+    rotation: float = 0.0  # sum of their absolute turns [rad]
+    elapsed: float = 0.0  # time [s]
 
     def plus(self, distance: float, rotation: float, dt: float) -> Travelled:
         """After one more step: its distance [m], its absolute turn [rad] and its time [s]."""
@@ -43,9 +34,7 @@ class Travelled(NamedTuple):
 def update_due(policy: UpdateConfig, travelled: Travelled, motion: Pose | None = None) -> bool:
     """Whether the next scan is used for an update.
 
-    Args:
-        motion: the motion since the last update where it is also estimated by other means than the odometry; the
-            larger of both counts.
+    Where the motion since the last one is also estimated by other means than the odometry the larger of both counts.
     """
     distance, rotation = travelled.distance, travelled.rotation
     if motion is not None:

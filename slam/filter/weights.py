@@ -11,13 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """Normalised importance weights, kept as logarithms.
+    """Normalised importance weights, kept as logarithms."""
 
-    Attributes:
-        log: [N] float64, log of weights that sum to 1.
-    """
-
-    log: NDArray[np.float64]
+    log: NDArray[np.float64]  # [N] float64, log of weights that sum to 1
 
     @classmethod
     def uniform(cls, n: int) -> Weights:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +24,15 @@ COARSE = 0.5
 JITTERS, OPPOSITE = 0.03, -0.15
 """Stamps that deviate by the first [s] from even steps are told, where a step and the next correlate by less than the
 second: of stamps that are right and uneven they do not."""
+FASTEST, CROWDED = 0.01, 0.1
+"""Scans less than the first [s] apart, which no lidar takes, and than the second share of their mean time, come in
+bundles."""
 UNMAPPED, BESIDE = 1.0, 0.1
 """A robot that drives farther [m] and longer [s] before its first scan or after its last has a part without a map."""
 ALIKE = 0.1
 """Jumps whose sizes differ by less than this share are of one cause."""
+FEWEST = 10
+"""Fewer steps or bundles say nothing of a clock."""
 SAME = 1e-5
 """Poses that differ by less are one: logs have six digits."""
 APART = 1.0
@@ -231,10 +237,45 @@ def jitter(stamps: Array) -> float:
     return float(np.sqrt(-both / len(steps))) if both < OPPOSITE * own else 0.0
 
 
+class Bundles(NamedTuple):
+    """Scans that are stamped as they arrive, so many at a time; ``spread`` [n] [s] over the time since those before."""
+
+    spread: Array
+    size: int
+
+    @property
+    def text(self) -> tuple[str, str]:
+        """The code and the text of it."""
+        text = f"lidar: scans are stamped as they arrive, in bundles of about {self.size}, not as they are taken: "
+        return "stamps-jitter", f"{text}what is driven meanwhile is missing from motions"
+
+    def undone(self, recording: Recording) -> Recording:
+        """The recording with scans at even steps."""
+        return recording.replace(lidar=replace(require_lidar(recording), stamps=self.spread))
+
+
+def bundles(lidar: LidarStream) -> Bundles | None:
+    """Of scans without odometry of their own, if they come so."""
+    stamps, steps = lidar.stamps, np.diff(lidar.stamps)
+    if len(steps) < FEWEST or np.median(steps) > FASTEST or lidar.odometry is not None:
+        return None
+    usual = float(np.minimum(steps, np.percentile(steps, 98)).mean())  # without pauses
+    ends = np.flatnonzero(np.append(steps > CROWDED * usual, True))
+    if (steps < CROWDED * usual).mean() < COARSE or len(ends) < FEWEST:
+        return None
+    sizes = np.diff(ends, prepend=-1)
+    each = np.diff(stamps[ends], prepend=-np.inf) / sizes
+    each = np.minimum(each, np.median(each))
+    back = np.repeat(ends, sizes) - np.arange(len(stamps))
+    return Bundles(np.repeat(stamps[ends], sizes) - back * np.repeat(each, sizes), int(np.median(sizes)))
+
+
 def doubtful_stamps(recording: Recording, path: OdometryPath | None) -> list[Issue]:
     """Clocks that are too coarse for their readings, and ways that are driven without scans, by a path."""
     issues, scans = list[Issue](), require_lidar(recording).stamps
     logged = require_lidar(recording).odometry is not None  # the motion then does not depend on stamps
+    if (found := bundles(require_lidar(recording))) is not None:
+        issues.append(Issue(*found.text))
     for name, stamps in recording.stamps().items():
         if name in STREAMS[:4] and is_coarse(stamps):
             equal = int((np.diff(stamps) == 0).sum())

@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from moteslam.robot.se2 import Array
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.tsdf.particles import Particles
 
-Array = NDArray[np.float64]
-
-LEAST = 0.001
-"""Hypotheses of a smaller probability are given up."""
+LEAST = 0.001  # Hypotheses of a smaller probability are given up
 CHANGED = 2.0
 """Another hypothesis is the best one from so many times the probability on: the pose does not jump to and fro."""
 

@@ -11,15 +11,12 @@ from moteslam.errors import InputError
 from moteslam.kernels.tiles import CELLS, EMPTY, FINE_CELLS, MAX_WEIGHT, SIDE, STEPS, WEIGHT_BITS, tile_store
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import Array
 from moteslam.slam.mapping.config import MapConfig, TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps
 
-Array = NDArray[np.float64]
-
-TO_SIDE = 0.6
-"""A direction that few walls lie along [rad]."""
-CLEARANCE = 0.1
-"""A robot's lidar stands no nearer to a surface [m]."""
+TO_SIDE = 0.6  # A direction that few walls lie along [rad]
+CLEARANCE = 0.1  # A robot's lidar stands no nearer to a surface [m]
 
 
 class KnownMaps(TsdfMaps):

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import Array
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST
 from moteslam.slam.known_map.maps import KnownMaps
@@ -24,13 +25,10 @@ from moteslam.slam.registration.evidence import CORRELATION
 from moteslam.slam.registration.registrar import register, subsample
 from moteslam.slam.registration.search import is_elsewhere
 
-Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 
-APART, MOST = 20.0, 20
-"""Searches are this far apart along the path [m], at least, and at most so many."""
-FOLLOWED = 10
-"""Places that each finds of which at most so many are followed."""
+APART, MOST = 20.0, 20  # Searches are this far apart along the path [m], at least, and at most so many
+FOLLOWED = 10  # Places that each finds of which at most so many are followed
 STEP = np.array([0.02, 0.02, 0.005])
 """Standard deviations of a step of the path from scan to scan, in a map that is bent a little [m, m, rad]."""
 CORRECTING = 0.7
@@ -49,32 +47,21 @@ CLEARLY = 0.5
 
 
 class Place(NamedTuple):
-    """Where a path may lie.
+    """Where a path may lie."""
 
-    Attributes:
-        node: the scan of it around which it was searched for.
-        evidence: of all its scans [nats].
-        contradicted: share of the endpoints that the map knows, of scans where a robot stood; 1 without any.
-        track: [n, 3] where they lie.
-    """
-
-    node: int
-    evidence: float
-    contradicted: float
-    track: Array
+    node: int  # the scan of it around which it was searched for
+    evidence: float  # of all its scans [nats]
+    contradicted: float  # share of the endpoints that the map knows, of scans where a robot stood; 1 without any
+    track: Array  # [n, 3] where they lie
 
 
 def find_path(
     occupancy: Raster, stood: Array, path: Array, scans: Sequence[Points], origin: Array
 ) -> tuple[Place | None, int]:
-    """Where a path lies in a map, None where that is open; and how many answers there are.
+    """Where in a map, drawn from poses [m, 3], a path [n, 3] in a frame of its own lies, None where that is open.
 
-    Args:
-        occupancy: trinary map.
-        stood: [m, 3] poses from which it was drawn.
-        path: [n, 3] poses of the scans, in a frame of their own.
-        scans: n, endpoints [k, 2] in the robot's frame [m].
-        origin: [2] where their rays start [m].
+    And how many answers there are. The n scans are endpoints [k, 2] in the robot's frame, their rays start at an origin
+    [2] [m].
     """
     config = KnownMapConfig()
     maps = KnownMaps(occupancy, config.tsdf)
@@ -117,7 +104,7 @@ def _followed(
         at, last = poses, node
         for k in way:
             points = subsample(scans[k], POINTS)
-            at, last = np.asarray(se2.compose(at, se2.between(path[last], path[k]))), k
+            at, last = se2.compose(at, se2.between(path[last], path[k])), k
             if len(points):
                 fit = register(view, at, STEP, points, origin, still, config.registration, coarse=False)
                 corrects = fit.known >= CORRECTING * len(points)

@@ -13,41 +13,29 @@ from moteslam.errors import InputError
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.kernels.tiles import CELLS, SIDE, Tiles, tile_store
 from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
-from moteslam.robot.se2 import Pose, as_pose
+from moteslam.robot.se2 import Array, Pose, as_pose
 from moteslam.slam.mapping.config import TsdfConfig
 
-Array = NDArray[np.float64]
-
-TABLE_CHUNK = 8
-"""The tables grow by multiples of this many tiles."""
-FIRST_TILES = 256
-"""Tiles of the pool to begin with; it doubles."""
-MAX_TILES = 2**31 // CELLS
-"""More would need 64-bit addresses, and 4 GB."""
-MAX_ENTRIES = 2**29
-"""Of all tables together: 2 GB."""
+TABLE_CHUNK = 8  # The tables grow by multiples of this many tiles
+FIRST_TILES = 256  # Tiles of the pool to begin with; it doubles
+MAX_TILES = 2**31 // CELLS  # More would need 64-bit addresses, and 4 GB
+MAX_ENTRIES = 2**29  # Of all tables together: 2 GB
 
 
-DRAWN = 64
-"""Scans that are drawn into a map at a time: the tables are made large enough for all of them before."""
+DRAWN = 64  # Scans that are drawn into a map at a time: the tables are made large enough for all of them before
 
 
 class TsdfMaps:
     """The TSDFs of N particles; a single one until the first resampling."""
 
     def __init__(self, config: TsdfConfig) -> None:
-        self._config, self._options = config, IntegrationOptions(**config.model_dump())
+        self.config, self._options = config, IntegrationOptions(**config.model_dump())
         self._tile_size = SIDE * config.cell_size
         self._corner = np.array([-TABLE_CHUNK, -TABLE_CHUNK])  # the first tile of the tables: (column, row)
         self._store = tile_store(2 * TABLE_CHUNK, 2 * TABLE_CHUNK, FIRST_TILES)
 
     def __len__(self) -> int:
         return self._store.tiles.maps
-
-    @property
-    def config(self) -> TsdfConfig:
-        """As given."""
-        return self._config
 
     @property
     def memory(self) -> int:
@@ -57,7 +45,7 @@ class TsdfMaps:
     def all(self) -> TsdfView:
         """The TSDFs of all particles, to register to; valid until the next ``integrate`` or ``resample``."""
         x, y = self._corner.tolist()
-        return TsdfView(self._config, self._store.tiles, (x * self._tile_size, y * self._tile_size))
+        return TsdfView(self.config, self._store.tiles, (x * self._tile_size, y * self._tile_size))
 
     def of(self, particle: int) -> TsdfView:
         """The TSDF of one particle, likewise."""
@@ -65,10 +53,7 @@ class TsdfMaps:
         return TsdfView(config, tiles.of(particle), corner)
 
     def resample(self, parents: NDArray[np.int64]) -> None:
-        """Give every particle its parent's TSDF.
-
-        Args:
-            parents: [M] indices of particles; M is their number from now on.
+        """Give every particle the TSDF of its parent [M]; M is their number from now on.
 
         Raises:
             InputError: the tables would take more than ``MAX_ENTRIES``.
@@ -77,11 +62,10 @@ class TsdfMaps:
         self._store.resample(parents)
 
     def integrate(self, poses: Array, scan: ThinnedScan) -> None:
-        """Average a scan into every particle's TSDF, each from its own pose.
+        """Average a scan in the robot's frame into every particle's TSDF, each from its own pose [N, 3] in the map
+        frame.
 
-        Args:
-            poses: [N, 3] of the robot in the map frame.
-            scan: in the robot's frame; fewer than two points have no surface.
+        Fewer than two points have no surface.
 
         Raises:
             InputError: tiles or tables would take more than ``MAX_TILES`` or ``MAX_ENTRIES``.
@@ -89,11 +73,8 @@ class TsdfMaps:
         self._write(poses, [scan])
 
     def draw(self, poses: Array, scans: Sequence[ThinnedScan]) -> None:
-        """Average scans, one after the other, into the one TSDF that there is.
-
-        Args:
-            poses: [m, 3] of the robot at the scans.
-            scans: m, as of ``integrate``; they are written ``DRAWN`` at a time.
+        """Average m scans from poses [m, 3], ``DRAWN`` at a time and one after the other, into the one TSDF that there
+        is.
 
         Raises:
             InputError: as of ``integrate``.
@@ -106,7 +87,7 @@ class TsdfMaps:
         poses, scans = _with_surfaces(poses, scans)
         if not scans:
             return
-        c = self._config
+        c = self.config
         farthest = max(float(np.hypot(*scan.points.T).max()) for scan in scans)
         self._cover(poses, farthest + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size)
         while not integrate_scans(self._store, self.all().frames(poses), scans, options=self._options):
@@ -160,17 +141,11 @@ def _with_surfaces(poses: Array, scans: Sequence[ThinnedScan]) -> tuple[Array, S
 
 
 class TsdfView(NamedTuple):
-    """The TSDFs of some of the particles.
+    """The TSDFs of some of the particles."""
 
-    Attributes:
-        config: cell size and truncations.
-        tiles: of n particles.
-        corner: (x, y) of the tables' first tile [m].
-    """
-
-    config: TsdfConfig
-    tiles: Tiles
-    corner: tuple[float, float]
+    config: TsdfConfig  # cell size and truncations
+    tiles: Tiles  # of n particles
+    corner: tuple[float, float]  # (x, y) of the tables' first tile [m]
 
     def reach(self, pose: Array) -> float:
         """How far from a pose the map reaches [m]: beyond it no endpoint is known, however long a lapse lasts."""

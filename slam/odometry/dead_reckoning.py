@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
+from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import expect_type
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import odometry_path
 from moteslam.slam.inputs.synchronise import synchronise
 
-Array = NDArray[np.float64]
-
 
 def dead_reckon(recording: Recording, config: SyncConfig | None = None) -> Trajectory:
     """The trajectory of dead reckoning, starting at the identity (figures 5 and 6 of the paper).
 
-    Args:
-        recording: with encoders or odometry; a lidar is not needed.
-        config: how the streams are synchronised; proper interpolation by default.
+    The recording has encoders or odometry; a lidar is not needed.
 
     Returns:
         poses at every scan, or at every odometry reading where there are no scans.
@@ -43,4 +37,4 @@ def dead_reckon(recording: Recording, config: SyncConfig | None = None) -> Traje
 
 def dead_reckoning(stamps: Array, odometry: Array) -> Trajectory:
     """Poses [n, 3] by odometry at stamps [n] [s], starting at the identity."""
-    return Trajectory(stamps, np.asarray(se2.between(odometry[0], odometry)))
+    return Trajectory(stamps, se2.between(odometry[0], odometry))

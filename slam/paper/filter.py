@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.matching import match_poses
+from moteslam.kernels.motion import sample_motion
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import shortened
-from moteslam.slam.filter.certainty import Certainty, certainty_of
+from moteslam.slam.filter.certainty import FLOOR, NEIGHBOURHOOD, Certainty, certainty_of
+from moteslam.slam.filter.covariance import Symmetric, moved, plus_diagonal, symmetric
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.misfit import Misfit
 from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
@@ -21,35 +24,23 @@ from moteslam.slam.filter.resampling import choose_parents
 from moteslam.slam.filter.update_policy import Travelled, magnitude, update_due
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.mapping.occupancy import OccupancyGrid
-from moteslam.slam.paper.config import PaperFilterConfig
-from moteslam.slam.paper.prediction import ParticleCovariance, predict
+from moteslam.slam.paper.config import MatchConfig, MotionNoise, PaperFilterConfig
 
-Array = NDArray[np.float64]
+UNKNOWN_SPEED = 0.5  # Of a robot of which no motion was measured yet: that of a slow walk [m/s]
 
 
 class PaperFilter(FilterDefaults):
-    """Section III.D of the paper: predict, match, weight, resample, map.
-
-    Args:
-        config: of the method ``paper``.
-
-    Attributes:
-        poses: [N, 3] of the particles at the last update.
-        weights: of the particles.
-        grid: the one shared map.
-        history: the particles' poses at every update.
-        best_particle: index into the last update's particles, before they were resampled.
-    """
+    """Section III.D of the paper: predict, match, weight, resample, map."""
 
     def __init__(self, config: PaperFilterConfig, seed: int) -> None:
         self._config, self._seed = config, seed
         self._offsets_xy = np.array(config.search.offsets_xy)
         self._offsets_theta = np.array(config.search.offsets_theta)
-        self.poses = np.zeros((config.particles, 3))
-        self.weights = Weights.uniform(config.particles)
-        self.grid = OccupancyGrid(config.map)
-        self.history = History()
-        self.best_particle = 0
+        self.poses = np.zeros((config.particles, 3))  # [N, 3] of the particles at the last update
+        self.weights = Weights.uniform(config.particles)  # of the particles
+        self.grid = OccupancyGrid(config.map)  # the one shared map
+        self.history = History()  # the particles' poses at every update
+        self.best_particle = 0  # index into the last update's particles, before they were resampled
         self._best = self.poses[0].copy()
         self._motion, self._travelled = np.zeros(3), Travelled()  # since the last update
         self._covariance, self._misfit = ParticleCovariance(config.motion, config.search), Misfit()
@@ -106,12 +97,7 @@ class PaperFilter(FilterDefaults):
         return self.grid.snapshot()
 
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
-        """Go on from a path that the back end has corrected: the shared map is drawn anew along it.
-
-        Args:
-            poses: [u, 3] of the robot at every update so far, corrected.
-            updates: [u] the indices of their scans.
-        """
+        """See ``Filter``: the shared map is drawn anew along the path."""
         self.history.revise(self.history.path(self.best_particle), poses)
         self._misfit.revise(poses)
         last, self._best = self._best, poses[-1].copy()
@@ -122,20 +108,14 @@ class PaperFilter(FilterDefaults):
 
     def _predict(self, step: Step) -> None:
         """III.3: every particle moves by the control, with noise."""
-        predict(self.poses, self._motion, self._travelled, self._config.motion, seed=self._seed, step=step.index)
+        spread = prediction_noise(self._config.motion, *self._travelled)
+        sample_motion(self.poses, self._motion, spread, seed=self._seed, step=step.index)
         self._motion, self._travelled = np.zeros(3), Travelled()
 
     def _match(self, step: Step) -> NDArray[np.int32]:
         """Section III.D.2: every particle moves to the best of its neighbourhood, of this score [N]."""
-        found = match_poses(
-            self.grid.occupied,
-            self.grid.origin,
-            self.grid.cell_size,
-            self.poses,
-            step.points,
-            offsets_xy=self._offsets_xy,
-            offsets_theta=self._offsets_theta,
-        )
+        grid, around = self.grid, {"offsets_xy": self._offsets_xy, "offsets_theta": self._offsets_theta}
+        found = match_poses(grid.occupied, grid.origin, grid.cell_size, self.poses, step.points, **around)
         self.poses = found.poses
         return found.scores
 
@@ -159,3 +139,65 @@ class PaperFilter(FilterDefaults):
     def _map(self, pose: Array, points: NDArray[np.float32], origin: Array) -> None:
         """III.2: the best particle's scan goes into the map."""
         self.grid.add_scan(se2.transform_points(pose, origin), se2.transform_points(pose, points))
+
+
+def prediction_noise(noise: MotionNoise, distance: float, rotation: float, elapsed: float) -> NDArray[np.float64]:
+    """The standard deviations of one prediction: forward [m], left [m], turn [rad].
+
+    One epsilon is drawn for the interval between two updates of the filter, over which the robot has travelled, turned
+    (the sum of absolute turns) and waited so much [m, rad, s], so the noise does not depend on how often the sensors
+    report in between. The shares of the motion itself are those of Probabilistic Robotics, table 5.6; to the left,
+    where the robot does not drive on purpose, it slips with the turn alone.
+    """
+    slip = noise.translation_from_rotation * rotation
+    forward = np.hypot(noise.velocity * elapsed, noise.translation_from_translation * distance)
+    heading = np.hypot(noise.yaw_rate * elapsed, noise.rotation_from_translation * distance)
+    return np.array([np.hypot(forward, slip), slip, np.hypot(heading, noise.rotation_from_rotation * rotation)])
+
+
+class ParticleCovariance:
+    """Follows the covariance from scan to scan.
+
+    Args:
+        motion: noise of the odometry; its variance grows in proportion to distance and turn.
+        search: offsets that each particle is tried at: no pose is known better than the steps between them, nor than
+            scans resolve it.
+    """
+
+    def __init__(self, motion: MotionNoise, search: MatchConfig) -> None:
+        self._a_metre, self._a_radian, self._a_second = (
+            np.square(prediction_noise(motion, *amount)) for amount in np.eye(3).tolist()
+        )
+        self._step, self._turn = (
+            max(float(np.max(np.diff(offsets), initial=0.0)) ** 2 / 12, least)
+            for offsets, least in zip((search.offsets_xy, search.offsets_theta), FLOOR, strict=True)
+        )
+        self._adrift, self._since, self._speed = 0.0, 0.0, UNKNOWN_SPEED  # [m]; driven since [m]; before [m/s]
+        self._spread: Symmetric = (self._step, 0.0, 0.0, self._step, 0.0, self._turn)
+
+    def move(self, motion: se2.Pose, dt: float, *, measured: bool) -> None:
+        """Take in a motion that took ``dt`` [s].
+
+        Of one that nothing measured the filter knows nothing: the robot may have driven on as fast as before, and any
+        jump of the odometry is made up. That is open until the map around the robot was made after it.
+        """
+        distance, turn = magnitude(motion)
+        x, y, theta = (distance * self._a_metre + turn * self._a_radian + dt * self._a_second).tolist()
+        self._spread = plus_diagonal(moved(self._spread, motion), x, y, theta)
+        if not measured:
+            self._adrift, self._since = self._adrift + max(distance, self._speed * dt), 0.0
+            return
+        self._speed = distance / dt if dt > 0 else self._speed
+        self._since += distance
+        self._adrift = self._adrift if self._since < NEIGHBOURHOOD else 0.0
+
+    @property
+    def value(self) -> Symmetric:
+        """At the last scan."""
+        return plus_diagonal(self._spread, self._adrift**2, self._adrift**2, 0.0)
+
+    def update(self, poses: Array, weights: Array, pose: Array) -> None:
+        """Take in an update: the particles [N, 3], their weights [N], and the pose [3] that was chosen."""
+        off = se2.between(pose, poses)
+        spread = symmetric((off * weights[:, None]).T @ off)
+        self._spread = plus_diagonal(spread, self._step, self._step, self._turn)

@@ -9,18 +9,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.se2 import Array
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.registrar import Registration, register
 from moteslam.slam.registration.search import LEAST_KNOWN
 
-Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 
-SLIP = 7.0
-"""Negative log-probability that the wheels slip in one step: one in a thousand."""
-CORRELATION = 10.0
-"""Neighbouring endpoints err alike: this many of them count as one, as in ``backend.correlation``."""
+SLIP = 7.0  # Negative log-probability that the wheels slip in one step: one in a thousand
+CORRELATION = 10.0  # Neighbouring endpoints err alike: this many of them count as one, as in `backend.correlation`
 
 
 def heavy_tail(squares: Array, config: TrackingConfig) -> Array:
@@ -29,13 +27,10 @@ def heavy_tail(squares: Array, config: TrackingConfig) -> Array:
 
 
 def against(squares: Array, config: TrackingConfig) -> Array:
-    """What speaks against offsets far from the odometry [nats].
+    """What speaks against offsets far from the odometry [nats], by their squares in standard deviations of it.
 
     Wheels slip seldom, and then by the odometry's heavy tail; or the odometry fails altogether, and the robot is at one
     of all the places of the relocation window that a registration can tell apart.
-
-    Args:
-        squares: of the offsets in standard deviations of the odometry.
     """
     window = (config.relocation_distance, config.relocation_distance, config.relocation_rotation)
     places = max(float(np.prod(window / config.basin)), 1.0)

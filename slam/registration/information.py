@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from moteslam.kernels.gauss_newton import (
-    LEAST_INFORMATION,
-    LEAST_RATIO,
-    MOST_NOISE,
-    NOISE_RATIO,
-    RIDGE,
-    keep_predictions,
-)
+from moteslam.kernels.gauss_newton import LEAST_INFORMATION, LEAST_RATIO, MOST_NOISE, NOISE_RATIO, RIDGE
+from moteslam.kernels.gauss_newton import keep_predictions as kept
 from moteslam.kernels.registration import LIKELIHOODS
+from moteslam.robot.se2 import Array
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import FULL, Registration, kept_by
 
-Array = NDArray[np.float64]
-UPPER = [0, 1, 2, 4, 5, 8]
-"""The upper triangle of a 3 x 3 matrix, of its elements row by row."""
+UPPER = [0, 1, 2, 4, 5, 8]  # The upper triangle of a 3 x 3 matrix, of its elements row by row
 
 
 def residual_variance(likelihood: float, config: RegistrationConfig) -> float:
@@ -27,33 +19,22 @@ def residual_variance(likelihood: float, config: RegistrationConfig) -> float:
 
     It is no setting: with normal residuals of variance t^2 the mean of exp(-(r / width)^2 / 2) is
     1 / sqrt(1 + (t / width)^2).
-
-    Args:
-        likelihood: mean of the endpoints, 0 to 1.
-        config: that they were registered with.
     """
     mean = min(max(likelihood, LIKELIHOODS[0]), LIKELIHOODS[1])
     return config.likelihood_width**2 * (1 / mean**2 - 1)
 
 
 def measured_information(found: Registration, which: int, config: RegistrationConfig, correlation: float) -> Array:
-    """The information [3, 3] of a registration, about its offset, by the variance of its own residuals.
+    """The information [3, 3] of one registration, about its offset, by the variance of its own residuals.
 
-    Args:
-        found: of N particles or starts.
-        which: one of them.
-        config: that it was registered with.
-        correlation: neighbouring endpoints err alike: this many of them count as one.
+    Neighbouring endpoints err alike: ``correlation`` of them count as one.
     """
     variance = residual_variance(float(found.likelihoods[which]), config)
     return np.asarray(found.information[which] / (variance * correlation))
 
 
 def least_informed(information: Array) -> tuple[Array, Array]:
-    """The direction in the plane that endpoints carry least information about.
-
-    Args:
-        information: [N, 3, 3] of the pose (x, y, theta).
+    """The direction in the plane that information [N, 3, 3] of poses (x, y, theta) is least along.
 
     Returns:
         [N] the ratio of the information along it to that across it, and [N, 2] the direction as a unit vector.
@@ -76,7 +57,6 @@ def least_bound_turn(
         means: [N, 3] of the endpoints' x, y, x^2 + y^2 from the robot, in the axes of the information [m, m^2].
         variances: [N] of the residuals, in squares of standard ones.
         errors: [N] along the direction that is bound least [m]: where they are large a turn does not move along it.
-        config: of the registration.
 
     Returns:
         [N, 3] how the robot moves in a turn of a radian; [N] 1 where it is bound, 0 where that is noise of the slopes.
@@ -97,19 +77,12 @@ def least_bound_turn(
 
 
 def keep_odometry(found: Registration, spread: Array, config: RegistrationConfig) -> Registration:
-    """What registration found, with the odometry kept along what the endpoints do not bind: ``keep_predictions``.
+    """What registration found, with odometry of a ``spread`` [3] kept along what the endpoints do not bind.
 
-    Args:
-        found: of N particles.
-        spread: [3] standard deviation of the odometry.
-        config: how much error a degenerate direction has.
+    See ``keep_predictions``.
     """
-    offsets, information = keep_predictions(
-        found.offsets,
-        found.information.reshape(-1, 9)[:, UPPER],
-        found.means,
-        kept_by(float(spread[0]), config),
-    )
+    upper = found.information.reshape(-1, 9)[:, UPPER]
+    offsets, information = kept(found.offsets, upper, found.means, kept_by(float(spread[0]), config))
     return found._replace(offsets=offsets, information=information[:, FULL].reshape(-1, 3, 3))
 
 
@@ -118,10 +91,6 @@ def less_where_unbound(information: Array, found: Registration, which: int, conf
 
     Along bare walls, and for turns in a round room, it is wrong by errors of the map, not by the endpoints' noise: by
     as much as ``keep_predictions`` has it.
-
-    Args:
-        information: as of ``measured_information``.
-        found, which, config: as there.
     """
     seen = found.at(which)
     (ratio,), (along,) = least_informed(seen.information)

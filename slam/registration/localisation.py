@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.registration import RegistrationOptions
 from moteslam.robot import se2
-from moteslam.robot.se2 import Pose
+from moteslam.robot.se2 import Array, Pose
 from moteslam.slam.inputs.lapses import CLOSED, Open
-from moteslam.slam.mapping.config import TsdfConfig
+from moteslam.slam.mapping.config import APART, TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.evidence import CORRELATION, heavy_tail, proved
@@ -28,19 +28,14 @@ from moteslam.slam.registration.registrar import (
 )
 from moteslam.slam.registration.search import LEAST_KNOWN, Window, apart, candidates
 
-Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 Numbers = TypeVar("Numbers", float, NDArray[np.float64])
 
-APART = np.array([0.5, 0.5, 0.2])
-"""Two places are farther apart than this in one component at least [m], [m], [rad]."""
 RIVALS, RIVAL_SHARE = 4, 0.05
 """Rivals of the place where a scan is found, at most; the match score of one, less what its offset from the prediction
 costs, is smaller by this share of the points at most."""
-WIDE = 6.0
-"""Wider windows than this are searched in steps twice as long [m], as the relocation window is."""
-OPEN_HEADING = 0.5
-"""A scan is searched for where the heading is known no better [rad]."""
+WIDE = 6.0  # Wider windows than this are searched in steps twice as long [m], as the relocation window is
+OPEN_HEADING = 0.5  # A scan is searched for where the heading is known no better [rad]
 OPEN_PLACE = 0.5
 """A lapse of the odometry that leaves more open [m], or more than that of the heading, is undecided until a scan is
 found in the map."""
@@ -52,59 +47,40 @@ BENT = 0.03
 
 
 class Rivals(NamedTuple):
-    """Other places where a scan fits about as well as where it was found.
+    """Other places where a scan fits about as well as where it was found."""
 
-    Attributes:
-        offsets: [m, 3] from there.
-        scores: [m] match scores, less that of the place found [points].
-        costs: [m] of the offsets from the prediction, less that of the place found [nats].
-    """
-
-    offsets: Array = np.zeros((0, 3))
-    scores: Array = np.zeros(0)
-    costs: Array = np.zeros(0)
+    offsets: Array = np.zeros((0, 3))  # [m, 3] from there
+    scores: Array = np.zeros(0)  # [m] match scores, less that of the place found [points]
+    costs: Array = np.zeros(0)  # [m] of the offsets from the prediction, less that of the place found [nats]
 
     def log_odds(self, evidence_share: float) -> Array:
         """The log-odds [m] against the place found, 0 at most: it was chosen, if only by the match score.
 
-        Args:
-            evidence_share: share of the match score that counts as log-likelihood: neighbouring endpoints err alike.
+        Of that a share counts as log-likelihood: neighbouring endpoints err alike.
         """
         return np.asarray(np.minimum(evidence_share * self.scores - self.costs, 0.0))
 
 
 class Located(NamedTuple):
-    """Where a scan was found.
+    """Where a scan was found."""
 
-    Attributes:
-        fitted: the registration there.
-        score: its match score [points].
-        rivals: other places.
-        decided: whether the scan says where the robot is, after a lapse of the odometry; true of all others.
-    """
-
-    fitted: Fitted
-    score: float
-    rivals: Rivals = Rivals()
-    decided: bool = True
+    fitted: Fitted  # the registration there
+    score: float  # its match score [points]
+    rivals: Rivals = Rivals()  # other places
+    decided: bool = True  # whether the scan says where the robot is, after a lapse of the odometry; true of all others
 
 
 class _Sought(NamedTuple):
-    """A scan that is searched for, as arrays.
+    """A scan that is searched for, as arrays."""
 
-    Attributes:
-        maps, predicted, spread, points, origin: as of ``Localiser.locate``.
-        predictions: [m, 3] other predictions to try, as offsets from ``predicted``.
-        left: open by a lapse of the odometry.
-    """
-
+    # maps, predicted, spread, points, origin: as of ``Localiser.locate``.
     maps: TsdfView
     predicted: Array
     spread: Array
     points: Points
     origin: Array
-    predictions: Array
-    left: Open = Open()
+    predictions: Array  # [m, 3] other predictions to try, as offsets from `predicted`
+    left: Open = Open()  # open by a lapse of the odometry
 
     @property
     def open(self) -> bool:
@@ -168,8 +144,9 @@ class Localiser:
             measured: whether odometry measured the prediction: then only the endpoints' evidence overrules it.
         """
         c = self._config
-        options = self._options_of(maps.config)
-        fitted = register_one(maps, predicted, spread, points, origin, self._registration, options)
+        if self._options is None or self._options[0] is not maps.config:  # made once for all scans
+            self._options = maps.config, options_of(maps.config, self._registration)
+        fitted = register_one(maps, predicted, spread, points, origin, self._registration, self._options[1])
         forward, _, turn = spread
         sure = forward <= c.basin_distance and turn <= OPEN_HEADING
         near = sure and _within(c.accept_deviation, fitted.offset, spread)
@@ -216,12 +193,6 @@ class Localiser:
             return best
         return self._proved(sought, wide) if measured else wide
 
-    def _options_of(self, maps: TsdfConfig) -> RegistrationOptions:
-        """Of registrations to such maps, made once for all scans."""
-        if self._options is None or self._options[0] is not maps:
-            self._options = maps, options_of(maps, self._registration)
-        return self._options[1]
-
     def contradicts(self, score: float, points: int) -> bool:
         """Whether a scan of this many points contradicts the map where it was found, by its match score there."""
         return score < self._config.lost_score * points
@@ -256,7 +227,7 @@ class Localiser:
         order = np.argsort(-values, kind="stable")
         order = order[values[order] > values[best] - RIVAL_SHARE * len(points)]
         rivals = order[apart(tried.offsets[order], RIVALS + 1, APART)[1:]]
-        offsets = np.asarray(se2.between(start, tried.offsets[rivals]))
+        offsets = se2.between(start, tried.offsets[rivals])
         fitted = found.of(0)
         score = match_score(fitted.known, fitted.likelihood, fitted.crossed, c)
         if sought.open:
@@ -291,10 +262,5 @@ def _within(most: float, offset: Pose, spread: Spread) -> bool:
 
 
 def match_score(known: Numbers, likelihood: Numbers, crossed: Numbers, config: TrackingConfig) -> Numbers:
-    """The match score in points: endpoints that match, less what contradicts the map.
-
-    Args:
-        known, likelihood, crossed: as of ``Registration``, of one scan or of many.
-    """
-    c = config
-    return known * (c.score_likelihood * likelihood - c.score_known) - c.score_crossing * crossed
+    """The match score in points, of one scan or of many: endpoints that match, less what contradicts the map."""
+    return known * (config.score_likelihood * likelihood - config.score_known) - config.score_crossing * crossed

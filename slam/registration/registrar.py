@@ -7,32 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.kernels import registration as kernel
 from moteslam.kernels.gauss_newton import Kept
-from moteslam.kernels.registration import (
-    COST,
-    CROSSED,
-    FAR,
-    FRAME,
-    FREE,
-    INFORMATION,
-    KNOWN,
-    LIKELIHOOD,
-    MEANS,
-    OFFSET,
-    PRIOR,
-    PRIOR_MEAN,
-    QUERY,
-    START,
-    RegistrationOptions,
-    register_scans,
-)
-from moteslam.robot.se2 import Pose, as_pose
+from moteslam.kernels.registration import RegistrationOptions, register_scans
+from moteslam.robot.se2 import Array, Pose, as_pose
 from moteslam.slam.mapping.config import LOST_DISTANCE, RESOLVED, TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig
 
-Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 Spread = tuple[float, float, float]
 """Standard deviations of a predicted pose in plain numbers: forward [m], left [m], turn [rad]."""
@@ -41,29 +24,17 @@ FULL = [0, 1, 2, 1, 3, 4, 2, 4, 5]
 
 
 class Registration(NamedTuple):
-    """Where scans were found, for each of N particles.
+    """Where scans were found, for each of N particles."""
 
-    Attributes:
-        offsets: [N, 3] from the predicted pose, in its frame.
-        information: [N, 3, 3] of the endpoints about them.
-        costs: [N] negative log-likelihood of the endpoints.
-        known: [N] number of endpoints where the map is known.
-        likelihoods: [N] mean likelihood of those, 0 to 1.
-        crossed: [N] number of rays that pass through a surface of the map.
-        free: [N, 3] the offsets before the odometry was kept along degenerate directions.
-        far: [N] number of endpoints that the coarse level knows to be ``LOST_DISTANCE`` or more from the surface.
-        means: [N, 3] of the fine level's endpoints: x, y, x^2 + y^2 from the robot, in the axes of the offset.
-    """
-
-    offsets: Array
-    information: Array
-    costs: Array
-    known: Array
-    likelihoods: Array
-    crossed: Array
-    free: Array
-    far: Array
-    means: Array
+    offsets: Array  # [N, 3] from the predicted pose, in its frame
+    information: Array  # [N, 3, 3] of the endpoints about them
+    costs: Array  # [N] negative log-likelihood of the endpoints
+    known: Array  # [N] number of endpoints where the map is known
+    likelihoods: Array  # [N] mean likelihood of those, 0 to 1
+    crossed: Array  # [N] number of rays that pass through a surface of the map
+    free: Array  # [N, 3] the offsets before the odometry was kept along degenerate directions
+    far: Array  # [N] number of endpoints that the coarse level knows to be `LOST_DISTANCE` or more from the surface
+    means: Array  # [N, 3] of the fine level's endpoints: x, y, x^2 + y^2 from the robot, in the axes of the offset
 
     def of(self, which: int) -> Fitted:
         """One of them."""
@@ -116,46 +87,30 @@ def register(
     """
     x, y, theta = spread.tolist()
     weight = config.prior_weight
-    queries = np.empty((len(predicted), QUERY))
-    queries[:, FRAME], queries[:, START] = maps.frames(predicted), starts
-    queries[:, PRIOR] = weight / x**2, weight / y**2, weight / theta**2, 0.0, 0.0, 0.0
+    queries = np.empty((len(predicted), kernel.QUERY))
+    queries[:, kernel.FRAME], queries[:, kernel.START] = maps.frames(predicted), starts
+    queries[:, kernel.PRIOR] = weight / x**2, weight / y**2, weight / theta**2, 0.0, 0.0, 0.0
     if means is not None:
-        queries[:, PRIOR_MEAN] = means
+        queries[:, kernel.PRIOR_MEAN] = means
+    options, kept = options_of(maps.config, config), kept_by(x if deviation is None else deviation, config)
     found = register_scans(
-        maps.tiles,
-        queries,
-        points,
-        origin.tolist(),
-        options=options_of(maps.config, config),
-        coarse=coarse,
-        kept=kept_by(x if deviation is None else deviation, config) if keep else None,
+        maps.tiles, queries, points, origin.tolist(), options=options, coarse=coarse, kept=kept if keep else None
     )
-    information = found[:, INFORMATION][:, FULL].reshape(-1, 3, 3)
-    known = found[:, KNOWN]
-    likelihoods = found[:, LIKELIHOOD] / np.maximum(known, 1)
-    return Registration(
-        found[:, OFFSET],
-        information,
-        found[:, COST],
-        known,
-        likelihoods,
-        found[:, CROSSED],
-        found[:, FREE],
-        found[:, FAR],
-        found[:, MEANS],
+    information = found[:, kernel.INFORMATION][:, FULL].reshape(-1, 3, 3)
+    cost, known, likelihood, crossed = (
+        found[:, column] for column in (kernel.COST, kernel.KNOWN, kernel.LIKELIHOOD, kernel.CROSSED)
     )
+    free, far, about = found[:, kernel.FREE], found[:, kernel.FAR], found[:, kernel.MEANS]
+    likelihoods = likelihood / np.maximum(known, 1)
+    return Registration(found[:, kernel.OFFSET], information, cost, known, likelihoods, crossed, free, far, about)
 
 
 class Fitted(NamedTuple):
-    """Where one scan was found, in plain numbers: see ``Registration``.
+    """Where one scan was found, in plain numbers: see ``Registration``."""
 
-    Attributes:
-        offset, known, likelihood, crossed, cost, free, far: as there.
-        information: the elements xx, xy, xt, yy, yt, tt; t is theta.
-    """
-
+    # offset, known, likelihood, crossed, cost, free, far: as there.
     offset: Pose
-    information: tuple[float, float, float, float, float, float]
+    information: tuple[float, float, float, float, float, float]  # the elements xx, xy, xt, yy, yt, tt; t is theta
     known: float
     likelihood: float
     crossed: float
@@ -175,11 +130,8 @@ def register_one(
 ) -> Fitted:
     """``register`` of one scan to the TSDF of one particle, from the predicted pose, in plain numbers.
 
-    In 35 us where arrays of one row take 64 (250 points, one thread): every scan is tracked by it.
-
-    Args:
-        maps, predicted, spread, points, origin, config: as of ``register``.
-        options: ``options_of`` the maps and ``config``.
+    In 35 us where arrays of one row take 64 (250 points, one thread): every scan is tracked by it. ``options`` are
+    ``options_of`` the maps and ``config``.
     """
     x, y, theta = spread
     weight = config.prior_weight
@@ -187,29 +139,16 @@ def register_one(
     queries = np.array(((*maps.frame(predicted), 0.0, 0.0, 0.0, *prior),))
     kept = kept_by(x, config)
     found = register_scans(maps.tiles, queries, points, origin, options=options, kept=kept)[0].tolist()
-    x, y, theta, xx, xy, xt, yy, yt, tt, cost, known, likelihood, crossed = found[: CROSSED + 1]
-    free_x, free_y, free_turn = found[FREE]
+    x, y, theta, xx, xy, xt, yy, yt, tt, cost, known, likelihood, crossed = found[: kernel.CROSSED + 1]
+    free_x, free_y, free_turn = found[kernel.FREE]
     offset, information, free = (x, y, theta), (xx, xy, xt, yy, yt, tt), (free_x, free_y, free_turn)
-    return Fitted(offset, information, known, likelihood / max(known, 1), crossed, cost, free, found[FAR])
+    return Fitted(offset, information, known, likelihood / max(known, 1), crossed, cost, free, found[kernel.FAR])
 
 
 def options_of(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOptions:
     """The options of registrations to maps of this kind."""
-    return RegistrationOptions(
-        cell_size=maps.cell_size,
-        truncation=maps.truncation,
-        coarse_truncation=maps.coarse_truncation,
-        residual=config.residual,
-        coarse_residual_factor=config.coarse_residual_factor,
-        iterations=config.iterations,
-        unknown=config.unknown_cost,
-        outlier=config.outlier_cost,
-        likelihood_width=config.likelihood_width,
-        ray_clearance=config.ray_clearance,
-        ray_weight=config.ray_weight,
-        ray_distance=config.ray_distance,
-        far=LOST_DISTANCE,
-    )
+    both = {**vars(config), **vars(maps), "far": LOST_DISTANCE}
+    return RegistrationOptions._make(both[name] for name in RegistrationOptions._fields)
 
 
 def kept_by(deviation: float, config: RegistrationConfig) -> Kept:
@@ -220,10 +159,7 @@ def kept_by(deviation: float, config: RegistrationConfig) -> Kept:
 def prior_deviations(config: RegistrationConfig, distance: float, rotation: float, *, measured: bool = True) -> Spread:
     """Standard deviations of a predicted motion: forward [m], left [m], turn [rad].
 
-    Args:
-        distance: [m].
-        rotation: sum of absolute turns [rad].
-        measured: whether odometry measured the motion; else it was extrapolated.
+    The rotation is the sum of absolute turns [rad]; what odometry did not measure was extrapolated.
     """
     forward, left, turn = odometry_error(config, distance, rotation)
     if not measured:

@@ -12,37 +12,28 @@ from numpy.typing import NDArray
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
 from moteslam.kernels.tiles import STEPS
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import SearchConfig
 from moteslam.slam.registration.registrar import Registration, subsample
 
-Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 
-CROSSING = 0.3
-"""What a ray through a surface costs [endpoints]: little, since doors open and people walk."""
-LEAST_KNOWN = 0.3
-"""A place that knows less of the endpoints than another counts as if it knew this share of them."""
-AT_ONCE = 2048
-"""Offsets, best first, that are compared at once."""
-ELSEWHERE_DISTANCE, ELSEWHERE_ROTATION = 0.5, 0.15
-"""A place this far off is another one [m], [rad]."""
+CROSSING = 0.3  # What a ray through a surface costs [endpoints]: little, since doors open and people walk
+LEAST_KNOWN = 0.3  # A place that knows less of the endpoints than another counts as if it knew this share of them
+AT_ONCE = 2048  # Offsets, best first, that are compared at once
+ELSEWHERE_DISTANCE, ELSEWHERE_ROTATION = 0.5, 0.15  # A place this far off is another one [m], [rad]
 
 
 class Window(NamedTuple):
-    """A search window around a predicted pose.
+    """A search window around a predicted pose."""
 
-    Attributes:
-        half: [3] half width along its two axes [m], [m], and in theta [rad].
-        step, heading_step: of the lattice [m], [rad].
-        along: heading of its first axis in the frame of the predicted pose [rad].
-        drift: its middle moves by this for every radian of turn, along its axes [m/rad].
-    """
-
-    half: Array
+    half: Array  # [3] half width along its two axes [m], [m], and in theta [rad]
+    # step, heading_step: of the lattice [m], [rad].
     step: float
     heading_step: float
-    along: float = 0.0
+    along: float = 0.0  # heading of its first axis in the frame of the predicted pose [rad]
+    # its middle moves by this for every radian of turn, along its axes [m/rad].
     drift: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
@@ -71,11 +62,8 @@ def candidates(
 ) -> Array:
     """The most promising offsets [m, 3] of a window, by the coarse level of the TSDF and the prior, best first.
 
-    Args:
-        predicted: [3] the middle of the window.
-        spread: [3] standard deviation of the prior about it.
-        points: [k, 2] of the scan.
-        most: offsets at most; each is ``config.separation`` of the basin away from the better ones.
+    The window is around ``predicted`` [3], the prior about it of standard deviations ``spread`` [3], the scan's points
+    are [k, 2]. Each is ``config.separation`` of the basin away from the better ones.
     """
     few = subsample(points, MAX_SEARCH_POINTS)
     c, s = math.cos(window.along), math.sin(window.along)
@@ -87,7 +75,7 @@ def candidates(
     weight = config.search_prior * len(few)
     scores, chosen = search_scans(
         maps.tiles,
-        maps.frames(predicted[None] + (0.0, 0.0, window.along)),
+        maps.frame(se2.as_pose(np.add(predicted, (0.0, 0.0, window.along)))),
         few if window.along == 0 else few @ axes.astype(np.float32),
         turns,
         weight * (turns / spread[2]) ** 2 * STEPS,
@@ -98,18 +86,15 @@ def candidates(
         near=config.search_near / maps.config.coarse_truncation,
         drift=window.drift,
     )
-    best = np.argsort(-scores[0], kind="stable")
+    best = np.argsort(-scores.ravel(), kind="stable")
     turned = turns[best // blocks]
-    places = shifts[chosen[0, best]] + turned[:, None] * window.drift
+    places = shifts[chosen.ravel()[best]] + turned[:, None] * window.drift
     found = np.column_stack((places @ axes.T, turned))
     return np.asarray(found[apart(found, most, config.separation * config.basin)])
 
 
 def apart(offsets: Array, most: int, distance: Array) -> NDArray[np.intp]:
-    """The indices of the first ``most`` of offsets [m, 3] that are at least ``distance`` [3] from those before.
-
-    In one component.
-    """
+    """The indices of the first ``most`` of offsets [m, 3] that are ``distance`` from those before in a component."""
     chosen: list[int] = []
     places = np.stack((*offsets[:, :2].T, se2.wrap(offsets[:, 2])))
     for first in range(0, len(offsets), AT_ONCE):  # few of many are looked at
@@ -149,11 +134,7 @@ def _steps_to(half: float, step: float) -> int:
 
 
 def shares(found: Registration, points: int, cost: Array | float = 0.0) -> Array:
-    """Of the endpoints on surfaces, less what rays through surfaces and the place itself cost [N].
-
-    Args:
-        cost: [N] of the places [endpoints].
-    """
+    """Of the endpoints on surfaces, less what rays through surfaces and the places themselves [N] cost [endpoints]."""
     return np.asarray((found.known * found.likelihoods - CROSSING * found.crossed - cost) / points)
 
 
@@ -164,14 +145,11 @@ def is_elsewhere(offsets: Array) -> NDArray[np.bool_]:
 
 
 def runner_up(found: Registration, shares: Array, points: int) -> float:
-    """The largest share of a place elsewhere than the best one, 0 at least.
+    """The largest of ``shares`` of a place elsewhere than the best one, 0 at least.
 
     That a place knows more is no evidence for it: one at the edge of a map counts by what it knows.
-
-    Args:
-        found, points: as of ``shares``, which gave the second.
     """
     best = int(shares.argmax())
-    elsewhere = is_elsewhere(np.asarray(se2.between(found.offsets[best], found.offsets)))
+    elsewhere = is_elsewhere(se2.between(found.offsets[best], found.offsets))
     fair = shares * np.maximum(found.known[best] / np.maximum(found.known, LEAST_KNOWN * points), 1.0)
     return max(float(fair[elsewhere].max()), 0.0) if elsewhere.any() else 0.0

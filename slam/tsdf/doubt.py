@@ -14,15 +14,13 @@ from moteslam.slam.filter.certainty import LocalisationState, state_of
 from moteslam.slam.filter.misfit import DOUBTFUL_DROP, LOST_DROP, Scores
 from moteslam.slam.registration.evidence import CORRELATION
 
-PRIOR = -6.0
-"""The log-odds that a pose is wrong of which nothing is known: one in 400."""
+PRIOR = -6.0  # The log-odds that a pose is wrong of which nothing is known: one in 400
 FIRST, MOST = 4.0, 1.5
 """Of the first scan that is suspected the evidence is at most the one, and of each after it the other, either way
 [nats]: three decide at the earliest. Who walks up to the robot hides half of what it sees, and is passed by then."""
 CARRIED = -0.5
 """The log-odds where the robot was carried: it may have been found within the window of the search, or not."""
-APART = 0.5
-"""Scans this far apart err independently [m]; of nearer ones each counts by its share of it."""
+APART = 0.5  # Scans this far apart err independently [m]; of nearer ones each counts by its share of it
 FAR_WHERE_LOST, FAR_AT_FIRST, LEAST_FAR = 0.12, 0.03, 0.01
 """Shares of the endpoints that are far from the surface: where a robot is lost, the mean of simulated drives; where it
 is not, before it is known what is usual; and then, at least (in the mean of real logs it is 0 to 0.006)."""
@@ -33,26 +31,17 @@ UNKNOWN_WHERE_LOST, LEAST_UNKNOWN = 0.5, 0.1
 """Shares of the endpoints where the map is unknown: where a robot is lost; and where it is not, at least."""
 AHEAD = 0.25
 """The latter may be larger by this share for every metre driven since the scan before that was not suspected [1/m]."""
-USUAL = 10.0
-"""What is usual is a mean along the path of this length [m]."""
+USUAL = 10.0  # What is usual is a mean along the path of this length [m]
 
 
 class ScanFit(NamedTuple):
-    """A scan at its place in the map.
+    """A scan at its place in the map."""
 
-    Attributes:
-        score: its match score, as a share of the points where the map is known.
-        points: how many it has.
-        known: of these lie where the map is known.
-        far: of these are ``LOST_DISTANCE`` or more from the surface.
-        crossed: rays that pass through a surface of the map.
-    """
-
-    score: float
-    points: float
-    known: float
-    far: float
-    crossed: float
+    score: float  # its match score, as a share of the points where the map is known
+    points: float  # how many it has
+    known: float  # of these lie where the map is known
+    far: float  # of these are `LOST_DISTANCE` or more from the surface
+    crossed: float  # rays that pass through a surface of the map
 
 
 class Doubt:
@@ -62,14 +51,11 @@ class Doubt:
     prior: a robot is carried off at any time. The first scan that counts is one whose score drops below what is usual,
     and below the scan before: what the robot drives into lowers the scores little by little. What is usual is learnt
     while the robot is not doubted.
-
-    Attributes:
-        carried: the robot was, and has not been found since.
     """
 
     def __init__(self) -> None:
         self._log_odds = PRIOR
-        self.carried = False
+        self.carried = False  # the robot was, and has not been found since
         self._driven = 0.0  # since the last scan that was not suspected [m]
         self._scores, self._before = Scores(), 0.0
         self._far, self._crossed, self._unknown = FAR_AT_FIRST, 0.0, UNKNOWN_WHERE_LOST  # usual shares of the endpoints
@@ -85,13 +71,10 @@ class Doubt:
         return state_of(self.probability)
 
     def observe(self, driven: float, scan: ScanFit | None, *, carried: bool = False) -> None:
-        """Take in a scan.
+        """Take in a scan, None if it was not matched, driven so far after the one before by the odometry [m].
 
-        Args:
-            driven: since the scan before, by the odometry [m]: where the robot is found elsewhere that is no drive.
-            scan: None if it was not matched.
-            carried: it was found farther off than the robot can have driven: somebody moved it, and it is only found
-                where the scans fit as is usual.
+        It was ``carried`` if it was found farther off than the robot can have driven: somebody moved it, and it is only
+        found where the scans fit as is usual.
         """
         self._driven += driven
         if scan is None:

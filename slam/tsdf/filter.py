@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
-from moteslam.robot.se2 import Pose, as_pose, compose_one
+from moteslam.robot.se2 import Array, Pose, as_pose, compose_one
 from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.protocol import FilterDefaults, StepResult
@@ -20,7 +20,6 @@ from moteslam.slam.inputs.step import Step, thin, thin_some
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.doubt import Doubt
 from moteslam.slam.tsdf.floor import FloorLikelihood
-from moteslam.slam.tsdf.hypotheses import divide, join, settled
 from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import PoseCovariance
@@ -28,24 +27,17 @@ from moteslam.slam.tsdf.proposal import Proposal, propose, sample
 from moteslam.slam.tsdf.relocation import Relocation
 from moteslam.slam.tsdf.tracking import Tracked, Tracker
 
-Array = NDArray[np.float64]
-
-WRONG_WHILE_LOST = 0.95
-"""Probability of a wrong pose from when the robot is lost until it is found."""
+WRONG_WHILE_LOST = 0.95  # Probability of a wrong pose from when the robot is lost until it is found
 
 
 class TsdfFilter(FilterDefaults):
-    """Track every scan; where an update is due register, weigh, resample, sample and map.
-
-    Args:
-        config: of the method ``tsdf``.
-    """
+    """Track every scan; where an update is due register, weigh, resample, sample and map."""
 
     def __init__(self, config: TsdfFilterConfig, seed: int) -> None:
         self._config, self._seed = config, seed
         self._particles = Particles(config.particles, config.tsdf)
         self._tracker = Tracker(config.tracking, config.registration, config.calibration)
-        self._floor = FloorLikelihood(config.colours, config.texture, config.proposal.information_share)
+        self._floor = FloorLikelihood(config)
         self._covariance, self._doubt = PoseCovariance(config.registration), Doubt()
         self._relocation: Relocation | None = None  # of a robot that is lost, in the map that it had
         self._relocated: Array | None = None
@@ -76,7 +68,7 @@ class TsdfFilter(FilterDefaults):
     @property
     def settled(self) -> bool:
         """Whether the particles are of one hypothesis."""
-        return settled(self._particles)
+        return self._particles.settled
 
     @property
     def uses_camera(self) -> bool:
@@ -102,7 +94,8 @@ class TsdfFilter(FilterDefaults):
         due = update_due(self._config.update, self._since.travelled, self._since.tracked)
         if doubted or not (due or len(tracked.rivals.offsets)):
             return self._unweighed_result(tracked.motion, updated=False)
-        places = divide(self._particles, tracked.rivals, self._config.proposal.evidence_share)
+        rivals = tracked.rivals
+        places = self._particles.divide(rivals.offsets, rivals.log_odds(self._config.proposal.evidence_share))
         proposal = self._register(step, scan, places)
         proposal = self._weigh(step, proposal)
         n_eff, score = self.weights.effective_number, float(proposal.likelihoods[self.best_particle])
@@ -123,13 +116,9 @@ class TsdfFilter(FilterDefaults):
         return relocated
 
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
-        """Go on from a path that was corrected: with one map, drawn along it, that all particles share.
+        """See ``Filter``: with one map, drawn along the path, that all particles share.
 
         While the robot is lost that is a map of what it has seen since, and the one that it had is drawn anew, too.
-
-        Args:
-            poses: [u, 3] of the robot at every update so far, corrected.
-            updates: [u] the indices of their scans.
         """
         drawn = thin_some(scans, updates.tolist(), self._config.thinning)
         if self._relocation is not None:
@@ -138,9 +127,7 @@ class TsdfFilter(FilterDefaults):
             drawn = drawn[before:]
         self._particles.revise(poses, drawn)
         self._tracker.pose = as_pose(self._particles.best_pose)
-        self._floor = FloorLikelihood(
-            self._config.colours, self._config.texture, self._config.proposal.information_share
-        )
+        self._floor = FloorLikelihood(self._config)
 
     def _start(self, scan: ThinnedScan) -> StepResult:
         """The first scan: there is nothing to register to; it goes into the one map that all particles share."""
@@ -166,17 +153,9 @@ class TsdfFilter(FilterDefaults):
         """The robot is lost: from here on it draws another map, and the one that it had is where it is looked for."""
         particles = self._particles
         if self._relocation is None:
-            path = self.history.path(self.best_particle)
+            known = particles.maps, self.best_particle, self.history.path(self.best_particle), self._config.registration
             begin, reach = np.array(self._tracker.pose), tracked.astray or np.inf
-            self._relocation = Relocation(
-                particles.maps,
-                self.best_particle,
-                path,
-                self._config.registration,
-                begin=begin,
-                reach=reach,
-                carried=self._doubt.carried,
-            )
+            self._relocation = Relocation(*known, begin=begin, reach=reach, carried=self._doubt.carried)
         else:  # lost once more
             self._relocation.reach = np.inf
         particles.begin_anew(np.array(self._tracker.pose), scan)
@@ -208,18 +187,8 @@ class TsdfFilter(FilterDefaults):
 
     def _register(self, step: Step, scan: ThinnedScan, places: Array) -> Proposal:
         """Register the scan to every particle's map, from these places [N, 3]."""
-        c = self._config
-        return propose(
-            self._particles,
-            self._since,
-            scan,
-            step.origin,
-            c.proposal,
-            c.registration,
-            c.tracking,
-            measured=step.measured,
-            places=places,
-        )
+        c, seen = self._config, (self._particles, self._since, scan, step.origin)
+        return propose(*seen, c.proposal, c.registration, c.tracking, measured=step.measured, places=places)
 
     def _weigh(self, step: Step, proposal: Proposal) -> Proposal:
         """Weigh the particles by lidar and odometry, and by the floor's colours; calibrate the odometry."""
@@ -262,7 +231,7 @@ class TsdfFilter(FilterDefaults):
 
     def _map(self, scan: ThinnedScan, proposal: Proposal) -> None:
         """Write the scan, and the floor, into the maps; count motion from here on."""
-        join(self._particles)
+        self._particles.join()
         if proposal.registered:
             self._particles.integrate(scan)
             self._covariance.mapped()

@@ -10,59 +10,39 @@ from moteslam.slam.inputs.lapses import CLOSED, Open
 
 __all__ = ["CLOSED", "MotionSinceUpdate", "Open", "StepMotion", "Travelled", "magnitude", "step_motion"]
 
-STILL: Pose = (0.0, 0.0, 0.0)
-"""No motion."""
+STILL: Pose = (0.0, 0.0, 0.0)  # No motion
 
 
 class StepMotion(NamedTuple):
-    """The motion of one step, before its scan is registered.
+    """The motion of one step, before its scan is registered."""
 
-    Attributes:
-        wheels: as the odometry measured it, or as extrapolated.
-        corrected: the same with the odometry's systematic errors removed.
-        dt: of the step [s].
-        measured: whether odometry measured it.
-        distance, rotation: length and absolute turn of ``corrected`` [m], [rad].
-        open: how far off one may be that odometry bounds but did not measure.
-    """
-
-    wheels: Pose
-    corrected: Pose
-    dt: float
-    measured: bool
+    wheels: Pose  # as the odometry measured it, or as extrapolated
+    corrected: Pose  # the same with the odometry's systematic errors removed
+    dt: float  # of the step [s]
+    measured: bool  # whether odometry measured it
+    # distance, rotation: length and absolute turn of `corrected` [m], [rad].
     distance: float
     rotation: float
-    open: Open = CLOSED
+    open: Open = CLOSED  # how far off one may be that odometry bounds but did not measure
 
 
 def step_motion(wheels: Pose, corrected: Pose, dt: float, *, measured: bool, left: Open = CLOSED) -> StepMotion:
-    """The motion of one step: see ``StepMotion``."""
+    """One with its length and turn."""
     return StepMotion(wheels, corrected, dt, measured, *magnitude(corrected), left)
 
 
 class MotionSinceUpdate(NamedTuple):
-    """The sum of the steps since the last update; every increment is in the frame of the pose there.
+    """The sum of the steps since the last update; every increment is in the frame of the pose there."""
 
-    Attributes:
-        tracked: as registration to the best particle's map found it.
-        odometry: by the corrected odometry; by tracking where the odometry slipped or measured nothing.
-        wheels: by the odometry, not corrected.
-        travelled: distance, rotation and time by the corrected odometry.
-        calibrates: whether the odometry's gains may be updated with it: no part of it is extrapolated or a slip.
-    """
-
-    tracked: Pose = STILL
-    odometry: Pose = STILL
-    wheels: Pose = STILL
-    travelled: Travelled = Travelled()
+    tracked: Pose = STILL  # as registration to the best particle's map found it
+    odometry: Pose = STILL  # by the corrected odometry; by tracking where the odometry slipped or measured nothing
+    wheels: Pose = STILL  # by the odometry, not corrected
+    travelled: Travelled = Travelled()  # distance, rotation and time by the corrected odometry
+    # whether the odometry's gains may be updated with it: no part of it is extrapolated or a slip.
     calibrates: bool = True
 
     def plus(self, step: StepMotion, tracked: Pose, *, slipped: bool) -> MotionSinceUpdate:
-        """After one more step.
-
-        Args:
-            slipped: whether its odometry slipped.
-        """
+        """After one more step, whose odometry may have slipped."""
         usable = step.measured and not slipped
         return MotionSinceUpdate(
             tracked=compose_one(self.tracked, tracked),

@@ -9,34 +9,28 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.weights import Weights
-from moteslam.slam.mapping.config import TsdfConfig
+from moteslam.slam.mapping.config import APART, TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps
 
-Array = NDArray[np.float64]
+OPEN = 0.001
+"""Weight of the particles of other hypotheses than the best one's from which on it is open where the robot is."""
 
 
 class Particles:
-    """N particles at the identity, where the robot starts, with one empty map that all share.
-
-    Attributes:
-        poses: [N, 3] at the last update.
-        weights: of the particles.
-        best: index of the best one.
-        hypotheses: [N] numbers of the places that they were sent to; equal where a search left no choice.
-        maps: their TSDFs.
-        history: their poses at every update.
-    """
+    """N particles at the identity, where the robot starts, with one empty map that all share."""
 
     def __init__(self, n: int, config: TsdfConfig) -> None:
         self._config = config
-        self.poses = np.zeros((n, 3))
-        self.weights = Weights.uniform(n)
+        self.poses = np.zeros((n, 3))  # [N, 3] at the last update
+        self.weights = Weights.uniform(n)  # of the particles
+        # [N] numbers of the places that they were sent to, after a search that found several; else equal
         self.hypotheses = np.zeros(n, np.int64)
-        self.best = 0
-        self.maps = TsdfMaps(config)
-        self.history = History()
+        self.best = 0  # index of the best one
+        self.maps = TsdfMaps(config)  # their TSDFs
+        self.history = History()  # their poses at every update
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -48,14 +42,11 @@ class Particles:
 
     def offsets(self) -> Array:
         """Of all particles from the best one, in its frame [N, 3]."""
-        return np.asarray(se2.between(self.poses[self.best], self.poses))
+        return se2.between(self.poses[self.best], self.poses)
 
     def mode_mean(self, distance: float, rotation: float) -> Array:
-        """The weighted mean [3] of the best particle's mode, in the frame of the best particle.
-
-        Args:
-            distance: of the particles of its mode from it, at most [m].
-            rotation: of their headings from its heading, at most [rad].
+        """The weighted mean [3] of the best particle's mode, in the frame of the best particle: of those within [m] and
+        [rad].
         """
         if len(self) == 1:
             return np.zeros(3)
@@ -63,6 +54,46 @@ class Particles:
         near = (np.hypot(off[:, 0], off[:, 1]) <= distance) & (abs(off[:, 2]) <= rotation)
         weights = self.weights.values * near
         return np.asarray(weights @ off / weights.sum())
+
+    @property
+    def settled(self) -> bool:
+        """Whether next to no weight is on particles of another hypothesis than the best one's."""
+        others = self.hypotheses != self.hypotheses[self.best]
+        return bool(self.weights.values[others].sum() < OPEN)
+
+    def join(self) -> None:
+        """Particles that have come to where the best one is are of its hypothesis."""
+        if (self.hypotheses != self.hypotheses[self.best]).any():
+            together = (np.abs(self.offsets()) < APART).all(axis=1)
+            self.hypotheses[together] = self.hypotheses[self.best]
+
+    def divide(self, rivals: Array, log_odds: Array) -> Array:
+        """Divide the particles around the best one among rival places by their odds; the best one stays.
+
+        The rivals [m, 3] are offsets from where that is, of log-odds [m] against it. A place where a particle is
+        already is left out.
+
+        Returns:
+            [N, 3] where each looks for the robot, from where the tracked motion leads it.
+        """
+        places = np.zeros((len(self), 3))
+        if not len(rivals):
+            return places
+        off = self.offsets()
+        away = off[:, None] - rivals
+        away[..., 2] = se2.wrap(away[..., 2])
+        free = (np.abs(away) >= APART).any(axis=2).all(axis=0)
+        if not free.any():
+            return places
+        mode = np.flatnonzero((np.abs(off) < APART).all(axis=1))
+        mode = np.append(self.best, mode[mode != self.best])
+        odds = np.append(0.0, log_odds[free])
+        shares = np.exp(odds - odds.max())
+        chosen = np.searchsorted(np.cumsum(shares) / shares.sum(), (np.arange(len(mode)) + 0.5) / len(mode))
+        chosen[0] = 0
+        places[mode] = np.vstack((np.zeros(3), rivals[free]))[chosen]
+        self.hypotheses[mode[chosen > 0]] = self.hypotheses.max() + chosen[chosen > 0]
+        return places
 
     def start(self, scan: ThinnedScan) -> None:
         """The first update: the scan goes into the one map that all particles share."""
@@ -79,11 +110,8 @@ class Particles:
         self.start(scan)
 
     def revise(self, path: Array, scans: Sequence[ThinnedScan]) -> None:
-        """Move all particles by the correction of the best one's path, and redraw one map along it for all of them.
-
-        Args:
-            path: [u, 3] poses at every update, corrected.
-            scans: the scans of the latest of these updates, which are drawn.
+        """Move all particles by the correction of the best one's path [u, 3], and redraw one map of the latest scans
+        for all.
         """
         last = self.best_pose
         self.history.revise(self.history.path(self.best), path)

@@ -26,19 +26,12 @@ START = (1e-8, 0.0, 0.0, 1e-8, 0.0, 1e-8)
 
 
 class Fit(NamedTuple):
-    """A scan as it was registered, as far as certainty goes.
+    """A scan as it was registered, as far as certainty goes."""
 
-    Attributes:
-        information: of the endpoints, in standard residuals.
-        likelihood: mean of the endpoints, 0 to 1.
-        spread: standard deviation of the prediction that it was registered with.
-        scan: what it contradicts in the map.
-    """
-
-    information: Symmetric
-    likelihood: float
-    spread: Spread
-    scan: ScanFit
+    information: Symmetric  # of the endpoints, in standard residuals
+    likelihood: float  # mean of the endpoints, 0 to 1
+    spread: Spread  # standard deviation of the prediction that it was registered with
+    scan: ScanFit  # what it contradicts in the map
 
 
 class PoseCovariance:
@@ -46,9 +39,6 @@ class PoseCovariance:
 
     The odometry's variance grows in proportion to distance and turn, and is that of ``prior_deviations`` after a metre
     and a radian: errors of a path of many steps, whatever the rate of the scans.
-
-    Attributes:
-        degenerate: heading of the degenerate direction of the last scan in the robot's frame [rad]; NaN without one.
     """
 
     def __init__(self, config: RegistrationConfig) -> None:
@@ -61,14 +51,11 @@ class PoseCovariance:
         self._fresh = (x * around, 0.0, 0.0, x * around, 0.0, theta * around)
         self._pose: Symmetric = START
         self._map: Symmetric = self._fresh
+        # heading of the degenerate direction of the last scan in the robot's frame [rad]; NaN without one
         self.degenerate = math.nan
 
     def step(self, motion: StepMotion, tracked: Pose, fit: Fit | None) -> None:
-        """Take in a scan.
-
-        Args:
-            fit: of the scan; None if it was not used for the pose.
-        """
+        """Take in a scan and its fit; None if it was not used for the pose."""
         x, theta = self._a_metre * motion.distance, self._a_radian * motion.rotation
         if not motion.measured:
             x += self._config.extrapolated_translation**2

@@ -17,40 +17,28 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.evidence import proved
-from moteslam.slam.registration.registrar import Registration, deviation_of_way, prior_spread, register, subsample
+from moteslam.slam.registration.registrar import deviation_of_way, prior_spread, register, subsample
 from moteslam.slam.tsdf.config import ProposalConfig
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
 from moteslam.slam.tsdf.particles import Particles
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A Gaussian for each of N particles.
+    """A Gaussian for each of N particles."""
 
-    Attributes:
-        predicted: [N, 3] poses by the odometry.
-        offsets: [N, 3] of the means from these, in their frames.
-        information: [N, 3, 3] of the measurements about the means, zeros where nothing was measured.
-        spread: [3] standard deviation of the odometry about the predicted poses.
-        position_share: share of that of the position that particles are sampled with.
-        registered: whether the scan has points enough to be registered; else nothing was measured.
-        log_likelihood: [N] of the measurements, up to a constant.
-        likelihoods: [N] mean likelihood of the endpoints, 0 to 1.
-    """
-
-    predicted: Array
-    offsets: Array
-    information: Array
-    spread: Array
-    position_share: float
-    registered: bool
-    log_likelihood: Array
-    likelihoods: Array
+    predicted: Array  # [N, 3] poses by the odometry
+    offsets: Array  # [N, 3] of the means from these, in their frames
+    information: Array  # [N, 3, 3] of the measurements about the means, zeros where nothing was measured
+    spread: Array  # [3] standard deviation of the odometry about the predicted poses
+    position_share: float  # share of that of the position that particles are sampled with
+    registered: bool  # whether the scan has points enough to be registered; else nothing was measured
+    log_likelihood: Array  # [N] of the measurements, up to a constant
+    likelihoods: Array  # [N] mean likelihood of the endpoints, 0 to 1
 
     @property
     def means(self) -> Array:
@@ -63,14 +51,8 @@ class Proposal:
 
     def of(self, parents: NDArray[np.int64]) -> Proposal:
         """The proposals of these particles [M]."""
-        return replace(
-            self,
-            predicted=self.predicted[parents],
-            offsets=self.offsets[parents],
-            information=self.information[parents],
-            log_likelihood=self.log_likelihood[parents],
-            likelihoods=self.likelihoods[parents],
-        )
+        each = ("predicted", "offsets", "information", "log_likelihood", "likelihoods")
+        return replace(self, **{name: getattr(self, name)[parents] for name in each})
 
 
 def propose(
@@ -101,8 +83,7 @@ def propose(
         predicted[away] = se2.compose(starts, se2.between(since.tracked, since.odometry))
     spread = np.array(odometry_error(config, travelled.distance, travelled.rotation))
     if len(scan.points) < tracking.min_points:
-        zeros = np.zeros(n)
-        nothing = np.zeros((n, 3, 3))
+        zeros, nothing = np.zeros(n), np.zeros((n, 3, 3))
         return Proposal(predicted, nothing[..., 0], nothing, spread, config.sampled_share, False, zeros, zeros)
     drift = prior_spread(registration, travelled.distance, travelled.rotation, measured=measured)
     starts = np.array((se2.between_one(since.odometry, since.tracked),) * n)
@@ -113,6 +94,7 @@ def propose(
     )
     if measured:
         found = proved(found, particles.maps.all(), predicted, drift, points, origin, registration, tracking)
+    evidence = -config.evidence_share * (found.costs + config.crossing_cost * found.crossed)  # -lambda (c + kappa n)
     return Proposal(
         predicted=predicted,
         offsets=found.offsets,
@@ -120,26 +102,16 @@ def propose(
         spread=spread,
         position_share=config.sampled_share,
         registered=True,
-        log_likelihood=_log_likelihood(found, drift, config),
+        log_likelihood=evidence - 0.5 * np.square(found.offsets / drift).sum(axis=1),  # -|delta / sigma|^2 / 2
         likelihoods=found.likelihoods,
     )
 
 
 def sample(proposal: Proposal, normals: Array, config: ProposalConfig, *, best: int) -> Array:
-    """Poses [N, 3] drawn from the proposal; the best particle stays at its mean.
-
-    Args:
-        normals: [N, 3] standard normal numbers.
-    """
+    """Poses [N, 3] drawn from the proposal by standard ``normals`` [N, 3]; the best particle stays at its mean."""
     share = proposal.position_share
     narrowed = replace(proposal, spread=proposal.spread * np.array([share, share, 1.0]))
     L = np.linalg.cholesky(narrowed.precision(config.information_share))  # P = L L^T
     noise = np.linalg.solve(np.swapaxes(L, 1, 2), normals[..., None])[..., 0]  # L^-T z has the covariance P^-1
     noise[best] = 0.0
     return se2.compose(proposal.predicted, proposal.offsets + noise)
-
-
-def _log_likelihood(found: Registration, drift: Array, config: ProposalConfig) -> Array:
-    """By the endpoints, the rays through surfaces, and the offset delta from the odometry [N]."""
-    evidence = -config.evidence_share * (found.costs + config.crossing_cost * found.crossed)  # -lambda (c + kappa n)
-    return np.asarray(evidence - 0.5 * np.square(found.offsets / drift).sum(axis=1))  # -|delta / sigma|^2 / 2

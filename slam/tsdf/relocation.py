@@ -15,37 +15,26 @@ from numpy.typing import NDArray
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
 from moteslam.slam.registration.localisation import BENT
 from moteslam.slam.registration.registrar import Registration, register, subsample
-from moteslam.slam.registration.search import (
-    ELSEWHERE_DISTANCE,
-    ELSEWHERE_ROTATION,
-    Window,
-    candidates,
-    runner_up,
-    shares,
-)
+from moteslam.slam.registration.search import Window, candidates, is_elsewhere, runner_up, shares
 
-Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 
-QUERY = 4.0
-"""Path of the scans that are searched for together [m]."""
+QUERY = 4.0  # Path of the scans that are searched for together [m]
 FIRST_LOOK, APART = 2.0, 1.0
 """The first search is made after this path, and those after it this far apart [m]: further, where they are dear."""
 ENDPOINTS_PER_METRE = 4e8
 """The searches look up at most as many endpoints for every metre driven: 0.4 s of one processor."""
-MARGIN = 1.0
-"""The robot is looked for this far beyond the path on which the map was made [m]."""
+MARGIN = 1.0  # The robot is looked for this far beyond the path on which the map was made [m]
 FIRST_WINDOW, FIRST_SHARE = np.array([10.0, 10.0, 0.5]), 0.7
 """A robot that nobody carried has drifted: it is looked for within this of where it was tracked to [m, m, rad] first,
 and taken to be there if this share of the endpoints is on surfaces: a place elsewhere could hardly have more."""
-STEP, TURN = 0.2, 0.06
-"""Of the lattice: a basin of Gauss-Newton [m], [rad]."""
-STARTS, START_POINTS, FINALISTS = 60, 120, 12
-"""Places that are registered with some endpoints, and of these with all."""
+STEP, TURN = 0.2, 0.06  # Of the lattice: a basin of Gauss-Newton [m], [rad]
+STARTS, START_POINTS, FINALISTS = 60, 120, 12  # Places that are registered with some endpoints, and of these with all
 LEAST_SHARE, LEAST_MARGIN = 0.3, 0.1
 """Share of the endpoints on surfaces, less what crosses surfaces, and how much less a place elsewhere has."""
 NEAR_DISTANCE, NEAR_ROTATION = 5.0, 0.5
@@ -54,15 +43,9 @@ over them twice: a robot that comes back to a map by much drift looks lost, too.
 
 
 class Relocation:
-    """Looks for the robot in the map that it had before it was lost.
+    """Looks for the robot in the map, made on a path [u, 3], that it had before it was lost.
 
-    Args:
-        path: [u, 3] on which that map was made.
-        begin: [3] where the new map begins, as far as is known.
-        reach: how far off that is at most [m].
-
-    Attributes:
-        updates: how many updates the map is of: those since are in the new one.
+    The new map begins at ``begin`` [3], which is off by ``reach`` at most [m].
     """
 
     def __init__(
@@ -76,7 +59,7 @@ class Relocation:
         reach: float = np.inf,
         carried: bool = False,
     ) -> None:
-        self.updates = len(path)
+        self.updates = len(path)  # how many updates the map is of: those since are in the new one
         self._maps, self._particle = maps, particle
         self._config = config.model_copy(update={"residual": BENT})
         self._mapped = path[:, :2].min(axis=0) - MARGIN, path[:, :2].max(axis=0) + MARGIN
@@ -87,11 +70,7 @@ class Relocation:
         self._found: Array | None = None  # by the search before: where the new map's frame lies in the old one's
 
     def search(self, pose: Array, points: Points) -> Array | None:
-        """Take in an update since, and search if it is time.
-
-        Args:
-            pose: [3] in the new map.
-            points: [k, 2] of its scan.
+        """Take in an update since, at a pose [3] in the new map with endpoints [k, 2], and search if it is time.
 
         Returns:
             [3] where the new map's frame lies in the old one's, once that is known.
@@ -106,7 +85,9 @@ class Relocation:
         drifted = not self._carried and self.reach == np.inf
         place, share = self._search(pose, pose, FIRST_WINDOW) if drifted else (None, 0.0)
         if share < FIRST_SHARE:
-            low, high = self._window()
+            # the lowest and the highest x and y that the robot may have in the old map
+            within, (low, high) = self.reach + self._driven, self._mapped
+            low, high = np.maximum(low, self._begin - within), np.minimum(high, self._begin + within)
             half = np.array([*np.maximum(high - low, 0.0) / 2, np.pi])
             metres = Window(half, STEP, TURN).places * MAX_SEARCH_POINTS / ENDPOINTS_PER_METRE
             if self._driven < max(self._next_whole, metres if drifted else 0.0):
@@ -116,33 +97,18 @@ class Relocation:
         before, self._found = self._found, None
         if place is None:
             return None
-        self._found = np.asarray(se2.compose(place, se2.between(pose, np.zeros(3))))
+        self._found = se2.compose(place, se2.between(pose, np.zeros(3)))
         if before is None:
             return None
-        off = se2.between(se2.compose(before, pose), place)
-        return self._found if np.hypot(*off[:2]) < ELSEWHERE_DISTANCE and abs(off[2]) < ELSEWHERE_ROTATION else None
+        return None if is_elsewhere(se2.between(se2.compose(before, pose), place)) else self._found
 
     def revise(self, path: Array, scans: Sequence[ThinnedScan]) -> None:
-        """Draw the map anew along its corrected path.
-
-        Args:
-            path: [u, 3] at its updates.
-        """
+        """Draw the map anew along its corrected path [u, 3]."""
         self._maps, self._particle, self._found = TsdfMaps(self._maps.config), 0, None
         self._maps.draw(path, scans)
 
-    def _window(self) -> tuple[Array, Array]:
-        """The lowest and the highest x and y [2] that the robot may have in the old map."""
-        within, (low, high) = self.reach + self._driven, self._mapped
-        return np.maximum(low, self._begin - within), np.minimum(high, self._begin + within)
-
     def _search(self, pose: Array, middle: Array, half: Array) -> tuple[Array | None, float]:
-        """Where in the old map the robot is.
-
-        Args:
-            pose: [3] in the new map.
-            middle: [3] of the window.
-            half: [3] half widths of that.
+        """Where in the old map the robot at a pose [3] of the new one is, in a window [3] of half widths [3].
 
         Returns:
             [3] and the share of the endpoints there; None and 0 where no place is sure.
@@ -160,7 +126,7 @@ class Relocation:
         best = int(places.argmax())
         if places[best] < LEAST_SHARE or places[best] - runner_up(found, places, len(points)) < LEAST_MARGIN:
             return None, 0.0
-        return np.asarray(se2.compose(middle, found.offsets[best])), float(places[best])
+        return se2.compose(middle, found.offsets[best]), float(places[best])
 
     def _registered(self, points: Points, starts: Array, middle: Array, half: Array) -> Registration:
         """Endpoints registered from many starts, as offsets from the middle, free of any prediction."""

@@ -9,71 +9,45 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.kernels.scans import ThinnedScan
-from moteslam.robot.se2 import Pose, between_one, compose_one
+from moteslam.robot.se2 import Array, Pose, between_one, compose_one
 from moteslam.slam.odometry.calibration import CalibrationConfig, OdometryCalibration
 from moteslam.slam.odometry.noise import aside
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.localisation import Localiser, Rivals
 from moteslam.slam.registration.registrar import Spread, prior_deviations
 from moteslam.slam.tsdf.doubt import ScanFit
-from moteslam.slam.tsdf.motion import (
-    CLOSED,
-    STILL,
-    MotionSinceUpdate,
-    Open,
-    StepMotion,
-    Travelled,
-    magnitude,
-    step_motion,
-)
+from moteslam.slam.tsdf.motion import CLOSED, STILL, MotionSinceUpdate, Open, StepMotion, Travelled, magnitude
+from moteslam.slam.tsdf.motion import step_motion as as_step
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import Fit
-
-Array = NDArray[np.float64]
 
 NO_RIVALS = Rivals()
 LARGEST_SPREAD = 2.0
 """Of a predicted position [m], however far no scan was registered: a search looks three times as far, in about a
 second."""
-
-
 CARRIED_DISTANCE, CARRIED_ROTATION, CARRIED_TIME = 0.5, 0.5, 3.0
 """A robot that is found this much farther off than it drove was carried [m], [rad]: a push is less; if it was not seen
 for so long [s]: to lift it and to set it down takes that, else the odometry has failed."""
 
 
 class Tracked(NamedTuple):
-    """A step as tracked.
+    """A step as tracked."""
 
-    Attributes:
-        motion: since the scan before, in the frame of the pose there.
-        slipped: the odometry was off by more than it usually is.
-        lost: the scan contradicts the map: it is left out.
-        fit: how it was registered; None if it has too few points.
-        rivals: where else the robot may be, from the tracked pose.
-        astray: how far off the pose is at most, where after a lapse of the odometry the scan does not say where in the
-            map the robot is [m]; 0 of all others.
-        carried: the scan was found farther off than the robot can have driven.
-    """
-
-    motion: Pose
-    slipped: bool
-    lost: bool
-    fit: Fit | None
-    rivals: Rivals
+    motion: Pose  # since the scan before, in the frame of the pose there
+    slipped: bool  # the odometry was off by more than it usually is
+    lost: bool  # the scan contradicts the map: it is left out
+    fit: Fit | None  # how it was registered; None if it has too few points
+    rivals: Rivals  # where else the robot may be, from the tracked pose
+    # how far off the pose is at most, where after a lapse of the odometry the scan does not say where in the map
+    # the robot is [m]; 0 of all others.
     astray: float = 0.0
-    carried: bool = False
+    carried: bool = False  # the scan was found farther off than the robot can have driven
 
 
 class Tracker:
-    """Follows the robot from scan to scan in one particle's map.
-
-    Attributes:
-        pose: at the last scan, in the best particle's map.
-    """
+    """Follows the robot from scan to scan in one particle's map."""
 
     def __init__(
         self, config: TrackingConfig, registration: RegistrationConfig, calibration: CalibrationConfig
@@ -81,7 +55,7 @@ class Tracker:
         self._config, self._registration = config, registration
         self._calibration = OdometryCalibration(calibration)
         self._localiser = Localiser(config, registration)
-        self.pose = STILL
+        self.pose = STILL  # at the last scan, in the best particle's map
         self._motion, self._seconds = STILL, 0.0  # of the last step, as tracked, and how long it took
         self._slip = STILL  # how far the odometry was off in the last step, if it slipped
         self._blind, self._blind_measured = Travelled(), True  # since the last scan that was registered
@@ -89,27 +63,22 @@ class Tracker:
         self._lost = 0  # scans in a row that contradict the map
 
     def predict(self, motion: Pose, dt: float, *, measured: bool, left: Open | None = None) -> StepMotion:
-        """The motion of a step by the calibrated odometry; at a constant velocity where nothing measured it.
+        """The motion of a step of ``dt`` [s] by the calibrated odometry; at a constant velocity where none measured it.
 
         Args:
-            dt: of the step [s].
-            measured: whether the odometry measured it.
             left: open by a motion that was not measured, but of which more is known than the velocity before.
         """
-        if measured:
-            return step_motion(motion, self._calibration.corrected(motion), dt, measured=True)
-        if left is not None:
-            return step_motion(motion, self._calibration.corrected(motion), dt, measured=False, left=left)
+        if measured or left is not None:
+            left = CLOSED if measured or left is None else left
+            return as_step(motion, self._calibration.corrected(motion), dt, measured=measured, left=left)
         constant = self._extrapolated(dt)
-        return step_motion(constant, constant, dt, measured=False)
+        return as_step(constant, constant, dt, measured=False)
 
     def calibrate(self, since: MotionSinceUpdate, offset: Pose, information: Array) -> None:
         """Update the odometry's gains with the motion since the last update.
 
-        Args:
-            since: that motion.
-            offset: from where it leads to where the best particle's scan fits.
-            information: [3, 3] of that scan's endpoints.
+        The offset is from where that leads to where the best particle's scan fits, the information [3, 3] of its
+        endpoints.
         """
         if since.calibrates:
             self._calibration.update(since.wheels, compose_one(since.odometry, offset), information)
@@ -153,11 +122,7 @@ class Tracker:
     def track(
         self, motion: StepMotion, scan: ThinnedScan, origin: tuple[float, float], particles: Particles
     ) -> Tracked:
-        """Register a scan to the best particle's map.
-
-        Args:
-            origin: where its rays start [m].
-        """
+        """Register a scan, whose rays start at ``origin`` [m], to the best particle's map."""
         predicted = compose_one(self.pose, motion.corrected)
         self._blind = self._blind.plus(motion.distance, motion.rotation, motion.dt)
         self._blind_measured &= motion.measured
@@ -171,15 +136,9 @@ class Tracker:
             def predictions() -> Array:
                 return np.array((STILL, between_one(motion.corrected, self._extrapolated(motion.dt))))
 
+            seen = particles.maps.of(particles.best), predicted, spread, scan.points, origin, predictions
             fitted, score, elsewhere, decided = self._localiser.locate(
-                particles.maps.of(particles.best),
-                predicted,
-                spread,
-                scan.points,
-                origin,
-                predictions,
-                measured=self._blind_measured,
-                left=self._open,
+                *seen, measured=self._blind_measured, left=self._open
             )
             share = score / max(fitted.known, 1.0)
             of_scan = ScanFit(share, len(scan.points), fitted.known, fitted.far, fitted.crossed)
@@ -209,16 +168,10 @@ class Tracker:
 
 
 def extrapolated(motion: Pose, seconds: float, dt: float, *, most: float = 10.0) -> Pose:
-    """The motion of a step at the velocity of the step before.
+    """The motion of a step of ``dt`` [s] at the velocity of the step before, of so many seconds.
 
-    Args:
-        dt: of this step [s].
-        most: the motion is extrapolated to at most this many times as long: a longer gap is likelier a wrong stamp,
-            or a robot that has long stopped.
-
-    Returns:
-        it scaled by the ratio of the times where both are above 0; else the same motion, as in logs whose scans
-        share stamps.
+    It is scaled by the ratio of the times where both are above 0, else the same, as in logs whose scans share stamps;
+    to at most ``most`` times as long: a longer gap is likelier a wrong stamp, or a robot that has long stopped.
     """
     if seconds <= 0 or dt <= 0:
         return motion

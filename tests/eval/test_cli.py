@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_lines import printed
+from command_lines import printed, shown
 from figures import legend_of
 from matplotlib.figure import Figure
 
@@ -54,7 +54,7 @@ def test_print_config_reads_back(command: str, tmp_path: Path, capsys: pytest.Ca
     assert (values["particles"], values["map"]["cell_size"]) == (8, 0.1)  # flag over file over preset
     found = printed(capsys, command, "--config", again, "--print-config", "--set", "particles=9")
     assert tomllib.loads(found) == {**values, "particles": 9}
-    assert json.loads(printed(capsys, *first, "--json")) == values
+    assert shown(capsys, *first) == values
 
 
 @pytest.mark.slow
@@ -122,7 +122,7 @@ def test_dead_reckoning_of_the_real_encoders(
     sequence: str, distance: float, data_folder: Path, tmp_path: Path, capsys
 ) -> None:
     replay = ("replay", data_folder / "ucsd", "--sequence", sequence, "--dead-reckoning")
-    found = json.loads(printed(capsys, *replay, "--json", "--out", tmp_path / "out"))
+    found = shown(capsys, *replay, "--out", tmp_path / "out")
     assert found["distance_m"] == pytest.approx(distance, abs=0.5)
     assert found["end"]["heading_deg"] == pytest.approx(2.4 if sequence == "20" else -53, abs=5)
     if sequence == "20":
@@ -153,7 +153,7 @@ def test_inspect(simulated_folder: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert found["range resolution"] == ["1 mm", "1 mm"]
     assert found["encoder rate"] == ["40.0 Hz", "40 Hz"]
     assert found["gyro at rest, noise"][1] == "0.00400 rad/s"
-    lidar = json.loads(printed(capsys, "inspect", simulated_folder, "--json"))["lidar"]
+    lidar = shown(capsys, "inspect", simulated_folder)["lidar"]
     assert lidar["resolution"] == pytest.approx(0.001)
     assert lidar["noise_at_rest"]["deviation"] == pytest.approx(0.009, abs=0.002)
 
@@ -162,16 +162,6 @@ def test_evaluate_knows_relations_by_their_content(data_folder: Path, tmp_path: 
     relations = tmp_path / "truth.tum"  # the name says nothing
     relations.write_bytes((data_folder / "intel/intel_raw_part.relations").read_bytes())
     trajectory = data_folder / "intel/intel_key_scans.reference.tum"
-    found = json.loads(printed(capsys, "evaluate", trajectory, relations, "--max-difference", "2", "--json"))
+    found = shown(capsys, "evaluate", trajectory, relations, "--max-difference", "2")
     assert found["kind"] == "relations"
     assert found["all"]["translation_m"]["count"] == found["used"] > 100
-
-
-@pytest.mark.slow
-def test_demo(program, tmp_path: Path) -> None:
-    done = program("demo", "--duration", 20, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""  # quiet in a pipe
-    assert "dead reckoning" in done.stdout
-    scores = json.loads((tmp_path / "demo/metrics.json").read_text())["metrics"]
-    assert scores["online.ate"]["value"] < 0.2

@@ -1,24 +1,30 @@
-"""Configurations in pairs, of sweeps and of result folders; and where two sweeps differ."""
+"""Runs summed up and compared: statistics, pairs of configurations, where sweeps differ, tables in every format."""
 
 from __future__ import annotations
 
+import csv
 import json
+import re
+from math import inf
 from pathlib import Path
 
+import numpy as np
 import pytest
-from command_lines import printed, refused
-from made_sweeps import Values, recorded
+from command_lines import printed, refused, shown, told
+from made_sweeps import Values, recorded, swept
 
 from moteslam.eval.cli import main
 from moteslam.eval.page.document import gather, page
 from moteslam.eval.runs import compared, read_runs
+from moteslam.eval.statistics import Proportion, Summary, compare
 from moteslam.eval.sweep.plan import PlannedRun
+from moteslam.eval.tables import aligned, fitting, latex, markdown, number
 
 TWO = 'scenarios = ["corridor"]\n[configurations.plain]\n[configurations.better]\nset = { slam.particles = 50 }\n'
 OTHER = 'scenarios = ["corridor"]\n[vary]\nslam.particles = [1, 10]\n'
 
 
-def swept(folder: Path, name: str, factor: float = 1.0, *, failed: tuple[int, ...] = ()) -> Path:
+def paired(folder: Path, name: str, factor: float = 1.0, *, failed: tuple[int, ...] = ()) -> Path:
     """Two configurations on ten seeds; the second is off by nine tenths of the first one's error."""
 
     def result(run: PlannedRun) -> Values | str:
@@ -32,8 +38,8 @@ def swept(folder: Path, name: str, factor: float = 1.0, *, failed: tuple[int, ..
 
 
 def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = swept(tmp_path, "a", failed=(3,))
-    found = json.loads(printed(capsys, "compare", file, "--json"))
+    file = paired(tmp_path, "a", failed=(3,))
+    found = shown(capsys, "compare", file)
     better = found["metrics"]["final.ate"]["better"]["corridor"]
     assert (found["by"], found["baseline"]) == ("configuration", "plain")
     assert (better["pairs"], better["wins"], better["losses"], better["failed"]) == (10, 9, 1, [0, 1])
@@ -47,14 +53,14 @@ def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFix
 def test_two_sweeps_are_matched_by_scenario_platform_and_seed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    files = swept(tmp_path, "a"), swept(tmp_path, "b", 2.0)
+    files = paired(tmp_path, "a"), paired(tmp_path, "b", 2.0)
     assert list(compared(read_runs(files))) == ["a: plain", "a: better", "b: plain", "b: better"]
-    found = json.loads(printed(capsys, "compare", *files, "--json"))["metrics"]["final.ate"]
+    found = shown(capsys, "compare", *files)["metrics"]["final.ate"]
     found = {name: each["corridor"] for name, each in found.items()}
     assert [found[name]["losses"] for name in ("a: better", "b: plain", "b: better")] == [0, 10, 10]
     assert found["b: plain"]["median"] == pytest.approx(5.5)
-    alike = swept(tmp_path / "other", "a", 0.5)  # of one name: named by their folders
-    found = json.loads(printed(capsys, "compare", files[0], alike, "--json"))["metrics"]["final.ate"]
+    alike = paired(tmp_path / "other", "a", 0.5)  # of one name: named by their folders
+    found = shown(capsys, "compare", files[0], alike)["metrics"]["final.ate"]
     assert found[f"{alike}: plain"]["corridor"]["wins"] == 10
 
 
@@ -69,7 +75,7 @@ def test_robots_are_compared_where_they_vary_and_each_scenario_has_a_row(
         *(tmp_path / "a.sweep", ROBOTS),
         lambda run: {"final.ate": (0.01 * far[run.scenario] * (1 + (run.platform == "turtlebot3")), "m")},
     )
-    found = json.loads(printed(capsys, "compare", file, "--json"))
+    found = shown(capsys, "compare", file)
     assert (found["by"], found["baseline"]) == ("platform", "ucsd")
     each = found["metrics"]["final.ate"]["turtlebot3"]
     assert {place: one["median"] for place, one in each.items()} == {
@@ -77,7 +83,7 @@ def test_robots_are_compared_where_they_vary_and_each_scenario_has_a_row(
     }  # fmt: skip
     assert [one["pairs"] for one in each.values()] == [3, 3, 6]
     assert each["corridor"]["low"] is None  # three pairs have no interval
-    assert json.loads(printed(capsys, "compare", file, "--by", "scenario", "--json"))["baseline"] == "corridor"
+    assert shown(capsys, "compare", file, "--by", "scenario")["baseline"] == "corridor"
     assert "--by: 'seed', expected one of " in refused(capsys, "compare", file, "--by", "seed")
 
 
@@ -111,11 +117,11 @@ def test_tables_have_the_metrics_of_the_sweep_and_no_success_that_was_not_measur
 
     file, limited = made("a.sweep", THREE), made("b.sweep", f'success = {{ "online.ate" = 0.5 }}\n{THREE}')
     for (each, success), other in zip(((file, None), (limited, 2)), ("-", "2"), strict=True):
-        groups = json.loads(printed(capsys, "sweep", "show", each, "--json"))["groups"]
+        groups = shown(capsys, "sweep", "show", each)["groups"]
         assert list(groups[0]["metrics"]) == ["online.ate", "map_f1"]
         assert (groups[0]["success"] and groups[0]["success"]["count"]) == success
         assert printed(capsys, "sweep", "show", each).splitlines()[1].split()[2] == other
-    assert list(json.loads(printed(capsys, "compare", file, "--json"))["metrics"]) == ["online.ate", "map_f1"]
+    assert list(shown(capsys, "compare", file)["metrics"]) == ["online.ate", "map_f1"]
     only = printed(capsys, "compare", file, "--metric", "map_f1", "--json")
     assert list(json.loads(only)["metrics"]) == ["map_f1"]
     text = page(gather([file]))
@@ -124,14 +130,18 @@ def test_tables_have_the_metrics_of_the_sweep_and_no_success_that_was_not_measur
     printed(capsys, "sweep", "plot", file, "--out", tmp_path / "a.png")  # which has no final.ate
 
 
+def result(folder: Path, value: float, scans: int | None = None, **about: object) -> Path:
+    """A result folder with this error [m]."""
+    folder.mkdir()
+    metrics = {"final.ate": {"value": value, "unit": "m"}, "map_f1": {"absent": "no map"}}
+    (folder / "metrics.json").write_text(json.dumps({"metrics": metrics, "scans": scans}))
+    (folder / "run.json").write_text(json.dumps({"recording": "corridor", "seed": 0, **about}))
+    return folder
+
+
 def test_result_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name, value in (("a", 0.2), ("b", 0.1)):
-        (tmp_path / name).mkdir()
-        metrics = {"final.ate": {"value": value, "unit": "m"}, "map_f1": {"absent": "no map"}}
-        (tmp_path / name / "metrics.json").write_text(json.dumps({"metrics": metrics}))
-        (tmp_path / name / "run.json").write_text(json.dumps({"recording": "corridor", "seed": 0}))
-    both = tmp_path / "a", tmp_path / "b"
-    (each,) = json.loads(printed(capsys, "compare", *both, "--json"))["metrics"]["final.ate"].values()
+    both = result(tmp_path / "a", 0.2), result(tmp_path / "b", 0.1)
+    (each,) = shown(capsys, "compare", *both)["metrics"]["final.ate"].values()
     one = each["corridor"]
     assert (one["pairs"], one["wins"], one["median"]) == (1, 1, -0.1)
     assert "no run in common" in refused(capsys, "compare", *both, "--metric", "map_f1")
@@ -139,35 +149,24 @@ def test_result_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert "no run in common" in refused(capsys, "compare", *both)
 
 
-def test_result_folders_of_two_robots(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name, value in (("ucsd", 0.2), ("lms200", 0.1)):
-        (tmp_path / name).mkdir()
-        figures = {"metrics": {"final.ate": {"value": value, "unit": "m"}}, "scans": int(1000 * value)}
-        (tmp_path / name / "metrics.json").write_text(json.dumps(figures))
-        about = {"scenario": "corridor", "platform": name, "seed": 0}
-        (tmp_path / name / "run.json").write_text(json.dumps(about))
-    assert main.run(["compare", str(tmp_path / "ucsd"), str(tmp_path / "lms200"), "--json"]) == 0
-    out, err = capsys.readouterr()
-    assert [one["wins"] for each in json.loads(out)["metrics"]["final.ate"].values() for one in each.values()] == [1]
-    assert err == ""  # other robots have other numbers of scans
-
-
-@pytest.mark.parametrize(("scans", "told"), [((100, 100), False), ((100, 60), True), ((100, None), False)])
-def test_two_recordings_of_one_name_are_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], scans: tuple[int | None, ...], told: bool
+@pytest.mark.parametrize(
+    ("scans", "platforms", "doubted"),
+    [((9, 9), "aa", False), ((9, 6), "aa", True), ((9, None), "aa", False), ((9, 6), "ab", False)],
+)
+def test_two_recordings_of_one_name_are_told_but_not_of_two_robots(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], scans: tuple[int | None, ...], platforms: str, doubted: bool
 ) -> None:
-    for name, count in zip("ab", scans, strict=True):
-        (tmp_path / name).mkdir()
-        figures = {"metrics": {"final.ate": {"value": 0.1, "unit": "m"}}, "scans": count}
-        (tmp_path / name / "metrics.json").write_text(json.dumps(figures))
-        (tmp_path / name / "run.json").write_text(json.dumps({"recording": "drive-20"}))
-    assert main.run(["compare", str(tmp_path / "a"), str(tmp_path / "b")]) == 0
-    assert ("another recording of that name" in capsys.readouterr().err) == told
+    both = [result(tmp_path / f"{k}", 0.1, scans[k], platform=platforms[k]) for k in (0, 1)]
+    assert ("another recording of that name" in told(capsys, "compare", *both)) == doubted
 
 
 def test_where_two_sweeps_differ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = recorded(tmp_path / "other.sweep", OTHER, lambda _: {"final.ate": (1.0, "m")})
-    first, second, table = swept(tmp_path, "a"), swept(tmp_path / "b", "a", failed=(4,)), tmp_path / "a.csv"
+    first, second, table = (
+        paired(tmp_path, "a"),
+        paired(tmp_path / "b", "a", failed=(4,)),
+        tmp_path / "a.csv",
+    )
     printed(capsys, "sweep", "export", first, "--out", table)
     for same in (first, table):
         assert printed(capsys, "sweep", "diff", first, same) == "0 differences in 20 runs\n"
@@ -177,3 +176,188 @@ def test_where_two_sweeps_differ(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert [line.split()[4] for line in shown[1:-1]] == ["status", "error", "final.ate"]
     assert shown[-1] == "3 differences in 20 runs"
     assert "no run in common" in refused(capsys, "sweep", "diff", first, other)
+
+
+def test_a_summary_of_some_runs() -> None:
+    summary = Summary.of([3.0, 1.0, 2.0, None, 5.0, 4.0])
+    assert (summary.runs, summary.failed, summary.absent) == (6, 0, 1)
+    assert (summary.median, summary.low_quartile, summary.high_quartile) == (3.0, 2.0, 4.0)
+    assert (summary.best, summary.worst) == (1.0, 5.0)
+    assert (summary.low, summary.high) == (None, None)  # five values
+    six = Summary.of([3.0, 1.0, 2.0, 6.0, 5.0, 4.0])
+    assert six.low is not None
+    assert six.high is not None
+    assert 1.0 <= six.low <= 3.5 <= six.high <= 6.0
+    assert Summary.of([3.0, 1.0, 2.0, 6.0, 5.0, 4.0]) == six
+    upwards = Summary.of([1.0, 2.0], better="higher")
+    assert (upwards.best, upwards.worst) == (2.0, 1.0)
+
+
+def test_failed_runs_are_the_worst_and_never_averaged() -> None:
+    values = [0.1, 0.2, 0.3]
+    for failed, median in ((0, 0.2), (1, 0.25), (2, 0.3), (3, inf), (4, inf)):
+        summary = Summary.of(values, failed)
+        assert summary.median == pytest.approx(median)
+        assert (summary.runs, summary.failed, summary.best) == (3 + failed, failed, 0.1)
+    assert Summary.of(values, 2, better="higher").median == 0.1
+    assert Summary.of([]).median is None
+    assert Summary.of([None]).median is None
+
+
+def test_the_interval_of_the_median_holds_it_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(4)
+    inside = 0
+    for _ in range(300):
+        summary = Summary.of(rng.lognormal(size=25).tolist())
+        assert summary.low is not None
+        assert summary.high is not None
+        inside += summary.low <= 1.0 <= summary.high
+    assert 0.91 <= inside / 300 <= 0.985
+
+
+@pytest.mark.parametrize(
+    ("count", "total", "low", "high"), [(0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (81, 263, 0.2553, 0.3662)]
+)
+def test_wilsons_interval(count: int, total: int, low: float, high: float) -> None:
+    """The last one is the example of Newcombe (1998), table I."""
+    share = Proportion(count, total)
+    assert share.interval == pytest.approx((low, high), abs=1e-4)
+    assert share.as_dict() == {
+        "share": count / total, "low": share.interval[0], "high": share.interval[1], "count": count, "total": total
+    }  # fmt: skip
+
+
+def test_pairs_leave_out_what_makes_a_seed_harder() -> None:
+    """Each seed is as different as the seeds are; the second configuration is a little better on each."""
+    rng = np.random.default_rng(3)
+    seeds = {seed: float(value) for seed, value in enumerate(rng.lognormal(size=40))}
+    better = {seed: 0.95 * value for seed, value in seeds.items()}
+    found = compare(seeds, better)
+    assert (found.pairs, found.wins, found.losses, found.ties) == (40, 40, 0, 0)
+    assert found.p < 1e-9
+    assert found.high is not None
+    assert found.high < 0
+    assert compare(seeds, better, better="higher").losses == 40
+    same = compare(seeds, seeds)
+    assert (same.wins, same.ties, same.p, same.median) == (0, 40, 1.0, 0.0)
+
+
+def test_failed_runs_lose() -> None:
+    first = {0: 0.1, 1: 0.1, 2: None, 3: None, 4: 0.1}
+    second = {0: None, 1: 0.2, 2: 0.3, 3: None, 9: 0.1}
+    found = compare(first, second)
+    assert (found.pairs, found.wins, found.losses, found.ties, found.apart) == (4, 1, 2, 1, 2)
+    assert found.failed == (2, 2)
+    assert found.median == pytest.approx(0.1)
+    lost = compare({0: 0.1, 1: 0.1}, {0: None, 1: None})
+    assert lost.median == inf
+    nothing = compare({}, {})
+    assert (nothing.pairs, nothing.median, nothing.p) == (0, None, 1.0)
+
+
+def test_the_sign_test_is_that_of_a_fair_coin() -> None:
+    first = dict.fromkeys(range(10), 1.0)
+    second = {k: 0.5 if k < 9 else 2.0 for k in range(10)}
+    assert compare(first, second).p == pytest.approx(2 * 11 / 1024)
+
+
+def test_rounding_is_no_difference() -> None:
+    """Of 1e-17 m neither is better."""
+    found = compare({0: 0.1, 1: 0.1, 2: 0.1}, {0: 0.1 + 1e-16, 1: 0.1 - 1e-16, 2: 0.0999})
+    assert (found.wins, found.losses, found.ties) == (1, 0, 2)
+
+
+NASTY = r"a|b \ `c` <d> *e* _f_ [g] ~h~ $i$ & #j 100 % {k} ^l"
+HEAD = ("name", "value")
+
+
+def test_markdown_marks_nothing_up() -> None:
+    lines = markdown([HEAD, (NASTY, "1.5")]).splitlines()
+    assert lines[:2] == ["| name | value |", "|---|---:|"]
+    assert lines[2] == (r"| a\|b \\ \`c\` \<d\> \*e\* \_f\_ \[g\] \~h\~ \$i\$ \& \#j 100 % \{k\} ^l | 1.5 |")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("\\", r"\textbackslash{}"),
+        ("50 %", r"50 \%"),
+        ("map_f1", r"map\_f1"),
+        ("a & b", r"a \& b"),
+        ("#$", r"\#\$"),
+        ("{}", r"\{\}"),
+        ("~", r"\textasciitilde{}"),
+        ("^", r"\textasciicircum{}"),
+        ("<|>", r"\textless{}\textbar{}\textgreater{}"),
+        ("[m] *", "{[}m{]} {*}"),
+        ("a--b---c", "a-{}-b-{}-{}-c"),
+        ("-0.5", "-0.5"),
+        ("``a''", "`{}`a'{}'"),
+        ("a\nb", "a b"),
+    ],
+)
+def test_latex_prints_what_it_is_given(text: str, expected: str) -> None:
+    assert latex([(text,)]).splitlines()[3] == rf"{expected} \\"
+
+
+def test_a_table_wider_than_the_terminal_is_broken_between_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [
+        ("scenario", "median of the final error [mm]", "what it is"),
+        ("corridor", "1.23", "a way of many turns"),
+    ]
+    monkeypatch.delenv("COLUMNS", raising=False)
+    assert len(aligned(rows).splitlines()) == 2
+    monkeypatch.setenv("COLUMNS", "40")
+    lines = aligned(rows).splitlines()
+    assert max(map(len, lines)) <= 40
+    assert set(" ".join(lines).split()) == {word for row in rows for cell in row for word in cell.split()}
+
+
+@pytest.mark.parametrize(
+    ("unit", "values", "shown"),
+    [
+        ("m", [0.001697, -8.899e-05], ["mm", "1.70", "-0.0890"]),
+        ("m", [0.153, None], ["cm", "15.3", "-"]),
+        ("m", [12.0, 0.05], ["m", "12.0", "0.0500"]),
+        ("deg", [0.02, float("inf")], ["deg", "0.0200", "failed"]),
+        ("", [12345.0, 0.0], ["", "12345", "0"]),
+    ],
+)
+def test_numbers_have_a_unit_that_fits(unit: str, values: list[float | None], shown: list[str]) -> None:
+    unit, factor = fitting(unit, values)
+    assert [unit, *(number(None if value is None else factor * value) for value in values)] == shown
+
+
+def test_a_sweep_in_every_format(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = swept(tmp_path)
+    lines = printed(capsys, "sweep", "show", file, "--format", "markdown").splitlines()
+    assert len(lines) == 2 + 4
+    assert lines[0].startswith(
+        "| scenario | configuration | slam.tracking.window | runs | success | final ATE \\[cm\\] | 95 % |"
+    )
+    assert lines[4].startswith(r"| corridor | a\_b | 1.0 | 4 | 4 (51 to 100 %) | 11.5 | - |")
+    assert " | failed | " in lines[5]
+    tex = printed(capsys, "sweep", "show", file, "--format", "latex").splitlines()
+    assert tex[7].startswith(r"corridor & a\_b & 1.0 & 4 & 4 (51 to 100 \%) & 11.5 & ")
+    table = list(csv.DictReader(printed(capsys, "sweep", "show", file, "--format", "csv").splitlines()))
+    assert [row["final ATE [cm]"] for row in table] == ["11.5", "21.5", "11.5", "failed"]
+    assert shown(capsys, "sweep", "show", file)["hash"] == "ab"
+
+
+def test_runs_without_a_result_are_counted_on_stderr(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = swept(tmp_path, whole=False)
+    assert "13 not made yet, 3 ok" in told(capsys, "sweep", "show", file, "--format", "csv")
+
+
+def test_configurations_compared_in_every_format(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = swept(tmp_path)
+    text = printed(capsys, "compare", file)
+    assert text.splitlines()[0] == "final ATE [cm], against plain, slam.tracking.window=1.0"
+    lines = printed(capsys, "compare", file, "--format", "markdown").splitlines()
+    assert lines[0].startswith("| metric | configuration | pairs | better |")
+    assert re.match(r"\| final ATE \\\[cm\\\] \| a\\_b, slam.tracking.window=1.0 \| 4 \| 0 \| 0 \| 4 \|", lines[3])
+    assert r"a\_b, slam.tracking.window=1.0" in printed(capsys, "compare", file, "--format", "latex")
+    table = list(csv.DictReader(printed(capsys, "compare", file, "--format", "csv").splitlines()))
+    by_name = {row["configuration"]: row for row in table}
+    assert by_name["plain, slam.tracking.window=2.0"]["median difference"] == "+10.0"
+    assert by_name["a_b, slam.tracking.window=2.0"]["failed"] == "3"

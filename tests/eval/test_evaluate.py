@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from command_lines import printed, refused
+from command_lines import printed, refused, shown, told
 from figures import legend_of
 from matplotlib.figure import Figure
 
@@ -53,7 +53,7 @@ def test_several_are_printed_side_by_side(folder: Path, capsys: pytest.CaptureFi
     assert errors == sorted(errors)
     assert "ATE RMSE [m]" in lines[1]  # of all three, the worst of which is metres off
     assert 0.01 < errors[0] < 0.02
-    rows = json.loads(said(capsys, "good.tum", "poor.tum", "truth.tum", "--json"))
+    rows = shown(capsys, "evaluate", "good.tum", "poor.tum", "truth.tum")
     assert [row["estimate"] for row in rows["results"]] == ["good.tum", "poor.tum"]
     assert rows["results"][0]["ate"]["translation_m"]["rmse"] == pytest.approx(errors[0], abs=1e-4)
 
@@ -65,7 +65,7 @@ def test_a_trajectory_under_a_metre_has_its_absolute_error(folder: Path, capsys:
     assert "RPE" not in out
     assert err.endswith("no relative error: no pair 1 m apart among 6 matched poses, expected a shorter delta\n")
     assert "RPE over 0.2 m" in said(capsys, "short.tum", "truth.tum", "--delta", "0.2")
-    result = json.loads(said(capsys, "short.tum", "truth.tum", "--json"))
+    result = shown(capsys, "evaluate", "short.tum", "truth.tum")
     assert result["rpe"] is None
     assert [issue["code"] for issue in result["warnings"]] == ["same-path", "few-matched", "no-relative-error"]
     assert result["warnings"][-1]["message"].startswith("no relative error: no pair 1 m")
@@ -78,7 +78,7 @@ def test_relations_say_how_many_were_used(
 ) -> None:
     line = "2 of 3 relations used, 1 of them between poses"
     assert said(capsys, "good.tum", "some.relations").splitlines()[-1] == line
-    found = json.loads(said(capsys, "good.tum", "some.relations", "--json"))
+    found = shown(capsys, "evaluate", "good.tum", "some.relations")
     assert (found["used"], found["interpolated"], found["total"]) == (2, 1, 3)
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
     assert said(capsys, "good.tum", "some.relations").splitlines()[-1] == f"\x1b[1m{line}\x1b[0m"
@@ -91,7 +91,7 @@ def test_relations_the_other_way_round_are_told(
     truth = read_tum("truth.tum").poses
     x, y, yaw = se2.between(truth[10], truth[20])
     Path("one.relations").write_text(f"{line} {x} {y} 0 0 0 {yaw}\n", encoding="utf-8")
-    found = json.loads(said(capsys, "good.tum", "one.relations", "--json"))
+    found = shown(capsys, "evaluate", "good.tum", "one.relations")
     assert [issue["code"] for issue in found["warnings"]] == codes
 
 
@@ -159,10 +159,10 @@ def test_the_scale_is_fitted_where_it_is_asked_for(
     assert "scaled" not in said(capsys, "large.tum", "truth.tum")
     assert "ATE, scaled by 1.0000 [mm]" in said(capsys, "truth.tum", "truth.tum", "--scale")
     assert "rigidly and scaled" in said(capsys, "truth.tum", "large.tum", "truth.tum", "--scale").splitlines()[0]
-    found = json.loads(said(capsys, "large.tum", "truth.tum", "--scale", "--json", "--plot", "scaled.png"))
+    found = shown(capsys, "evaluate", "large.tum", "truth.tum", "--scale", "--plot", "scaled.png")
     assert (found["scaled"], found["ate"]["scale"]) == (True, pytest.approx(1 / 1.1))
     assert found["ate"]["translation_m"]["rmse"] < 1e-6
-    assert json.loads(said(capsys, "large.tum", "truth.tum", "--json", "--plot", "rigid.png"))["scaled"] is False
+    assert shown(capsys, "evaluate", "large.tum", "truth.tum", "--plot", "rigid.png")["scaled"] is False
     scaled, rigid = ([text.get_text() for text in figure.legends[0].texts] for figure in drawn)
     assert "large, scale fitted, ATE RMSE 0 mm" in scaled
     assert not any("scale" in label for label in rigid)
@@ -176,13 +176,13 @@ def test_the_nearest_stamps_and_another_point_of_the_robot(folder: Path, capsys:
     back = inverse(np.array((0.3, -0.1, 0.5)))
     warned = capsys.readouterr().err
     assert re.search(r"\(--est-offset -0\.2\d+ 0\.2\d+ 0\)", warned)
-    found = json.loads(said(capsys, "lidar.tum", "truth.tum", "--est-offset", *map(str, back), "--json"))
+    found = shown(capsys, "evaluate", "lidar.tum", "truth.tum", "--est-offset", *map(str, back))
     assert found["ate"]["translation_m"]["rmse"] < 1e-8
     assert found["ate"]["rotation_deg"]["max"] < 1e-5
     half = Trajectory(truth.stamps[::2] + 0.004, truth.poses[::2])
     write_tum("late.tum", half)
     between, nearest = (
-        json.loads(said(capsys, "late.tum", "truth.tum", "--no-align", "--json", *more)) for more in ([], ["--nearest"])
+        shown(capsys, "evaluate", "late.tum", "truth.tum", "--no-align", *more) for more in ([], ["--nearest"])
     )
     assert nearest["ate"]["translation_m"]["max"] < 1e-9 < between["ate"]["translation_m"]["max"]
     assert "nearest stamps" in said(capsys, "late.tum", "truth.tum", "--nearest")
@@ -204,7 +204,7 @@ def test_the_map_of_any_slam_is_scored_by_the_true_one(folder: Path, capsys: pyt
     write_map("off.pgm", a_room(0.3))
     maps = ("--true-map", "true.yaml", "--map")
     right, off = (
-        json.loads(said(capsys, "truth.tum", "truth.tum", *maps, name, "--json"))["metrics"]["truth.tum"]
+        shown(capsys, "evaluate", "truth.tum", "truth.tum", *maps, name)["metrics"]["truth.tum"]
         for name in ("mine.yaml", "off.yaml")
     )
     assert right["map_f1"]["value"] > 0.99  # a motion of 1e-17 moves a point on a cell's edge into the next cell
@@ -244,8 +244,7 @@ def test_a_map_that_is_not_where_the_path_is(
     maps = ("--map", "wrong.yaml", "--true-map", "true.yaml")
     if which == "true-map":
         maps, said = ("--map", "true.yaml", "--true-map", "wrong.yaml"), said.replace("wrong.yaml are", "true.yaml are")
-    assert main.run(["evaluate", "good.tum", "truth.tum", *maps]) == 0
-    err = capsys.readouterr().err
+    err = told(capsys, "evaluate", "good.tum", "truth.tum", *maps)
     assert said in err
     assert (err == "") == (said == "")
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_lines import shown
 from figures import legend_of
 from loop_candidates import candidate
 from matplotlib.figure import Figure
@@ -214,8 +215,7 @@ def test_the_command_scores_a_ledger(folder: Path, capsys: pytest.CaptureFixture
     out = capsys.readouterr().out
     assert re.search(r"precision of loops +0\.500 \(accepted 2, overruled 0, overruled false 0\)", out)
     assert re.search(rf"recall of loops +{result.recall:.3f} \(possible {result.possible}, bound 9\)", out)
-    assert main.run([*arguments, "--json", "--save", "out.json"]) == 0
-    found = json.loads(capsys.readouterr().out)["metrics"]["truth.tum"]
+    found = shown(capsys, *arguments, "--save", "out.json")["metrics"]["truth.tum"]
     assert found["loops_false"]["value"] == 1
     assert found["loops_recall"]["possible"] == result.possible
     assert json.loads((folder / "out.json").read_text())["metrics"]["truth.tum"] == found

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_lines import codes, shown, told
 from scipy.spatial.transform import Rotation
 
 from moteslam.eval.cli import main
@@ -16,6 +16,7 @@ from moteslam.robot.trajectories import read_trajectory
 
 T0 = 1300000000.0
 Table = np.ndarray  # [n, 8] t x y z qx qy qz qw
+Change = Callable[[Table], Table]
 
 
 def drive(period: float, noise: float = 0.0, *, length: float = 120.0) -> Table:
@@ -38,12 +39,13 @@ def write(path: Path, table: Table, stamps: str = "%.9f", header: str = "", sepa
     return str(path)
 
 
-def codes(capsys: pytest.CaptureFixture[str], estimate: str, reference: str) -> list[str]:
-    assert main.run(["evaluate", estimate, reference, "--json"]) == 0
-    return [issue["code"] for issue in json.loads(capsys.readouterr().out)["warnings"]]
+def files_of(folder: Path, estimate: Change, reference: Change) -> tuple[str, str]:
+    """A noisy, sparse estimate and a dense reference of one drive, changed."""
+    tables = estimate(drive(0.2, 0.005)), reference(drive(0.01))
+    return write(folder / "est.tum", tables[0]), write(folder / "ref.tum", tables[1])
 
 
-def changed(change: Callable[[Table], object]) -> Callable[[Table], Table]:
+def changed(change: Callable[[Table], object]) -> Change:
     def made(table: Table) -> Table:
         table = table.copy()
         found = change(table)
@@ -52,23 +54,23 @@ def changed(change: Callable[[Table], object]) -> Callable[[Table], Table]:
     return made
 
 
-def put(rows: slice, columns: slice | int, value: object) -> Callable[[Table], Table]:
+def put(rows: slice, columns: slice | int, value: object) -> Change:
     return changed(lambda table: table.__setitem__((rows, columns), value))
 
 
-def scaled(column: slice | int, factor: float) -> Callable[[Table], Table]:
+def scaled(column: slice | int, factor: float) -> Change:
     return changed(lambda table: table.__setitem__((slice(None), column), table[:, column] * factor))
 
 
-def held(count: int) -> Callable[[Table], Table]:
+def held(count: int) -> Change:
     return changed(lambda t: t.__setitem__((slice(None), slice(1, 8)), t[np.arange(len(t)) // count * count, 1:]))
 
 
-def rounded(step: float) -> Callable[[Table], Table]:
+def rounded(step: float) -> Change:
     return changed(lambda table: table.__setitem__((slice(None), 0), np.floor(table[:, 0] / step) * step))
 
 
-def clocked(rate: float, offset: float = 0.0) -> Callable[[Table], Table]:
+def clocked(rate: float, offset: float = 0.0) -> Change:
     return changed(lambda t: t.__setitem__((slice(None), 0), T0 + rate * (t[:, 0] - T0) + offset))
 
 
@@ -88,11 +90,16 @@ def wxyz(table: Table) -> Table:
     return table[:, [0, 1, 2, 3, 7, 4, 5, 6]]
 
 
+def sideways(table: Table) -> Table:
+    """In axes of a body that is turned by 90 degrees."""
+    return np.column_stack((table[:, :4], (Rotation(table[:, 4:]) * Rotation.from_euler("z", np.pi / 2)).as_quat()))
+
+
 def started(table: Table) -> Table:
     return table - np.concatenate(([0.0], table[0, 1:4], np.zeros(4)))
 
 
-def between(begin: float, end: float) -> Callable[[Table], Table]:
+def between(begin: float, end: float) -> Change:
     return changed(lambda table: table[(table[:, 0] >= T0 + begin) & (table[:, 0] < T0 + end)])
 
 
@@ -133,14 +140,13 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
     run[k:, 1:3] += (3.0, 2.0)
     tables = (run, truth) if whose == "estimate" else (truth, run)
     files = [write(tmp_path / f"{name}.tum", table) for name, table in zip("ab", tables, strict=True)]
-    assert "clocks-differ" not in codes(capsys, *files)
+    assert "clocks-differ" not in codes(capsys, "evaluate", *files)
 
 
 def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
-    files = write(tmp_path / "est.tum", drive(0.2, 0.005)), write(tmp_path / "ref.tum", tilted(drive(0.01)))
+    files = files_of(tmp_path, same, tilted)
     for given, named in ((files, files[1]), (files[::-1], files[1])):
-        assert main.run(["evaluate", *given]) == 0
-        assert f"{named}: moves in a plane" in capsys.readouterr().err
+        assert f"{named}: moves in a plane" in told(capsys, "evaluate", *given)
 
 
 @pytest.mark.parametrize(
@@ -165,6 +171,7 @@ def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
         (wxyz, same, ["orientation-order", "body-axes"]),
         (wxyz, wxyz, ["orientation-order", "orientation-order", "in-space"]),
         (scaled(6, -1.0), same, ["orientation-order", "body-axes"]),
+        (sideways, same, ["body-axes"]),
         (same, scaled(slice(1, 4), 1000.0), ["implausible-speed", "sizes-differ"]),
         (scaled(slice(1, 4), 1000.0), scaled(slice(1, 4), 1000.0), ["implausible-speed"] * 2),
         (same, put(slice(5001, 5002), 1, 100.0), ["implausible-speed"]),  # between stamps of the estimate
@@ -182,17 +189,13 @@ def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
     ],
 )
 def test_what_evaluate_says(tmp_path: Path, capsys, estimate, reference, expected: list[str]) -> None:
-    files = (
-        write(tmp_path / "est.tum", estimate(drive(0.2, 0.005))),
-        write(tmp_path / "ref.tum", reference(drive(0.01))),
-    )
-    assert codes(capsys, *files) == expected
+    assert codes(capsys, "evaluate", *files_of(tmp_path, estimate, reference)) == expected
 
 
 OPTICAL = Rotation.from_matrix(((0, 0, 1), (-1, 0, 0), (0, -1, 0)))  # z ahead, y down, in the axes of the base
 
 
-def at_arm(*arm: float) -> Callable[[Table], Table]:
+def at_arm(*arm: float) -> Change:
     """The path of another point of the robot."""
     return changed(lambda t: t.__setitem__((slice(None), slice(1, 4)), t[:, 1:4] + Rotation(t[:, 4:]).apply(arm)))
 
@@ -211,7 +214,7 @@ def wavy(table: Table) -> Table:
     return np.column_stack((table[:, :4], (Rotation(table[:, 4:]) * tilt).as_quat()))
 
 
-def chain(*changes: Callable[[Table], Table]) -> Callable[[Table], Table]:
+def chain(*changes: Callable[[Table], Table]) -> Change:
     def made(table: Table) -> Table:
         for change in changes:
             table = change(table)
@@ -245,8 +248,7 @@ def test_another_point_of_the_robot_is_told(
     """The offset on the robot is found, in the axes of the body that has orientations, and mends the error."""
     tables = estimate(drive(0.2, 0.005)), reference(drive(0.01))
     files = [write(tmp_path / f"{k}.tum", table) for k, table in enumerate(tables)]
-    assert main.run(["evaluate", *files, "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = shown(capsys, "evaluate", *files)
     assert [issue["code"] for issue in result["warnings"]] == expected
     [message] = [issue["message"] for issue in result["warnings"] if issue["code"] == "lever-arm"]
     found = re.search(r"x (\S+) m, y (\S+) m(?:, z (\S+) m)? on the robot", message)
@@ -255,8 +257,7 @@ def test_another_point_of_the_robot_is_told(
     assert mend in message
     mended = int("exchange" in mend)
     files[mended] = write(tmp_path / "mended.tum", at_arm(*arm)(tables[mended]))
-    assert main.run(["evaluate", *files, "--json"]) == 0
-    after = json.loads(capsys.readouterr().out)["ate"]["translation_m"]["rmse"]
+    after = shown(capsys, "evaluate", *files)["ate"]["translation_m"]["rmse"]
     assert after < 0.012 < 0.06 < result["ate"]["translation_m"]["rmse"]
 
 
@@ -272,12 +273,8 @@ def test_another_point_of_the_robot_is_told(
 def test_a_clock_is_told_where_it_explains_more_than_an_arm(
     tmp_path: Path, capsys, estimate, reference, expected: list[str], words: tuple[str, ...]
 ) -> None:
-    files = (
-        write(tmp_path / "est.tum", estimate(drive(0.2, 0.005))),
-        write(tmp_path / "ref.tum", reference(drive(0.01))),
-    )
-    assert main.run(["evaluate", *files, "--json"]) == 0
-    warnings = json.loads(capsys.readouterr().out)["warnings"]
+    files = files_of(tmp_path, estimate, reference)
+    warnings = shown(capsys, "evaluate", *files)["warnings"]
     assert [issue["code"] for issue in warnings] == expected
     assert all(word in warnings[-1]["message"] for word in words)
 
@@ -286,22 +283,18 @@ def test_a_clock_is_told_where_it_explains_more_than_an_arm(
 def test_a_reference_that_is_the_estimate_is_told(tmp_path: Path, capsys, change) -> None:
     truth = drive(0.01)
     files = write(tmp_path / "est.tum", change(truth)), write(tmp_path / "ref.tum", truth)
-    assert codes(capsys, *files) == ["same-path"]
+    assert codes(capsys, "evaluate", *files) == ["same-path"]
 
 
 @pytest.mark.parametrize("rate", [1.01, 0.998])
 @pytest.mark.parametrize("whose", ["estimate", "reference"])
 def test_a_clock_that_runs_fast_or_slow_is_measured(tmp_path: Path, capsys, rate: float, whose: str) -> None:
     changes = (clocked(rate), same) if whose == "estimate" else (same, clocked(rate))
-    tables = (drive(0.2, 0.005), drive(0.01))
-    files = [
-        write(tmp_path / f"{k}.tum", how(table)) for k, (how, table) in enumerate(zip(changes, tables, strict=True))
-    ]
-    assert main.run(["evaluate", *files]) == 0
+    files = files_of(tmp_path, *changes)
     fast = (rate > 1) == (whose == "estimate")
-    assert f"its clock runs {100 * abs(rate - 1):.1f}" in capsys.readouterr().err.replace("0.99 %", "1.00 %")
-    assert main.run(["evaluate", *files]) == 0
-    assert ("% fast" if fast else "% slow") in capsys.readouterr().err
+    said = told(capsys, "evaluate", *files)
+    assert f"its clock runs {100 * abs(rate - 1):.1f}" in said.replace("0.99 %", "1.00 %")
+    assert ("% fast" if fast else "% slow") in said
 
 
 def test_stamps_in_few_digits_are_named_where_nothing_matches(tmp_path: Path, capsys) -> None:
@@ -312,8 +305,7 @@ def test_stamps_in_few_digits_are_named_where_nothing_matches(tmp_path: Path, ca
     assert said.count("\n") == 1
     assert f"; {files[1]}: " in said
     assert "of 12000 poses have the stamp of the one before" in said
-    assert main.run(["convert", files[1], str(tmp_path / "out.tum")]) == 0
-    assert "of 12000 poses have the stamp of the one before" in capsys.readouterr().err
+    assert "of 12000 poses have the stamp of the one before" in told(capsys, "convert", files[1], tmp_path / "out.tum")
 
 
 def angles(table: Table, factor: float) -> Table:
@@ -374,4 +366,4 @@ def test_another_building_is_no_other_scale(tmp_path: Path, capsys: pytest.Captu
     there, since = here.copy(), here[:, 0] - T0
     aside = 0.6 * here[:, 1:3].std(axis=0).max() * np.column_stack((np.sin(since / 7), np.cos(since / 5)))
     there[:, 1:3] = 4 * (here[:, 1:3] + aside)
-    assert codes(capsys, write(tmp_path / "a.tum", there), write(tmp_path / "b.tum", here)) == ["unlike"]
+    assert codes(capsys, "evaluate", write(tmp_path / "a.tum", there), write(tmp_path / "b.tum", here)) == ["unlike"]

@@ -31,10 +31,8 @@ READ_ONLY = PAIRS.copy()
 READ_ONLY.setflags(write=False)
 TABLE = tiles_of(np.zeros(CELLS, np.int16), np.zeros((1, 2, 2), np.int32))
 TWO_TABLES = tiles_of(np.zeros(CELLS, np.int16), np.zeros((2, 2, 2), np.int32))
-RAYS = np.ones((2, 3, 4))
-"""Of a camera of 2 by 3 pixels."""
-PARTNERS = np.array([(1, -1, -1), (0, -1, -1)], np.int32)
-"""Of two scans of two points each."""
+RAYS = np.ones((2, 3, 4))  # Of a camera of 2 by 3 pixels
+PARTNERS = np.array([(1, -1, -1), (0, -1, -1)], np.int32)  # Of two scans of two points each
 
 
 def checked(array: Any) -> None:
@@ -84,7 +82,7 @@ CALLS: dict[Callable[..., object], dict[str, Any]] = {
     thin_scan: {"points": [(1, 1), (1, 2)], "origin": (0, 0), "spacing": 0.02, "gap": 0.3},
     integrated: {"frames": frames([MIDDLE]), "scans": [ThinnedScan(np.ones((2, 2), F), np.ones(2, np.int32))]},
     search_scans: {
-        "tiles": TABLE, "frames": np.ones((1, 4)), "points": [(0.1, 0.1)], "turns": [0.0], "turn_costs": [0.0],
+        "tiles": TABLE, "frame": np.ones(4), "points": [(0.1, 0.1)], "turns": [0.0], "turn_costs": [0.0],
         "shifts": np.zeros((4, 2)), "shift_costs": np.zeros(4), "blocks": 2, "cell_size": 0.05, "near": 0.5,
     },
     register_scans: {
@@ -121,7 +119,7 @@ BAD: dict[Callable[..., object], dict[str, list[Any]]] = {
     project_scans: {"directions": [np.ones((3, 2))], "sweeps": [np.zeros((3, 3))]},
     thin_scan: {"points": [[(0, np.nan)], [0, 0]]},
     integrated: {"frames": [frames([MIDDLE, MIDDLE])]},
-    search_scans: {"frames": [np.ones((2, 4))], "points": [np.zeros((MAX_SEARCH_POINTS + 1, 2))]},
+    search_scans: {"tiles": [TWO_TABLES], "frame": [np.ones((2, 4))], "points": [np.zeros((MAX_SEARCH_POINTS + 1, 2))]},
     register_scans: {"tiles": [TWO_TABLES], "queries": [np.ones((3, 12))]},
     match_endpoints: {
         "owners": [np.full(4, 2, np.int32)],

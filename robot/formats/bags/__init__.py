@@ -182,11 +182,11 @@ class _Reading:
 
     def recording(self) -> Recording:
         """The streams, on the robot."""
-        bag, path = self.bag, self.bag.path
+        bag = self.bag
         placed = [self._placed(table) for table in self.lidars]
         lidar, mount = placed[0] if placed else (None, LidarSpec())
         if len(placed) > 1:  # one fan about the robot's centre
-            lidar, mount = scans.merged_scans(path, placed), LidarSpec()
+            lidar, mount = scans.merged_scans(bag, placed), LidarSpec()
         robot = self.given.platform or self.given.over(self._stated(lidar, mount))
         streams: dict[str, Any] = {"lidar": None if lidar is None else self._lidar(lidar, robot)}
         wheels = robot if self.manifest is None else self.manifest.platform  # that were counted by, else those given
@@ -201,10 +201,10 @@ class _Reading:
                 streams[name] = read(table)
         if all(stream is None for stream in streams.values()):
             kinds = ", ".join(sorted({topic.kind[:60] for topic in bag.topics})[:8]) or "no topics"
-            raise InputError(f"{kinds}: expected LaserScan, Odometry or Imu", file=path)
+            raise InputError(f"{kinds}: expected LaserScan, Odometry or Imu", file=bag.path)
         if len(self.images) == 2 and robot.camera is not None:
             streams["rgbd"] = scans.rgbd_stream(bag, *self.images)
-        name = path.resolve().name.removesuffix(path.suffix)
+        name = bag.path.resolve().name.removesuffix(bag.path.suffix)
         return Recording(name=name, platform=robot, warnings=tuple(bag.issues), **streams)
 
     def _placed(self, table: Table) -> tuple[scans.Scans, LidarSpec]:

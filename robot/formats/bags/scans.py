@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import Bag, Rows, Table
-from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, given_again, sampled
+from moteslam.robot.formats.streams import FEWEST, Fan, Stamps, clean_ranges, given_again, sampled
 from moteslam.robot.platform import MAX_BEAMS, LidarSpec, too_wide
 from moteslam.robot.recording import Images, RgbdStream, nearest_stamp, no_return_limit
 from moteslam.robot.rgbd import decode_disparity, decode_rgb, disparity_of
@@ -36,6 +35,10 @@ SLOWEST = 1.05
 FINER = 4
 """Of scans with beams of their own each, the common fan has this many beams for one of theirs: an endpoint lies up to
 an eighth of their step beside its beam."""
+BUNDLE = 20
+"""Scans can arrive in bundles of as many."""
+HELD, MOVED = 0.002, 0.05
+"""A lidar says the same where its ranges change by less [m], which is less than its noise; one by more has moved."""
 GAP = 1.5
 """A scan further away in time than this many times between two scans is not joined: that lidar was silent."""
 
@@ -62,8 +65,8 @@ class Scans:
 
     @property
     def period(self) -> float:
-        """The usual time between two scans [s], over two, as scans can arrive in pairs; 0 of a single one."""
-        step = min(2, len(self.stamps) - 1)
+        """The usual time between two scans [s], over several, as they can arrive in bundles; 0 of a single one."""
+        step = min(BUNDLE, (len(self.stamps) - 1) // 2 * 2)
         return float(np.median(self.stamps[step:] - self.stamps[:-step])) / step if step > 0 else 0.0
 
     def cleaned(self, indices: Rows, fan: Fan) -> Ranges:
@@ -75,8 +78,7 @@ def laser_scans(bag: Bag, table: Table) -> Scans:
     """The scans of a topic, each with its angles, on the fan that most of them have or on a finer one."""
     topic, values = table.topic.name, table.values
     kept, stamps = bag.used(table, np.isfinite(values[:, :3]).all(axis=1) & (values[:, 6] <= MAX_BEAMS))
-    same = np.diff(table.heads["mark"][kept], prepend=0) == 0
-    new = ~given_again(bag.path, topic, stamps, same, bag.issues)
+    new = ~given_again(bag.path, topic, stamps, table.heads["mark"][kept], bag.issues)
     kept, stamps = kept[new], stamps[new]
     figures = values[kept]
 
@@ -114,7 +116,7 @@ def laser_scans(bag: Bag, table: Table) -> Scans:
         return rows[:, ::-1] if fan.time_increment < 0 else rows
 
     scans = Scans(topic, stamps, fan, load)
-    sweep = abs(fan.time_increment) * (fan.beams - 1)
+    sweep = float(np.median(np.abs(figures[:, 3]) * (figures[:, 6] - 1)))  # of their own beams
     if sweep > SLOWEST * (scans.period or np.inf) or abs(fan.time_increment) > MAX_STEP:
         what = f"time_increment of {fan.time_increment:g} s, {sweep:.3g} s a scan, is more than scans take; not used"
         bag.tell("time-increment", topic, what)
@@ -192,9 +194,40 @@ def _most_frequent(values: NDArray[np.float64]) -> float:
     return float(np.nan_to_num(numbers[np.argmax(counts)], posinf=np.inf, neginf=-np.inf))
 
 
-def merged_scans(path: Path, lidars: list[tuple[Scans, LidarSpec]]) -> Scans:
+def _frozen(bag: Bag, one: Scans, lidars: list[tuple[Scans, LidarSpec]]) -> NDArray[np.bool_]:
+    """Which scans [n] of a lidar say the same again and again while another one sees that the robot moves; told."""
+    at, found = sampled(len(one.stamps)), np.zeros(len(one.stamps), np.bool_)
+    some, moves = one.cleaned(at, one.fan), np.zeros(len(at) - 1, np.bool_)
+    for other, _ in lidars:
+        seen = other.cleaned(nearest_stamp(other.stamps, one.stamps[at]), other.fan)
+        moves |= _change(seen[:-1], seen[1:], 50) > MOVED
+    still = _change(some[:-1], some[1:], 95) < HELD
+    edges = np.flatnonzero(np.diff(still, prepend=False, append=False))
+    for first, last in edges.reshape(-1, 2).tolist():
+        if moves[first:last].sum() >= FEWEST:
+            found[at[first] : at[last] + 1] = True
+            for begin, end in ((at[max(first - 1, 0)], at[first]), (at[last], at[min(last + 1, len(at) - 1)])):
+                beside = np.arange(begin, end + 1)
+                found[beside] = _change(one.cleaned(beside, one.fan), some[first], 95) < HELD
+    if count := int(found.sum()):
+        text = (
+            f"{counted(count, 'scan')} from {one.stamps[found.argmax()]:.2f} s on say the same, to {1000 * HELD:g} mm"
+        )
+        bag.tell("scans-repeat", one.topic, f"{text}, while another lidar sees the robot move: left out", count)
+    return found
+
+
+def _change(one: Ranges, other: Ranges, percent: float) -> NDArray[np.float64]:
+    """By how much, at most, as many of the beams [n, beams] change [n] [m]; that without return does so by 1 m."""
+    with np.errstate(invalid="ignore"):
+        apart = np.where(np.isfinite(one) | np.isfinite(other), np.nan_to_num(np.abs(one - other), nan=1.0), np.nan)
+    known = np.isfinite(one).any(axis=1, keepdims=True)
+    return np.asarray(np.nanpercentile(np.where(known, apart, 1.0), percent, axis=1))
+
+
+def merged_scans(bag: Bag, lidars: list[tuple[Scans, LidarSpec]]) -> Scans:
     """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps."""
-    first, names = lidars[0][0], ", ".join(scans.topic for scans, _ in lidars)
+    path, first, names = bag.path, lidars[0][0], ", ".join(scans.topic for scans, _ in lidars)
     if len({(mount.pose, mount.z) for _, mount in lidars}) < len(lidars):
         table = f'[lidars."{first.topic}"] with x, y, yaw for each in the platform\'s file'
         problem = f"two lidars at one place, expected a transform to each, or a table {table}"
@@ -202,12 +235,14 @@ def merged_scans(path: Path, lidars: list[tuple[Scans, LidarSpec]]) -> Scans:
     beams = min(MAX_BEAMS, round(2 * np.pi / min(abs(scans.fan.angle_increment) for scans, _ in lidars)))
     reach = max(scans.fan.range_max + float(np.hypot(mount.x, mount.y)) for scans, mount in lidars)
     whole = Fan(-np.pi + np.pi / beams, 2 * np.pi / beams, 0.0, reach, beams)
+    frozen = [_frozen(bag, scans, lidars) for scans, _ in lidars]
 
     def load(indices: Rows) -> Ranges:
         rows = np.full((len(indices), beams), np.nan, np.float32)
-        for scans, mount in lidars:
+        for (scans, mount), stuck in zip(lidars, frozen, strict=True):
             near = nearest_stamp(scans.stamps, first.stamps[indices])
-            used = np.flatnonzero(np.abs(scans.stamps[near] - first.stamps[indices]) <= GAP * scans.period)
+            apart = np.abs(scans.stamps[near] - first.stamps[indices])
+            used = np.flatnonzero((apart <= GAP * scans.period) & ~stuck[near])
             angles = mount.yaw + scans.fan.angles
             for row, ranges in zip(used, scans.cleaned(near[used], scans.fan).astype(np.float64), strict=True):
                 placed = np.where(np.isinf(ranges), scans.fan.range_max, ranges)

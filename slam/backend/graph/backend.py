@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.se2 import umeyama
+from moteslam.robot.se2 import Array, umeyama
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.backend.building import Measured
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, clearly_fewer, sharpness
+from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, sharpness
 from moteslam.slam.backend.graph.joint import register_jointly
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import BoundGraph, LoopGraph, checked
@@ -24,34 +24,26 @@ from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.inputs.odometry_path import between_known
 
-Array = NDArray[np.float64]
-
 OFF, WELL_GROWN = 0.05, 1.25
 """The filter's path is corrected where a new loop is off by the first [m], and the path has grown by the second factor
 since the last correction ..."""
-CLEARLY_OFF, GROWN = 0.1, 1.03
-"""... or by these."""
-MOVED = 0.02
-"""A correction registers jointly the nodes that the loops have moved by this much [m] ..."""
-FAR_OFF = 0.3
-"""... and all of them where a loop was off by more than this [m] ..."""
-ROUNDS = 6
-"""... in at most this many rounds."""
+CLEARLY_OFF, GROWN = 0.1, 1.03  # ... or by these
+MOVED = 0.02  # A correction registers jointly the nodes that the loops have moved by this much [m] ...
+FAR_OFF = 0.3  # ... and all of them where a loop was off by more than this [m] ...
+ROUNDS = 6  # ... in at most this many rounds
 FARTHEST, SLACK = 10.0, 0.2
 """A correction moves no node farther than the first factor times what the new loops are off, plus the second [m]: so
 large a move follows from a wrong step of the chain, not from the loops."""
 SAME_START = 0.3
 """Two paths, laid over each other, are the same start of a joint registration if no node differs by more [m]."""
-LEAST_NODES = 3
-"""Fewer have nothing to correct."""
+CLEARLY = 3.0
+"""A map is clearly sharper by so many standard errors of the mean over the directions of the grid: of four directions
+95 % of the differences that mean nothing are within them (Student's t)."""
+LEAST_NODES = 3  # Fewer have nothing to correct
 
 
 class GraphBackend:
-    """Corrects the path of the key scans where a loop contradicts it, and at the end.
-
-    Args:
-        config: of all stages.
-    """
+    """Corrects the path of the key scans where a loop contradicts it, and at the end."""
 
     def __init__(self, config: GraphConfig) -> None:
         self._config = config
@@ -63,23 +55,13 @@ class GraphBackend:
         self._placed = np.zeros((0, 3))  # of the nodes, on that path
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()
-        self._issues: tuple[Issue, ...] = ()
-        self._measured: Measured | None = None
+        self.issues: tuple[Issue, ...] = ()
+        self.measured: Measured | None = None
 
     @property
     def loops(self) -> tuple[LoopCandidate, ...]:
         """See ``Backend``: of the latest estimate, or before there is one as the graph has them."""
         return self._closing.graph.ledger if self._closing is not None and not self._loops else self._loops
-
-    @property
-    def measured(self) -> Measured | None:
-        """See ``Backend``: of the latest estimate."""
-        return self._measured
-
-    @property
-    def issues(self) -> tuple[Issue, ...]:
-        """See ``Backend``: of the latest estimate."""
-        return self._issues
 
     def add(self, key: KeyScan) -> Array | None:
         """See ``Backend``."""
@@ -118,15 +100,10 @@ class GraphBackend:
         return True
 
     def _between_nodes(self, poses: Array, updates: NDArray[np.intp], path: Array) -> Array:
-        """The path [u, 3] of all key scans, where those of the nodes are known.
+        """The path [u, 3] of all key scans by the filter, where poses [n, 3] of nodes, the key scans [n], are known.
 
         A key scan that is no node since its place is known moves with the node nearest to it: the filter saw it at this
         place of its map, and the map there is that node's.
-
-        Args:
-            poses: [n, 3] of the nodes.
-            updates: [n] which key scans they are.
-            path: [u, 3] of all key scans by the filter.
         """
         nearest = np.array(self._nearest[: len(path)])
         others = np.flatnonzero(nearest >= 0)
@@ -191,9 +168,9 @@ class GraphBackend:
         final, measured = sharpest(graph, filtered, self._config)
         best = laid_over(final, frame)
         self._loops = checked(graph.ledger, graph.nodes, best)
-        self._issues = contradictions(graph, best, self._loops, measured=measured)
+        self.issues = contradictions(graph, best, self._loops, measured=measured)
         kept = [pair for pair, loop in zip(graph.loops, self._loops, strict=True) if loop.accepted]
-        self._measured = Measured(np.array(graph.nodes.indices), graph.measured, graph.edges_of(kept))
+        self.measured = Measured(np.array(graph.nodes.indices), graph.measured, graph.edges_of(kept))
         return self._between_nodes(best, updates, path)
 
 
@@ -206,7 +183,6 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
     Args:
         graph: of n nodes, as it was solved last; solved as measured afterwards.
         filtered: [n, 3] by the filter, with the corrections while it drove.
-        config: of the back end.
 
     Returns:
         [n, 3] poses, and whether the graph's measurements led there rather than the filter's path.
@@ -221,7 +197,7 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
     if config.joint.enabled:
         tried: list[Array] = []
         for start in starts:
-            if any(_off(start, other) < SAME_START for other in tried):
+            if any(np.hypot(*(laid_over(start, other) - other)[:, :2].T).max() < SAME_START for other in tried):
                 continue
             registered = register_jointly(endpoints, start, graph.measured, config)
             paths.append((registered, start is not filtered))
@@ -230,7 +206,8 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
     best, fewest = paths[0], cells_along(endpoints, paths[0][0])
     for path in paths[1:]:
         cells = cells_along(endpoints, path[0])
-        if clearly_fewer(cells, fewest):
+        fewer = fewest - cells
+        if fewer.mean() > CLEARLY * fewer.std(ddof=1) / np.sqrt(len(fewer)):
             best, fewest = path, cells
     return best
 
@@ -238,12 +215,10 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
 def contradictions(
     graph: LoopGraph, poses: Array, loops: tuple[LoopCandidate, ...], *, measured: bool
 ) -> tuple[Issue, ...]:
-    """What the final path contradicts of what the graph measured.
+    """What the final poses [n, 3] contradict of what the graph measured.
 
     Args:
-        graph: of n nodes.
-        poses: [n, 3] the final ones.
-        loops: the ledger as these confirm it.
+        loops: the ledger as the poses confirm it.
         measured: whether the graph's measurements led there.
     """
     issues, stamps = [], graph.nodes.stamps
@@ -274,12 +249,6 @@ def _frame(graph: LoopGraph, filtered: Array) -> Array:
     return graph.registered if len(graph.registered) else filtered
 
 
-def _off(one: Array, other: Array) -> float:
-    """How far the farthest node of a path [n, 3] is off, laid over another one [m]."""
-    off = laid_over(one, other) - other
-    return float(np.hypot(off[:, 0], off[:, 1]).max())
-
-
 def laid_over(poses: Array, before: Array) -> Array:
     """Poses [n, 3] moved rigidly so that the first m lie on those before [m, 3], by least squares.
 
@@ -287,7 +256,7 @@ def laid_over(poses: Array, before: Array) -> Array:
     a large building's far end by decimetres. Headings count as points a metre ahead and behind, for nodes on one spot.
     """
     moved = umeyama(_ends(poses[: len(before)]), _ends(before))
-    return np.asarray(se2.compose(moved, poses))
+    return se2.compose(moved, poses)
 
 
 def _ends(poses: Array) -> Array:
@@ -296,5 +265,4 @@ def _ends(poses: Array) -> Array:
     return np.vstack((poses[:, :2] + ahead, poses[:, :2] - ahead))
 
 
-GRAPH = BackendKind(GraphConfig, GraphBackend)
-"""The kind that ``backend.method = "graph"`` chooses."""
+GRAPH = BackendKind(GraphConfig, GraphBackend)  # The kind that `backend.method = "graph"` chooses

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.backend.building import Building
 from moteslam.slam.backend.graph.backend import laid_over, sharpest
 from moteslam.slam.backend.graph.config import GraphConfig
@@ -19,30 +19,23 @@ from moteslam.slam.backend.graph.nodes import MAX_RANGE, Nodes
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION
 
-Array = NDArray[np.float64]
-
 SEARCHED = np.diag(np.square([1 / LOST_DISTANCE, 1 / LOST_DISTANCE, 1 / LOST_ROTATION]))
 """Information of the place that was searched for: it is wrong where it is off by more."""
-LEAST_LOOPS = 2
-"""Loops that bind two sessions, at least: what one says another one confirms."""
+LEAST_LOOPS = 2  # Loops that bind two sessions, at least: what one says another one confirms
 
 
 def bind(building: Building, session: Building, node: int, pose: Array, config: GraphConfig) -> Building | None:
-    """A session bound to a building; None where no loops prove that it belongs there.
+    """A session, in a frame of its own, bound to a building, whose frame stays; None where no loops prove that it
+    belongs.
 
-    Args:
-        building: of one or more sessions, whose frame stays.
-        session: a building of one session, in a frame of its own.
-        node: of the session.
-        pose: [3] where this node seems to lie, in the frame of the building.
-        config: of the back end.
+    Its node seems to lie at a pose [3] in the frame of the building.
     """
     n, own = int(building.firsts[-1]), session.poses
-    both = building.plus(session.at(np.asarray(se2.compose(pose, se2.between(own[node], own)))))
+    both = building.plus(session.at(se2.compose(pose, se2.between(own[node], own))))
     graph = _graph_of(both, config)
     near = int(np.argmin(np.hypot(*(both.poses[:n, :2] - pose[:2]).T)))
     place = near, n + node
-    graph.enter(place, _as_known(place, np.asarray(se2.between(both.poses[near], pose)), SEARCHED))
+    graph.enter(place, _as_known(place, se2.between(both.poses[near], pose), SEARCHED))
     LoopClosing(graph, config, since=n).close(n + node)
     del graph.loops[place]
     graph.solve()
@@ -75,10 +68,8 @@ def _graph_of(building: Building, config: GraphConfig) -> BoundGraph:
 
 def _as_known(pair: Pair, relative: Array, information: Array) -> Loop:
     """A loop that was proved before."""
-    earlier, later = pair
-    zero = dict.fromkeys(("share", "runner_up", "known", "likelihood", "crossed"), 0.0)
-    candidate = LoopCandidate(earlier, later, (0.0, 0.0), relative, relative, (0.0, 0.0), **zero, verdict="accepted")
-    return Loop(candidate, information)
+    candidate = LoopCandidate.unsearched(*pair, (0.0, 0.0), relative, (0.0, 0.0))
+    return Loop(replace(candidate, verdict="accepted"), information)
 
 
 def _accepted(graph: BoundGraph, ledger: Sequence[LoopCandidate]) -> list[Pair]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.measured_chain import MeasuredChain
 from moteslam.slam.backend.graph.nodes import Nodes
@@ -20,18 +21,13 @@ from moteslam.slam.backend.graph.step_registration import Prediction, Registered
 from moteslam.slam.mapping.config import RESOLVED
 from moteslam.slam.registration.registrar import prior_spread
 
-Array = NDArray[np.float64]
-
-FLOOR = np.diag(np.square([RESOLVED[0], *RESOLVED]))
-"""The covariance [3, 3] of the error that every step has besides."""
-AGREEING = 5.0
-"""Odometry that differs from a registration by more standard deviations of both is left out of a step."""
+FLOOR = np.diag(np.square([RESOLVED[0], *RESOLVED]))  # The covariance [3, 3] of the error that every step has besides
+AGREEING = 5.0  # Odometry that differs from a registration by more standard deviations of both is left out of a step
 DOUBTED = 2.0
 """A registration that differs from the odometry by this many standard deviations of both is no prior of the joint."""
 OPEN = 0.5
 """A step is the filter's where the odometry leaves it open by this much [m]: the filter has searched for the robot."""
-LEAST_INFORMATION = 1e-2
-"""That every step has besides [1/m^2], [1/rad^2]: one that was not registered has no other."""
+LEAST_INFORMATION = 1e-2  # That every step has besides [1/m^2], [1/rad^2]: one that was not registered has no other
 FITS = (16, 64, 256)
 """The odometry's errors are fitted at these many steps; at the end, too, of a run that has fewer than the last."""
 SAME_STEP, SAME_SPREAD = 0.5, 1.5
@@ -40,15 +36,7 @@ standard deviation by more than this factor."""
 
 
 class Chain:
-    """The steps between the nodes.
-
-    Args:
-        nodes: all of them; it grows with them.
-        config: of the back end.
-
-    Attributes:
-        fits: how often all steps changed, since the odometry's errors were fitted anew.
-    """
+    """The steps between the nodes; it grows with them."""
 
     def __init__(self, nodes: Nodes, config: GraphConfig) -> None:
         self._nodes, self._config = nodes, config
@@ -57,9 +45,9 @@ class Chain:
         self._raw: list[Prediction] = []
         self._predicted: list[Prediction] = []
         self._model: OdometryModel | None = None
-        self._fused = _Fused.none()
+        self._fused = _Fused([], [])
         self._begin()
-        self.fits = 0
+        self.fits = 0  # how often all steps changed, since the odometry's errors were fitted anew
 
     def __len__(self) -> int:
         return len(self._raw)
@@ -86,7 +74,9 @@ class Chain:
         predicted = np.array([each.step for each in self._predicted]).reshape(-1, 3)
         spread = np.array([each.spread for each in self._predicted]).reshape(-1, 3)
         found = np.array([each.step for each in self._proved]).reshape(-1, 3)
-        predicted = _headed(predicted, found[:, 2])
+        off = se2.wrap(found[:, 2] - predicted[:, 2])
+        turned = se2.compose(np.column_stack((np.zeros((len(off), 2)), off / 2)), predicted)
+        predicted = np.column_stack((turned[:, :2], found[:, 2]))
         known = np.array([_deviations(each.information) for each in self._proved]).reshape(-1, 3)
         doubted = np.asarray(_differs(found, predicted, DOUBTED * np.hypot(spread, known)).any(axis=1))
         unregistered = np.array([not each.information.any() for each in self._proved], bool)
@@ -119,11 +109,7 @@ class Chain:
         self.fit(anew=True)
 
     def fit(self, *, anew: bool = False) -> None:
-        """Fit the odometry's errors to the first steps, and register the nodes anew where that changes the odometry.
-
-        Args:
-            anew: register them anew in any case.
-        """
+        """Fit the odometry's errors to the first steps; register the nodes anew where that changes it, or ``anew``."""
         if not self._raw:
             return
         plain = np.array([found.step for found in self._plain])
@@ -144,7 +130,7 @@ class Chain:
         if plainly:
             self._plainly = StepRegistration(scan, origin, self._config, proved=False)
         self._provenly = StepRegistration(scan, origin, self._config, proved=True)
-        self._proved, self._predicted, self._fused = [], [], _Fused.none()
+        self._proved, self._predicted, self._fused = [], [], _Fused([], [])
 
     def _unregistered(self, k: int) -> Prediction:
         """A step by the recorded odometry; what it leaves open is taken from the filter, loosely."""
@@ -185,10 +171,6 @@ class _Fused(NamedTuple):
     steps: list[Array]
     covariance: list[Array]
 
-    @classmethod
-    def none(cls) -> _Fused:
-        return cls([], [])
-
 
 def _same(before: list[Prediction], after: list[Prediction]) -> bool:
     """Whether two corrections of the odometry come to about the same."""
@@ -198,13 +180,6 @@ def _same(before: list[Prediction], after: list[Prediction]) -> bool:
     return bool(
         (np.abs(off) < SAME_STEP * old).all() and (ratio < SAME_SPREAD).all() and (ratio > 1 / SAME_SPREAD).all()
     )
-
-
-def _headed(steps: Array, headings: Array) -> Array:
-    """Steps [n, 3] with other headings [n], the motion turned by half of the difference."""
-    off = se2.wrap(headings - steps[:, 2])
-    turned = np.asarray(se2.compose(np.column_stack((np.zeros((len(off), 2)), off / 2)), steps))
-    return np.column_stack((turned[:, :2], headings))
 
 
 def _differs(found: Array, predicted: Array, most: Array) -> NDArray[np.bool_]:

@@ -7,6 +7,7 @@ system a round. The chain is the prior: along a corridor endpoints slide.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -15,34 +16,29 @@ from numpy.typing import NDArray
 from moteslam.kernels.gauss_newton import LEAST_INFORMATION
 from moteslam.kernels.scan_pairs import accumulate, match_endpoints
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.measured_chain import MeasuredChain
-from moteslam.slam.backend.graph.partners import choose_partners
-from moteslam.slam.backend.graph.pose_graph import relative_jacobians
-from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
+from moteslam.slam.backend.graph.pose_graph import BlockSystem, relative_jacobians
 from moteslam.slam.registration.information import least_bound_turn, least_informed
 from moteslam.slam.registration.registrar import FULL
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 LEAST_RESIDUAL = 0.003
 """The endpoints' distances to their lines vary by this standard deviation at least [m]; the rest is measured."""
-LEAST_INLIERS = 0.2
-"""Of the weights, in the estimate of that variance."""
-SHRINK = 0.75
-"""Of the reach, a round."""
-SCALE_SHARE, LEAST_SCALE = 0.25, 0.03
-"""The robust scale of the residuals: as a share of the reach, at least [m]."""
-AGREEMENT = 0.8
-"""Smallest cosine between the normals of a match."""
-SLIP = 3.0
-"""The robust scale of the chain's steps [standard deviations] (Cauchy)."""
+LEAST_INLIERS = 0.2  # Of the weights, in the estimate of that variance
+SHRINK = 0.75  # Of the reach, a round
+SCALE_SHARE, LEAST_SCALE = 0.25, 0.03  # The robust scale of the residuals: as a share of the reach, at least [m]
+AGREEMENT = 0.8  # Smallest cosine between the normals of a match
+SLIP = 3.0  # The robust scale of the chain's steps [standard deviations] (Cauchy)
 FIRST_POINTS = 3
 """Every third endpoint is enough until the poses are still, and for the first half of the rounds at most."""
-STILL = 1e-3
-"""It ends when the root mean square of the poses' steps is below this [m]."""
+STILL = 1e-3  # It ends when the root mean square of the poses' steps is below this [m]
+OVERLAP_CELL, LEAST_OVERLAP = 0.5, 0.2
+"""Two scans are partners where they share this much of the cells [m] that the endpoints of one lie in."""
+NEAR_SHARE = 1 / 3  # Of the partners, those nearest along the path; the others are spread over all that overlap
 
 
 def register_jointly(
@@ -54,18 +50,12 @@ def register_jointly(
     *,
     rounds: int | None = None,
 ) -> Array:
-    """Move all poses to where the scans fit each other best; the first stays.
+    """Move all poses [n, 3] to where the scans fit each other best; the first stays.
 
     Args:
-        endpoints: of n scans.
-        poses: [n, 3] to begin with.
-        chain: the steps between them.
-        config: of the back end.
         free: [n] the scans that move, from within the last reach; by default all do, from within the first reach.
         rounds: at most; by default those of the configuration.
 
-    Returns:
-        [n, 3] poses.
     """
     joint = config.joint
     poses, n = poses.copy(), len(poses)
@@ -93,6 +83,37 @@ def register_jointly(
     return poses
 
 
+def choose_partners(endpoints: Endpoints, poses: Array, most: int, held: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """The scans that each scan's endpoints are held to: int32 [n, most], -1 for none.
+
+    Scans that see the same places: some of those nearest along the path, and some spread over all that overlap, so that
+    every passage is bound to every other. Those that are not to be held to others have none.
+    """
+    from scipy.sparse import csr_matrix
+
+    points, _ = endpoints.placed(poses)
+    cells = np.floor(points / OVERLAP_CELL).astype(np.int64)
+    cells -= cells.min(axis=0)
+    _, column = np.unique(cells @ np.array((1, int(cells[:, 0].max()) + 1)), return_inverse=True)
+    n, columns, rows = len(poses), int(column.max()) + 1, np.flatnonzero(held)
+    seen = csr_matrix((np.ones(len(column), np.float32), (endpoints.owners, column)), shape=(n, columns))
+    seen.sum_duplicates()
+    seen.data[:] = 1
+    least, shared = LEAST_OVERLAP * np.diff(seen.indptr), (seen[rows] @ seen.T).tocsr()
+    partners = np.full((n, most), -1, np.int32)
+    near_count = int(NEAR_SHARE * most)
+    for a, (begin, end) in zip(rows.tolist(), pairwise(shared.indptr.tolist()), strict=True):
+        others = shared.indices[begin:end]
+        others = np.sort(others[(others != a) & (shared.data[begin:end] >= least[a])])
+        if len(others) > most:
+            near = np.argsort(np.abs(others - a), kind="stable")[:near_count]
+            rest = np.delete(others, near)
+            spread = np.linspace(0, len(rest) - 1, most - near_count).round().astype(int)
+            others = np.sort(np.r_[others[near], rest[spread]])
+        partners[a, : len(others)] = others
+    return partners
+
+
 class _Problem:
     """The normal equations of the scans that move: with their partners, and with the ends of their steps.
 
@@ -101,7 +122,6 @@ class _Problem:
         partners: int32 [n, k] of each, as of ``choose_partners``.
         moving: [n] which of them move.
         prior: of all n - 1 steps between them, see ``MeasuredChain.prior``.
-        config: of the back end.
         weight: of an endpoint.
     """
 
@@ -128,13 +148,8 @@ class _Problem:
         self._first, self._slots = np.nonzero(self._partners >= 0)
         self._second = self._partners[self._first, self._slots].astype(np.intp)
         measured, covariance, doubted = prior
-        self._steps = _Steps(
-            number[steps],
-            number[steps + 1],
-            measured[steps],
-            np.asarray(np.linalg.inv(covariance[steps])),
-            doubted[steps],
-        )
+        information = np.asarray(np.linalg.inv(covariance[steps]))
+        self._steps = _Steps(number[steps], number[steps + 1], measured[steps], information, doubted[steps])
         self._moving = moving[self._nodes]
         one, other = np.r_[self._first, self._steps.before], np.r_[self._second, self._steps.after]
         self._inner = self._moving[one] & self._moving[other]
@@ -148,7 +163,11 @@ class _Problem:
         matches = match_endpoints(points, normals, seen.owners, self._partners, reach=reach, agreement=AGREEMENT)
         scale = max(SCALE_SHARE * reach, LEAST_SCALE)
         pairs, costs = accumulate(seen.points, seen.normals, seen.starts, poses, self._partners, matches, scale=scale)
-        variance = _residual_variance(costs, scale)
+        # a residual r costs half of r^2 / (1 + (r / scale)^2): from the mean cost follows the mean square of the
+        # endpoints' distances to their lines, where most are smaller than the scale [m^2]
+        cost, total = costs.sum(axis=0)
+        square = 2 * cost / total if total else 0.0
+        variance = float(max(square / max(1 - square / scale**2, LEAST_INLIERS), LEAST_RESIDUAL**2))
         information = self._weight / (variance * self._config.correlation)
         sums = information * pairs[self._first, self._slots]
         blocks, right = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
@@ -159,35 +178,14 @@ class _Problem:
 
 
 class _Steps(NamedTuple):
-    """Steps of the chain.
+    """Steps of the chain."""
 
-    Attributes:
-        before, after: [s] the scans that each leads from and to.
-        measured: [s, 3].
-        information: [s, 3, 3] of them.
-        doubted: [s] which may be far off: these have heavy tails.
-    """
-
+    # before, after: [s] the scans that each leads from and to.
     before: Indices
     after: Indices
-    measured: Array
-    information: Array
-    doubted: NDArray[np.bool_]
-
-
-def _residual_variance(costs: Array, scale: float) -> float:
-    """The variance of the endpoints' distances to their lines [m^2].
-
-    A residual r costs half of r^2 / (1 + (r / scale)^2): from the mean cost follows the mean square, where most are
-    smaller than the scale.
-
-    Args:
-        costs: [n, 2] of ``accumulate``.
-        scale: of the weights [m].
-    """
-    cost, total = costs.sum(axis=0)
-    square = 2 * cost / total if total else 0.0
-    return float(max(square / max(1 - square / scale**2, LEAST_INLIERS), LEAST_RESIDUAL**2))
+    measured: Array  # [s, 3]
+    information: Array  # [s, 3, 3] of them
+    doubted: NDArray[np.bool_]  # [s] which may be far off: these have heavy tails
 
 
 def _add_pairs(
@@ -212,7 +210,6 @@ def _add_pairs(
         first, second: [e] the scans whose endpoints are held, and those that they are held to.
         sums: [e, PAIR] of ``accumulate``, times the information of an endpoint.
         variance: of the endpoints' distances to their lines [m^2].
-        config: of the back end.
         blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
     """
     information, gradient = sums[:, FULL].reshape(-1, 3, 3), sums[:, 6:9].copy()
@@ -256,15 +253,12 @@ def _turned(matrices: Array, vectors: Array) -> Array:
 
 
 def _add_steps(poses: Array, steps: _Steps, blocks: Array, right: Array) -> Array:
-    """Add steps of the chain to the system; returns the blocks [s, 3, 3] between their ends.
+    """Add steps of the chain to the blocks [n, 3, 3] and the right side [n, 3] of the system at poses [n, 3].
 
-    Args:
-        poses: [n, 3].
-        steps: that bind them; each scan is before at most one, and after at most one.
-        blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
+    Each scan is before at most one, and after at most one. Returns the blocks [s, 3, 3] between their ends.
     """
     before, after = poses[steps.before], poses[steps.after]
-    off = np.asarray(se2.between(steps.measured, se2.between(before, after)))
+    off = se2.between(steps.measured, se2.between(before, after))
     squares = np.einsum("ni,nij,nj->n", off, steps.information, off)
     information = steps.information / (1 + steps.doubted * squares / SLIP**2)[:, None, None]
     first, second = relative_jacobians(before, after, steps.measured[:, 2])

@@ -13,24 +13,17 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.loop_graph import PROVED, BoundGraph, Pair
-from moteslam.slam.backend.graph.loop_search import (
-    FARTHEST,
-    WINDOW_DEVIATIONS,
-    LoopSearch,
-    fair_share,
-    squares,
-)
-from moteslam.slam.registration.search import is_elsewhere
+from moteslam.slam.backend.graph.loop_search import FARTHEST, WINDOW_DEVIATIONS, LoopSearch, squares
+from moteslam.slam.registration.search import LEAST_KNOWN, is_elsewhere
 
-Array = NDArray[np.float64]
 G = TypeVar("G", bound=BoundGraph)
 
 SAME_PREDICTION, SAME_WINDOW = 0.3, 0.5
 """A pair is not searched again where the prediction moved by less [m], and the window changed by less [share]."""
-SOLVED = 0.2
-"""The graph is solved anew for a loop that is off by more than this [m]."""
+SOLVED = 0.2  # The graph is solved anew for a loop that is off by more than this [m]
 LEAST_DEVIATIONS = np.array([0.5, 0.5, 0.06]) / WINDOW_DEVIATIONS
 """What the relative covariance has besides [m, m, rad]: submaps bend a little."""
 CHEAP = 1e8
@@ -38,21 +31,17 @@ CHEAP = 1e8
 LOOKUPS_PER_METRE = 4e6
 """Endpoints that all other searches together look up at most, for every metre driven: 4 ms of one processor. What that
 leaves unsearched stands in the ledger."""
-PASSAGE_GAP = 3
-"""Nodes within reach that follow each other with at most this many between are one passage."""
+PASSAGE_GAP = 3  # Nodes within reach that follow each other with at most this many between are one passage
 
 
 class LoopClosing(Generic[G]):
     """Looks for a node every ``config.loops.every`` metres in the submaps of those that may show the same place.
 
     Args:
-        graph: that the loops are entered into.
-        config: of the back end.
         since: nodes from this one on are looked for, and if it is not the first, in the submaps of those before alone.
 
     Attributes:
-        graph: as given.
-        news: the loops that were accepted since it was emptied last.
+        graph: that the loops are entered into.
     """
 
     def __init__(self, graph: G, config: GraphConfig, since: int = 0) -> None:
@@ -61,7 +50,7 @@ class LoopClosing(Generic[G]):
         self._searched: dict[int, list[int]] = {}  # the submaps that each node was searched for in
         self._queries: list[int] = []
         self._looked_up = 0.0  # by all searches that are not cheap
-        self.news: set[Pair] = set()
+        self.news: set[Pair] = set()  # the loops that were accepted since it was emptied last
 
     def look(self) -> None:
         """Look for the nodes that are due and whose surroundings are complete."""
@@ -71,11 +60,7 @@ class LoopClosing(Generic[G]):
             self._look_for(query)
 
     def close(self, start: int = 0) -> None:
-        """Look for all nodes again, with what is known at the end, until nothing new is found.
-
-        Args:
-            start: the node whose place is known best: those near it along the path come first.
-        """
+        """Look for all nodes again, those near ``start``, whose place is known best, first, until nothing is found."""
         while (query := self._next()) is not None:
             self._queries.append(query)
         path = self.graph.submaps.path
@@ -127,14 +112,10 @@ class LoopClosing(Generic[G]):
         """Which nodes [n] may show the same walls as one, and the cost [n] of that.
 
         They are within the window of where it may be, and ``config.loops.near``; the cost is the negative logarithm of
-        the density that they are in one place.
-
-        Args:
-            query: the one.
-            covariance: [n, 3, 3] of its pose as seen from all, in its frame.
+        the density that they are in one place. ``covariance`` [n, 3, 3] is of its pose as seen from all, in its frame.
         """
         poses, near = self.graph.poses, (self._config.loops.near / WINDOW_DEVIATIONS) ** 2
-        x, y = np.asarray(se2.between(poses[query], poses))[:, :2].T
+        x, y = se2.between(poses[query], poses)[:, :2].T
         xx, xy, yy = covariance[:, 0, 0] + near, covariance[:, 0, 1], covariance[:, 1, 1] + near
         determinant = xx * yy - xy * xy
         squares = (yy * x * x - 2 * xy * x * y + xx * y * y) / determinant
@@ -147,16 +128,16 @@ class LoopClosing(Generic[G]):
         before = [node for node in self._searched.get(query, []) if abs(path[node] - path[submap]) <= passage]
         submap = min(before, key=lambda node: abs(node - submap), default=submap)
         pair = submap, query
-        predicted = np.asarray(se2.between(graph.poses[submap], graph.poses[query]))
+        predicted = se2.between(graph.poses[submap], graph.poses[query])
         spread = covariance[submap] + np.diag(np.square(LEAST_DEVIATIONS))
         window = self._search.window(spread)
         known = graph.loops.get(pair)
         last = None if known is None or known.candidate.verdict == "unsearched" else known.candidate
         if last is not None:
-            off = np.asarray(se2.between(predicted, last.found))
+            off = se2.between(predicted, last.found)
             if last.accepted and off @ np.linalg.inv(spread) @ off < WINDOW_DEVIATIONS**2:
                 return []
-            moved = np.asarray(se2.between(last.predicted, predicted))
+            moved = se2.between(last.predicted, predicted)
             same = abs(last.window[0] - window.half[0]) < SAME_WINDOW * window.half[0]
             if same and np.abs(moved[:2]).max() < SAME_PREDICTION:
                 return []
@@ -186,9 +167,10 @@ class LoopClosing(Generic[G]):
         if not len(nodes):
             return False
         others = [graph.loops[node, query].candidate for node in nodes.tolist()]
-        shares = np.array([fair_share(other, loop.candidate) for other in others])
-        at = np.asarray(se2.compose(graph.poses[submap], loop.candidate.found))
-        off = np.asarray(se2.between(at, se2.compose(graph.poses[nodes], np.array([other.found for other in others]))))
+        # what is to be compared with the best one: see ``runner_up``
+        shares = np.array([o.share * max(loop.candidate.known / max(o.known, LEAST_KNOWN), 1.0) for o in others])
+        at = se2.compose(graph.poses[submap], loop.candidate.found)
+        off = se2.between(at, se2.compose(graph.poses[nodes], np.array([other.found for other in others])))
         rivals = is_elsewhere(off) & (shares >= loop.candidate.share - self._config.loops.least_margin)
         if not rivals.any():
             return False
@@ -207,12 +189,7 @@ def _largest_deviations(covariance: Array) -> Array:
 
 
 def _passages(near: NDArray[np.intp], cost: Array) -> list[int]:
-    """Of every passage among nodes that are near, in order of the path, the one of least cost; the best passage first.
-
-    Args:
-        near: [m] nodes.
-        cost: [n] of all nodes.
-    """
+    """Of every passage among nodes [m] in order of the path the one of least cost [n]; the best passage first."""
     if not len(near):
         return []
     passages = np.split(near, np.flatnonzero(np.diff(near) > PASSAGE_GAP) + 1)

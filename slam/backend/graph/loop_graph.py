@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.loop_search import Loop
@@ -16,19 +17,72 @@ from moteslam.slam.backend.graph.measured_chain import MeasuredChain
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.pose_graph import Edges, solve
 from moteslam.slam.backend.graph.submaps import Submaps
-from moteslam.slam.backend.graph.uncertainty import Uncertainty
 from moteslam.slam.backend.ledger import LoopCandidate, Verdict
 
-Array = NDArray[np.float64]
-Pair = tuple[int, int]
-"""Two nodes, the earlier first."""
+Pair = tuple[int, int]  # Two nodes, the earlier first
 
-PROVED: tuple[Verdict, ...] = ("accepted", "contradicted")
-"""Verdicts of loops that the graph decides between."""
-KEPT = 0.25
-"""A loop of a smaller weight after graduated non-convexity is contradicted by the others."""
-FITS_DISTANCE, FITS_ROTATION = 0.2, 0.035
-"""A loop within this of the final poses is confirmed by them [m], [rad]."""
+PROVED: tuple[Verdict, ...] = ("accepted", "contradicted")  # Verdicts of loops that the graph decides between
+KEPT = 0.25  # A loop of a smaller weight after graduated non-convexity is contradicted by the others
+FITS_DISTANCE, FITS_ROTATION = 0.2, 0.035  # A loop within this of the final poses is confirmed by them [m], [rad]
+TURN_DISTANCE = 5.0  # At this distance a heading's error counts in the choice of the surest path [m]
+
+
+class Uncertainty:
+    """How uncertain two nodes' relative pose is: along the surest path of the graph that joins them.
+
+    As the Dijkstra projection of Olson (2008, Robust and efficient robotic mapping): an upper bound of the marginal
+    covariance, in the time of a shortest path. An error of a heading moves all that follows about the place where it is
+    made, so that place and heading err together: after a long way out and back the robot is at one side of where it
+    should be if it is turned one way, and at the other if it is turned the other way.
+
+    Args:
+        poses: [n, 3] of the nodes.
+        first, second: [e] the nodes that each edge binds; where a pair is bound more than once the surest counts.
+        covariance: [e, 3, 3] of the edges, in the frame of the second node.
+    """
+
+    def __init__(self, poses: Array, first: NDArray[np.intp], second: NDArray[np.intp], covariance: Array) -> None:
+        from scipy.sparse import csr_matrix
+
+        n = len(poses)
+        # the largest variance of the position, and that of the heading
+        cost = np.linalg.eigvalsh(covariance[:, :2, :2])[:, 1] + TURN_DISTANCE**2 * covariance[:, 2, 2]
+        pairs = np.minimum(first, second) * n + np.maximum(first, second)
+        order = np.lexsort((cost, pairs))
+        _, kept = np.unique(pairs[order], return_index=True)
+        kept = order[kept]
+        self._pairs = pairs[kept]
+        self._graph = csr_matrix((cost[kept], (first[kept], second[kept])), shape=(n, n))
+        self._poses = poses
+        # of what lies at the origin, by errors of the edges where they end
+        x, y, theta = poses[second[kept]].T
+        c, s, zero, one = np.cos(theta), np.sin(theta), np.zeros(len(x)), np.ones(len(x))
+        by = np.array([[c, -s, y], [s, c, -x], [zero, zero, one]]).transpose(2, 0, 1)
+        self._terms = by @ covariance[kept] @ by.transpose(0, 2, 1)
+
+    def of(self, node: int, at: Array | None = None) -> Array:
+        """The covariance [n, 3, 3] of one node's pose as seen from each of all nodes, in the frame of that one pose.
+
+        With a pose ``at`` [3] that of what moves with the node.
+        """
+        from scipy.sparse.csgraph import dijkstra
+
+        n = len(self._poses)
+        _, before = dijkstra(self._graph, False, [node], True)
+        everyone = np.arange(n)
+        before = np.where(before[0] < 0, everyone, before[0]).astype(np.intp)
+        pairs = np.minimum(everyone, before) * n + np.maximum(everyone, before)
+        edge = np.minimum(np.searchsorted(self._pairs, pairs), len(self._pairs) - 1)
+        sums = np.where((before == everyone)[:, None, None], 0.0, self._terms[edge])
+        # sums back along the shortest path, over twice as many edges each time
+        while not (before == before[before]).all():
+            sums = sums + np.where((before != everyone)[:, None, None], sums[before], 0.0)
+            before = before[before]
+        # seen from another node it is that node's pose which moves the one about the origin, the other way round
+        x, y, theta = self._poses[node] if at is None else at
+        c, s = np.cos(theta), np.sin(theta)
+        by = np.array([[c, s, 0.0], [-s, c, 0.0], [0, 0, 1.0]]) @ np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0, 0, 1.0]])
+        return np.asarray(by @ sums @ by.T)
 
 
 class BoundGraph:
@@ -37,23 +91,16 @@ class BoundGraph:
     After a joint registration of all nodes its relative poses stand for the chain and the loops that it knew: what
     comes later bends them by as little as it must.
 
-    Args:
-        nodes: at least one.
-        chain: the steps between them.
-        config: of the back end.
-
     Attributes:
-        nodes: as given.
-        submaps: around them.
-        loops: every candidate, the latest search of each pair, in the order of these.
+        nodes: at least one.
         poses: [n, 3] as solved last, from there on along the chain.
         registered: [m, 3] by the latest joint registration; m is 0 before the first.
     """
 
     def __init__(self, nodes: Nodes, chain: MeasuredChain | Chain, config: GraphConfig) -> None:
         self.nodes, self._steps, self._config = nodes, chain, config
-        self.submaps = Submaps(nodes, config)
-        self.loops: dict[Pair, Loop] = {}
+        self.submaps = Submaps(nodes, config)  # around them
+        self.loops: dict[Pair, Loop] = {}  # every candidate, the latest search of each pair, in the order of these
         self.poses, self.registered = np.zeros((1, 3)), np.zeros((0, 3))
         self._known: set[Pair] = set()  # the loops that the joint registration knew
         self._uncertainty: Uncertainty | None = None
@@ -116,7 +163,7 @@ class BoundGraph:
             return 0.0
         first, second = np.array(accepted).T
         found = np.array([self.loops[pair].candidate.found for pair in accepted])
-        off = np.asarray(se2.between(found, se2.between(poses[first], poses[second])))
+        off = se2.between(found, se2.between(poses[first], poses[second]))
         return float(np.hypot(off[:, 0], off[:, 1]).max())
 
     def relative(self, node: int, at: Array | None = None) -> Array:
@@ -137,32 +184,18 @@ class BoundGraph:
         information = np.asarray(np.linalg.inv(self._steps.covariance))
         steps[: max(len(self.registered) - 1, 0)] = se2.between(self.registered[:-1], self.registered[1:])
         chain = Edges(np.arange(n - 1), np.arange(1, n), steps, information, np.zeros(n - 1, bool))
-        return chain.plus(
-            Edges(
-                np.array([first for first, _ in pairs]),
-                np.array([second for _, second in pairs]),
-                np.array([self._relative_pose(pair) for pair in pairs]),
-                np.array([self.loops[pair].information for pair in pairs]),
-                np.ones(len(pairs), bool),
-            )
-        )
-
-    def _relative_pose(self, pair: Pair) -> Array:
-        first, second = pair
-        if pair in self._known:
-            return np.asarray(se2.between(self.registered[first], self.registered[second]))
-        return self.loops[pair].candidate.found
+        loops = self.edges_of(pairs)
+        for k, (first, second) in enumerate(pairs):
+            if (first, second) in self._known:
+                loops.relative[k] = se2.between(self.registered[first], self.registered[second])
+        return chain.plus(loops)
 
 
 class LoopGraph(BoundGraph):
-    """The graph as it grows with its nodes.
-
-    Attributes:
-        chain: the steps between them.
-    """
+    """The graph as it grows with its nodes."""
 
     def __init__(self, nodes: Nodes, config: GraphConfig) -> None:
-        self.chain = Chain(nodes, config)
+        self.chain = Chain(nodes, config)  # the steps between them
         super().__init__(nodes, self.chain, config)
         self._fits = 0  # of the chain, as taken in
 
@@ -180,22 +213,22 @@ class LoopGraph(BoundGraph):
     def settle(self) -> None:
         """Fit the odometry's errors at the end."""
         self.chain.settle()
-        if self.chain.fits != self._fits:
-            self._refit()
+        self._refit()
 
     def rejoin(self) -> None:
         """Take in that the filter's steps have changed."""
         self.chain.renew()
-        if self.chain.fits != self._fits:
-            self._refit()
+        self._refit()
 
     def _refit(self) -> None:
-        """Take in all steps of the chain anew."""
+        """Take in all steps of the chain anew, if they have changed."""
+        if self.chain.fits == self._fits:
+            return
         self._fits, self._uncertainty = self.chain.fits, None
         steps = self.chain.steps
         self.submaps.follow(steps)
         if len(self.registered):
-            late = np.asarray(se2.accumulate(steps[len(self.poses) - 1 :], self.poses[-1]))
+            late = se2.accumulate(steps[len(self.poses) - 1 :], self.poses[-1])
             self.poses = np.vstack((self.poses, late.reshape(-1, 3)))
         else:
             self.poses = self.submaps.poses
@@ -203,19 +236,13 @@ class LoopGraph(BoundGraph):
 
 
 def checked(ledger: tuple[LoopCandidate, ...], nodes: Nodes, poses: Array) -> tuple[LoopCandidate, ...]:
-    """The ledger with the accepted loops that the final poses do not confirm marked as overruled.
-
-    Args:
-        ledger: of all candidates.
-        nodes: n of them.
-        poses: [n, 3] final.
-    """
+    """The ledger with the accepted loops that the final poses [n, 3] do not confirm marked as overruled."""
     if not ledger:
         return ledger
     earlier = np.searchsorted(nodes.indices, [candidate.earlier for candidate in ledger])
     later = np.searchsorted(nodes.indices, [candidate.later for candidate in ledger])
     found = np.array([candidate.found for candidate in ledger])
-    off = np.asarray(se2.between(found, se2.between(poses[earlier], poses[later])))
+    off = se2.between(found, se2.between(poses[earlier], poses[later]))
     fits = (np.hypot(off[:, 0], off[:, 1]) < FITS_DISTANCE) & (np.abs(off[:, 2]) < FITS_ROTATION)
     return tuple(
         replace(candidate, verdict="overruled") if candidate.accepted and not fit else candidate

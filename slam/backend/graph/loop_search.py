@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.submaps import Submaps
@@ -22,35 +23,27 @@ from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
 from moteslam.slam.registration.information import keep_odometry, measured_information
 from moteslam.slam.registration.registrar import Registration, register, subsample
-from moteslam.slam.registration.search import LEAST_KNOWN, Window, candidates, runner_up, shares
+from moteslam.slam.registration.search import Window, candidates, runner_up, shares
 
-Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 
 RESIDUAL = 0.03
 """Standard deviation of an endpoint's distance to another submap's surface [m]: both submaps bend a little."""
-FLOOR = np.array([0.02, 0.02, np.radians(0.3)])
-"""No loop is known better: [m], [m], [rad]."""
-WEAKEST = 1e-3
-"""Information of a direction that nothing binds [1/m^2]."""
+FLOOR = np.array([0.02, 0.02, np.radians(0.3)])  # No loop is known better: [m], [m], [rad]
+WEAKEST = 1e-3  # Information of a direction that nothing binds [1/m^2]
 LEAST_STARTS, STARTS, START_POINTS, FINALISTS = 8, 40, 120, 12
 """Places of the lattice that are registered with some points, at least and at most: as many as basins of Gauss-Newton
 fit into the window; and how many of them with all points."""
-WIDE, FINE_TURN, COARSE_TURN = 0.1, 0.02, 0.04
-"""Windows wider than the first [rad] are searched in the coarser steps."""
+WIDE, FINE_TURN, COARSE_TURN = 0.1, 0.02, 0.04  # Windows wider than the first [rad] are searched in the coarser steps
 MANY, WIDEST_STEP, WIDEST_TURN = 500_000, 0.2, 0.06
 """Windows of more places than the first are searched in steps of a basin of Gauss-Newton [m], [rad]."""
 FARTHEST = 4.0
 """A place is nearer to the prediction than this [standard deviations]: of three that are independent one in a thousand
 is not."""
-NEGLIGIBLE_PRIOR = 1e-6
-"""Of the lattice: within the window the prediction counts for nothing until the end."""
-WINDOW_DEVIATIONS = 3.0
-"""The half width of a window, in standard deviations of the prediction."""
-COVERED = 0.5
-"""Wider windows have longer submaps [m]."""
-LOOSE = 3.0
-"""Standard deviation of the prediction in the registration [windows]."""
+NEGLIGIBLE_PRIOR = 1e-6  # Of the lattice: within the window the prediction counts for nothing until the end
+WINDOW_DEVIATIONS = 3.0  # The half width of a window, in standard deviations of the prediction
+COVERED = 0.5  # Wider windows have longer submaps [m]
+LOOSE = 3.0  # Standard deviation of the prediction in the registration [windows]
 
 
 class Loop(NamedTuple):
@@ -64,13 +57,7 @@ class Loop(NamedTuple):
 
 
 class LoopSearch:
-    """Searches queries in submaps.
-
-    Args:
-        nodes: all of them.
-        submaps: theirs.
-        config: of the back end.
-    """
+    """Searches queries in submaps."""
 
     def __init__(self, nodes: Nodes, submaps: Submaps, config: GraphConfig) -> None:
         self._nodes, self._submaps, self._config = nodes, submaps, config
@@ -81,7 +68,6 @@ class LoopSearch:
         """Search a query in a submap.
 
         Args:
-            submap, query: their nodes.
             predicted: [3] pose of the query's node in the frame of the submap's.
             covariance: [3, 3] of that, in its frame.
 
@@ -110,7 +96,7 @@ class LoopSearch:
         error = np.linalg.inv(information + WEAKEST * np.eye(3)) + np.diag(np.square(FLOOR))
         candidate = replace(
             self._candidate(submap, query, predicted, window),
-            found=np.asarray(se2.compose(predicted, kept.offsets[best])),
+            found=se2.compose(predicted, kept.offsets[best]),
             share=float(places[best]),
             runner_up=second,
             known=float(found.known[best]) / len(points),
@@ -127,20 +113,8 @@ class LoopSearch:
     def _candidate(self, submap: int, query: int, predicted: Array, window: Window) -> LoopCandidate:
         """A pair before it is searched."""
         indices, stamps = self._nodes.indices, self._nodes.stamps
-        return LoopCandidate(
-            earlier=int(indices[submap]),
-            later=int(indices[query]),
-            stamps=(float(stamps[submap]), float(stamps[query])),
-            predicted=predicted,
-            found=predicted,
-            window=(float(window.half[0]), float(window.half[2])),
-            share=0.0,
-            runner_up=0.0,
-            known=0.0,
-            likelihood=0.0,
-            crossed=0.0,
-            verdict="unsearched",
-        )
+        pair, half = (indices[submap], indices[query]), (float(window.half[0]), float(window.half[2]))
+        return LoopCandidate.unsearched(*pair, (stamps[submap], stamps[query]), predicted, half)
 
     def window(self, covariance: Array) -> Window:
         """What is searched of a prediction of this covariance [3, 3]."""
@@ -169,11 +143,6 @@ class LoopSearch:
             return "ambiguous"
         inside = squares(offset, covariance) <= FARTHEST**2
         return "accepted" if inside else "outside"
-
-
-def fair_share(rival: LoopCandidate, best: LoopCandidate) -> float:
-    """The share of a place in another submap, which is to be compared with the best one: see ``runner_up``."""
-    return rival.share * max(best.known / max(rival.known, LEAST_KNOWN), 1.0)
 
 
 def squares(offsets: Array, covariance: Array) -> Array:

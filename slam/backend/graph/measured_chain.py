@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import prior_spread
-
-Array = NDArray[np.float64]
 
 CONTRADICTED = 10.0
 """A path that differs from a step by this many standard deviations is no error of that step but contradicts it."""
@@ -22,33 +21,24 @@ a weight only keeps the equations of a graph whole."""
 
 
 class MeasuredChain(NamedTuple):
-    """The steps between n nodes.
+    """The steps between n nodes."""
 
-    Attributes:
-        steps: [n - 1, 3] in the frames where they begin: by registration, odometry and the filter.
-        covariance: [n - 1, 3, 3] of them, in the frames where they end.
-        prior_steps, prior_covariance: the same as a joint registration is to keep them.
-        doubted: [n - 1] which of these may be far off: a registration that the odometry contradicts, or none.
-    """
-
-    steps: Array
-    covariance: Array
+    steps: Array  # [n - 1, 3] in the frames where they begin: by registration, odometry and the filter
+    covariance: Array  # [n - 1, 3, 3] of them, in the frames where they end
+    # prior_steps, prior_covariance: the same as a joint registration is to keep them.
     prior_steps: Array
     prior_covariance: Array
+    # [n - 1] which of these may be far off: a registration that the odometry contradicts, or none.
     doubted: NDArray[np.bool_]
 
     def prior(self, start: Array, config: RegistrationConfig) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """The steps for a joint registration, their covariance, and which are doubtful.
+        """The steps for a joint registration that starts at poses [n, 3], their covariance, and which are doubtful.
 
         Where the start contradicts a step, it is the hypothesis that odometry or registration failed there: its own
         step then, loosely.
-
-        Args:
-            start: [n, 3] poses from which the joint registration starts.
-            config: says how loosely.
         """
         steps, covariance = self.prior_steps.copy(), self.prior_covariance.copy()
-        begun = np.asarray(se2.between(start[:-1], start[1:]))
+        begun = se2.between(start[:-1], start[1:])
         deviations = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         contradicted = (np.abs(se2.between(begun, steps)) >= CONTRADICTED * deviations).any(axis=1)
         for k in np.flatnonzero(contradicted):
@@ -59,7 +49,7 @@ class MeasuredChain(NamedTuple):
 
     def errors(self, poses: Array) -> tuple[Array, Array]:
         """[n - 1, 3] how far the steps between poses [n, 3] are off the measured ones, and the deviations of these."""
-        off = np.asarray(se2.between(self.steps, se2.between(poses[:-1], poses[1:])))
+        off = se2.between(self.steps, se2.between(poses[:-1], poses[1:]))
         return off, np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
     @classmethod

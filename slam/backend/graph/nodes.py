@@ -9,20 +9,18 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.inputs.lapses import CLOSED, Open
 from moteslam.slam.inputs.step import thin
-
-Array = NDArray[np.float64]
 
 LONGEST = 30.0
 """A step from node to node by longer odometry [m] is the filter's: errors of that many metres are no prior."""
 MAX_RANGE = 30.0
 """Endpoints farther from the sensor are left out [m]: neighbouring beams are half a metre apart there, and the error of
 the heading moves them as far."""
-FEW_POINTS = 20
-"""A scan of fewer points is not registered, and no node but the first."""
+FEW_POINTS = 20  # A scan of fewer points is not registered, and no node but the first
 
 
 class Nodes:
@@ -32,27 +30,21 @@ class Nodes:
         config: distance and turn between two nodes, where key scans allow, and how scans are thinned.
 
     Attributes:
-        updates: which of the key scans they are.
         indices, stamps: of their scans in the recording.
-        scans: theirs, thinned, in the robot's frame.
-        origin: [2] where the rays start, in that frame [m].
-        odometry: [3] each: motion since the node before by odometry alone, in the frame of the pose there.
-        filtered: [3] each: the same as the filter estimates it.
-        measured: whether odometry measured all of it.
-        left_open: what a lapse of the odometry leaves open of that motion; nothing, of others.
     """
 
     def __init__(self, config: GraphConfig) -> None:
         self._config = config
-        self.updates: list[int] = []
+        self.updates: list[int] = []  # which of the key scans they are
         self.indices: list[int] = []
         self.stamps: list[float] = []
-        self.scans: list[ThinnedScan] = []
-        self.origin = np.zeros(2)
+        self.scans: list[ThinnedScan] = []  # theirs, thinned, in the robot's frame
+        self.origin = np.zeros(2)  # [2] where the rays start, in that frame [m]
+        # [3] each: motion since the node before by odometry alone, in the frame of the pose there
         self.odometry: list[Array] = []
-        self.filtered: list[Array] = []
-        self.measured: list[bool] = []
-        self.left_open: list[Open] = []
+        self.filtered: list[Array] = []  # [3] each: the same as the filter estimates it
+        self.measured: list[bool] = []  # whether odometry measured all of it
+        self.left_open: list[Open] = []  # what a lapse of the odometry leaves open of that motion; nothing, of others
         self._keys = 0  # key scans so far
         self._last: KeyScan | None = None  # the latest, while it is no node
         # since the latest node
@@ -65,15 +57,13 @@ class Nodes:
     def add(self, key: KeyScan, crowded: Callable[[], bool] = lambda: False) -> bool:
         """Take in a key scan; whether there is a new node: this one if it is the first, else the one before.
 
-        Args:
-            key: the scan.
-            crowded: whether there are enough nodes where the key scan before was taken.
+        ``crowded`` is whether there are enough nodes where the key scan before was taken.
         """
         distance, rotation = float(np.hypot(*key.motion[:2])), abs(float(key.motion[2]))
         too_far = self._far + distance > self._config.distance or self._turn + rotation > self._config.rotation
         added = too_far and not crowded() and self.close()
-        self._odometry = np.asarray(se2.compose(self._odometry, key.odometry))
-        self._filtered = np.asarray(se2.compose(self._filtered, key.motion))
+        self._odometry = se2.compose(self._odometry, key.odometry)
+        self._filtered = se2.compose(self._filtered, key.motion)
         self._known &= key.measured and self._far + distance < LONGEST
         self._open = self._open.plus(key.left_open)
         self._far, self._turn = self._far + distance, self._turn + rotation
@@ -92,7 +82,8 @@ class Nodes:
         key = self._last
         if key is None:
             return False
-        scan = thin(_near(key), key.origin, self._config.thinning)
+        near: NDArray[np.bool_] = np.hypot(*(key.points - key.origin).T) < MAX_RANGE
+        scan = thin(key.points[near], key.origin, self._config.thinning)
         if self.updates and len(scan.points) < FEW_POINTS:
             return False
         self.updates.append(self._keys - 1)
@@ -107,8 +98,3 @@ class Nodes:
         self._odometry, self._filtered, self._known = np.zeros(3), np.zeros(3), True
         self._far, self._turn, self._last, self._open = 0.0, 0.0, None, CLOSED
         return True
-
-
-def _near(key: KeyScan) -> NDArray[np.float32]:
-    near: NDArray[np.bool_] = np.hypot(*(key.points - key.origin).T) < MAX_RANGE
-    return np.asarray(key.points[near])

@@ -5,53 +5,38 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.odometry.noise import aside
-
-Array = NDArray[np.float64]
 
 AT_REST = np.array([0.005, 0.005, 0.005])
 """The shape of the noise before it is scaled to what is measured: [m], [m], [rad] ..."""
-FROM_DISTANCE = np.array([0.05, 0.05, 0.02])
-"""... and for every metre ..."""
-FROM_ROTATION = np.array([0.02, 0.02, 0.05])
-"""... and for every radian."""
-ROUNDS = 8
-"""Of fitting gains and scales alternately."""
-TAIL = 4.0
-"""Squared robust scale of the fit [variances] (Cauchy)."""
+FROM_DISTANCE = np.array([0.05, 0.05, 0.02])  # ... and for every metre ...
+FROM_ROTATION = np.array([0.02, 0.02, 0.05])  # ... and for every radian
+ROUNDS = 8  # Of fitting gains and scales alternately
+TAIL = 4.0  # Squared robust scale of the fit [variances] (Cauchy)
 KNOWN, FEWEST = 2.0, 10
 """The noise is measured on steps whose registration has less than the first factor times the odometry's variance, where
 there are more than the second."""
 GAIN_SCALE, GAIN_INFORMATION = 0.01, 200.0
 """Prior on the gains: Cauchy of this scale, since most wheels are right to a percent and some off by several
 (docs/theory/default-filter.md), and no looser than a standard deviation of 0.07."""
-LEAST_SCALE = 0.1
-"""Of the noise, over its shape: no odometry is better."""
-LEAST_SHARE = 0.1
-"""Of that noise is the odometry's own, at least."""
-SAFETY = 2.0
-"""Factor on the measured standard deviation: errors of neighbouring steps are alike."""
-NORMAL_MAD = 1.4826
-"""A normal distribution's standard deviation over its median absolute deviation."""
+LEAST_SCALE = 0.1  # Of the noise, over its shape: no odometry is better
+LEAST_SHARE = 0.1  # Of that noise is the odometry's own, at least
+SAFETY = 2.0  # Factor on the measured standard deviation: errors of neighbouring steps are alike
+NORMAL_MAD = 1.4826  # A normal distribution's standard deviation over its median absolute deviation
 
 
 class OdometryModel(NamedTuple):
-    """What odometry is off by.
+    """What odometry is off by."""
 
-    Attributes:
-        gains: [3, 3] of forward, left and turning error for forward, left and turning motion.
-        scales: [3] of the noise that is left, over its shape.
-    """
-
-    gains: Array
-    scales: Array
+    gains: Array  # [3, 3] of forward, left and turning error for forward, left and turning motion
+    scales: Array  # [3] of the noise that is left, over its shape
 
     def corrected(self, odometry: Array) -> Array:
         """Steps [n, 3] with what is systematic taken out."""
-        return np.asarray(se2.compose(odometry, odometry @ self.gains.T))
+        return se2.compose(odometry, odometry @ self.gains.T)
 
     def spread(self, odometry: Array) -> Array:
         """The standard deviations [n, 3] of corrected steps."""
@@ -76,11 +61,9 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
     registration together (errors in variables; Fuller 1987, Measurement Error Models, section 1.3).
 
     Args:
-        odometry: [n - 1, 3] steps.
-        registered: [n - 1, 3] the same by registration.
-        covariance: [n - 1, 3, 3] of that.
+        odometry, registered: [n - 1, 3] steps; covariance: [n - 1, 3, 3] of the registered ones.
     """
-    errors = np.asarray(se2.between(odometry, registered))
+    errors = se2.between(odometry, registered)
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     gains, scales, true = np.zeros((3, 3)), np.ones(3), odometry + errors
     measured = np.zeros(3, bool)

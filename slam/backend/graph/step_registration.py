@@ -1,7 +1,7 @@
 """Registering each node to a local TSDF of the latest ones.
 
 Registration to the particle's whole map would hold the loops already, right or wrong. A registration overrules the
-odometry by many standard deviations only where the evidence allows: see ``_overrules``.
+odometry by many standard deviations only where the evidence allows: see ``against``.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import FEW_POINTS
 from moteslam.slam.mapping.tsdf import TsdfMaps
@@ -22,40 +23,26 @@ from moteslam.slam.registration.information import less_where_unbound, measured_
 from moteslam.slam.registration.localisation import match_score
 from moteslam.slam.registration.registrar import Registration, register, subsample
 
-Array = NDArray[np.float64]
-
-GATE = 4.0
-"""An offset of more standard deviations of the odometry must be proved."""
-SCORES = TrackingConfig()
-"""Match score and heavy tail are those of tracking."""
+GATE = 4.0  # An offset of more standard deviations of the odometry must be proved
+SCORES = TrackingConfig()  # Match score and heavy tail are those of tracking
 LOOSE, LOOSEST = 3.0, 0.01
 """With the corrected odometry the registration searches within this many of its standard deviations, and the second at
 least [m], [rad]: what is found farther off must be proved."""
 BASIN = 0.2
 """Registrations begin at headings this far apart [rad], as far as they are searched for: from twice as far off
 Gauss-Newton may end at a place that explains a few of the endpoints."""
-MOST_NATS = 50.0
-"""Certainty enough [nats]; the exponential of more overflows."""
-DOUBT = 4.0
-"""Nats by which evidence and prior may be misjudged: the logistic scale of the doubt that is left."""
+MOST_NATS = 50.0  # Certainty enough [nats]; the exponential of more overflows
+DOUBT = 4.0  # Nats by which evidence and prior may be misjudged: the logistic scale of the doubt that is left
 
 
 class Prediction(NamedTuple):
-    """What is known of a step before it is registered.
+    """What is known of a step before it is registered."""
 
-    Attributes:
-        step: [3] by the odometry.
-        spread: [3] standard deviations.
-        measured: whether odometry measured it; else it may be overruled without proof.
-        filtered: [3] as the filter estimates it: it is tried, too.
-        open: the odometry leaves several places open, of which the filter has chosen one.
-    """
-
-    step: Array
-    spread: Array
-    measured: bool
-    filtered: Array
-    open: bool = False
+    step: Array  # [3] by the odometry
+    spread: Array  # [3] standard deviations
+    measured: bool  # whether odometry measured it; else it may be overruled without proof
+    filtered: Array  # [3] as the filter estimates it: it is tried, too
+    open: bool = False  # the odometry leaves several places open, of which the filter has chosen one
 
 
 class RegisteredStep(NamedTuple):
@@ -70,9 +57,7 @@ class StepRegistration:
     """Registers nodes one after the other, each to the TSDF of the latest ones before it.
 
     Args:
-        scan: of the first node.
-        origin: [2] where the rays start, in the robot's frame.
-        config: of the back end.
+        scan: of the first node; origin: [2] where its rays start, in the robot's frame.
         proved: the odometry is overruled by proof alone.
     """
 
@@ -97,15 +82,22 @@ class StepRegistration:
         c, spread, doubt = self._config, predicted.spread, np.zeros(3)
         maps, at = self._local.current.of(0), se2.compose(self._pose, predicted.step)
         loose = np.maximum(LOOSE * spread, LOOSEST) if self._proved else spread
-        turned = _turned(loose) if predicted.measured else np.zeros((1, 3))  # else the filter has searched
+        steps = int(min(float(loose[2]), np.pi) / BASIN) if predicted.measured else 0  # else the filter has searched
+        headings = BASIN * np.arange(-steps, steps + 1)
+        turned = np.column_stack((np.zeros((len(headings), 2)), headings))
         starts = np.vstack((turned, se2.between(predicted.step, predicted.filtered)))
         all_at = np.repeat(at[None], len(starts), axis=0)
         found = register(maps, all_at, loose, points, self._origin, starts, c.registration, keep=True)
-        best = _better(found, loose)
+        off = np.square(found.offsets / loose).sum(axis=1)
+        matches = match_score(found.known, found.likelihoods, found.crossed, SCORES) - heavy_tail(off, SCORES)
+        best = int(matches.argmax())
         if self._proved and predicted.measured and _far(found, spread)[best]:
             held = register(maps, all_at, spread, points, self._origin, starts, c.registration, coarse=False, keep=True)
             near = _nearest(held, spread, len(points), c)
-            nats = _overrules(found, best, held, near, len(points), spread, c)
+            fits = found.at(best), held.at(near)
+            evidence = float(nats_for(*fits, len(points), c.registration.unknown_cost, c.correlation)[0])
+            # by how many nats the one far from the odometry is more probable than the one held near it
+            nats = evidence - float(against(np.square(found.offsets[best] / spread).sum(), SCORES))
             belief = 1 / (1 + np.exp(-np.clip(nats / DOUBT, -MOST_NATS, MOST_NATS)))
             doubt = np.sqrt(belief * (1 - belief)) * found.offsets[best]
             if nats < 0:
@@ -116,11 +108,7 @@ class StepRegistration:
 
 
 class _LocalMaps:
-    """Two TSDFs of the latest nodes that overlap by half: one to register to, one that will follow it.
-
-    Args:
-        config: of the back end.
-    """
+    """Two TSDFs of the latest nodes that overlap by half: one to register to, one that will follow it."""
 
     def __init__(self, config: GraphConfig) -> None:
         self._config = config
@@ -149,21 +137,9 @@ class _LocalMaps:
         return self._length - maps[1] >= share * c.length or self._count - maps[2] >= share * c.nodes
 
 
-def _turned(loose: Array) -> Array:
-    """Offsets [n, 3] from the odometry's prediction to begin at: the prediction, and turned as far as is searched."""
-    steps = int(min(float(loose[2]), np.pi) / BASIN)
-    headings = BASIN * np.arange(-steps, steps + 1)
-    return np.column_stack((np.zeros((len(headings), 2)), headings))
-
-
 def _far(found: Registration, spread: Array) -> NDArray[np.bool_]:
     """Which registrations [N] must be proved, being so far from the odometry."""
     return np.asarray(np.square(found.offsets / spread).sum(axis=1) > GATE**2)
-
-
-def _better(found: Registration, spread: Array) -> int:
-    """Which registration has the better match, less what its offset costs by the odometry."""
-    return int(_matches(found, spread).argmax())
 
 
 def _nearest(held: Registration, spread: Array, points: int, config: GraphConfig) -> int:
@@ -176,26 +152,3 @@ def _nearest(held: Registration, spread: Array, points: int, config: GraphConfig
     evidence = nats_for(held, held.at(nearest), points, config.registration.unknown_cost, config.correlation)
     near = ~_far(held, spread)
     return int(np.where(near, evidence - heavy_tail(off, SCORES), -np.inf).argmax()) if near.any() else nearest
-
-
-def _matches(found: Registration, spread: Array) -> Array:
-    """The match scores [N], less what the offsets cost by an odometry of this spread [3]."""
-    off = np.square(found.offsets / spread).sum(axis=1)
-    return match_score(found.known, found.likelihoods, found.crossed, SCORES) - heavy_tail(off, SCORES)
-
-
-def _overrules(
-    found: Registration,
-    best: int,
-    held: Registration,
-    near: int,
-    points: int,
-    spread: Array,
-    config: GraphConfig,
-) -> float:
-    """By how many nats a registration far from the odometry is more probable than one held near it."""
-    unknown = config.registration.unknown_cost
-    fits = found.at(best), held.at(near)
-    evidence = float(nats_for(*fits, points, unknown, config.correlation)[0])
-    off = np.square(found.offsets[best] / spread).sum()
-    return evidence - float(against(off, SCORES))

@@ -9,33 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.registrar import subsample
 
-Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 
 MAP_NODES, QUERY_NODES = 12, 6
 """Nodes of a submap and of a query, at most: where the robot turns on the spot many lie close together."""
-SPACING = 0.1
-"""Endpoints of a query are at least about this far apart [m]."""
-MAX_POINTS = 400
-"""Endpoints of a query, at most."""
+SPACING = 0.1  # Endpoints of a query are at least about this far apart [m]
+MAX_POINTS = 400  # Endpoints of a query, at most
 
-BETWEEN = 1e4
-"""Sessions are this far apart along the path [m]: no submap reaches from one into the next."""
-CACHED = 64
-"""TSDFs of submaps that are kept, those used last: about half a megabyte each, those of wide windows more."""
+BETWEEN = 1e4  # Sessions are this far apart along the path [m]: no submap reaches from one into the next
+CACHED = 64  # TSDFs of submaps that are kept, those used last: about half a megabyte each, those of wide windows more
 
 
 class Submaps:
     """The submaps around the nodes, built when they are asked for; nodes lie in them as the chain has them.
-
-    Args:
-        nodes: all of them.
-        config: of the back end.
 
     Attributes:
         poses: [n, 3] of the chain.
@@ -71,19 +63,14 @@ class Submaps:
         self._maps.clear()
 
     def around(self, node: int, reach: float = 0.0) -> TsdfMaps:
-        """The TSDF of the nodes around one, in its frame.
-
-        Args:
-            node: in the middle.
-            reach: that much longer to both ends, in whole metres [m].
-        """
+        """The TSDF of the nodes around one, in its frame; longer by ``reach`` to both ends, in whole metres [m]."""
         extra = 2 * int(np.ceil(reach))
         if (node, extra) in self._maps:
             self._maps.move_to_end((node, extra))
         else:
             maps, length = TsdfMaps(self._config.tsdf), self._config.loops.submap_length
             members = self._members(node, length + extra, round(MAP_NODES * (1 + extra / length)))
-            poses = np.asarray(se2.between(self.poses[node], self.poses[members]))
+            poses = se2.between(self.poses[node], self.poses[members])
             maps.draw(poses, [self._nodes.scans[k] for k in members])
             self._maps[node, extra] = maps
             if len(self._maps) > CACHED:
@@ -93,7 +80,8 @@ class Submaps:
     def query(self, node: int) -> Points:
         """The endpoints [k, 2] of the nodes around one, in its frame [m]."""
         members = self._members(node, self._config.loops.query_length, QUERY_NODES)
-        seen = [se2.transform_points(self._pose(node, k), self._nodes.scans[k].points) for k in members]
+        middle, scans = self.poses[node], self._nodes.scans
+        seen = [se2.transform_points(se2.between(middle, self.poses[k]), scans[k].points) for k in members]
         points = np.vstack(seen)
         cells = np.floor(points / SPACING).astype(np.int64)
         _, first = np.unique(cells, axis=0, return_index=True)
@@ -102,6 +90,3 @@ class Submaps:
     def _members(self, node: int, length: float, most: int) -> list[int]:
         near = np.flatnonzero(np.abs(self.path - self.path[node]) <= length / 2)
         return [int(k) for k in near if abs(k - node) <= most // 2]
-
-    def _pose(self, node: int, other: int) -> Array:
-        return np.asarray(se2.between(self.poses[node], self.poses[other]))

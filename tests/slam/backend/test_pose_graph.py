@@ -11,10 +11,9 @@ from loop_candidates import candidate
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
-from moteslam.slam.backend.graph.loop_graph import LoopGraph
+from moteslam.slam.backend.graph.loop_graph import LoopGraph, Uncertainty
 from moteslam.slam.backend.graph.loop_search import Loop
 from moteslam.slam.backend.graph.pose_graph import Edges, relative_jacobians, solve
-from moteslam.slam.backend.graph.uncertainty import Uncertainty
 
 STEP_NOISE = np.array([0.02, 0.01, 0.01])
 

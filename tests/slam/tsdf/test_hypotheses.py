@@ -22,7 +22,6 @@ from moteslam.slam.registration.localisation import Localiser, Located, Rivals
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.config import ProposalConfig, TsdfFilterConfig
 from moteslam.slam.tsdf.filter import TsdfFilter
-from moteslam.slam.tsdf.hypotheses import divide, join, settled
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.proposal import propose
@@ -47,6 +46,10 @@ def particles_at(poses: Array, best: int = 0) -> Particles:
     return particles
 
 
+def divided(particles: Particles, rivals: Rivals = RIVALS) -> Array:
+    return particles.divide(rivals.offsets, rivals.log_odds(SHARE))
+
+
 def mapped(number: int) -> Particles:
     """With the map of a scan from the middle of a room."""
     particles = Particles(number, TsdfConfig())
@@ -55,49 +58,49 @@ def mapped(number: int) -> Particles:
 
 
 def test_particles_are_divided_among_rival_places_by_their_odds_and_the_best_one_stays():
-    found = divide(particles_at(np.zeros((28, 3)), best=9), RIVALS, SHARE)
+    found = divided(particles_at(np.zeros((28, 3)), best=9))
     chosen = [int((found == place).all(axis=1).sum()) for place in (np.zeros(3), *RIVALS.offsets)]
     assert chosen == [16, 8, 4]
     np.testing.assert_array_equal(found[9], 0.0)
-    np.testing.assert_array_equal(divide(particles_at(np.zeros((4, 3))), Rivals(), SHARE), np.zeros((4, 3)))
+    np.testing.assert_array_equal(divided(particles_at(np.zeros((4, 3))), Rivals()), np.zeros((4, 3)))
 
 
 def test_a_place_where_a_particle_is_already_gets_none_and_those_away_stay():
     poses = np.zeros((12, 3))
     poses[5:] = (0.1, 2.5, 0.05)
-    found = divide(particles_at(poses), RIVALS, SHARE)
+    found = divided(particles_at(poses))
     np.testing.assert_array_equal(found[5:], 0.0)
     assert set(found[:5, 1].tolist()) == {0.0, -2.6}
     poses[5:] = (0.0, 0.0, 3.12)  # but for a whole circle the place of the rival
     alike = Rivals(np.array([(0.0, 0.0, -3.12)]), np.zeros(1), np.zeros(1))
-    np.testing.assert_array_equal(divide(particles_at(poses), alike, SHARE), 0.0)
+    np.testing.assert_array_equal(divided(particles_at(poses), alike), 0.0)
 
 
 @pytest.mark.parametrize(("weight", "alone"), [(0.0005, True), (0.005, False)])
 def test_particles_are_settled_once_next_to_no_weight_is_on_another_hypothesis(weight: float, alone: bool):
     particles = particles_at(np.zeros((28, 3)))
-    assert settled(particles)
-    divide(particles, RIVALS, SHARE)
-    assert not settled(particles)
+    assert particles.settled
+    divided(particles)
+    assert not particles.settled
     sent = particles.hypotheses != particles.hypotheses[0]
     particles.weights = Weights(np.log(np.where(sent, weight / sent.sum(), (1 - weight) / (~sent).sum())))
-    assert settled(particles) is alone
+    assert particles.settled is alone
 
 
 def test_particles_that_drift_apart_are_of_one_hypothesis_and_those_that_come_together_too():
     particles = mapped(28)
-    divide(particles, RIVALS, SHARE)
+    divided(particles)
     numbers = particles.hypotheses.copy()
     assert len(set(numbers.tolist())) == 3
     particles.resample(np.arange(28)[::-1].copy())
     np.testing.assert_array_equal(particles.hypotheses, numbers[::-1])
-    join(particles)
-    assert settled(particles)
+    particles.join()
+    assert particles.settled
     drifted = np.zeros((28, 3))
     drifted[14:, 0] = 0.9
     particles.move_to(drifted)
-    join(particles)
-    assert settled(particles)
+    particles.join()
+    assert particles.settled
 
 
 def test_a_particle_that_looks_elsewhere_begins_at_its_place_whatever_the_odometry_was_off_by():

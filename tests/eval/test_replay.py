@@ -1,0 +1,326 @@
+"""Ways to run: messages on stdin, a known map, a lidar that is not as stated; and the issues that are told."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from command_lines import codes, printed, refused, shown
+from robot_logs import flaser, write_log
+from sim_logs import winding
+from slam_messages import cut, messages, platform_of, sparse_corridor
+
+from moteslam.eval.cli.main import run
+from moteslam.eval.cli.simulate import scenario_of
+from moteslam.eval.metrics.ate import absolute_trajectory_error
+from moteslam.robot.formats import open_recording, write_recording
+from moteslam.robot.formats.map_server import write_map
+from moteslam.robot.formats.written import write_carmen
+from moteslam.robot.recording import Recording
+from moteslam.robot.trajectories.text import read_tum, write_tum
+from moteslam.sim.logged import with_odometry
+from moteslam.sim.output import write_simulation
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import Simulation, simulate
+from moteslam.slam.odometry.dead_reckoning import dead_reckon
+from moteslam.slam.run import run_slam
+from moteslam.slam.settings import resolve_config
+
+SCANS = 60
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return cut(sparse_corridor(), SCANS)
+
+
+def lines(recording: Recording) -> Iterator[str]:
+    """The recording as another program would write it."""
+    yield json.dumps({"type": "platform", **platform_of(recording).model_dump(mode="json")})
+    for _, _, k, stream in messages(recording, {}):
+        stamp = getattr(recording, stream).stamps[k]
+        if stream == "lidar":
+            ranges = [None if np.isnan(one) else float(one) for one in recording.lidar.ranges[k]]
+            yield json.dumps({"type": "scan", "stamp": stamp, "ranges": ranges})
+        elif stream == "encoders":
+            counts = recording.encoders.counts[k].tolist()
+            yield json.dumps({"type": "odometry", "stamp": stamp, "counts": counts})
+        else:
+            rate = float(recording.imu.angular_velocity[k, 2])
+            yield json.dumps({"type": "imu", "stamp": stamp, "yaw_rate": rate})
+
+
+def fed(monkeypatch: pytest.MonkeyPatch, text: str | bytes, *options: object) -> int:
+    data = text.encode() if isinstance(text, str) else text
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(data)))
+    return run(["replay", "--stdin", *map(str, options)])
+
+
+def test_lines_of_json_give_the_result_of_the_recording(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    text = "\n".join(lines(recording))
+    assert fed(monkeypatch, text, "--out", out, "--set", "particles=3", "--seed", 4, "--no-figures") == 0
+    updates = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    expected = run_slam(recording, resolve_config("default", ["particles=3"]), seed=4).trajectory
+    np.testing.assert_array_equal([each["pose"] for each in updates], expected.poses[[e["index"] for e in updates]])
+    assert [updates[-1]["index"], updates[-1]["state"]] == [SCANS - 1, "sure"]
+    assert np.shape(updates[-1]["covariance"]) == (3, 3)
+    assert (out / "trajectory.tum").read_text().count("\n") == SCANS + 1
+    assert json.loads((out / "run.json").read_text())["warnings"] == []
+
+
+BAD = {
+    "not json": "",
+    "[1]": "",
+    '{"type": "laser", "stamp": 1}': "type",
+    '{"type": "imu", "stamp": "x", "yaw_rate": 1}': "imu.stamp",
+    '{"type": "imu", "stamp": NaN, "yaw_rate": 1}': "imu.stamp",
+    '{"type": "imu", "stamp": 9e9, "yaw_rate": null}': "imu.yaw_rate",
+    '{"type": "imu", "stamp": 1, "rate": 1}': "imu.rate",
+    '{"type": "scan", "stamp": 9e9, "ranges": [1, 2]}': "ranges",
+    '{"type": "scan", "stamp": 9e9}': "lidar.ranges",
+    json.dumps({"type": "scan", "stamp": 1.7e9, "ranges": [1] * 271}): "lidar.stamp",
+    '{"type": "odometry", "stamp": 9e9, "counts": [1]}': "odometry.counts",
+    '{"type": "platform", "name": "late"}': "platform",
+    "\x00" * 5_000_000: "",
+}
+
+
+def test_a_line_that_cannot_be_used_is_told_left_out_and_stops_nothing(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = list(lines(recording))
+    for begin in range(0, len(BAD), 7):  # so many are told each in a line
+        some = dict(list(BAD.items())[begin : begin + 7])
+        text = "\n".join([*good[:40], *some, *good[40:]])
+        assert fed(monkeypatch, text, "--set", "particles=3") == 0
+        out, err = capsys.readouterr()
+        assert json.loads(out.splitlines()[-1])["index"] == SCANS - 1
+        told = [line for line in err.splitlines() if "left out" in line]
+        for number, (field, line) in enumerate(zip(some.values(), told[:-1], strict=True), start=41):
+            assert line.startswith(f"moteslam: warning: stdin:{number}: {field}"), line
+        assert told[-1] == f"moteslam: warning: stdin: {len(some)} of {len(good) + len(some)} lines were left out"
+
+
+@pytest.mark.parametrize("begins", [12.5, 1.7e9], ids=str)
+def test_a_first_message_of_another_clock_is_told_and_left_out(
+    begins: float, recording: Recording, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, *good = lines(recording)
+    early = json.dumps({"type": "scan", "stamp": begins, "ranges": [1] * 271})
+    assert fed(monkeypatch, "\n".join([robot, early, *good]), "--set", "particles=3") == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out.splitlines()[-1])["index"] == SCANS - 1
+    told = [line for line in err.splitlines() if "left out" in line]
+    assert told[0].startswith(f"moteslam: warning: stdin:2: scan.stamp: {begins} s")
+    assert told[1:] == [f"moteslam: warning: stdin: 1 of {len(good) + 2} lines were left out"]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "stdin: 0 lines without a scan, expected some"),
+        ('{"type": "imu", "stamp": 1, "yaw_rate": 1}', "platform.lidar: beams, angle_min, angle_increment"),
+        ('{"type": "imu", "stamp": 1, "yaw_rate": 1}', "--platform NAME, or a first line of type platform"),
+        ('{"type": "platform", "lidar": {"beams": 0}}', "stdin:1: lidar.beams: "),
+    ],
+)
+def test_input_without_a_scan_or_a_lidar_is_refused(
+    text: str, expected: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert fed(monkeypatch, text, "--out", tmp_path / "out") == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert told.startswith("moteslam: ")
+    assert expected in told
+    assert not list(tmp_path.iterdir())
+
+
+def test_options_of_a_recording_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    for more in (["robot.log"], ["--mcap"], ["--end", "3"], ["--dead-reckoning"]):
+        assert run(["replay", "--stdin", *more]) == 2
+        assert "--stdin" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short drive with its truth, and the true map beside it."""
+    folder = tmp_path_factory.mktemp("drive")
+    simulation: Simulation = simulate(scenario_of("corridor", 200, platform="turtlebot3", duration=15.0), 200)
+    write_simulation(folder / "log", simulation)
+    write_map(folder / "map.pgm", simulation.true_map(0.05))
+    return folder
+
+
+@pytest.mark.slow
+def test_poses_are_in_the_frame_of_the_map_which_does_not_change(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "found"
+    printed(capsys, "localize", drive / "log", "--map", drive / "map.yaml", "--out", out)
+    found, truth = read_tum(out / "trajectory.tum"), read_tum(drive / "log" / "truth.tum")
+    at = np.searchsorted(truth.stamps, found.stamps).clip(max=len(truth) - 1)
+    assert np.abs(found.poses[:, :2] - truth.poses[at, :2]).max() < 0.1
+    assert (out / "map.pgm").read_bytes() == (drive / "map.pgm").read_bytes()
+    assert json.loads((out / "metrics.json").read_text())["localisation"]["states"]["lost"] == 0
+    # a result folder is a map, too
+    printed(capsys, "localize", drive / "log", "--map", out, "--out", tmp_path / "again", "--no-figures")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--map", "nowhere.yaml"), "nowhere.yaml"),
+        (("--map", "map.pgm"), "map.pgm"),
+        (("--map", "map.yaml", "--preset", "default"), "--set known_map"),
+        (("--map", "map.yaml", "--near", "0", "0", "0", "x"), "--near"),
+    ],
+)
+def test_bad_input_is_one_line(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], says: str
+) -> None:
+    words = [drive / word if word.startswith(("nowhere", "map.")) else word for word in arguments]
+    assert says in refused(capsys, "localize", drive / "log", *words, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def office() -> Simulation:
+    return simulate(load_scenario("office", platform="lms200"), 200)
+
+
+@pytest.fixture(scope="module")
+def reversed_beams(office: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of a drive whose scans have their beams the other way round."""
+    folder = tmp_path_factory.mktemp("logs")
+    recording = office.recording
+    lidar = recording.lidar
+    assert lidar is not None
+    poses = dead_reckon(recording).poses
+    ranges = np.ascontiguousarray(lidar.ranges[:, ::-1])
+    write_carmen(folder / "drive.log", recording.replace(lidar=replace(lidar, ranges=ranges, odometry=poses)))
+    write_tum(folder / "drive.tum", office.truth)
+    return folder / "drive.log"
+
+
+def test_inspect_prints_estimates_and_what_is_certain(reversed_beams: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = printed(capsys, "inspect", reversed_beams)
+    assert "angles between beams, over the stated" in out
+    assert "nothing measured" not in out
+    assert "problem: scans and odometry turn in opposite directions" in out
+    assert "mirrored" in codes(capsys, "inspect", reversed_beams)
+    found = shown(capsys, "inspect", reversed_beams)
+    assert {"name", "value", "deviation", "stated", "certain"} == found["calibration"][0].keys()
+
+
+def test_inspect_says_where_nothing_could_be_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_recording(tmp_path / "short.mcap", winding(seconds=1.0).replace(encoders=None, imu=None))
+    assert "by scans and odometry: nothing measured" in printed(capsys, "inspect", tmp_path / "short.mcap")
+
+
+@pytest.mark.slow
+def test_replay_says_where_nothing_could_be_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    straight = load_scenario("corridor", platform="lms200", settings=["route.waypoints=[[3.5, 0.0], [12.0, 0.0]]"])
+    write_recording(tmp_path / "straight.mcap", with_odometry(simulate(straight, 0).recording))
+    for command in (["inspect"], ["replay", "--no-figures", "--out", str(tmp_path / "out")]):
+        for more in ([], ["--calibrate", "lidar", "--force"]) if len(command) > 1 else ([],):
+            assert codes(capsys, *command, tmp_path / "straight.mcap", *more).count("not-calibrated") == 1
+
+
+@pytest.mark.slow
+def test_inspect_says_all_that_replay_says_of_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = with_odometry(winding(seconds=12.0)).replace(encoders=None, imu=None)
+    odometry = recording.odometry
+    poses = odometry.poses.copy()
+    frozen = (odometry.stamps > odometry.stamps[0] + 4) & (odometry.stamps < odometry.stamps[0] + 7)
+    poses[frozen] = poses[frozen][0]
+    bag = tmp_path / "drive.mcap"
+    write_recording(bag, recording.replace(odometry=replace(odometry, poses=poses)))
+    warnings = codes(capsys, "replay", bag, "--out", tmp_path / "out", "--no-figures")
+    assert "stale-odometry" in warnings
+    assert set(warnings) <= set(codes(capsys, "inspect", bag))
+
+
+def test_scans_that_do_not_fit_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = with_odometry(winding(seconds=12.0))
+    lidar = recording.lidar
+    far = replace(lidar, ranges=lidar.ranges[:] * np.float32(30), range_max=lidar.range_max * 30)
+    write_recording(tmp_path / "drive.mcap", recording.replace(lidar=far))
+    out = printed(capsys, "inspect", tmp_path / "drive.mcap")
+    assert "pairs of scans fit each other" in out
+    assert "replay --calibrate" not in out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scale", "expected"), [(1.0, {"travels-along"}), (1.06, {"lidar-angles"})])
+def test_what_travels_along_is_known_only_where_the_angles_are_right(
+    office: Simulation, tmp_path: Path, capsys: pytest.CaptureFixture[str], scale: float, expected: set[str]
+) -> None:
+    recording = with_odometry(office.recording)
+    lidar = recording.lidar
+    keep = np.arange(400)
+    ranges = np.array(lidar.ranges[keep])
+    ranges[:, 80:90] = 0.5  # a load
+    step = lidar.angle_increment / scale
+    lidar = replace(lidar, stamps=lidar.stamps[keep], ranges=ranges, angle_increment=step, odometry=None)
+    write_recording(tmp_path / "drive.mcap", recording.replace(lidar=lidar, encoders=None, imu=None))
+    asked, bag = {"lidar-angles", "travels-along"}, tmp_path / "drive.mcap"
+    for command in (("inspect", bag, "--deep"), ("replay", bag, "--out", tmp_path / "out", "--no-figures")):
+        assert asked.intersection(codes(capsys, *command)) == expected
+
+
+@pytest.mark.slow
+def test_replay_warns_and_mends(reversed_beams: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, options in (("as_is", []), ("mended", ["--calibrate", "lidar"])):
+        out = str(tmp_path / name)
+        warnings = shown(capsys, "replay", reversed_beams, "--out", out, "--no-figures", *options)["warnings"]
+        (mirrored,) = [issue["message"] for issue in warnings if issue["code"] == "mirrored"]
+        assert mirrored.endswith("; mended by the lidar") == bool(options)
+    truth = read_tum(reversed_beams.with_suffix(".tum"))
+    as_is, mended = (
+        absolute_trajectory_error(read_tum(tmp_path / name / "trajectory_final.tum"), truth).rmse
+        for name in ("as_is", "mended")
+    )
+    assert mended < 0.1 < as_is
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_text_json_and_python_have_the_same_issues(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ranges = np.full(181, 3.0)
+    lines = [flaser([-1.0, *(ranges[1:] + k / 100)], stamp=k / 5, robot=(k / 20, 0.0, 0.0)) for k in range(8)]
+    log = write_log(tmp_path / "a.log", [*lines, "FLASER 181 1.0", "FLASER x"])
+    assert run(["replay", str(log), "--out", str(tmp_path / "out"), "--no-figures", "--json"]) == 0
+    out, err = capsys.readouterr()
+    issues = json.loads(out)["warnings"]
+    assert [(issue["code"], issue["count"]) for issue in issues] == [("broken-lines", 2), ("invalid-ranges", 8)]
+    assert [line for line in err.splitlines() if "warning" in line] == [
+        f"moteslam: warning: {issue['message']}" for issue in issues
+    ]
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["warnings"] == issues
+    recording = open_recording(log)
+    assert [issue.as_dict() for issue in recording.warnings] == issues
+    assert run(["inspect", str(log), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["problems"][:2] == issues
+
+
+def test_every_code_is_documented() -> None:
+    sources = [path for folder in ("robot", "slam", "eval", "sim") for path in (ROOT / folder).rglob("*.py")]
+    text = "\n".join(path.read_text("utf-8") for path in sources)
+    given = set(re.findall(r'(?:Issue|tell|told\.append\()\(\s*"([a-z-]+)"', text))
+    page = (ROOT / "docs" / "reference" / "formats.md").read_text("utf-8")
+    table = page.partition("## Warnings")[2].partition("## Bounds")[0]
+    documented = set(
+        re.findall(r"`([a-z-]+)`", "\n".join(line.split("|")[1] for line in table.splitlines() if "| " in line))
+    ) - {"code"}
+    assert given <= documented
+    assert {code for code in documented if f'"{code}"' not in text} == set()
