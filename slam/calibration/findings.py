@@ -174,6 +174,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         side = ("later", "earlier")[int((late.value > 0) != (c.late == "gyro"))]
         by = f"{abs(late.value):.2f} s ({_interval(_size(late))}) {side}"
         text = f"lidar: scans are stamped {by} than the odometry of them"
+        if lidar.odometry is not None:
+            text = f"odometry: what is logged with scans is of {by} than they"
         if c.late == "gyro":
             text = f"imu: stamped {by} than scans and wheels"
         if stamped_at_end(c, recording):
