@@ -20,8 +20,7 @@ Array = NDArray[np.float64]
 
 GAP = 5.0  # median intervals: a longer silence is a gap
 REPORTED_GAP = 0.5  # [s]: shorter ones are no problem, sensors that send in bursts have many
-LATE = 0.1
-"""Streams may be early or late by this much [s]; drivers, filters and wheels that slip make up some of it."""
+LATE = 0.1  # [s]: streams may be early or late by as much; drivers, filters and wheels that slip make up some of it
 SAME_MOTION = 0.9  # two yaw rates that correlate less do not show an offset clearly
 REST = 1.0  # [s]: wheels that stand still at least so long are at rest
 
@@ -135,10 +134,10 @@ def _stream(name: str, stamps: Array) -> StreamReport:
     median = float(np.median(above)) if len(above) else None
     longest = int(np.argmax(steps)) if len(steps) else None
     mean_rate = (len(stamps) - 1) / (end - start) if end > start else None
-    largest = (None, None) if longest is None else (float(steps[longest]), float(stamps[longest]))
-    gaps = 0 if median is None else int((steps > GAP * median).sum())
-    rates, equal = (mean_rate, None if median is None else 1 / median), int((steps == 0).sum())
-    return StreamReport(name, len(stamps), start, end, end - start, *rates, *largest, gaps, equal)
+    gap, at = (None, None) if longest is None else (float(steps[longest]), float(stamps[longest]))
+    usual, gaps = (None, 0) if median is None else (1 / median, int((steps > GAP * median).sum()))
+    equal = int((steps == 0).sum())
+    return StreamReport(name, len(stamps), start, end, end - start, mean_rate, usual, gap, at, gaps, equal)
 
 
 def _rests(encoders: EncoderStream) -> Spans:
