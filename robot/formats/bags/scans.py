@@ -62,8 +62,8 @@ class Scans:
 
     @property
     def period(self) -> float:
-        """The usual time between two scans [s], over several, as they can arrive in bundles; 0 of a single one."""
-        step = min(BUNDLE, len(self.stamps) - 1)
+        """The usual time between two scans [s], over several, as they can arrive in pairs or bundles; 0 of one."""
+        step = min(BUNDLE, (len(self.stamps) - 1) // 2 * 2 or len(self.stamps) - 1)
         return float(np.median(self.stamps[step:] - self.stamps[:-step])) / step if step > 0 else 0.0
 
     def cleaned(self, indices: Rows, fan: Fan) -> Ranges:
