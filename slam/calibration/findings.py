@@ -250,7 +250,8 @@ def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
         apart[Parameter.YAW] = se2.wrap(apart[Parameter.YAW])
         far &= np.abs(apart) > np.maximum(least, SIGMAS * each.deviations[MOUNT])
     turns = c.fits and abs(ratio - 1) > TURNS and abs(turns_over_scans - 1) > SIGMAS * about_turns
-    too_long = abs(c.excess[0]) > max(EXCESS, SIGMAS * c.excess[1]) and not angles_differ  # one biases the other
+    too_long = abs(c.excess[0]) > max(EXCESS, SIGMAS * c.excess[1])
+    too_long &= not (angles_differ or c.longer.exceeds(EXCESS, CHANGE_SIGMAS))  # one biases the other
     rows = [
         ("angles between beams, over the stated", c.angle_scale, c.angle_deviation, 1.0, angles_differ),
         ("x of the lidar [m]", x, about_x, mount.x, far[0]),

@@ -251,10 +251,10 @@ def test_odometry_logged_late_with_scans_is_told_and_put_right(late: float) -> N
     recording = lidar(odometry=lambda s: logged)(recording.replace(odometry=None))
     calibration, found = found_in(recording)
     assert codes(found.moves) == (["clock-offset"] if late else [])
-    assert not late or f"logged with scans is of {late:.1f}" in found.moves[0].message
+    assert not late or calibration.fit.values[Parameter.OFFSET] == pytest.approx(late, abs=0.12)  # wheels turn first
     mended = corrected(recording, calibration).lidar.odometry
     true = se2.interpolate(odometry.stamps, odometry.poses, stamps)
-    assert np.median(np.abs(mended - true)) < 0.03
+    assert np.median(np.hypot(*(mended - true)[:, :2].T)) < (0.15 if late else 1e-9)
 
 
 @pytest.mark.slow
