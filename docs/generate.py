@@ -1,19 +1,16 @@
 """What `make docs` adds to the pages of this folder: every key of a run, and every public name of the package.
 
-The keys' texts are the attribute docstrings of the configuration models. MkDocs calls the functions ``on_...``.
+The keys' texts are the comments beside the fields of the configuration models. MkDocs calls the functions ``on_...``.
 """
 
 from __future__ import annotations
 
-import ast
 import inspect
 import json
 import os
 import re
-import textwrap
 from collections.abc import Iterator
 from functools import cache, reduce
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -112,17 +109,20 @@ def _short(text: str) -> str:
 
 @cache
 def _meanings(model: type) -> dict[str, str]:
-    """The docstrings below a model's attributes, and those of its bases."""
+    """What the comments beside a model's fields or above them say of each, and those of its bases."""
     meanings: dict[str, str] = {}
     for base in reversed(model.__mro__):
         if not base.__module__.startswith("moteslam."):
             continue
-        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
-        assert isinstance(tree, ast.ClassDef)
-        for attribute, text in pairwise(tree.body):
-            match attribute, text:
-                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(meaning))):
-                    meanings[name] = inspect.cleandoc(meaning)
+        above: list[str] = []
+        for line in inspect.getsource(base).splitlines():
+            if comment := re.match(r"    # (.*)", line):
+                above.append(comment[1])
+                continue
+            field = re.match(r"    (\w+): [^#]*(?:# (.*))?$", line)
+            if field and (text := field[2] or " ".join(above)):
+                meanings[field[1]] = text
+            above = []
     return meanings
 
 

@@ -53,11 +53,6 @@ class _About(BaseModel):
     hardware: dict[str, Any] = {}
 
 
-def is_result_folder(folder: Path) -> bool:
-    """Whether a folder holds the two files that ``read_result_folder`` reads."""
-    return all((folder / name).is_file() for name in ("metrics.json", "run.json"))
-
-
 def read_result_folder(folder: Path) -> Row:
     """Read ``metrics.json`` and ``run.json``; the configuration is named by the folder."""
     found = _read(_Scores, folder / "metrics.json")

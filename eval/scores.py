@@ -273,7 +273,13 @@ def measured(
     maps = [None if file is None else read_map(file) for file in (occupancy, true_map)]
     for raster, file, one in zip(maps, (occupancy, true_map), (estimate, truth), strict=True):
         if raster is not None and file is not None and one is not None:
-            _warn_if_elsewhere(raster, file, one)
+            there = raster.values_at(one.poses[:, :2], outside=OUTSIDE)
+            walls, unknown, outside = (100 * float((there == value).mean()) for value in (OCCUPIED, UNKNOWN, OUTSIDE))
+            if walls + outside > ASTRAY or unknown > 100 - ASTRAY:
+                shares = f"{walls:.0f} % in its walls, {unknown:.0f} % where it is unknown, {outside:.0f} % outside"
+                why = "of another building, or its resolution, origin, turn, rows or sign of greys are other ones"
+                text = f"{file}: of the path {shares}: {why}; its scores mean nothing"
+                warnings.warn(MoteslamWarning(text), stacklevel=2)
     relations = reference if isinstance(reference, Relations) else None
     evidence = Evidence({FINAL: estimate}, truth, relations, maps[0], maps[1], recording, loops=loops)
     asked = [*(ACCURACY_OF_MAPS if true_map is not None else ()), *(() if loops is None else OF_LOOPS), *(names or ())]
@@ -284,13 +290,3 @@ def measured(
         why = "another building or frame, a flipped image, or a map that is wrong"
         warnings.warn(MoteslamWarning(text + why), stacklevel=2)
     return found
-
-
-def _warn_if_elsewhere(raster: Raster, file: Path, path: Trajectory) -> None:
-    """Warn where much of the path of a robot is in the walls of a map, or most of it not where that is free."""
-    there = raster.values_at(path.poses[:, :2], outside=OUTSIDE)
-    walls, unknown, outside = (100 * float((there == value).mean()) for value in (OCCUPIED, UNKNOWN, OUTSIDE))
-    if walls + outside > ASTRAY or unknown > 100 - ASTRAY:
-        shares = f"{walls:.0f} % in its walls, {unknown:.0f} % where it is unknown, {outside:.0f} % outside"
-        why = "of another building, or its resolution, origin, turn, rows or sign of greys are other ones"
-        warnings.warn(MoteslamWarning(f"{file}: of the path {shares}: {why}; its scores mean nothing"), stacklevel=3)

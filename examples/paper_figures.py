@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import moteslam
-from moteslam.slam.run import with_texture
+from moteslam.slam.estimate import with_texture
 
 STAGES = (0.25, 0.5, 0.75, 1.0)
 NO_SEARCH = ("search.offsets_xy=[0.0]", "search.offsets_theta=[0.0]")

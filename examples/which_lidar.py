@@ -1,6 +1,6 @@
 """Which lidar does the robot need? The same drive with three of them.
 
-    python examples/which_lidar.py [FOLDER]
+    python examples/which_lidar.py [FOLDER [SCENARIO]]
 
 ``moteslam sweep`` does this over many seeds, with intervals; here is the idea in a loop.
 """
@@ -21,38 +21,37 @@ LIDARS = {  # beams, reach [m], scans a second, noise of a range [m]
 SEEDS = range(2)
 
 
-def scenario(beams: int, reach: float, rate: float, noise: float) -> moteslam.Scenario:
-    """The corridor with a lidar of these figures, 270 degrees wide."""
+def scenario(name: str, beams: int, reach: float, rate: float, noise: float) -> moteslam.Scenario:
+    """A scenario, by its name or file, with a lidar of these figures, 270 degrees wide."""
     step = np.radians(270) / (beams - 1)
     lidar = {"beams": beams, "angle_min": -np.radians(135), "angle_increment": step, "rate": rate, "range_max": reach}
     lidar["time_increment"] = 0.0
     settings = [f"platform.lidar.{key}={value}" for key, value in lidar.items()]
     settings.append(f"noise.lidar.range_noise={noise}")
-    return moteslam.load_scenario("corridor", settings=settings).with_(duration=40.0)
+    return moteslam.load_scenario(name, settings=settings).with_(duration=40.0)
 
 
-def main(folder: Path) -> dict[str, float]:
+def main(folder: Path, name: str = "corridor") -> dict[str, float]:
     """Run, draw, and return the median ATE by lidar [m]."""
     folder.mkdir(parents=True, exist_ok=True)
-    errors = {name: [] for name in LIDARS}
+    errors = {lidar: [] for lidar in LIDARS}
     config = moteslam.resolve_config("default", ["particles=5"])
-    for name, figures in LIDARS.items():
+    for lidar, figures in LIDARS.items():
         for seed in SEEDS:
-            drive = moteslam.simulate(scenario(*figures), seed=seed)
+            drive = moteslam.simulate(scenario(name, *figures), seed=seed)
             found = moteslam.run_slam(drive.recording, config, seed=seed)
-            errors[name].append(moteslam.absolute_trajectory_error(found.trajectory, drive.truth).rmse)
+            errors[lidar].append(moteslam.absolute_trajectory_error(found.trajectory, drive.truth).rmse)
 
     figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
     for row, values in enumerate(errors.values()):
         axes.plot(100 * np.array(values), [row] * len(values), "o", alpha=0.7)
-    axes.set(
-        yticks=range(len(errors)), yticklabels=list(errors), xlabel="online ATE [cm], a point a seed", xlim=(0, None)
-    )
+    label = f"online ATE in {name} [cm], a point a seed"
+    axes.set(yticks=range(len(errors)), yticklabels=list(errors), xlabel=label, xlim=(0, None))
     figure.savefig(folder / "which_lidar.png", dpi=100)
     plt.close(figure)
-    return {name: float(np.median(values)) for name, values in errors.items()}
+    return {lidar: float(np.median(values)) for lidar, values in errors.items()}
 
 
 if __name__ == "__main__":
-    for lidar, error in main(Path(sys.argv[1] if len(sys.argv) > 1 else ".")).items():
-        print(f"{lidar}: {100 * error:.1f} cm")
+    for each, error in main(Path(*sys.argv[1:2]), *sys.argv[2:3]).items():
+        print(f"{each}: {100 * error:.1f} cm")

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.kernels.checks import as_finite
 
-MAX_BUCKETS = 2**20
-"""Largest number of buckets; in larger worlds the buckets are larger."""
+MAX_BUCKETS = 2**20  # Largest number of buckets; in larger worlds the buckets are larger
 SLACK = 4 * 2.0**-23
 """Share of the world's extent by which walls are lengthened at both ends: four times what rounding to float32 can move
 a coordinate by, so that no ray passes between two walls that touch."""

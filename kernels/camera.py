@@ -18,10 +18,8 @@ from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, I32, I32_1D, U16_1D, func, kernel, template
 
 _FAR = 1e6
-_RESOLUTION = 4e-4
-"""Of the fan [rad]; 2 mm at 5 m."""
-_JUMP = 0.05
-"""Two neighbouring bearings whose inverse reaches differ by more than this share lie on different walls."""
+_RESOLUTION = 4e-4  # Of the fan [rad]; 2 mm at 5 m
+_JUMP = 0.05  # Two neighbouring bearings whose inverse reaches differ by more than this share lie on different walls
 
 
 @dataclass(frozen=True, eq=False)

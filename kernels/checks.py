@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from moteslam.errors import InputError
 
-LARGEST = 2**31 - 1
-"""Taichi's indices are 32-bit: no array may have more elements, no launch more threads."""
+LARGEST = 2**31 - 1  # Taichi's indices are 32-bit: no array may have more elements, no launch more threads
 
 
 def check_array(

@@ -15,8 +15,7 @@ CONVERGED_SHIFT, CONVERGED_TURN = 3e-4, 1e-4
 [rad]: far less than a cell, which is all that interpolated distances can resolve."""
 COARSE_STEP = 10.0
 """On the coarse level the bounds are this many times as large, since the fine level begins where it ended."""
-LEAST_PIVOT = 1e-9
-"""Keeps the square roots of the Cholesky factors real where rounding would not."""
+LEAST_PIVOT = 1e-9  # Keeps the square roots of the Cholesky factors real where rounding would not
 
 
 @func

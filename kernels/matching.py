@@ -24,12 +24,9 @@ from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, U8_1D, U32, U64_1D,
 
 AT_ONCE = 64
 """Beams whose cells are found before the first is read: few enough to unroll and to keep in the fastest cache."""
-SPAN = 5
-"""Shifts along each axis that fit in a window."""
-FULL_BYTE = 255
-"""Points counted before a byte of a word could overflow."""
-ROW_BITS = 0x0101010101
-"""The lowest bit of each of five rows of a window."""
+SPAN = 5  # Shifts along each axis that fit in a window
+FULL_BYTE = 255  # Points counted before a byte of a word could overflow
+ROW_BITS = 0x0101010101  # The lowest bit of each of five rows of a window
 EVEN_BYTES = 0x00FF00FF00FF00FF
 
 

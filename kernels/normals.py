@@ -12,8 +12,7 @@ from moteslam.kernels.checks import as_finite
 from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, func, kernel, template
 
-UNKNOWN = 1e9
-"""The variance of a direction that too few points give."""
+UNKNOWN = 1e9  # The variance of a direction that too few points give
 
 
 @func

@@ -25,10 +25,8 @@ from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_1D, F64_2D, I32
 
 __all__ = ["SegmentBuckets", "build_buckets", "cast_movers", "cast_rays", "cast_surfaces"]
 
-QUARTER, REST = 1.5707963267341256, 6.077100506506192e-11
-"""Of a turn [rad]: pi/2 to 33 bits, and what is missing."""
-WHOLE = 1.5 * 2.0**52
-"""Added to a float64 and taken away again, it rounds to the nearest integer."""
+QUARTER, REST = 1.5707963267341256, 6.077100506506192e-11  # Of a turn [rad]: pi/2 to 33 bits, and what is missing
+WHOLE = 1.5 * 2.0**52  # Added to a float64 and taken away again, it rounds to the nearest integer
 SINES = [(-1) ** k / math.factorial(2 * k + 1) for k in range(9)]
 COSINES = [(-1) ** k / math.factorial(2 * k) for k in range(10)]
 

@@ -28,11 +28,9 @@ begin at (x, y [m], theta); and of the prior on the offset the inverse variances
 QUERY = 13
 PRIOR_MEAN = slice(10, 13)
 
-LIKELIHOODS = (0.2, 0.98)
-"""Mean likelihoods that residuals are estimated from: beyond these they say nothing."""
+LIKELIHOODS = (0.2, 0.98)  # Mean likelihoods that residuals are estimated from: beyond these they say nothing
 
-FIRST_POINTS = 1024
-"""Of a scan, to begin with: there is room for more where one has more."""
+FIRST_POINTS = 1024  # Of a scan, to begin with: there is room for more where one has more
 
 OFFSET = slice(0, 3)
 INFORMATION = slice(3, 9)
@@ -40,8 +38,7 @@ COST, KNOWN, LIKELIHOOD, CROSSED = range(9, 13)
 FREE = slice(13, 16)
 FAR = 16
 MEANS = slice(17, 20)
-FOUND = 20
-"""The columns of what ``register_scans`` returns."""
+FOUND = 20  # The columns of what `register_scans` returns
 
 
 class RegistrationOptions(NamedTuple):

@@ -46,8 +46,7 @@ __all__ = ["Runtime", "init", "kernel", "one_thread", "passes_for", "runtime", "
 ARCHES = ("cpu", "cuda")
 BATCH, BATCHES = 512, 8
 """Passes of a loop that Taichi hands out at a time, whatever ``block_dim`` says, and how many times a thread."""
-STALE = 60.0
-"""Taichi locks its cache for moments: an older lock [s] is that of a killed process."""
+STALE = 60.0  # Taichi locks its cache for moments: an older lock [s] is that of a killed process
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,9 @@ from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.types import F32, F32_2D, F64, F64_2D, I32, I32_1D, I32_2D, func, kernel
 
-MAX_PARTNERS = 32
-"""Other scans that one scan's endpoints are held to; kept on the stack of each thread."""
-MAX_CELLS = 1_000_000
-"""Of the grid that endpoints are looked up in; its cells grow where there would be more."""
-PAIR = 12
-"""Numbers of a pair's sums."""
+MAX_PARTNERS = 32  # Other scans that one scan's endpoints are held to; kept on the stack of each thread
+MAX_CELLS = 1_000_000  # Of the grid that endpoints are looked up in; its cells grow where there would be more
+PAIR = 12  # Numbers of a pair's sums
 
 
 @kernel

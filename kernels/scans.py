@@ -81,8 +81,7 @@ def project_scans(
 
 SPACING_GROWTH, LEAST_SPACING = 1.2, 0.001
 """While there are too many points, the spacing is multiplied by the first and is at least the second [m]."""
-SMALLEST = 0x00800000
-"""The bits of the smallest float32 above 0 that has all its digits."""
+SMALLEST = 0x00800000  # The bits of the smallest float32 above 0 that has all its digits
 
 
 class ThinnedScan(NamedTuple):

@@ -102,8 +102,7 @@ def add_frame(
         )  # fmt: skip
 
 
-UNKNOWN = -1
-"""In a packed map: a cell without a colour."""
+UNKNOWN = -1  # In a packed map: a cell without a colour
 
 
 @kernel

@@ -27,18 +27,13 @@ from moteslam.kernels.runtime import runtime, ti
 from moteslam.kernels.types import F32, I32, func, template
 
 SIDE_BITS = 5
-SIDE = 1 << SIDE_BITS
-"""Fine cells along a tile's edge."""
+SIDE = 1 << SIDE_BITS  # Fine cells along a tile's edge
 FINE_CELLS = SIDE * SIDE
-CELLS = FINE_CELLS + FINE_CELLS // 4
-"""Cells of a tile, both levels."""
-EMPTY = 0
-"""The number of the tile that stands for none."""
+CELLS = FINE_CELLS + FINE_CELLS // 4  # Cells of a tile, both levels
+EMPTY = 0  # The number of the tile that stands for none
 WEIGHT_BITS = 5
-MAX_WEIGHT = (1 << WEIGHT_BITS) - 1
-"""The largest weight that fits a cell."""
-STEPS = (1 << (15 - WEIGHT_BITS)) - 1
-"""Steps of distance within the truncation."""
+MAX_WEIGHT = (1 << WEIGHT_BITS) - 1  # The largest weight that fits a cell
+STEPS = (1 << (15 - WEIGHT_BITS)) - 1  # Steps of distance within the truncation
 
 
 class Tiles(NamedTuple):
@@ -172,13 +167,8 @@ class TileStore:
 
     def __init__(self, rows: int, columns: int, tiles: int, *, on_device: bool = False) -> None:
         self._on_device = on_device
-        self.tiles = Tiles(
-            self._put(np.zeros(tiles * CELLS, np.int16)),
-            self._put(np.zeros(rows * columns, np.int32)),
-            rows,
-            columns,
-            1,
-        )
+        pool, table = self._put(np.zeros(tiles * CELLS, np.int16)), self._put(np.zeros(rows * columns, np.int32))
+        self.tiles = Tiles(pool, table, rows, columns, 1)
         self.shares: Any  # int32 [t] how many table entries name each tile, above 1 for tile 0, as of the last `count`
         # int32 [t] of which the first `left` are tiles that no table names and no kernel has taken since
         self.free: Any

@@ -30,8 +30,7 @@ from moteslam.kernels.tiles import (
 )
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, func, kernel, template
 
-FAR = 1e6
-"""Cells; farther than any map."""
+FAR = 1e6  # Cells; farther than any map
 ALONG_AXIS = 1e-3
 """Sine of the angle to an axis below which a segment counts as parallel to it: its reciprocal must stay small."""
 OVERLAP = 0.25

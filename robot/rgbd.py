@@ -13,6 +13,7 @@ camera (``RGB_OFFSET``): what the simulator draws and what the texture mapping u
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -146,26 +147,38 @@ def has_images(stream: RgbdStream | None) -> bool:
     return stream is not None and (stream.images is not None or (any(stream.rgb_files) and any(stream.disparity_files)))
 
 
+class FrameChoice:
+    """Which disparity images are used: those at least an interval [s] apart, give or take a quarter of the latest
+    frames', and from their colour image, the nearest in time, by at most the largest gap [s].
+    """
+
+    def __init__(self, interval: float, largest_gap: float) -> None:
+        self._interval, self._largest_gap, self._last = interval, largest_gap, -np.inf
+        self._latest: deque[float] = deque(maxlen=31)
+
+    def takes(self, stamp: float, colour: float) -> bool:
+        """Whether the next disparity image is used, by its stamp and its colour image's [s]."""
+        self._latest.append(stamp)
+        if not abs(stamp - colour) <= self._largest_gap:
+            return False
+        if self._interval > 0:
+            slack = 0.25 * float(np.median(np.diff(self._latest))) if len(self._latest) > 1 else 0.0
+            if stamp - self._last < self._interval - slack:
+                return False
+        self._last = stamp
+        return True
+
+
 def pairs(
     stream: RgbdStream, *, interval: float = 0.0, largest_gap: float = LARGEST_GAP
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The disparity images that are used and the colour image of each, the nearest in time, by their indices.
-
-    Disparity images are at least an interval [s] apart, give or take a quarter of a frame, and from their colour image
-    by at most the largest gap [s].
-    """
-    rgb, disparity = stream.rgb_stamps, stream.disparity_stamps
-    if not len(rgb) or not len(disparity):
+    """The disparity images that are used and the colour image of each, by their indices: see `FrameChoice`."""
+    rgb, disparity, choice = stream.rgb_stamps, stream.disparity_stamps, FrameChoice(interval, largest_gap)
+    if not len(rgb):
         return np.empty(0, np.intp), np.empty(0, np.intp)
     nearest = nearest_stamp(rgb, disparity)
-    near = np.abs(disparity - rgb[nearest]) <= largest_gap
-    slack = 0.25 * float(np.median(np.diff(disparity))) if len(disparity) > 1 else 0.0
-    chosen, last = [], -np.inf
-    for index in np.flatnonzero(near):
-        if disparity[index] - last >= interval - slack:
-            chosen.append(index)
-            last = disparity[index]
-    kept = np.asarray(chosen, np.intp)
+    taken = [choice.takes(*each) for each in zip(disparity.tolist(), rgb[nearest].tolist(), strict=True)]
+    kept = np.flatnonzero(taken)
     return kept, nearest[kept]
 
 

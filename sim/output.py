@@ -28,13 +28,10 @@ from moteslam.sim.simulate import Progress, Simulation
 from moteslam.sim.world.floor import MAX_PICTURE_BYTES
 from moteslam.sim.world.layout import read_cells
 
-SAMPLE = 6
-"""Images of each kind that are drawn to estimate the space that all will take."""
-BATCH = 8
-"""Images that are drawn at a time."""
+SAMPLE = 6  # Images of each kind that are drawn to estimate the space that all will take
+BATCH = 8  # Images that are drawn at a time
 
-Draw = Callable[[NDArray[np.intp]], NDArray[Any]]
-"""Draws the images [k, ...] of these frames [k]."""
+Draw = Callable[[NDArray[np.intp]], NDArray[Any]]  # Draws the images [k, ...] of these frames [k]
 
 
 def write_simulation(

@@ -26,7 +26,7 @@ from moteslam.sim.robot.driver import MAX_DURATION, Commands, Limits, Route, Tas
 from moteslam.sim.robot.mishaps import Carried, StuckWheels, check_mishaps
 from moteslam.sim.robot.vehicle import check_body, check_wheels
 from moteslam.sim.sensors.clock import Outage
-from moteslam.sim.sensors.faults import Cart, Gap, OdometryJump, RepeatedScans, StaleOdometry, Tilt, check_tilt
+from moteslam.sim.sensors.faults import Cart, Gap, OdometryJump, RepeatedScans, StaleOdometry, Tilt
 from moteslam.sim.sensors.lidar import check_sensors
 from moteslam.sim.sensors.rgbd import check_camera
 from moteslam.sim.world.floor import FloorSettings
@@ -139,8 +139,9 @@ class Scenario(Section):
             raise ConfigError(str(error), field="world.plan.file") from error
         check_world(world)
         for i, fault in enumerate(self.faults):
-            if isinstance(fault, Tilt):
-                check_tilt(fault, platform.lidar, field=f"faults.{i}")
+            if isinstance(fault, Tilt) and fault.height is None and (z := platform.lidar.z) <= 0:
+                problem = f"missing, expected it where the robot's lidar is at z = {z:g} m"
+                raise ConfigError(problem, field=f"faults.{i}.height")
         check_people(self.people, world, start, platform.radius)
         check_doors(self.doors, world, start, platform.radius)
         check_task(self.task, world, platform)

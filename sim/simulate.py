@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError
 from moteslam.robot.noise import ClockNoise, Noise, Surroundings
 from moteslam.robot.raster import Raster
-from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
+from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised, expect_type
 from moteslam.sim.actors.actors import TRUTH_RATE, Actors, Tracks
@@ -20,11 +20,11 @@ from moteslam.sim.robot.driver import driver_for
 from moteslam.sim.robot.mishaps import Carried, Mishap
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 from moteslam.sim.scenario import Scenario
-from moteslam.sim.sensors.clock import EPOCH, Outage, Stream, with_faults
+from moteslam.sim.sensors.clock import EPOCH, Outage, Stream, arrived, with_faults
 from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.sensors.faults import Gap, with_gaps, with_odometry_faults, with_scans_repeated, without_lost_motion
+from moteslam.sim.sensors.faults import Gap, Repeating, with_gaps, with_odometry_faults, without_lost_motion
 from moteslam.sim.sensors.lidar import Lidar, LidarErrors, tilt_of
-from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
+from moteslam.sim.sensors.rgbd import Camera, CameraFrames
 from moteslam.sim.sensors.wheels_and_gyro import Encoders, Imu
 from moteslam.sim.world.floor import FloorSettings, rasterise
 from moteslam.sim.world.world import World, lived_in, true_map
@@ -105,7 +105,25 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     report = progress or (lambda _what, _share: None)
     rngs = random_generators(scenario.seed)
     world = World.of(scenario.standing)
-    driven = _drive(scenario, world, rngs, progress=lambda share: report("drive", share))
+    driven, world = on_its_way(scenario, world, rngs, progress=lambda share: report("drive", share))
+    report("drive", 1.0)
+    _check_starts(scenario, driven)
+    sensors = Sensors(scenario, float(driven.stamps[-1]), rngs)
+    base, frames = sensors.read(driven, Scene(world, driven.tracks), progress=lambda share: report("lidar", share))
+    recording = with_odometry_faults(with_gaps(base, scenario.faults), scenario.faults)
+    if frames is not None:
+        recording = recording.replace(rgbd=frames.stream)
+    every = PHYSICS_RATE // TRUTH_RATE
+    kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
+    truth = Trajectory(EPOCH + driven.stamps[kept], driven.truth.poses[kept])
+    return Simulation(recording, truth, scenario, world, driven.end, base, driven.tracks, frames)
+
+
+def on_its_way(
+    scenario: Scenario, world: World, rngs: Rngs, *, progress: Callable[[float], None] = lambda _: None
+) -> tuple[Drive, World]:
+    """The drive of a scenario's own driver, and the world as the sensors see it, with what stands beside its way."""
+    driven = _drive(scenario, world, rngs, progress=progress)
     if driven.end == "stuck":
         x, y = driven.poses[-1, :2]
         raise ConfigError(
@@ -113,36 +131,13 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
             "expected a route it can follow: leave more room, or drive slower",
             field="route",
         )
-    report("drive", 1.0)
-    _check_starts(scenario, driven)
     if scenario.noise.surroundings != Surroundings():
         path, radius = driven.poses[:: PHYSICS_RATE // 20, :2], scenario.platform.radius
         rng = rngs["surroundings"]
         if scenario.visit is not None:
             rng = random_generators(scenario.visit.building)["surroundings"]
         world = lived_in(world, scenario.noise.surroundings, rng, path=path, radius=radius)
-    scene, faults, frames = Scene(world, driven.tracks), scenario.faults, None
-    drive_noise = scenario.noise.drive
-    lidar, encoders, imu = Sensors(scenario, float(driven.stamps[-1]), rngs).read(
-        driven,
-        scene,
-        tilt=tilt_of(driven, drive_noise, rngs["sway"]) if drive_noise.sway or drive_noise.shake else None,
-        progress=lambda share: report("lidar", share),
-    )
-    whole = Recording(scenario.name, scenario.platform, lidar=lidar, encoders=encoders, imu=imu)
-    base = without_lost_motion(with_scans_repeated(whole, faults), faults)
-    recording = with_odometry_faults(with_gaps(base, faults), faults)
-    if scenario.camera is not None:
-        floor, mount = scenario.floor or FloorSettings(), scenario.platform.camera
-        frames = schedule_frames(driven, scene, floor, mount, scenario.camera, scenario.seed)
-        for gap in faults:
-            if isinstance(gap, Gap):
-                frames = frames.without(gap)
-        recording = recording.replace(rgbd=frames.stream)
-    every = PHYSICS_RATE // TRUTH_RATE
-    kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
-    truth = Trajectory(EPOCH + driven.stamps[kept], driven.truth.poses[kept])
-    return Simulation(recording, truth, scenario, world, driven.end, base, driven.tracks, frames)
+    return driven, world
 
 
 def _drive(
@@ -151,12 +146,12 @@ def _drive(
     """Let the robot do a scenario's task, among its people and doors, without any sensor."""
     run = run_of(scenario, world, rngs)
     driver = driver_for(scenario.task, scenario.drive, world, rngs["driver"])
-    return drive(run, driver, scenario.drive, scenario.duration, faults=scenario.faults, progress=progress)
+    return drive(run, driver, scenario.drive, scenario.duration, progress=progress)
 
 
-def run_of(scenario: Scenario, world: World, rngs: Rngs) -> Run:
-    """The robot at its start among the people and doors of a scenario."""
-    vehicle = Vehicle(scenario.platform, scenario.start, world, scenario.noise.drive)
+def run_of(scenario: Scenario, world: World, rngs: Rngs, met: World | None = None) -> Run:
+    """The robot at its start among the people and doors of a scenario; what it runs into may be more (``met``)."""
+    vehicle = Vehicle(scenario.platform, scenario.start, met or world, scenario.noise.drive)
     actors = None
     if scenario.has_actors:
         actors = Actors(
@@ -169,7 +164,7 @@ def run_of(scenario: Scenario, world: World, rngs: Rngs) -> Run:
             duration=scenario.duration,
             rng=rngs["actors"],
         )
-    return Run(vehicle, actors)
+    return Run(vehicle, actors, scenario.faults)
 
 
 def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
@@ -179,14 +174,14 @@ def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
 
 
 class Sensors:
-    """Lidar, encoders and IMU of a robot, faults included; what is random of their clocks is drawn beforehand.
+    """Lidar, encoders, IMU and camera of a robot, faults included; what is random of their clocks is drawn beforehand.
 
     Args:
         seconds: what they record lies within so many of the drive's start.
     """
 
     def __init__(self, scenario: Scenario, seconds: float, rngs: Rngs) -> None:
-        self._platform = platform = scenario.platform
+        self._scenario, platform = scenario, scenario.platform
         noise, constants = scenario.noise, rngs["constants"]
         spans, scale = _spans(seconds, noise, rngs["clocks"]), noise.odometry_scale
         self._lidar = Lidar(
@@ -204,6 +199,13 @@ class Sensors:
         self._imu = None
         if platform.imu is not None:
             self._imu = Imu(platform.imu, noise.imu, scale, spans["imu"], rngs["imu"])
+        self._repeating, self._camera = Repeating(scenario.faults), None
+        if scenario.camera is not None:
+            floor = scenario.floor or FloorSettings()
+            self._camera = Camera(platform.camera, scenario.camera, floor, seconds, scenario.seed)
+        self._shaken = None
+        if noise.drive.sway or noise.drive.shake:
+            self._shaken = rngs["sway"].standard_normal((round(seconds * PHYSICS_RATE) + 1, 2))
         clocks = noise.lidar.clock, noise.encoders.clock, noise.imu.clock
         self._clocks: dict[str, tuple[ClockNoise, list[Outage | Carried], np.random.Generator]] = {}
         for sensor, clock, rng in zip(("lidar", "encoders", "imu"), clocks, rngs["faults"].spawn(3), strict=True):
@@ -221,30 +223,35 @@ class Sensors:
         scene: Scene,
         until: float = np.inf,
         *,
-        tilt: Array | None = None,
         progress: Callable[[float], None] = lambda _: None,
-    ) -> tuple[LidarStream, EncoderStream, ImuStream | None]:
-        """What has arrived since this was asked last, until a time [s]."""
-        lidar, encoders, imu = self._lidar, self._encoders, self._imu
-        sweep = self._platform.lidar.time_increment * (self._platform.lidar.scan.beams - 1)
-        scans = lidar.read(driven, scene, _arrived(lidar, until, sweep), tilt=tilt, progress=progress)
-        counts = encoders.read(driven, _arrived(encoders, until))
-        inertial = None if imu is None else imu.read(driven, _arrived(imu, until))
-        return (
-            self._stamped("lidar", scans),
-            self._stamped("encoders", counts),
-            None if inertial is None else self._stamped("imu", inertial),
+    ) -> tuple[Recording, CameraFrames | None]:
+        """What has arrived since this was asked last, until a time [s], as the base gets it; and the camera's."""
+        scenario, lidar, encoders, imu, tilt = self._scenario, self._lidar, self._encoders, self._imu, None
+        spec, faults = scenario.platform.lidar, scenario.faults
+        scans = arrived(lidar.times + spec.time_increment * (spec.scan.beams - 1), lidar.stamps, until)
+        if self._shaken is not None and len(driven.stamps) > 1:
+            first = round(float(driven.stamps[0]) * PHYSICS_RATE)
+            tilt = tilt_of(driven, scenario.noise.drive, self._shaken[first : first + len(driven.stamps)])
+        seen = lidar.read(driven, scene, scans, tilt=tilt, progress=progress)
+        counts = encoders.read(driven, arrived(encoders.times, encoders.stamps, until))
+        whole = Recording(
+            scenario.name,
+            scenario.platform,
+            lidar=self._repeating.sent(self._stamped("lidar", seen)),
+            encoders=self._stamped("encoders", counts),
         )
+        if imu is not None:
+            inertial = imu.read(driven, arrived(imu.times, imu.stamps, until))
+            whole = whole.replace(imu=self._stamped("imu", inertial))
+        frames = None if self._camera is None else self._camera.read(driven, scene, until)
+        for fault in faults:
+            if frames is not None and isinstance(fault, Gap):
+                frames = frames.without(fault)
+        return without_lost_motion(whole, faults), frames
 
     def _stamped(self, sensor: str, stream: Stream) -> Stream:
         stream = with_faults(stream, *self._clocks[sensor])
         return replace(stream, stamps=EPOCH + stream.stamps)
-
-
-def _arrived(sensor: Lidar | Encoders | Imu, until: float, seconds: float = 0.0) -> int:
-    """How many readings, each of which takes so long [s], have arrived by a time [s]."""
-    taken = np.searchsorted(sensor.times + seconds, until, side="right")
-    return int(min(taken, np.searchsorted(sensor.stamps, until, side="right")))
 
 
 def _check_starts(scenario: Scenario, driven: Drive) -> None:

@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.noise import Surroundings
-from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, RgbdStream
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import expect_type
 from moteslam.sim.actors.actors import TRUTH_RATE
 from moteslam.sim.robot.drive import CONTROL_STEPS
+from moteslam.sim.robot.mishaps import Carried
 from moteslam.sim.robot.vehicle import PHYSICS_RATE
 from moteslam.sim.scenario import Scenario
-from moteslam.sim.sensors.clock import EPOCH
+from moteslam.sim.sensors.clock import EPOCH, readings_of
 from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.sensors.faults import Cart, Tilt
-from moteslam.sim.simulate import Sensors, random_generators, run_of, seeded
+from moteslam.sim.sensors.faults import with_gaps, with_odometry_faults
+from moteslam.sim.simulate import Sensors, on_its_way, random_generators, run_of, seeded
 from moteslam.sim.world.world import World
 
 LATEST = 5.0
@@ -34,20 +35,23 @@ class Readings:
 
     Attributes:
         stamp: of the moment, by the clock of the stamps [s].
-        lidar, encoders, imu: the readings; no ``imu`` of a robot without one.
+        lidar, encoders, imu, rgbd: the readings; no ``imu`` of a robot without one, no ``rgbd`` of a scenario without a
+            camera, whose images are drawn when they are asked for.
     """
 
     stamp: float
     lidar: LidarStream
     encoders: EncoderStream
     imu: ImuStream | None
+    rgbd: RgbdStream | None = None
 
 
 class Simulator:
     """The robot of a scenario in its building, among its people and doors, without its route.
 
-    Wheels, contact, sensors and noise are those of ``simulate``, which is a loop over the same physics; the same seed
-    and commands give the same bytes.
+    Wheels, contact, sensors, noise and faults are those of ``simulate``, which is a loop over the same physics; the
+    same seed and commands give the same bytes. What noise adds to the walls is what it adds there, where the scenario's
+    own driver does not run into it; here the robot may.
 
     Args:
         seed: of all that is random, the scenario's own by default.
@@ -57,8 +61,7 @@ class Simulator:
         world: the building.
 
     Raises:
-        ConfigError: the scenario has what needs a route or the complete drive: a camera, faults other than ``cart`` and
-            ``tilt``, or the noise of things beside the path and of a body that leans.
+        ConfigError: the robot is to be carried along a route, which it does not have here.
     """
 
     interval = CONTROL_STEPS / PHYSICS_RATE
@@ -66,23 +69,21 @@ class Simulator:
     def __init__(self, scenario: Scenario, seed: int | None = None) -> None:
         expect_type(scenario, Scenario, "scenario", "load_scenario(name) reads one")
         self.scenario = scenario = seeded(scenario, seed)
-        noise = scenario.noise
-        for field, there in (
-            ("faults", [fault for fault in scenario.faults if not isinstance(fault, Cart | Tilt)]),
-            ("camera", scenario.camera),
-            ("noise.surroundings", noise.surroundings != Surroundings()),
-            ("noise.drive", noise.drive.sway or noise.drive.shake),
-        ):
-            if there:
-                raise ConfigError("there is, expected none in a closed loop", field=field)
-        self.world = World.of(scenario.standing)
+        for i, fault in enumerate(scenario.faults):
+            if isinstance(fault, Carried) and fault.to is None:
+                text = "missing, expected where the robot is set down: in a closed loop it has no route"
+                raise ConfigError(text, field=f"faults.{i}.to")
+        self._plan = self.world = World.of(scenario.standing)
+        if scenario.noise.surroundings != Surroundings():
+            _, self.world = on_its_way(scenario, self._plan, random_generators(scenario.seed))
         self.reset()
 
     def reset(self) -> Readings:
         """Put the robot back to where it starts; nothing has arrived by then."""
         rngs = random_generators(self.scenario.seed)
-        self._run, self._scene = run_of(self.scenario, self.world, rngs), Scene(self.world)
+        self._run, self._scene = run_of(self.scenario, self._plan, rngs, self.world), Scene(self.world)
         self._sensors = Sensors(self.scenario, self.scenario.duration, rngs)
+        self._counted, self._given = EncoderStream(np.empty(0), np.empty((0, 4), np.int64)), 0
         return self._readings()
 
     def step(self, speed: float, turn_rate: float) -> Readings:
@@ -128,6 +129,15 @@ class Simulator:
 
     def _readings(self) -> Readings:
         driven = self._run.driven(seconds=LATEST)
-        return Readings(
-            EPOCH + self.seconds, *self._sensors.read(driven, self._scene.moved(driven.tracks), self.seconds)
-        )
+        base, frames = self._sensors.read(driven, self._scene.moved(driven.tracks), self.seconds)
+        faults, old, new = self.scenario.faults, self._counted, base.encoders
+        assert new is not None
+        if faults:  # what is held back of the counts comes with a later reading
+            self._counted = EncoderStream(np.append(old.stamps, new.stamps), np.vstack((old.counts, new.counts)))
+            base = with_odometry_faults(with_gaps(base.replace(encoders=self._counted), faults), faults)
+            assert base.encoders is not None
+            new = readings_of(base.encoders, np.arange(len(base.encoders)) >= self._given)
+            self._given = len(base.encoders)
+        assert base.lidar is not None
+        drawn = None if frames is None else frames.drawn
+        return Readings(EPOCH + self.seconds, base.lidar, new, base.imu, drawn)

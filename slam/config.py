@@ -31,11 +31,10 @@ if TYPE_CHECKING:
 class SlamConfig(Section):
     """The keys of every method. It cannot be built itself: build a method's own, or take a preset."""
 
+    # The filter: `tsdf` has a TSDF for every particle, `paper` one occupancy map for all; or one that another package
+    # brings
     method: str
-    """The filter: `tsdf` has a TSDF for every particle, `paper` one occupancy map for all; or one that another package
-    brings."""
-    max_range: Positive = 1000.0
-    """Endpoints beyond it are not used [m]."""
+    max_range: Positive = 1000.0  # Endpoints beyond it are not used [m]
     sync: SyncConfig = SyncConfig()
     map: MapConfig = MapConfig()
     texture: TextureConfig = TextureConfig()
@@ -71,14 +70,14 @@ class SlamConfig(Section):
 class ParticleFilterConfig(SlamConfig):
     """The keys of every method that is a particle filter."""
 
+    # Number of particles; the largest number where `kld` adapts it
     particles: Annotated[Whole, Field(ge=1, le=1_000_000)] = 100
-    """Number of particles; the largest number where `kld` adapts it."""
+    # Resample when the effective number falls under this share of the particles (section III.D.3); 0 never does, 1
+    # after every update
     resample_below: Share = 0.5
-    """Resample when the effective number falls under this share of the particles (section III.D.3); 0 never does, 1
-    after every update."""
+    # `systematic` draws one random number, `stratified` one for each particle, `residual` copies by the integer part of
+    # the expected number and draws the rest
     resampling: Literal["systematic", "stratified", "residual"] = "systematic"
-    """`systematic` draws one random number, `stratified` one for each particle, `residual` copies by the integer part
-    of the expected number and draws the rest."""
     kld: KldConfig = KldConfig()
     update: UpdateConfig = UpdateConfig()
 

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.errors import InputError
 from moteslam.robot.formats.map_server import map_image
 from moteslam.robot.raster import Raster, encode_png
+from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import PoseGraph, Trajectory
 from moteslam.robot.values import Issue, Summarised
 from moteslam.slam.backend.building import Building
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.texture.floor_map import TextureMap
+from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map, map_texture
 
 
 class Correction(NamedTuple):
@@ -134,6 +137,35 @@ def as_logged(estimate: Estimate, stamps: NDArray[np.float64]) -> Estimate:
             Correction(int(at[scan]), path[path_order(len(path))]) for scan, path in estimate.corrections
         ),
     )
+
+
+def wants_colours(config: SlamConfig, recording: Recording) -> bool:
+    """Whether the floor is to be coloured: it is asked for, and there are images of it."""
+    return config.texture.enabled and can_map(recording)
+
+
+def with_texture(
+    estimate: Estimate,
+    recording: Recording,
+    *,
+    interval: float | None = None,
+    watch: Callable[[float, TextureMapper], None] | None = None,
+) -> Estimate:
+    """The estimate of a recording with the floor coloured along its final trajectory (section III.E of the paper).
+
+    It is unchanged where the floor is not to be coloured, and has a warning alone where it cannot be: the estimate is
+    not lost for it. ``interval``: between frames, in place of the configuration's. ``watch``: see ``map_texture``.
+    """
+    if not wants_colours(estimate.config, recording):
+        return estimate
+    config = estimate.config.texture
+    config = config if interval is None else config.model_copy(update={"interval": interval})
+    try:
+        texture = map_texture(recording, estimate.trajectory_final, config, watch=watch)
+    except InputError as error:
+        issue = Issue("floor-not-coloured", f"the floor is not coloured: {error}")
+        return replace(estimate, warnings=(*estimate.warnings, issue))
+    return replace(estimate, texture=texture, warnings=(*estimate.warnings, *texture.warnings))
 
 
 BLUE = (0x00, 0x72, 0xB2)

@@ -15,8 +15,10 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.values import Issue, expect_type, shortened
 from moteslam.slam.config import METHODS, SlamConfig
 from moteslam.slam.core import Core, MakeFilter
+from moteslam.slam.estimate import Estimate, with_texture
 from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
 from moteslam.slam.inputs.live import LiveInputs
+from moteslam.slam.inputs.live_camera import BEHIND, DISPARITY, RGB, LiveCamera, checked_image
 from moteslam.slam.inputs.step import steps
 from moteslam.slam.inputs.synchronise import synchronise, unknown_mount, warnings
 from moteslam.slam.scan_records import Update
@@ -59,7 +61,8 @@ class OnlineSlam(Core):
         self._platform, self._patience = platform, patience
         self._recording: Recording | None = None
         self._doubts: tuple[Issue, ...] = ()
-        self._missing = "none are taken online" if self._filter.uses_camera else ""
+        self._camera: LiveCamera | None = None
+        self._missing = "no camera images" if self._filter.uses_camera else ""
         self._views: FloorViews | None = None
 
     def add_odometry(
@@ -113,6 +116,39 @@ class OnlineSlam(Core):
         live.add_scan(_numbers(ranges, np.float32, None, "lidar.ranges"), stamp, pose)
         return self._take_in(live)
 
+    def add_image(self, stamp: float, image: ArrayLike) -> Update | None:
+        """Take in an image of the robot's RGB-D camera; see ``add_odometry``.
+
+        Those that colour the floor go to a file without a name, and ``estimate`` colours it along the final path.
+
+        Args:
+            image: [480, 640, 3] uint8 red, green, blue; or [480, 640] uint16 raw disparities, or depths [m].
+        """
+        live, mount, texture = self._live("image"), self._platform.camera, self.config.texture
+        kind, taken = checked_image(image)
+        if mount is None:
+            raise ConfigError("none, expected where the camera is", field="platform.camera")
+        live.arrives(kind, stamp)
+        if self._camera is None:
+            gap, used = texture.largest_gap, texture.largest_gap if texture.enabled else -1.0  # none is
+            self._camera = camera = LiveCamera(texture.interval, used, kept=self._patience + BEHIND)
+            if self._filter.uses_camera:
+                live.awaited, self._missing = (RGB, DISPARITY), ""
+                self._views = FloorViews(lambda: camera.latest, mount, live, largest_gap=gap)
+        self._camera.add(kind, stamp, taken)
+        return self._take_in(live)
+
+    def estimate(self) -> Estimate:
+        """The result of what was taken in until now; of images that were added, with the floor in colours.
+
+        Raises:
+            ConfigError: no scan was.
+        """
+        found = super().estimate()
+        if self._camera is None:
+            return found
+        return with_texture(found, Recording(self.name, self._platform, rgbd=self._camera.used()), interval=0.0)
+
     @property
     def waiting(self) -> int:
         """How many scans wait for their odometry."""
@@ -120,6 +156,8 @@ class OnlineSlam(Core):
 
     def finish(self) -> Update | None:
         """Take in the scans that still wait: nothing more is to come."""
+        if self._camera is not None:
+            self._camera.decide(np.inf)
         update = self._take_in(self._taken, finish=True) if isinstance(self._taken, LiveInputs) else None
         self._settle()
         return update
@@ -151,7 +189,10 @@ class OnlineSlam(Core):
         if slam._filter.uses_camera:
             slam._missing = missing_for_floor_views(recording, inputs)
             if not slam._missing:
-                slam._views = FloorViews(recording, inputs, largest_gap=slam.config.texture.largest_gap)
+                gap, stream, mount = slam.config.texture.largest_gap, recording.rgbd, slam._platform.camera
+                assert stream is not None
+                assert mount is not None
+                slam._views = FloorViews(lambda: stream, mount, inputs, largest_gap=gap)
         return slam
 
     def __len__(self) -> int:
@@ -185,7 +226,7 @@ class OnlineSlam(Core):
     def _take_in(self, live: LiveInputs, *, finish: bool = False) -> Update | None:
         update = None
         while (index := live.take_next(finish=finish)) is not None:
-            update = self._step(next(steps(live, thinning=self._filter.thinning, first=index)))
+            update = self._step(next(steps(live, self._views, thinning=self._filter.thinning, first=index)))
             if not update.updated:
                 live.scans.forget(index)
         return update

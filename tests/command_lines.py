@@ -22,6 +22,12 @@ def shown(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
     return json.loads(printed(capsys, *arguments, "--json"))
 
 
+def codes(capsys: pytest.CaptureFixture[str], *arguments: object) -> list[str]:
+    """The codes of what it says is wrong."""
+    found = shown(capsys, *arguments)
+    return [issue["code"] for issue in found.get("warnings", found.get("problems"))]
+
+
 def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     """What a command line that must end well says on stderr."""
     capsys.readouterr()

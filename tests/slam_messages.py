@@ -93,6 +93,10 @@ def messages(recording: Recording, late: dict[str, Any]) -> list[Message]:
         if (values := getattr(recording, stream)) is not None:
             stamps = values.stamps + late.get(stream, 0.0)
             found += [Message(stamp, order, index, stream) for index, stamp in enumerate(stamps.tolist())]
+    if (images := recording.rgbd) is not None:
+        for order, stream in enumerate(("rgb", "disparity"), start=4):
+            stamps = getattr(images, f"{stream}_stamps") + late.get("images", 0.0)
+            found += [Message(stamp, order, index, stream) for index, stamp in enumerate(stamps.tolist())]
     return sorted(found)
 
 
@@ -110,6 +114,10 @@ def fed(slam: OnlineSlam, recording: Recording, **late: Any) -> Iterator[Update]
         elif stream == "odometry":
             assert odometry is not None
             update = slam.add_odometry(odometry.stamps[k], odometry.poses[k])
+        elif stream in ("rgb", "disparity"):
+            assert recording.rgbd is not None
+            image = getattr(recording.rgbd.images, stream)(k)
+            update = slam.add_image(getattr(recording.rgbd, f"{stream}_stamps")[k], image)
         else:
             assert imu is not None
             update = slam.add_imu(imu.stamps[k], imu.angular_velocity[k, 2])

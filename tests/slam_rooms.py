@@ -18,10 +18,8 @@ from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 
 STEP = np.radians(1.5)
-ANGLES = np.radians(np.arange(-135, 135, 1.5))
-"""Of the beams [rad], and between them."""
-REACH = 4.0
-"""Of the lidar in ``bare_corridor`` [m]."""
+ANGLES = np.radians(np.arange(-135, 135, 1.5))  # Of the beams [rad], and between them
+REACH = 4.0  # Of the lidar in `bare_corridor` [m]
 
 
 def run(recording: Recording, *settings: str, preset: str = "default", seed: int = 0) -> Estimate:

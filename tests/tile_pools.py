@@ -25,8 +25,7 @@ REGISTRATION = {
     "ray_clearance": 1.8, "ray_weight": 3, "ray_distance": 0.4, "far": 0.3,
 }  # fmt: skip
 ROOM = (8.0, 6.0)
-MIDDLE = np.array((8.0, 7.2, 0.0))
-"""Of the room, where ``room_scan`` has it, from the corner of tables of 10 x 9 tiles."""
+MIDDLE = np.array((8.0, 7.2, 0.0))  # Of the room, where `room_scan` has it, from the corner of tables of 10 x 9 tiles
 
 
 def tiles_of(pool: NDArray[np.int16], tables: NDArray[np.int32]) -> Tiles:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +13,8 @@ import numpy as np
 from moteslam.errors import InputError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from moteslam.robot.recording import Recording
     from moteslam.robot.trajectory import Trajectory
-    from moteslam.sim.sensors.rgbd import CameraFrames
     from moteslam.sim.simulate import Simulation
     from moteslam.slam.config import SlamConfig
     from moteslam.slam.estimate import Estimate
@@ -65,21 +62,6 @@ class Case:
     recording: Recording
     reference: Trajectory | None
     simulation: Simulation | None = None
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """A simulated camera's images, drawn when they are asked for."""
-
-    frames: CameraFrames
-
-    def rgb(self, index: int) -> NDArray[np.uint8]:
-        """The colour image [480, 640, 3] of a stamp."""
-        return np.asarray(self.frames.draw_rgb(np.array([index]))[0])
-
-    def disparity(self, index: int) -> NDArray[np.uint16]:
-        """The raw disparity image [480, 640] of a stamp."""
-        return np.asarray(self.frames.draw_disparity(np.array([index]))[0])
 
 
 def start_kernels(settings: list[str], threads: int, **more: Any) -> SlamConfig:
@@ -156,10 +138,8 @@ def simulate_case(
 
 def with_images(simulation: Simulation) -> Recording:
     """A simulation's recording, its images drawn when they are asked for."""
-    stream, frames = simulation.recording.rgbd, simulation.frames
-    assert stream is not None
-    assert frames is not None
-    return simulation.recording.replace(rgbd=replace(stream, images=Drawn(frames)))
+    assert simulation.frames is not None
+    return simulation.recording.replace(rgbd=simulation.frames.drawn)
 
 
 def wheels_case(

@@ -51,12 +51,12 @@ def convert(
     from moteslam.robot.trajectories import is_trajectory, write_trajectory
     from moteslam.robot.values import counted
 
-    found: dict[str, Any]
-    name, problem = None, ""
+    name, problem, truth = None, "", None
     try:
         name = trajectory_format(out, to)
     except (ConfigError, OutputError) as error:
         problem = error.problem
+    found: dict[str, Any] = {"out": str(out), "format": name}
     if name is not None or is_trajectory(path):
         if part.given:
             raise ConfigError("of a recording, expected none for a trajectory", field=f"--{next(iter(part.given))}")
@@ -65,32 +65,24 @@ def convert(
         with staged_file(out, force=force, keep=path) as file:
             trajectory, issues = _read(path)
             write_trajectory(file, trajectory, name)
-        found = {"out": str(out), "format": name, "poses": len(trajectory), "distance_m": trajectory.length}
+        found |= {"poses": len(trajectory), "distance_m": trajectory.length}
+        line = f"{literal(path.name)}: {counted(len(trajectory), 'pose')}, {trajectory.length:.1f} m"
     else:
         with options.named("--to"):
-            name, known = format_to_write(out, to)
+            found["format"], known = format_to_write(out, to)
         assert known.write is not None
         with (result_folder if known.is_folder else staged_file)(out, force=force, keep=path) as place:
             recording = part.open(path)
             issues = (*recording.warnings, *known.write(place, recording))
-        truth = truth_file(path)
-        found = {
-            "out": str(out),
-            "format": name,
-            "recording": recording.name,
-            "readings": {stream.name: stream.readings for stream in stream_reports(recording)},
-            "truth": None if truth is None else str(truth),
-        }
+        truth, readings = truth_file(path), {one.name: one.readings for one in stream_reports(recording)}
+        found |= {"recording": recording.name, "readings": readings, "truth": None if truth is None else str(truth)}
+        counts = ", ".join(f"{stream} {count}" for stream, count in readings.items())
+        line = f"{literal(recording.name)}: readings of {counts}"
     if not as_json:
         warn(issues)
-    if "poses" in found:
-        lines = [f"{literal(path.name)}: {counted(found['poses'], 'pose')}, {found['distance_m']:.1f} m"]
-    else:
-        counts = ", ".join(f"{stream} {count}" for stream, count in found["readings"].items())
-        lines = [f"{literal(found['recording'])}: readings of {counts}"]
-    lines.append(f"wrote {literal(found['out'])}, {found['format']}")
-    if found.get("truth") is not None:
-        lines.append(f"the truth stays where it is: moteslam evaluate TRAJECTORY {literal(found['truth'])}")
+    lines = [line, f"wrote {literal(out)}, {found['format']}"]
+    if truth is not None:
+        lines.append(f"the truth stays where it is: moteslam evaluate TRAJECTORY {literal(truth)}")
     answer(found | {"warnings": [issue.as_dict() for issue in issues]}, lines, as_json=as_json)
 
 

@@ -13,7 +13,7 @@ import typer
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer
-from moteslam.eval.tables import aligned, literal
+from moteslam.eval.tables import Column, aligned, literal, rows_of
 
 if TYPE_CHECKING:
     from moteslam.robot.inspection import Inspection
@@ -26,6 +26,11 @@ NONE = "-"
 """Stands for what cannot be measured, or what the platform has not."""
 Row = tuple[str, str, str]
 """Of the sensors: a figure's name, as measured, and by the platform of the recording."""
+STREAMS = (
+    *(Column("stream", "name"), Column("readings", "readings"), Column("duration", "duration", ".1f", "s")),
+    *(Column("rate", "mean_rate", ".1f", "Hz"), Column("longest gap", "largest_gap", ".3f", "s")),
+    *(Column("gaps", "gaps"), Column("equal stamps", "equal_stamps")),
+)
 
 
 @options.with_options(part=options.RecordingOptions)
@@ -93,12 +98,7 @@ def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Ite
     from moteslam.slam.calibration.findings import WITHIN
 
     yield f"{literal(found.name)} (platform {literal(found.platform)})"
-    rows = [("stream", "readings", "duration", "rate", "longest gap", "gaps", "equal stamps")]
-    for each in found.streams:
-        rate, gap = _shown(each.mean_rate, ".1f", "Hz"), _shown(each.largest_gap, ".3f", "s")
-        counts = (str(each.gaps), str(each.equal_stamps))
-        rows.append((each.name, str(each.readings), f"{each.duration:.1f} s", rate, gap, *counts))
-    yield aligned(rows)
+    yield aligned(rows_of(STREAMS, map(asdict, found.streams)))
     if measured := list(_sensors(found, platform)):
         yield aligned([("sensors", "measured", "platform"), *measured])
     if about is not None:
@@ -128,23 +128,23 @@ def _sensors(found: Inspection, platform: Platform) -> Iterator[Row]:
     if found.lidar is not None:
         yield from _lidar(found.lidar, rates.get("lidar"), platform)
     if found.wheels is not None:
-        stated = None if platform.encoders is None else platform.encoders.rate
-        yield "encoder rate", _shown(rates.get("encoders"), ".1f", "Hz"), _shown(stated, "g", "Hz")
+        yield (
+            "encoder rate",
+            _shown(rates.get("encoders"), ".1f", "Hz"),
+            _shown(_of(platform.encoders, "rate"), "g", "Hz"),
+        )
         yield "encoder counts FR FL RR RL", " ".join(map(str, found.wheels.counts)), NONE
     if "imu" in rates:
-        stated = None if platform.imu is None else platform.imu.rate
-        yield "IMU rate", _shown(rates["imu"], ".1f", "Hz"), _shown(stated, "g", "Hz")
+        yield "IMU rate", _shown(rates["imu"], ".1f", "Hz"), _shown(_of(platform.imu, "rate"), "g", "Hz")
     if (gyro := found.gyro_at_rest) is not None:
         noise = None if platform.imu is None else platform.noise.imu
-        bias, deviation = (None, None) if noise is None else (noise.gyro_bias, noise.gyro_noise)
-        yield _row("gyro at rest, mean", gyro.mean, bias, ".5f", "rad/s")
-        yield _row("gyro at rest, noise", gyro.deviation, deviation, ".5f", "rad/s")
+        yield _row("gyro at rest, mean", gyro.mean, _of(noise, "gyro_bias"), ".5f", "rad/s")
+        yield _row("gyro at rest, noise", gyro.deviation, _of(noise, "gyro_noise"), ".5f", "rad/s")
 
 
 def _lidar(found: LidarReport, rate: float | None, platform: Platform) -> Iterator[Row]:
     spec, at_rest = platform.lidar, found.noise_at_rest
     noise = platform.noise.lidar if spec.rate is not None else None  # one that gives no rate gives no noise either
-    resolution, dropout = (None, None) if noise is None else (noise.resolution, noise.dropout)
     deviation, expected, at = None, None, "at rest"
     if at_rest is not None:
         deviation, at = at_rest.deviation, f"at {at_rest.at_range:.2f} m, at rest"
@@ -161,10 +161,14 @@ def _lidar(found: LidarReport, rate: float | None, platform: Platform) -> Iterat
     yield _row("longest limit", found.range_max, spec.range_max, "g", "m")
     yield _row("nearest endpoint", found.nearest, None, ".3f", "m")
     yield _row("farthest endpoint", found.farthest, None, ".3f", "m")
-    yield _row("range resolution", found.resolution, resolution, ".3g", "mm", 1000)
+    yield _row("range resolution", found.resolution, _of(noise, "resolution"), ".3g", "mm", 1000)
     yield _row(f"range noise {at}", deviation, expected, ".3g", "mm", 1000)
-    yield _row("dropouts", found.invalid, dropout, ".2f", "%", 100)
+    yield _row("dropouts", found.invalid, _of(noise, "dropout"), ".2f", "%", 100)
     yield _row("no return", found.no_return, None, ".2f", "%", 100)
+
+
+def _of(stated: object, name: str) -> Any:
+    return getattr(stated, name, None)
 
 
 def _row(name: str, measured: float | None, stated: float | None, form: str, unit: str, factor: float = 1) -> Row:

@@ -18,7 +18,6 @@ from moteslam.errors import ConfigError, ExistsError, InputError, MoteslamError,
 from moteslam.eval.cli.text import answer
 
 if TYPE_CHECKING:
-    from moteslam.robot.formats import Topics
     from moteslam.robot.recording import Recording
     from moteslam.slam.config import SlamConfig
 
@@ -174,7 +173,16 @@ class RecordingOptions:
         streams = tuple(name.strip() for name in self.streams.split(",")) if self.streams is not None else ()
         with named(start="--start", end="--end", every="--every", streams="--streams"):
             part = Cut(self.start, inf if self.end is None else self.end, self.every, streams)
-        topics = _topics(self.topics or ())
+        topics: dict[str, tuple[str, ...]] = {}
+        for words in self.topics or ():
+            stream, _, text = words.partition("=")
+            names = tuple(name.strip() for name in text.split(",") if name.strip())
+            if stream not in TOPIC_STREAMS or not names:
+                expected = f"STREAM=TOPIC with a stream of {', '.join(TOPIC_STREAMS)}"
+                raise ConfigError(f"{words!r}, expected {expected}", field="--topics")
+            if stream in topics:
+                raise ConfigError(f"{stream} twice, expected lidars to merge as lidar=/front,/back", field="--topics")
+            topics[stream] = names
         recording = open_recording(path, sequence=self.sequence, platform=self.platform, topics=topics, streams=streams)
         return cut(recording, part)
 
@@ -182,21 +190,6 @@ class RecordingOptions:
     def given(self) -> dict[str, object]:
         """The options that are not at their defaults, by name."""
         return {field.name: value for field in fields(self) if (value := getattr(self, field.name)) != field.default}
-
-
-def _topics(given: Iterable[str]) -> Topics:
-    """The topics of each stream: ``lidar=/scan`` or, to merge several lidars, ``lidar=/front,/back``."""
-    topics: dict[str, tuple[str, ...]] = {}
-    for words in given:
-        stream, _, text = words.partition("=")
-        names = tuple(name.strip() for name in text.split(",") if name.strip())
-        if stream not in TOPIC_STREAMS or not names:
-            expected = f"STREAM=TOPIC with a stream of {', '.join(TOPIC_STREAMS)}"
-            raise ConfigError(f"{words!r}, expected {expected}", field="--topics")
-        if stream in topics:
-            raise ConfigError(f"{stream} twice, expected lidars to merge as lidar=/front,/back", field="--topics")
-        topics[stream] = names
-    return topics
 
 
 def with_options(**groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:

@@ -70,15 +70,9 @@ def demo(
         runtime.init(run.arch, run.threads)  # a device that is not there is refused before the drive
         with options.in_file(scenario), simulation_bar() as report:
             simulation = simulate(driven, run.seed, progress=report)
-        found = run_into(
-            folder,
-            simulation.recording,
-            config,
-            run,
-            truth=simulation.truth,
-            true_map=simulation.true_map(config.map.cell_size),
-            about={"scenario": driven.name},
-        )
+        true_map, about = simulation.true_map(config.map.cell_size), {"scenario": driven.name}
+        given = (folder, simulation.recording, config, run)
+        found = run_into(*given, truth=simulation.truth, true_map=true_map, about=about)
     found = {"out": str(out), **found}
     look = [] if run.no_figures else [f"look at {literal(out / 'trajectories.png')}"]
     lines = chain(run_lines(found, f"{driven.name}: {simulation.truth.length:.1f} m"), look)
@@ -97,7 +91,7 @@ def replay(
     onto: Annotated[Path | None, opt("Go on with the building of this result folder.", "RESULT")] = None,
     calibrate: Calibrate = None,
     stdin: Annotated[
-        bool, typer.Option("--stdin", help="Messages come on stdin as lines of JSON; --out optional.")
+        bool, typer.Option("--stdin", help="Messages, but no images, come on stdin as lines of JSON; --out optional.")
     ] = False,
     *,
     part: options.RecordingOptions,
@@ -127,7 +121,9 @@ def replay(
         others = [name for name in part.given if name != "platform"]
         if path is not None or dead_reckoning or onto is not None or calibrate is not None or others or run.mcap:
             raise typer.BadParameter("expected no recording, nor what is for one alone", param_hint="'--stdin'")
-        _follow(config, out, part, run)
+        from moteslam.eval.cli.stdin import follow
+
+        follow(sys.stdin.buffer, part.platform, config, out, run)
         return
     if path is None:
         raise typer.BadParameter("missing, expected a recording", param_hint="'PATH'")
@@ -185,7 +181,6 @@ def _run_over(
     calibrate: Literal["lidar", "odometry"] | None,
     onto: Path | None = None,
 ) -> None:
-    """Fill a result folder with a run over a recording."""
     from moteslam.eval.cli.running import run_into, run_lines
     from moteslam.eval.scores import relations_beside, true_map_beside
     from moteslam.files import result_folder
@@ -195,38 +190,21 @@ def _run_over(
     if calibrate is None:
         config = config.model_copy(update={"sync": trusting(config.sync, not_as_stated)})
     truth, issues = (None, ()) if recording.lidar is None else _truth_beside(path, recording.lidar.stamps)
-    cut = {name: value for name, value in part.given.items() if name not in ("sequence", "platform")}
+    about = {name: value for name, value in part.given.items() if name not in ("sequence", "platform")}
+    about |= {} if calibrate is None else {"calibrate": calibrate}
+    about |= {} if onto is None else {"onto": str(onto)}
     with result_folder(out, force=run.force, keep=path) as folder:
         found = run_into(
-            folder,
-            recording,
-            config,
-            run,
+            *(folder, recording, config, run),
             truth=truth,
             true_map=None if truth is None else true_map_beside(path),
             relations=relations_beside(path),
-            about={
-                "path": str(path),
-                **cut,
-                **({} if calibrate is None else {"calibrate": calibrate}),
-                **({} if onto is None else {"onto": str(onto)}),
-            },
+            about={"path": str(path), **about},
             issues=(*not_as_stated, *issues),
             onto=onto,
         )
     found = {"out": str(out), **found}
     answer(found, run_lines(found, f"{recording.name}: {found['distance_m']:.1f} m"), as_json=run.as_json)
-
-
-def _follow(config: SlamConfig, out: Path | None, part: options.RecordingOptions, run: options.SlamOptions) -> None:
-    from moteslam.eval.cli.stdin import follow
-    from moteslam.robot.platform import Platform
-    from moteslam.robot.platforms import load_platform, read_platform
-
-    robot = part.platform
-    with options.named("--platform"):
-        platform = Platform() if robot is None else (read_platform if robot.suffix == ".toml" else load_platform)(robot)
-    follow(sys.stdin.buffer, platform, config, out, run, {} if robot is None else {"platform": str(robot)})
 
 
 def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) -> tuple[Recording, tuple[Issue, ...]]:
@@ -296,18 +274,17 @@ def _dead_reckon(
                 file, title = folder / "dead_reckoning.png", f"{recording.name}: dead reckoning"
                 draw_dead_reckoning(file, trajectory, recording=recording, truth=truth, title=title)
     x, y, theta = trajectory.poses[-1].tolist()
-    found = {
+    duration = float(trajectory.stamps[-1] - trajectory.stamps[0])
+    found: dict[str, object] = {
         "out": None if out is None else str(out),
         "recording": recording.name,
         "poses": len(trajectory),
-        "distance_m": trajectory.length,
-        "duration_s": float(trajectory.stamps[-1] - trajectory.stamps[0]),
-        "end": {"x_m": x, "y_m": y, "heading_deg": degrees(theta)},
-        "warnings": [issue.as_dict() for issue in recording.warnings],
     }
-    driven = f"{trajectory.length:.1f} m in {found['duration_s']:.1f} s"
+    found |= {"distance_m": trajectory.length, "duration_s": duration}
+    found |= {"end": {"x_m": x, "y_m": y, "heading_deg": degrees(theta)}}
+    found |= {"warnings": [issue.as_dict() for issue in recording.warnings]}
     lines = [
-        f"{literal(recording.name)}: dead reckoning over {driven}",
+        f"{literal(recording.name)}: dead reckoning over {trajectory.length:.1f} m in {duration:.1f} s",
         f"ends at x {x:.2f} m, y {y:.2f} m, heading {degrees(theta):.1f} deg",
         *([] if out is None else [f"result in {literal(out)}"]),
     ]

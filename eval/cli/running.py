@@ -18,16 +18,14 @@ from moteslam.eval.result_bag import write_result_bag
 from moteslam.eval.results import read_building, write_results
 from moteslam.eval.run_tables import loop_counts
 from moteslam.eval.scores import Figures, number
-from moteslam.eval.tables import aligned, fitting, literal
-from moteslam.eval.tables import number as shown
+from moteslam.eval.tables import Column, aligned, fitting, literal, rows_of
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.estimate import Estimate
+from moteslam.slam.estimate import Estimate, wants_colours, with_texture
 from moteslam.slam.online import OnlineSlam
-from moteslam.slam.run import wants_colours, with_texture
 from moteslam.slam.sessions import expect_graph, go_on
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
@@ -150,11 +148,9 @@ def run_lines(found: Figures, driven: str) -> Iterator[str]:
     yield f"{literal(driven)} in {found['duration_s']:.0f} s, {scans}"
     if found["sessions"] > 1:
         yield f"bound to one building of {found['sessions']} sessions by {counted(found['session_loops'], 'loop')}"
-    counts, loops = lost["states"], found["loop_candidates"]
+    counts, loops, first = lost["states"], found["loop_candidates"], lost["first_lost_stamp"]
     if counts["doubtful"] or counts["lost"]:
-        since = ""
-        if lost["first_lost_stamp"] is not None:
-            since = f", first after {lost['first_lost_stamp'] - found['first_stamp']:.1f} s"
+        since = "" if first is None else f", first after {first - found['first_stamp']:.1f} s"
         doubtful = f"doubtful at {counts['doubtful']}, lost at {counts['lost']} of {found['scans']} scans"
         yield f"{doubtful}{since}: diagnostics.csv"
     if loops["candidates"]:
@@ -170,14 +166,14 @@ def run_lines(found: Figures, driven: str) -> Iterator[str]:
 
 def score_lines(figures: Figures) -> Iterator[str]:
     """The absolute error, and the relative error over 1 m, which is drift a metre; then the scores of loops."""
-    values = {of: {name: number(figures, f"{of}.{name}") for name in (*LENGTHS, "heading")} for of in TRACKS.values()}
-    unit, factor = fitting("m", [values[FINAL][name] for name in LENGTHS])
-    heads = [*(f"{title} [{unit}]" for title in LENGTHS.values()), "heading RMSE [deg]"]
-    rows = [["laid on the truth, rigidly", *heads]]
-    for title, of in TRACKS.items():
-        scaled = [None if (one := values[of][name]) is None else factor * one for name in LENGTHS]
-        rows.append([title, *map(shown, (*scaled, values[of]["heading"]))])
-    yield aligned(rows)
+    rows: list[dict[str, Any]] = [
+        {"title": title, **{name: number(figures, f"{of}.{name}") for name in (*LENGTHS, "heading")}}
+        for title, of in TRACKS.items()
+    ]
+    unit, factor = fitting("m", [rows[-1][name] for name in LENGTHS])
+    lengths = [Column(f"{head} [{unit}]", name, "number", factor=factor) for name, head in LENGTHS.items()]
+    heading = Column("heading RMSE [deg]", "heading", "number")
+    yield aligned(rows_of([Column("laid on the truth, rigidly", "title"), *lengths, heading], rows))
     for name in ("precision", "recall"):
         if (share := number(figures, f"loops_{name}")) is not None:
             counts = figures["metrics"][f"loops_{name}"]

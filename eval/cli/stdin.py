@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli.interrupt import check_interrupt
+from moteslam.eval.cli.options import named
 from moteslam.eval.cli.text import note, say, warn
 from moteslam.robot.values import Issue, shortened
 
 if TYPE_CHECKING:
     from moteslam.eval.cli.options import SlamOptions
-    from moteslam.robot.platform import Platform
     from moteslam.slam.config import SlamConfig
     from moteslam.slam.online import OnlineSlam
     from moteslam.slam.scan_records import Update
@@ -29,11 +29,11 @@ SHOWN = 10
 """Of the lines that are left out so many are told, each in a line; then how many there were."""
 KEYS = {"odometry": {"stamp", "pose", "counts"}, "imu": {"stamp", "yaw_rate"}, "scan": {"stamp", "ranges", "odometry"}}
 """What a message of each type may have."""
+FAR_AHEAD = 3600.0
+"""The first two messages are of one clock unless they are farther apart [s]."""
 
 
-def follow(
-    stream: BinaryIO, platform: Platform, config: SlamConfig, out: Path | None, run: SlamOptions, about: dict[str, Any]
-) -> None:
+def follow(stream: BinaryIO, robot: Path | None, config: SlamConfig, out: Path | None, run: SlamOptions) -> None:
     """Take in the lines of a stream to its end, print an update a line, and fill the result folder if there is one.
 
     A line that cannot be used is told and left out: a robot does not stop for it.
@@ -41,52 +41,89 @@ def follow(
     from moteslam.eval.results import write_results
     from moteslam.files import result_folder
     from moteslam.kernels import runtime
+    from moteslam.robot.platform import Platform
+    from moteslam.robot.platforms import load_platform, platform_of, read_platform
     from moteslam.slam.online import OnlineSlam
+
+    with named("--platform"):
+        platform = Platform() if robot is None else (read_platform if robot.suffix == ".toml" else load_platform)(robot)
 
     with nullcontext() if out is None else result_folder(out, force=run.force) as folder:
         device, began = runtime.init(run.arch, run.threads), time.perf_counter()
-        slam, bad, number = None, 0, 0
-        for number, line in enumerate(_lines(stream), start=1):
+        slam, lines = None, _Lines(stream)
+        for number, message in lines.messages():
             try:
-                message = _message(line)
-                if message["type"] == "platform":
+                if (kind := message.pop("type")) == "platform":
                     if slam is not None:
                         raise InputError("after other messages, expected as the first", field="platform")
-                    platform = _platform_over(platform, message, number)
+                    platform = platform_of(message, file=f"{STDIN}:{number}", base=platform)
                     continue
                 slam = OnlineSlam(platform, config, run.seed, name=STDIN) if slam is None else slam
-                _print(_add(slam, message))
+                _print(_add(slam, kind, message))
             except ConfigError as error:
                 hint = ": --platform NAME, or a first line of type platform" if error.field == "platform.lidar" else ""
                 raise ConfigError(error.problem + hint, file=error.file, field=error.field) from error
             except InputError as error:
-                bad += 1
-                if bad <= SHOWN:
-                    note(f"warning: {InputError(error.problem, file=STDIN, line=number, field=error.field)}; left out")
+                lines.left_out(number, error)
         _print(None if slam is None else slam.finish())
         if slam is None or not len(slam):
-            raise InputError(f"{number} lines without a scan, expected some", file=STDIN)
+            raise InputError(f"{lines.count} lines without a scan, expected some", file=STDIN)
         estimate = slam.estimate()
-        text = f"{STDIN}: {bad} of {number} lines were left out"
-        issues = (*((Issue("broken-lines", text, bad),) if bad else ()), *estimate.warnings)
+        text = f"{STDIN}: {lines.bad} of {lines.count} lines were left out"
+        issues = (*((Issue("broken-lines", text, lines.bad),) if lines.bad else ()), *estimate.warnings)
         warn(issues)
         if folder is None:
             return
-        more: dict[str, Any] = {
-            "warnings": [issue.as_dict() for issue in issues],
-            "command": ["moteslam", *sys.argv[1:]],
-        }
-        more |= {"slam_seconds": time.perf_counter() - began, "arch": device.arch, "threads": device.threads}
-        write_results(folder, estimate, figures=not run.no_figures, run={**about, **more})
+        about: dict[str, Any] = {} if robot is None else {"platform": str(robot)}
+        about |= {"warnings": [issue.as_dict() for issue in issues], "command": ["moteslam", *sys.argv[1:]]}
+        about |= {"slam_seconds": time.perf_counter() - began, "arch": device.arch, "threads": device.threads}
+        write_results(folder, estimate, figures=not run.no_figures, run=about)
     note(f"{len(estimate.trajectory)} scans, {estimate.trajectory_final.length:.1f} m: result in {out}")
 
 
-def _lines(stream: BinaryIO) -> Iterator[bytes]:
-    while line := stream.readline(LONGEST + 1):
-        check_interrupt()
-        while len(line) > LONGEST and not line.endswith(b"\n") and (rest := stream.readline(LONGEST)):
-            line = line[:LONGEST] + rest[-1:]  # the rest of it is skipped
-        yield line
+class _Lines:
+    """The lines of a stream, how many there were, and how many of them were left out."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream, self.count, self.bad = stream, 0, 0
+
+    def left_out(self, number: int, error: InputError) -> None:
+        """Tell that a line is."""
+        self.bad += 1
+        if self.bad <= SHOWN:
+            note(f"warning: {InputError(error.problem, file=STDIN, line=number, field=error.field)}; left out")
+
+    def messages(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        """The messages with the numbers of their lines, but for first ones of another clock than the next one."""
+        first: tuple[int, dict[str, Any]] | None = None  # waits for the next one
+        one_clock = False
+        for line in self._read():
+            self.count += 1
+            try:
+                message = _message(line)
+            except InputError as error:
+                self.left_out(self.count, error)
+                continue
+            if one_clock or message["type"] == "platform":
+                yield self.count, message
+                continue
+            if first is not None:
+                apart = abs(message["stamp"] - first[1]["stamp"])
+                if one_clock := not apart > FAR_AHEAD:
+                    yield from (first, (self.count, message))
+                else:
+                    text = f"{first[1]['stamp']} s, {apart:.0f} s from the next message, expected one clock"
+                    self.left_out(first[0], InputError(text, field=f"{first[1]['type']}.stamp"))
+            first = self.count, message
+        if first is not None and not one_clock:
+            yield first
+
+    def _read(self) -> Iterator[bytes]:
+        while line := self._stream.readline(LONGEST + 1):
+            check_interrupt()
+            while len(line) > LONGEST and not line.endswith(b"\n") and (rest := self._stream.readline(LONGEST)):
+                line = line[:LONGEST] + rest[-1:]  # the rest of it is skipped
+            yield line
 
 
 def _message(line: bytes) -> dict[str, Any]:
@@ -110,15 +147,8 @@ def _message(line: bytes) -> dict[str, Any]:
     return message
 
 
-def _platform_over(platform: Platform, message: dict[str, Any], number: int) -> Platform:
-    from moteslam.robot.platforms import platform_of
-
-    table = {key: value for key, value in message.items() if key != "type"}
-    return platform_of(table, file=f"{STDIN}:{number}", base=platform)
-
-
-def _add(slam: OnlineSlam, message: dict[str, Any]) -> Update | None:
-    kind, stamp, ranges = message["type"], float(message["stamp"]), message.get("ranges", "none")
+def _add(slam: OnlineSlam, kind: str, message: dict[str, Any]) -> Update | None:
+    stamp, ranges = float(message["stamp"]), message.get("ranges", "none")
     if kind == "odometry":
         return slam.add_odometry(stamp, message.get("pose"), counts=message.get("counts"))
     if kind == "imu":

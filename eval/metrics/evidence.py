@@ -144,11 +144,10 @@ class Evidence:
 
     def _seen(self) -> Array | None:
         """Endpoints [p, 2] of the recording's scans in the true frame."""
-        if self.recording is None or self.recording.lidar is None:
+        truth = needed(self.truth, "truth")
+        if self.recording is None or self.recording.lidar is None or not truth.oriented:
             return None
-        truth, stamps = needed(self.truth, "truth"), self.recording.lidar.stamps
-        if not truth.oriented:
-            return None
+        stamps = self.recording.lidar.stamps
         there = evenly(np.flatnonzero(covered(stamps, truth.stamps)), MAX_SEEN)
         poses = se2.interpolate(truth.stamps, truth.poses, stamps[there])
         scans = zip(there.tolist(), poses, strict=True)

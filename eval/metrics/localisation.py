@@ -70,17 +70,14 @@ class LocalisationResult(Summarised):
 
     def as_dict(self) -> dict[str, Any]:
         """Fit for JSON. The NEES is that of poses that are not wrong."""
-        right = self.nees[~self.wrong]
-        nees = None
-        if len(right):
+        found: dict[str, Any] = {"scans": len(self.stamps), "wrong": int(self.wrong.sum())}
+        found |= {"states": state_counts(self.states), "nees": None}
+        if len(right := self.nees[~self.wrong]):
             within = float((right < CHI_SQUARED_95).mean())
-            nees = {"mean": float(right.mean()), "median": float(np.median(right)), "within_95": within}
-        found = {"scans": len(self.stamps), "wrong": int(self.wrong.sum()), "states": state_counts(self.states)}
-        lost, doubtful = (
-            {"precision": self.precision(least), "recall": self.recall(least)}
-            for least in (LocalisationState.LOST, LocalisationState.DOUBTFUL)
-        )
-        return {**found, "nees": nees, "lost": lost, "doubtful_or_lost": doubtful}
+            found["nees"] = {"mean": float(right.mean()), "median": float(np.median(right)), "within_95": within}
+        for name, least in (("lost", LocalisationState.LOST), ("doubtful_or_lost", LocalisationState.DOUBTFUL)):
+            found[name] = {"precision": self.precision(least), "recall": self.recall(least)}
+        return found
 
 
 def state_counts(states: ArrayLike) -> dict[str, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -111,25 +111,23 @@ def score_loops(
     accepted = [loop for loop in loops if loop.accepted]
     overruled = LoopResult(*_errors([loop for loop in loops if loop.verdict == "overruled"], truth), None, 0)
     found = LoopResult(*_errors(accepted, truth), None, 0)
-    issues: list[Issue] = []
+    issues: tuple[Issue, ...] = ()
     if not found.pairs:
         why = "no loop was accepted" if not accepted else "the truth covers no accepted loop"
-        issues.append(Issue("no-loop-precision", f"no precision of the loops: {why}"))
+        issues = (Issue("no-loop-precision", f"no precision of the loops: {why}"),)
     possible, bound, why = None, 0, "there is no recording whose endpoints show which loops are possible"
-    if recording is not None:
-        try:
-            among = possible_loops(recording, truth, scans=scans)
-        except InputError as error:
-            if error.field != "trajectory":
-                raise
-            why = error.problem
-        else:
+    try:
+        if recording is not None:
+            among, why = possible_loops(recording, truth, scans=scans), "no key scan has a possible loop"
             possible, bound = len(np.unique(among.later)), among.bound_by(found.stamps[~found.is_false])
-            why = "no key scan has a possible loop"
+    except InputError as error:
+        if error.field != "trajectory":
+            raise
+        why = error.problem
     if not possible:
-        issues.append(Issue("no-loop-recall", f"no recall of the loops: {why}"))
-    errors = found.stamps, found.errors, found.rotation_errors
-    return LoopResult(*errors, possible, bound, overruled.pairs, overruled.false, tuple(issues))
+        issues += (Issue("no-loop-recall", f"no recall of the loops: {why}"),)
+    found = replace(found, possible=possible, bound=bound, issues=issues)
+    return replace(found, overruled=overruled.pairs, overruled_false=overruled.false)
 
 
 def _errors(loops: Sequence[LoopCandidate], truth: Trajectory) -> tuple[Array, Array, Array]:

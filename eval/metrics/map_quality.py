@@ -142,7 +142,12 @@ class MapConsistency:
 def map_consistency(recording: Recording, trajectory: Trajectory, *, scans: Scans | None = None) -> MapConsistency:
     """Score a trajectory by the map that its recording's scans draw under it; arguments as of ``scan_residuals``."""
     lidar, index, poses = placed_scans(recording, trajectory)
-    used = evenly(_spaced(poses), MAX_SCANS)
+    kept = [0]  # poses, each ``SPACING`` away from the one before
+    for i, pose in enumerate(poses):
+        off = pose - poses[kept[-1]]
+        if np.hypot(off[0], off[1]) > SPACING or abs(se2.wrap(off[2])) > SPACING:
+            kept.append(i)
+    used = evenly(np.array(kept), MAX_SCANS)
     synchronised = synchronise(recording).scans if scans is None else scans
     seen = [_surface(synchronised, lidar, int(index[scan]), poses[scan]) for scan in used]
     points, normals = (np.vstack(some) for some in zip(*seen, strict=True))
@@ -153,7 +158,12 @@ def map_consistency(recording: Recording, trajectory: Trajectory, *, scans: Scan
     near, far, twice = _between_scans(points, normals, owners, path)
     if not len(near):
         raise InputError(f"no endpoint within {REACH:g} m of another scan's", field="trajectory")
-    cells, walls = float(cell_counts(points, CELL).mean()), _length_seen(points, path)
+    counts = []  # blocks that were seen, again after ``FAR_PATH``: see ``MapConsistency``
+    for blocks in cells_of(points, BLOCK):
+        order = np.lexsort((path, blocks))
+        again = (np.diff(blocks[order]) != 0) | (np.diff(path[order]) > FAR_PATH)
+        counts.append(1 + int(np.count_nonzero(again)))
+    cells, walls = float(cell_counts(points, CELL).mean()), float(np.mean(counts)) * BLOCK * CROFTON
     return MapConsistency(
         cells=round(cells),
         walls=walls,
@@ -164,16 +174,6 @@ def map_consistency(recording: Recording, trajectory: Trajectory, *, scans: Scan
         twice=float((twice > TWICE).mean()) if len(twice) else None,
         scans=len(used),
     )
-
-
-def _spaced(poses: Array) -> NDArray[np.intp]:
-    """The poses to use of [n, 3]: the first, and each that is ``SPACING`` away from the one before."""
-    kept = [0]
-    for i, pose in enumerate(poses):
-        off = pose - poses[kept[-1]]
-        if np.hypot(off[0], off[1]) > SPACING or abs(se2.wrap(off[2])) > SPACING:
-            kept.append(i)
-    return np.array(kept)
 
 
 def _surface(scans: Scans, lidar: LidarStream, index: int, pose: Array) -> tuple[Array, Array]:
@@ -211,16 +211,6 @@ def _between_scans(points: Array, normals: Array, owners: NDArray[np.intp], path
                 distances.append(float(distance[those].min()))
     near_by, far, twice = map(np.array, found)
     return near_by, far, twice
-
-
-def _length_seen(points: Array, path: Array) -> float:
-    """The length of the walls that points [p, 2] lie on, seen after that much path [p] [m]: see ``MapConsistency``."""
-    counts = []
-    for blocks in cells_of(points, BLOCK):
-        order = np.lexsort((path, blocks))
-        again = (np.diff(blocks[order]) != 0) | (np.diff(path[order]) > FAR_PATH)
-        counts.append(1 + int(np.count_nonzero(again)))
-    return float(np.mean(counts)) * BLOCK * CROFTON
 
 
 def _thickness(points: Array) -> float:

@@ -64,17 +64,10 @@ class ResidualResult(Summarised):
 
     def as_dict(self) -> dict[str, Any]:
         """Fit for JSON: metres, and shares from 0 to 1."""
-        return {
-            "median_m": self.median,
-            "quantile_90_m": self.quantile_90,
-            "beyond_3_cm_share": self.beyond_3_cm,
-            "unseen_share": self.unseen,
-            "no_return_share": self.no_return,
-            "residuals": self.residuals,
-            "endpoints": self.endpoints,
-            "scans": len(self.stamps),
-            "matched": self.matched,
-        }
+        found = {"median_m": self.median, "quantile_90_m": self.quantile_90}
+        found |= {f"{name}_share": getattr(self, name) for name in ("beyond_3_cm", "unseen", "no_return")}
+        counts = {"residuals": self.residuals, "endpoints": self.endpoints, "scans": len(self.stamps)}
+        return {**found, **counts, "matched": self.matched}
 
 
 def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans | None = None) -> ResidualResult:
@@ -115,12 +108,12 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
         residuals.append(np.array(distances)[found])
         compared.append(scan)
     everything = np.concatenate(residuals)
-    no_return = sum(int(np.isinf(scans).sum()) for scans in chunks(lidar.ranges))
-    beams = sum(int(measured(scans, lidar.interlace).sum()) for scans in chunks(lidar.ranges))
     if not len(everything):
         expected = f"expected scans less than {PATH_REACH:g} m of path apart that see the same surfaces"
         problem = f"no endpoint lies near the lines of another scan, {expected}, and their own trajectory"
         raise InputError(problem, field="trajectory")
+    no_return = sum(int(np.isinf(scans).sum()) for scans in chunks(lidar.ranges))
+    beams = sum(int(measured(scans, lidar.interlace).sum()) for scans in chunks(lidar.ranges))
     return ResidualResult(
         median=float(np.median(everything)),
         quantile_90=float(np.quantile(everything, 0.9)),

@@ -75,7 +75,10 @@ def curves(runs: Sequence[Row], key: str, metric: Shown) -> Figure | None:
             if (some := line.groups.get(value))
         ]
         dash = DASHES[(index // len(COLOURS)) % len(DASHES)]
-        look = {"line": {"color": COLOURS[index % len(COLOURS)], "width": 2, "dash": dash}, "marker": _marker(index)}
+        look = {
+            "line": {"color": COLOURS[index % len(COLOURS)], "width": 2, "dash": dash},
+            "marker": {"color": COLOURS[index % len(COLOURS)], "size": 8, "symbol": SYMBOLS[index % len(SYMBOLS)]},
+        }
         traces.append({**_medians(points, metric, mode="lines+markers", thickness=1.5), "name": label(title), **look})
     if len(values) < 2 or not any(trace["y"] for trace in traces):
         return None
@@ -150,10 +153,6 @@ def _medians(points: Sequence[tuple[Any, str, Summary]], metric: Shown, *, mode:
     }
     error = {"type": "data", "symmetric": False, "thickness": thickness, **bars}
     return {**_points(mode, [x for x, _, _ in shown], [metric.factor * y for y in medians], texts), "error_y": error}
-
-
-def _marker(index: int) -> Figure:
-    return {"color": COLOURS[index % len(COLOURS)], "size": 8, "symbol": SYMBOLS[index % len(SYMBOLS)]}
 
 
 def _y(metric: Shown, traces: Sequence[Figure]) -> Figure:

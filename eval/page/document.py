@@ -73,10 +73,32 @@ def gather(paths: Sequence[Path]) -> Material:
             raise InputError("there is no such file or folder, expected a .sweep file or a result folder", file=path)
         found += within
     material = Material()
-    for path in found:
-        if not path.is_dir():
-            _take_sweep(material, path, runs.prefix_of(path, found))
-    _take_folders(material, [path for path in found if path.is_dir()])
+    folders = [path for path in found if path.is_dir()]
+    for path in (path for path in found if path not in folders):
+        with opened(path) as store:
+            spec = json.loads(store.spec)
+            material.success |= store.success
+            material.wanted += [name for name in spec.get("metrics") or () if name not in material.wanted]
+            material.documents.append((f"Specification of {path.name}", tomli_w.dumps(spec)))
+            for title, facts in store.environment.items():
+                material.facts.setdefault(f"{title} of {path.name}", dict(facts))
+            made = [
+                row.renamed(runs.prefix_of(path, found) + row.run.configuration) for row in store.rows() if row.status
+            ]
+            material.pending += len(store.pending())
+        material.runs += made
+        if programs := {row.run.configuration: row.run.version for row in made if row.run.version}:
+            material.facts[f"programs of {path.name}"] = programs
+    rows = [runs.read_result_folder(folder) for folder in folders]
+    # those of one configuration, by the text of ``config.toml``, are runs of it
+    texts = runs.grouped(rows, lambda row: read_text(_config(row), "a file of a result folder", limit=runs.MAX_BYTES))
+    names = _names(texts)
+    for text, members in texts.items():
+        material.documents.append((f"Configuration {names[text]}", text))
+        material.runs += [row.renamed(names[text]) for row in members]
+        for row in members:
+            for title, values in row.facts.items():
+                material.facts.setdefault(title.capitalize(), dict(values))
     if not material.runs:
         raise InputError("no run was made yet, expected at least one", file=paths[0])
     return material
@@ -89,40 +111,12 @@ def _within(top: Path) -> Iterator[Path]:
         raise InputError(f"cannot be read: {error.strerror or error}", file=error.filename or top) from error
 
     for root, folders, names in os.walk(top, onerror=refuse):
-        deeper = len(Path(root).relative_to(top).parts) < DEPTH and not runs.is_result_folder(Path(root))
+        is_result = {"metrics.json", "run.json"} <= set(names)
+        deeper = len(Path(root).relative_to(top).parts) < DEPTH and not is_result
         folders[:] = sorted(name for name in folders if deeper and not name.startswith("."))
-        if runs.is_result_folder(Path(root)):
-            yield Path(root)
-        else:
-            yield from (Path(root, name) for name in sorted(names) if name.endswith(".sweep"))
-
-
-def _take_sweep(material: Material, path: Path, prefix: str) -> None:
-    with opened(path) as store:
-        spec = json.loads(store.spec)
-        material.success |= store.success
-        material.wanted += [name for name in spec.get("metrics") or () if name not in material.wanted]
-        material.documents.append((f"Specification of {path.name}", tomli_w.dumps(spec)))
-        for title, facts in store.environment.items():
-            material.facts.setdefault(f"{title} of {path.name}", dict(facts))
-        made = [row.renamed(prefix + row.run.configuration) for row in store.rows() if row.status]
-        material.pending += len(store.pending())
-    material.runs += made
-    if programs := {row.run.configuration: row.run.version for row in made if row.run.version}:
-        material.facts[f"programs of {path.name}"] = programs
-
-
-def _take_folders(material: Material, folders: Sequence[Path]) -> None:
-    """Result folders: those of one configuration, by the text of ``config.toml``, are runs of it."""
-    rows = [runs.read_result_folder(folder) for folder in folders]
-    texts = runs.grouped(rows, lambda row: read_text(_config(row), "a file of a result folder", limit=runs.MAX_BYTES))
-    names = _names(texts)
-    for text, members in texts.items():
-        material.documents.append((f"Configuration {names[text]}", text))
-        material.runs += [row.renamed(names[text]) for row in members]
-        for row in members:
-            for title, facts in row.facts.items():
-                material.facts.setdefault(title.capitalize(), dict(facts))
+        yield from (
+            [Path(root)] if is_result else (Path(root, name) for name in sorted(names) if name.endswith(".sweep"))
+        )
 
 
 def _config(row: Row) -> Path:
@@ -136,8 +130,7 @@ def _names(texts: dict[str, list[Row]]) -> dict[str, str]:
         return dict.fromkeys(texts, "configuration")
     tables = {text: _flat(read_toml(_config(rows[0]), "a config.toml")) for text, rows in texts.items()}
     keys = dict.fromkeys(key for table in tables.values() for key in table)
-    first = next(iter(tables.values()))
-    changed = [key for key in keys if any(table.get(key) != first.get(key) for table in tables.values())]
+    changed = [key for key in keys if len({repr(table.get(key)) for table in tables.values()}) > 1]
     names: dict[str, str] = {}
     for text, rows in texts.items():
         folders = [_config(row).parent for row in rows]

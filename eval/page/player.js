@@ -1,10 +1,10 @@
 "use strict";
-/* Plays a run on a canvas: the map, the paths up to a time, loops and particles. */
+/* Plays a run on a canvas: the map, the paths up to a time, loops, particles and the latest key scan. */
 function makePlayer(parts) {
   const { canvas, slider, status, layers, onTime } = parts;
   const context = canvas.getContext("2d");
   const LAYERS = [
-    ["map", "map", null, true], ["texture", "floor", null, true], ["truth", "truth", "--truth", true],
+    ["map", "map", null, true], ["texture", "floor", null, true], ["scans", "scan", "--scan", true], ["truth", "truth", "--truth", true],
     ["final", "SLAM (final)", "--slam", true], ["online", "SLAM (online)", "--online", false],
     ["odometry", "dead reckoning", "--odometry", true], ["loops", "loops", "--loop", true],
     ["rejected", "rejected loops", "--rejected", false], ["particles", "particles", "--particle", true],
@@ -23,6 +23,7 @@ function makePlayer(parts) {
     run.particles = raw.particles && {
       t: sums(raw.particles.t, 1e-3), paths: raw.particles.paths.map((p) => [sums(p[0], 1e-3), sums(p[1], 1e-3)]),
     };
+    run.scans = raw.scans && { t: sums(raw.scans.t, 1e-3), places: raw.scans.places.map((p) => [sums(p[0], 1e-2), sums(p[1], 1e-2)]) };
     for (const name of ["map", "texture"]) {
       if (!raw[name]) continue;
       const image = new Image();
@@ -133,6 +134,11 @@ function makePlayer(parts) {
         context.arc(X(x[at] + part * (x[next] - x[at])), Y(y[at] + part * (y[next] - y[at])), 3 * ratio, 0, 7);
         context.fill();
       }
+    }
+    if (shown.scans && run.scans) {
+      const [x, y] = run.scans.places[Math.max(0, lower(run.scans.t, now + 1e-6) - 1)];
+      context.fillStyle = colour("--scan");
+      x.forEach((each, k) => context.fillRect(X(each) - 1.5 * ratio, Y(y[k]) - 1.5 * ratio, 3 * ratio, 3 * ratio));
     }
     robot(X(run.final.x[step]), Y(run.final.y[step]), run.final.a[step], 9 * ratio);
     ruler(width, height, ratio);

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import evenly
 from moteslam.eval.metrics.ate import absolute_trajectory_error
+from moteslam.eval.results import BUILDING, read_building
 from moteslam.eval.run_tables import read_diagnostics, read_loops, read_particles
 from moteslam.files import read_bytes, read_yaml
 from moteslam.robot.formats.map_server import MAX_IMAGE_BYTES, MAX_PIXELS, MAX_YAML_BYTES
 from moteslam.robot.raster import decode_picture, picture_size
-from moteslam.robot.se2 import between, compose, inverse
+from moteslam.robot.se2 import between, compose, inverse, transform_points
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.filter.certainty import LocalisationState
@@ -33,7 +34,9 @@ PICTURES, LARGEST_PICTURE = 6_000_000, 1_000_000
 PARTICLES, FEWEST_PARTICLES, UPDATES = 30, 5, 150
 """Paths of particles of a run, of one of many, and at how many updates at least."""
 CLOUDS, LARGEST_CLOUD = 400_000, 60_000
-"""Numbers for the particles of all runs together, and of each."""
+"""Numbers for the particles of all runs together, and of each; scans have as many."""
+ENDPOINTS = 60
+"""Of a scan."""
 
 
 class Budget(NamedTuple):
@@ -85,9 +88,18 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
         found["effective"] = [round(value, 1) for value in diagnostics.values["n_eff"][steps].tolist()]
     found["states"] = [state.name.lower() for state in LocalisationState]
     if (folder / "loops.csv").is_file():
-        found["loops"] = _loops(folder / "loops.csv", final, start)
+        rows = []
+        for loop in read_loops(folder / "loops.csv"):
+            if loop.verdict not in SHOWN or max(loop.earlier, loop.later) >= len(final):
+                continue
+            ends = np.rint(1e3 * final.poses[[loop.earlier, loop.later], :2]).astype(int)
+            time = round(1e3 * (float(final.stamps[loop.later]) - start))
+            rows.append([time, *ends.ravel().tolist(), SHOWN[loop.verdict]])
+        found["loops"] = sorted(rows)
     if (folder / "particles.npz").is_file():
         found["particles"] = _particles(folder / "particles.npz", start, budget)
+    if (folder / BUILDING).is_file():
+        found["scans"] = _scans(folder, final, start, budget)
     for name in ("map", "texture"):
         if (folder / f"{name}.yaml").is_file() and (folder / f"{name}.png").is_file():
             found[name] = _picture(folder, name, budget.picture)
@@ -104,18 +116,6 @@ def _errors(trajectory: Trajectory, truth: Trajectory, stamps: Array) -> list[in
     return _deltas(1e4 * np.interp(np.arange(len(stamps)), known, largest))
 
 
-def _loops(file: Path, final: Trajectory, start: float) -> list[list[int]]:
-    """A row a loop: time [ms], the two ends x, y [mm], and what became of it."""
-    rows = []
-    for loop in read_loops(file):
-        if loop.verdict not in SHOWN or max(loop.earlier, loop.later) >= len(final):
-            continue
-        ends = np.rint(1e3 * final.poses[[loop.earlier, loop.later], :2]).astype(int)
-        time = round(1e3 * (float(final.stamps[loop.later]) - start))
-        rows.append([time, *ends.ravel().tolist(), SHOWN[loop.verdict]])
-    return sorted(rows)
-
-
 def _particles(file: Path, start: float, budget: Budget) -> dict[str, Any]:
     """Times of updates, and of some paths x and y at these."""
     cloud = read_particles(file)
@@ -125,6 +125,21 @@ def _particles(file: Path, start: float, budget: Budget) -> dict[str, Any]:
     return {
         "t": _deltas(1e3 * (cloud.stamps[updates] - start)),
         "paths": [[_deltas(1e3 * path[updates, k]) for k in (0, 1)] for path in paths],
+    }
+
+
+def _scans(folder: Path, final: Trajectory, start: float, budget: Budget) -> dict[str, Any]:
+    """Times of some key scans, and the places [cm] of some endpoints of each."""
+    session = read_building(folder).sessions[-1]
+    if len(session.stamps) != len(final):
+        raise InputError(f"{len(session.stamps)} scans, expected {len(final)}", file=folder / BUILDING, field="stamps")
+    keys = evenly(np.arange(len(session)), max(2, budget.particles // (2 * ENDPOINTS)))
+    nodes, rows = session.nodes[keys], [slice(b, b + n) for b, n in zip(session.begins, session.counts, strict=True)]
+    seen = [session.points[rows[key]][evenly(np.arange(session.counts[key]), ENDPOINTS)] for key in keys]
+    places = [transform_points(pose, points) for pose, points in zip(final.poses[nodes], seen, strict=True)]
+    return {
+        "t": _deltas(1e3 * (final.stamps[nodes] - start)),
+        "places": [[_deltas(1e2 * each[:, k]) for k in (0, 1)] for each in places],
     }
 
 

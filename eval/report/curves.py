@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.relations import RelationResult
-from moteslam.eval.metrics.residuals import ResidualResult
 from moteslam.eval.report import style
 from moteslam.eval.report.style import File, curve_axes, line_look
 from moteslam.eval.runs import CONFIGURATION, SETTINGS, better, grouped, headings, key_words, summary_of, varying
@@ -96,16 +95,13 @@ def draw_effective_particles(
         curve_axes(axes, f"particles (of {most})")
 
 
-def draw_comparison(
-    path: File, results: Mapping[str, AteResult | RelationResult | ResidualResult], *, title: str = ""
-) -> None:
+def draw_comparison(path: File, results: Mapping[str, AteResult | RelationResult], *, title: str = "") -> None:
     """Errors over time and paths, after alignment; against relations, the share of them below each error.
 
     Of trajectories by name, one at least, all of one kind. Against positions alone there are no errors of the heading.
     """
     shown = dict(zip(_short(list(results)), results.values(), strict=True))
-    against = {name: result for name, result in shown.items() if isinstance(result, AteResult)}
-    if against:
+    if against := {name: result for name, result in shown.items() if isinstance(result, AteResult)}:
         _draw_errors_and_paths(path, against, title)
     else:
         _draw_shares(path, {name: r for name, r in shown.items() if isinstance(r, RelationResult)}, title)
@@ -210,7 +206,12 @@ def draw_sweep(
     """
     lines = lines_over(rows, column)
     places = places_of([value for line in lines for value in line.groups])
-    looks = _looks(lines)
+    wheres, hows = list(dict.fromkeys(line.where for line in lines)), list(dict.fromkeys(line.how for line in lines))
+    looks = []
+    for first, second in ((wheres.index(line.where), hows.index(line.how)) for line in lines):
+        marker = MARKERS[(second if len(hows) > 1 else first) % len(MARKERS)]
+        look = {"color": style.COLOURS[first % len(style.COLOURS)], "marker": marker}
+        looks.append(look | {"ls": style.DASHES[second % len(style.DASHES)]})
     with style.saved_figure(path, size=(1.0 + 5.2 * len(metrics), 4.6)) as figure:
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axes, name in zip(panels, metrics, strict=True):
@@ -227,23 +228,12 @@ def places_of(values: Sequence[Any]) -> dict[Any, float]:
     """
     once = list(dict.fromkeys(values))
     try:
-        numbers = {value: float(value) for value in once}
+        numbers = {value: float("nan" if isinstance(value, bool) else value) for value in once}
     except (TypeError, ValueError):
         numbers = {}
-    if not numbers or any(isinstance(value, bool) or not isfinite(numbers[value]) for value in once):
+    if not numbers or not all(map(isfinite, numbers.values())):
         return {value: float(k) for k, value in enumerate(once)}
     return dict(sorted(numbers.items(), key=lambda item: item[1]))
-
-
-def _looks(lines: Sequence[SweptLine]) -> list[dict[str, Any]]:
-    wheres, hows = list(dict.fromkeys(line.where for line in lines)), list(dict.fromkeys(line.how for line in lines))
-    looks = []
-    for line in lines:
-        first, second = wheres.index(line.where), hows.index(line.how)
-        marker = MARKERS[(second if len(hows) > 1 else first) % len(MARKERS)]
-        dashes = style.DASHES[second % len(style.DASHES)]
-        looks.append({"color": style.COLOURS[first % len(style.COLOURS)], "ls": dashes, "marker": marker})
-    return looks
 
 
 def far_apart(values: Sequence[float], factor: float = LOG_Y) -> bool:

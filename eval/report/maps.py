@@ -81,7 +81,15 @@ def draw_dead_reckoning(
     """
     walls = np.zeros((0, 2))
     if recording is not None and recording.lidar is not None and len(recording.lidar) == len(trajectory):
-        walls = _endpoints(recording, trajectory)
+        lidar = recording.lidar
+        scans = evenly(np.arange(len(lidar)), SCANS_DRAWN)
+        beams = slice(None, None, max(1, -(-lidar.ranges.shape[1] // BEAMS_DRAWN)))
+        ranges = lidar.ranges[scans, beams].astype(np.float64)
+        ranges[np.isinf(ranges)] = np.nan  # infinity times zero is a warning
+        x, y, heading = compose(trajectory.poses[scans], recording.platform.lidar.pose).T[..., None]
+        directions = heading + lidar.angles[beams]
+        ends = np.stack((x + ranges * np.cos(directions), y + ranges * np.sin(directions)), axis=-1)
+        walls = np.asarray(ends[np.isfinite(ranges)])
     paths = [] if truth is None else [(truth.poses, {**style.TRUTH_BAND, "label": "truth"})]
     paths.append((trajectory.poses, {"color": style.DEAD_RECKONING, "lw": 1.4, "label": "dead reckoning"}))
     limits = np.quantile(walls, (STRAY, 1 - STRAY), axis=0) if len(walls) else walls
@@ -125,20 +133,6 @@ def _lines(trajectory: Trajectory, loops: Sequence[LoopCandidate]) -> Array:
     return ends.reshape(-1, 2)
 
 
-def _endpoints(recording: Recording, trajectory: Trajectory) -> Array:
-    """Endpoints [k, 2] of an even choice of scans and beams, where the trajectory puts them [m]."""
-    lidar = recording.lidar
-    assert lidar is not None
-    scans = evenly(np.arange(len(lidar)), SCANS_DRAWN)
-    beams = slice(None, None, max(1, -(-lidar.ranges.shape[1] // BEAMS_DRAWN)))
-    ranges = lidar.ranges[scans, beams].astype(np.float64)
-    ranges[np.isinf(ranges)] = np.nan  # infinity times zero is a warning
-    x, y, heading = compose(trajectory.poses[scans], recording.platform.lidar.pose).T[..., None]
-    directions = heading + lidar.angles[beams]
-    ends = np.stack((x + ranges * np.cos(directions), y + ranges * np.sin(directions)), axis=-1)
-    return np.asarray(ends[np.isfinite(ranges)])
-
-
 STAGES = 6
 """Of a run."""
 SCANS = 250
@@ -179,11 +173,9 @@ class TextureStages:
 
     def look(self, stamp: float, mapper: TextureMapper) -> None:
         """Keep the map if a stage ends before this frame's stamp [s]."""
-        while len(self.kept) < STAGES:
-            due = self.begin + (len(self.kept) + 1) * (self.end - self.begin) / STAGES
-            if stamp < due:
-                return
-            self.kept.append((due, mapper.snapshot()))
+        for due in np.linspace(self.begin, self.end, STAGES + 1)[1:].tolist()[len(self.kept) :]:
+            if stamp >= due:
+                self.kept.append((due, mapper.snapshot()))
 
 
 def with_opacity(texture: TextureMap) -> NDArray[np.uint8]:

@@ -91,19 +91,14 @@ def draw_particles(path: File, cloud: Cloud, *, title: str = "") -> None:
         panels[3].set_xlabel("time [s]")
 
 
-def magnification(largest: float, size: float) -> int:
-    """By which deviations up to the largest [m] are magnified on a plan of a size [m]: 1, 2, 5, 10 ... up to 5000."""
-    limit = DRAWN_SIZE * size / max(largest, 1e-6)
-    return max(int(step) for step in STEPS if step == 1 or 1 < step <= min(limit, 5000))
-
-
 def _draw_plan(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None:
     from matplotlib.collections import EllipseCollection, LineCollection
 
     mean, deviations = cloud.mean, cloud.deviations(drawn)
     size = float(np.ptp(mean[:, :2], axis=0).max())
     spread = 2 * cloud.spread[:, :2]
-    factor = magnification(max(float(abs(deviations[..., :2]).max()), float(np.quantile(spread, 0.9))), size)
+    limit = DRAWN_SIZE * size / max(float(abs(deviations[..., :2]).max()), float(np.quantile(spread, 0.9)), 1e-6)
+    factor = max(int(step) for step in STEPS if step == 1 or 1 < step <= min(limit, 5000))
     paths = compose(mean, deviations * (factor, factor, 1.0))
     along = travelled(mean)[0]
     places = np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], ELLIPSES)).clip(max=len(mean) - 1))

@@ -11,7 +11,6 @@ from moteslam.eval.report import style
 from moteslam.robot.formats.map_server import FREE
 from moteslam.sim.actors.actors import Door
 from moteslam.sim.scenario import Scenario
-from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.world import World, true_map
 
 Array = NDArray[np.float64]
@@ -42,6 +41,9 @@ ARROW: dict[str, Any] = {
 
 def draw_scenario(path: style.File, scenario: Scenario, *, driven: Array | None = None) -> None:
     """Draw a scenario as a plan; the path [n, 2] that was driven [m] in place of its route."""
+    from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.patches import Rectangle
+
     world = World.of(scenario.standing)
     points = world.segments.reshape(-1, 2)
     scale = LONGEST / (float(np.ptp(points, axis=0).max()) + 2.0)  # inch/m, as of saved_plan
@@ -49,12 +51,31 @@ def draw_scenario(path: style.File, scenario: Scenario, *, driven: Array | None 
     with style.saved_plan(path, points, title=scenario.name, longest=LONGEST) as axes:
         axes.set_facecolor(FREE_SPACE)
         _draw_unreached(axes, world, scenario.start[:2])
-        _draw_slippery(axes, scenario.world)
-        _draw_furniture(axes, scenario.standing)
-        _draw_walls(axes, world)
+        look: dict[str, Any] = {"facecolor": SLIPPERY, "alpha": 0.6, "zorder": 0.3}
+        for patch in scenario.world.slippery:
+            axes.add_patch(Rectangle(patch.corner, *patch.size, label=f"slippery floor, grip {patch.grip:g}", **look))
+        look = {"edgecolors": "0.6", "linewidths": 0.4, "zorder": 0.5}
+        for kinds, (kind, colour) in FURNITURE.items():
+            if areas := [piece.polygon() for piece in getattr(scenario.standing, kinds)]:
+                axes.add_collection(PolyCollection(areas, facecolors=colour, label=f"{kind} ({len(areas)})", **look))
+        surfaces = np.zeros(len(world.segments), np.int64) if world.surfaces is None else world.surfaces
+        for i, name in enumerate(world.palette):
+            lines, plain = world.segments[surfaces == i].reshape(-1, 2, 2), name == "plain"
+            if len(lines):
+                colour, label = MATERIAL_COLOURS.get(name, OTHER_MATERIAL), "wall" if plain else name
+                axes.add_collection(LineCollection(lines, colors=colour, linewidths=1.0 if plain else 2.2, label=label))
         _draw_route(axes, scenario, line, scale, "route" if driven is None else "driven path")
-        _draw_people(axes, scenario)
-        _draw_doors(axes, scenario)
+        for person in scenario.people:
+            strolls = len(person.waypoints) == 1
+            look = {"color": PERSON, "mfc": "white" if strolls else PERSON, "mec": PERSON, "lw": 1.2}
+            look["label"] = "person, strolls about" if strolls else "person, there and back"
+            axes.plot(*np.transpose(person.waypoints), "o" if strolls else "o:", markevery=[0], ms=5, **look)
+        if scenario.crowd is not None:
+            label = f"+ {scenario.crowd.count} who stroll anywhere"
+            axes.plot([], [], "o", color="none", mec=PERSON, ms=5, label=label)
+        for door in scenario.doors:
+            axes.plot(*np.array((door.hinge, door.end)).T, color=DOOR, lw=2.4, label="door, shut")
+            axes.plot(*_opening(door).T, "--", color=DOOR, lw=1.0, label="door, as it opens")
 
 
 def _draw_unreached(axes: style.Axes, world: World, start: Array) -> None:
@@ -66,34 +87,6 @@ def _draw_unreached(axes: style.Axes, world: World, start: Array) -> None:
     look: dict[str, Any] = {"cmap": ListedColormap([UNREACHED]), "origin": "lower", "interpolation": "nearest"}
     axes.imshow(np.ma.masked_equal(reached.values, FREE), extent=reached.extent, zorder=0.4, **look)
     axes.plot([], [], "s", mfc=FREE_SPACE, mec="0.6", ms=8, label="free space")
-
-
-def _draw_slippery(axes: style.Axes, layout: Layout) -> None:
-    from matplotlib.patches import Rectangle
-
-    for patch in layout.slippery:
-        look: dict[str, Any] = {"facecolor": SLIPPERY, "alpha": 0.6, "zorder": 0.3}
-        axes.add_patch(Rectangle(patch.corner, *patch.size, label=f"slippery floor, grip {patch.grip:g}", **look))
-
-
-def _draw_furniture(axes: style.Axes, layout: Layout) -> None:
-    from matplotlib.collections import PolyCollection
-
-    look: dict[str, Any] = {"edgecolors": "0.6", "linewidths": 0.4, "zorder": 0.5}
-    for kinds, (kind, colour) in FURNITURE.items():
-        if areas := [piece.polygon() for piece in getattr(layout, kinds)]:
-            axes.add_collection(PolyCollection(areas, facecolors=colour, label=f"{kind} ({len(areas)})", **look))
-
-
-def _draw_walls(axes: style.Axes, world: World) -> None:
-    from matplotlib.collections import LineCollection
-
-    surfaces = np.zeros(len(world.segments), np.int64) if world.surfaces is None else world.surfaces
-    for i, name in enumerate(world.palette):
-        lines, plain = world.segments[surfaces == i].reshape(-1, 2, 2), name == "plain"
-        if len(lines):
-            colour, label = MATERIAL_COLOURS.get(name, OTHER_MATERIAL), "wall" if plain else name
-            axes.add_collection(LineCollection(lines, colors=colour, linewidths=1.0 if plain else 2.2, label=label))
 
 
 def _draw_route(axes: style.Axes, scenario: Scenario, line: Array | None, scale: float, name: str) -> None:
@@ -122,22 +115,6 @@ def along(line: Array, spacing: float) -> tuple[Array, Array]:
     leg = np.clip(np.searchsorted(travelled, at, side="right") - 1, 0, len(steps) - 1)
     directions = steps[leg] / np.maximum(lengths[leg], 1e-12)[:, None]
     return line[leg] + (at - travelled[leg])[:, None] * directions, directions
-
-
-def _draw_people(axes: style.Axes, scenario: Scenario) -> None:
-    for person in scenario.people:
-        strolls = len(person.waypoints) == 1
-        look: dict[str, Any] = {"color": PERSON, "mfc": "white" if strolls else PERSON, "mec": PERSON, "lw": 1.2}
-        look["label"] = "person, strolls about" if strolls else "person, there and back"
-        axes.plot(*np.transpose(person.waypoints), "o" if strolls else "o:", markevery=[0], ms=5, **look)
-    if scenario.crowd is not None:
-        axes.plot([], [], "o", color="none", mec=PERSON, ms=5, label=f"+ {scenario.crowd.count} who stroll anywhere")
-
-
-def _draw_doors(axes: style.Axes, scenario: Scenario) -> None:
-    for door in scenario.doors:
-        axes.plot(*np.array((door.hinge, door.end)).T, color=DOOR, lw=2.4, label="door, shut")
-        axes.plot(*_opening(door).T, "--", color=DOOR, lw=1.0, label="door, as it opens")
 
 
 def _opening(door: Door) -> Array:

@@ -38,7 +38,19 @@ def draw_streams(path: style.File, recording: Recording, found: Inspection) -> N
         panels = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
         panels[0].set_xlim(-0.01 * span, 1.01 * span)
         panels[-1].set_xlabel("time since the first stamp [s]")
-        _draw_cover(panels[0], since, colours)
+        for row, (name, some) in enumerate(since.items()):
+            steps = np.diff(some)
+            above = steps[steps > 0]
+            longest = max(GAP * float(np.median(above)), REPORTED_GAP) if len(above) else np.inf
+            gaps = np.flatnonzero(steps > longest)
+            begins, ends = np.append(some[0], some[gaps + 1]), np.append(some[gaps], some[-1])
+            panels[0].broken_barh(list(zip(begins, ends - begins, strict=True)), (row - 0.3, 0.6), color=colours[name])
+            if len(gaps):
+                silent = [(float(some[gap]), float(steps[gap])) for gap in gaps]
+                panels[0].broken_barh(silent, (row - 0.3, 0.6), color="black")
+        panels[0].set_yticks(range(len(since)), list(since))
+        panels[0].invert_yaxis()
+        panels[0].set_title("what the streams cover; gaps in black", loc="left")
         _draw_rates(panels[1], since, colours, span)
         if rates:
             axes = panels[2]
@@ -51,28 +63,6 @@ def draw_streams(path: style.File, recording: Recording, found: Inspection) -> N
             _legend(axes)
         if lidar is not None:
             _draw_ranges(panels[-2], panels[-1], lidar, first)
-
-
-def _draw_cover(axes: style.Axes, stamps: dict[str, Array], colours: dict[str, str]) -> None:
-    """A bar for what each stream covers, in black where it has a gap."""
-    for row, (name, some) in enumerate(stamps.items()):
-        steps = np.diff(some)
-        gaps = _gaps(some)
-        begins, ends = np.append(some[0], some[gaps + 1]), np.append(some[gaps], some[-1])
-        axes.broken_barh(list(zip(begins, ends - begins, strict=True)), (row - 0.3, 0.6), color=colours[name])
-        if len(gaps):
-            silent = [(float(some[gap]), float(steps[gap])) for gap in gaps]
-            axes.broken_barh(silent, (row - 0.3, 0.6), color="black")
-    axes.set_yticks(range(len(stamps)), list(stamps))
-    axes.invert_yaxis()
-    axes.set_title("what the streams cover; gaps in black", loc="left")
-
-
-def _gaps(stamps: Array) -> NDArray[np.intp]:
-    steps = np.diff(stamps)
-    above = steps[steps > 0]
-    longest = max(GAP * float(np.median(above)), REPORTED_GAP) if len(above) else np.inf
-    return np.flatnonzero(steps > longest)
 
 
 def _draw_rates(axes: style.Axes, stamps: dict[str, Array], colours: dict[str, str], span: float) -> None:

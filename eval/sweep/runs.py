@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 import resource
+import tempfile
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from moteslam.errors import InputError, MoteslamError
 from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
 from moteslam.eval.metrics.registry import COSTS, Value, measure
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.scores import evidence_of, relations_beside, true_map_beside, truth_file
-from moteslam.eval.sweep.external import Command, estimate
 from moteslam.eval.sweep.plan import PlannedRun
+from moteslam.eval.sweep.spec import RecordingFormat, run_program
+from moteslam.robot.formats.map_server import read_map
+from moteslam.robot.formats.ucsd import write_ucsd
+from moteslam.robot.formats.written import write_carmen
+from moteslam.robot.platforms import write_platform
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
+from moteslam.robot.trajectories import read_trajectory
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue
+from moteslam.sim.logged import with_odometry
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.settings import resolve_config
 
@@ -91,6 +99,58 @@ def _ours(run: PlannedRun, case: Case) -> tuple[Evidence, Cost, tuple[Issue, ...
     evidence = evidence_of(found, case.truth, recording=case.recording, true_map=case.true_map)
     memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return evidence, Cost(cpu, wall, memory, tuple(found.diagnostics["seconds"].tolist())), found.warnings
+
+
+@dataclass(frozen=True)
+class Command:
+    """An external SLAM: a program and its arguments, the format of its recording, and what it writes into ``{out}``.
+
+    In each word ``{recording}`` stands for the file or folder of the recording, ``{platform}`` for its robot as TOML,
+    ``{out}`` for an empty folder, ``{seed}`` for the seed. The trajectory is on the clock of the recording, the map,
+    which may be missing, in the trajectory's frame. The version changes nothing.
+    """
+
+    words: tuple[str, ...]
+    format: RecordingFormat
+    trajectory: str
+    map: str
+    version: str = ""
+
+
+def estimate(command: Command, recording: Recording, seed: int) -> tuple[Trajectory, Raster | None]:
+    """Run an external SLAM over a recording; its trajectory, and its map if it wrote one.
+
+    Nothing but the recording and its robot is given to it; of what it prints the last line of one that fails is kept.
+    """
+    with tempfile.TemporaryDirectory(prefix="moteslam-") as temporary:
+        out, given = Path(temporary) / "out", Path(temporary) / "in"
+        out.mkdir()
+        given.mkdir()
+        try:
+            file = given
+            if command.format == "ucsd":
+                write_ucsd(given, recording, sequence=0)
+            else:  # a log has odometry poses, as the base integrates them
+                file = given / "recording.log"
+                posed = recording.odometry is not None or getattr(recording.lidar, "odometry", None) is not None
+                write_carmen(file, recording if posed else with_odometry(recording, gyro=recording.imu is not None))
+        except MoteslamError as error:
+            problem = f"the recording cannot be given to it in the format {command.format}: {error.problem}"
+            raise InputError(problem, file=command.words[0]) from error
+        robot = given / "platform.toml"
+        write_platform(robot, recording.platform)
+        words = list(command.words)
+        for name, value in {"recording": file, "platform": robot, "out": out, "seed": seed}.items():
+            words = [word.replace(f"{{{name}}}", str(value)) for word in words]
+        run_program(words, out)
+        if not (out / command.trajectory).is_file():
+            raise InputError(f"wrote no {command.trajectory}, expected its trajectory in {{out}}", file=words[0])
+        try:
+            occupancy = read_map(out / command.map) if command.map and (out / command.map).exists() else None
+            return read_trajectory(out / command.trajectory), occupancy
+        except MoteslamError as error:  # its file is gone soon
+            where = f"{Path(error.file).name}: " if error.file is not None else ""
+            raise InputError(f"{where}{error.problem}", file=words[0], field=error.field) from error
 
 
 def _external(run: PlannedRun, case: Case) -> tuple[Evidence, Cost, tuple[Issue, ...]]:

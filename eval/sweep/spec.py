@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,12 +16,13 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.evidence import TRACKS
 from moteslam.eval.metrics.registry import chosen, split
-from moteslam.eval.sweep.external import version_of
 from moteslam.robot.values import NotNegative, Number, Positive, Section, Whole, read_toml, validated
 from moteslam.slam.settings import DEFAULT_PRESET
 
 FOLDER = Path(__file__).parent / "specs"
 MAX_RUNS = 1_000_000
+TAIL, LONGEST_VERSION = 300, 200
+"""Characters of the last line that a program printed that go into the error, and of a version."""
 PREFIXES = ("slam.", "scenario.", "platform.")
 """What a key that varies, or that a configuration sets, begins with: whose key it is."""
 NAME = r"^[\w.+-]{1,80}$"
@@ -27,6 +30,7 @@ SUCCESS = {"final.ate": 0.5}
 """A run succeeds, where nothing else is said, with a final ATE of at most this [m]."""
 
 Scalar = bool | int | float | str
+RecordingFormat = Literal["carmen", "ucsd"]
 FileName = Annotated[str, Field(pattern=r"^[\w.+-]{1,200}$")]
 
 
@@ -83,7 +87,7 @@ class Configuration(Section):
     """In place of a preset: a program and its arguments, see `Command`; `{here}` is the folder of this file."""
     version: str | tuple[str, ...] = ""
     """Of the command: a text, or a program and its arguments, the first line of which is recorded."""
-    format: Literal["carmen", "ucsd"] = "carmen"
+    format: RecordingFormat = "carmen"
     """In which the command is given the recording."""
     trajectory: FileName = "trajectory.tum"
     """Which file in `{out}` is the command's trajectory."""
@@ -225,6 +229,27 @@ def _placed(name: str, one: Configuration, folder: Path) -> Configuration:
     except InputError as error:
         raise ConfigError(str(error), field=f"configurations.{name}.version") from error
     return one.model_copy(update={"command": here(one.command), "version": version}) if one.command else one
+
+
+def run_program(words: Sequence[str], folder: Path | None = None) -> str:
+    """Run a program to its end, without input, in a folder; what it wrote to stdout."""
+    try:
+        done = subprocess.run(words, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+    except OSError as error:
+        raise InputError(f"cannot be run: {error.strerror or error}", file=words[0]) from error
+    if done.returncode:
+        printed = (done.stderr or done.stdout).decode("utf-8", errors="replace").strip().splitlines()
+        last = f": {printed[-1][-TAIL:]}" if printed else ""
+        raise InputError(f"ended with exit code {done.returncode}{last}", file=words[0])
+    return done.stdout.decode("utf-8", errors="replace")
+
+
+def version_of(words: Sequence[str]) -> str:
+    """The first line that a program prints."""
+    line = next((line.strip() for line in run_program(words).splitlines() if line.strip()), "")
+    if not line:
+        raise InputError("printed nothing, expected a version", file=words[0])
+    return line[:LONGEST_VERSION]
 
 
 def numbers(text: str) -> list[int]:

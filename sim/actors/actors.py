@@ -22,14 +22,10 @@ if TYPE_CHECKING:
     import pymunk
 
 
-TRUTH_RATE = 100
-"""Places of people and doors, and true poses of the robot, that are kept a second [Hz]."""
-STEP_LENGTH = 0.7
-"""Of a walking person: from one footprint to the next [m]."""
-STRIDE = 0.18
-"""How far a leg swings forward and back, at the lidar's height [m]."""
-LEGS_APART = 0.11
-"""Of each leg from the middle [m]."""
+TRUTH_RATE = 100  # Places of people and doors, and true poses of the robot, that are kept a second [Hz]
+STEP_LENGTH = 0.7  # Of a walking person: from one footprint to the next [m]
+STRIDE = 0.18  # How far a leg swings forward and back, at the lidar's height [m]
+LEGS_APART = 0.11  # Of each leg from the middle [m]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,11 +59,9 @@ def _legs(path: Array, walked: Array, radius: float) -> Array:
     return np.concatenate((np.stack(legs, axis=1), np.full((len(path), 2, 1), radius)), axis=-1)
 
 
-MAX_DOORS = 60
-"""In a scenario: every beam is tested against each of them."""
+MAX_DOORS = 60  # In a scenario: every beam is tested against each of them
 
-CLEAR = 0.12
-"""A leaf stops this far from anyone [m]."""
+CLEAR = 0.12  # A leaf stops this far from anyone [m]
 
 
 class Door(Section):
@@ -175,20 +169,14 @@ def _distance(points: Array, line: NDArray[Any]) -> Array:
     return np.asarray(np.hypot(*(points - a - share[:, None] * along).T))
 
 
-LEAF_POINTS, LEAF_RADIUS = 9, 0.02
-"""A leaf is this many discs of this radius [m] to who drives towards it."""
+LEAF_POINTS, LEAF_RADIUS = 9, 0.02  # A leaf is this many discs of this radius [m] to who drives towards it
 
 
 class Actors:
-    """The people and doors of a scenario.
+    """The people with waypoints, the crowd, whom the seed places, and the doors of a scenario, in a physics engine's
+    space.
 
-    Args:
-        people: with waypoints of their own.
-        crowd: more people, whom the seed places.
-        space: of the physics engine, which they are put into.
-        start: [2] where the robot starts [m].
-        duration: of the run at most [s].
-        rng: of schedules, strolls and the crowd.
+    The robot starts at ``start`` [2] [m], of a run of ``duration`` at most [s].
     """
 
     def __init__(

@@ -18,10 +18,8 @@ from moteslam.sim.robot.driver import PATIENCE, Driver, Limits, pace
 from moteslam.sim.robot.mishaps import Carried, Mishap, carrying
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 
-CONTROL_STEPS = 8
-"""Physics steps between two commands of the driver (50 Hz)."""
-STUCK_AFTER = 5.0
-"""A driver that asks for motion and gets under 5 cm and 0.05 rad of it in this time gives up [s]."""
+CONTROL_STEPS = 8  # Physics steps between two commands of the driver (50 Hz)
+STUCK_AFTER = 5.0  # A driver that asks for motion and gets under 5 cm and 0.05 rad of it in this time gives up [s]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,7 +47,6 @@ def drive(
     limits: Limits,
     duration: float,
     *,
-    faults: Sequence[object] = (),
     progress: Callable[[float], None] = lambda _: None,
 ) -> Drive:
     """Rest, drive until the driver has arrived, is stuck or out of time, and rest again.
@@ -57,28 +54,20 @@ def drive(
     Args:
         run: the robot where it starts, among the actors.
         duration: of the drive at most [s].
-        faults: of a scenario; what happens to the robot (see `Mishap`) is taken from them, one at a time.
         progress: called with the share of the path that lies behind.
     """
     vehicle, actors, dt, interval = run.vehicle, run.actors, 1 / PHYSICS_RATE, CONTROL_STEPS / PHYSICS_RATE
+    run.driver = driver
     waited = 0.0
     end, end_step = "out of time", round((duration - limits.rest_end) * PHYSICS_RATE)
     rest_steps, stuck_steps = round(limits.rest_start * PHYSICS_RATE), round(STUCK_AFTER * PHYSICS_RATE)
     stuck_check, stuck_pose, carried = rest_steps + stuck_steps, run.state, 0
-    mishaps = {}  # by their steps
-    for i, mishap in enumerate(faults):
-        if isinstance(mishap, Mishap):
-            first = round(mishap.start * PHYSICS_RATE)
-            steps = range(first, first + max(1, round(mishap.duration * PHYSICS_RATE)))
-            mishaps[steps] = (mishap, f"faults.{i}")
     for step in range(end_step):
-        held = next((steps for steps in mishaps if step in steps), None)
-        if held is not None:
+        mishap = run.mishap
+        if mishap is not None:
             stuck_check, stuck_pose = max(step, rest_steps) + stuck_steps, run.state
-            fault, field = mishaps[held]
-        if held is not None and isinstance(fault, Carried):
-            run.carry(fault, step - held.start, len(held), driver, field)
-            run.speed = run.turn_rate = 0.0
+        if isinstance(mishap, Carried):
+            run.step()
             carried += step >= rest_steps
             continue
         if step >= rest_steps and step % CONTROL_STEPS == 0:
@@ -102,10 +91,7 @@ def drive(
                 stuck_check, stuck_pose = step + stuck_steps, run.state
             if step % PHYSICS_RATE == 0:
                 progress(driver.done)
-        if held is not None:
-            run.stand()
-        else:
-            run.step()
+        run.step()
     for _ in range(max(1, round(limits.rest_end * PHYSICS_RATE))):
         run.ask(0.0, 0.0, limits, 2 * dt)
         run.step()
@@ -117,10 +103,19 @@ class Run:
 
     Attributes:
         speed, turn_rate: what the motors are asked for [m/s], [rad/s].
+        driver: on whose path it is carried; None for one without a path.
     """
 
-    def __init__(self, vehicle: Vehicle, actors: Actors | None) -> None:
+    def __init__(self, vehicle: Vehicle, actors: Actors | None, faults: Sequence[object] = ()) -> None:
+        """What happens to the robot (see `Mishap`) is taken from a scenario's faults, one at a time."""
         self.vehicle, self.actors = vehicle, actors
+        self.driver: Driver | None = None
+        self._mishaps: dict[range, tuple[Mishap, str]] = {}  # by their steps
+        for i, fault in enumerate(faults):
+            if isinstance(fault, Mishap):
+                first = round(fault.start * PHYSICS_RATE)
+                steps = range(first, first + max(1, round(fault.duration * PHYSICS_RATE)))
+                self._mishaps[steps] = (fault, f"faults.{i}")
         self.state = vehicle.state()  # the vehicle's present one, see ``Vehicle.state``
         self.steps = 0  # of the physics so far
         self.speed = self.turn_rate = 0.0
@@ -133,31 +128,42 @@ class Run:
         self.speed = _approach(self.speed, speed, limits.acceleration * seconds)
         self.turn_rate = _approach(self.turn_rate, turn_rate, limits.turn_acceleration * seconds)
 
+    @property
+    def mishap(self) -> Mishap | None:
+        """What happens to the robot in the next physics step."""
+        return next((fault for steps, (fault, _) in self._mishaps.items() if self.steps in steps), None)
+
     def step(self) -> None:
         """One physics step."""
-        self.vehicle.push(self.speed, self.turn_rate)
-        self._advance()
+        steps = next((steps for steps in self._mishaps if self.steps in steps), None)
+        if steps is None:
+            self.vehicle.push(self.speed, self.turn_rate)
+            self._advance()
+            return
+        fault, field = self._mishaps[steps]
+        if isinstance(fault, Carried):
+            self._carry(fault, self.steps - steps.start, len(steps), field)
+        else:  # the wheels spin as asked while the robot stands
+            x, y, theta = self.state[:3]
+            self.vehicle.spin(self.speed, self.turn_rate)
+            self._advance((x, y, theta), (0.0, 0.0, 0.0))
 
-    def stand(self) -> None:
-        """One physics step in which the wheels spin as asked while the robot stands."""
-        x, y, theta = self.state[:3]
-        self.vehicle.spin(self.speed, self.turn_rate)
-        self._advance((x, y, theta))
-
-    def carry(self, fault: Carried, index: int, count: int, driver: Driver, field: str) -> None:
+    def _carry(self, fault: Carried, index: int, count: int, field: str) -> None:
         """One of ``count`` physics steps of being carried; the driver goes on from where the last of them ends."""
         vehicle = self.vehicle
         if index == 0:
             pose = np.array(self.state[:3])
-            self._carried, self._goal = carrying(fault, pose, driver, PHYSICS_RATE, field=field)
+            self._carried, self._goal = carrying(fault, pose, self.driver, PHYSICS_RATE, field=field)
             vehicle.lift(up=True)
         here, following = self._carried[index], self._carried[min(index + 1, count - 1)]
         vehicle.spin(0.0, 0.0)
         (x, y, theta), (vx, vy, turn) = here.tolist(), ((following - here) * PHYSICS_RATE).tolist()
         self._advance((x, y, theta), (vx, vy, turn))
+        self.speed = self.turn_rate = 0.0
         if index == count - 1:
             vehicle.lift(up=False)
-            driver.at = self._goal
+            if self.driver is not None:
+                self.driver.at = self._goal
 
     def _advance(
         self, pose: tuple[float, float, float] | None = None, velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)

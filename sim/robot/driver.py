@@ -65,8 +65,7 @@ class Driver(Protocol):
         ...
 
 
-SPACING = 0.05
-"""Between the points that a path is sampled at [m]."""
+SPACING = 0.05  # Between the points that a path is sampled at [m]
 
 
 class PathDriver:
@@ -140,10 +139,8 @@ def _sway(points: Array, length: Array, limits: Limits, rng: np.random.Generator
 
 STOP_GAP, SLOW_GAP = 0.25, 0.9
 """The robot stops with the first gap to who is ahead, and slows down over the second before that [m]."""
-SIDE_GAP = 0.08
-"""Who leaves less than this beside the robot is in its path [m]."""
-PATIENCE = 60.0
-"""How long a driver waits for its path to become free [s]."""
+SIDE_GAP = 0.08  # Who leaves less than this beside the robot is in its path [m]
+PATIENCE = 60.0  # How long a driver waits for its path to become free [s]
 
 
 def pace(pose: tuple[float, float, float], platform: Platform, centres: Array, radii: Array) -> float:

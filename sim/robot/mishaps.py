@@ -18,12 +18,9 @@ from moteslam.robot.values import Number, Section
 from moteslam.sim.robot.driver import MAX_DURATION, SPACING, Commands, Driver, Route, Seconds, Task, sampled
 from moteslam.sim.world.world import World, check_place
 
-FAR = 10.0
-"""How far along its path a robot is carried unless it is said [m]."""
-CORNER = 0.3
-"""Over which corners are rounded, before and after them [m]."""
-TURNS = 0.4
-"""Over which turns are smoothed, before and after them [s]."""
+FAR = 10.0  # How far along its path a robot is carried unless it is said [m]
+CORNER = 0.3  # Over which corners are rounded, before and after them [m]
+TURNS = 0.4  # Over which turns are smoothed, before and after them [s]
 
 Duration = Annotated[Number, Field(gt=0, le=MAX_DURATION)]
 
@@ -113,19 +110,16 @@ def check_mishaps(faults: Sequence[object], task: Task, world: World, platform: 
                 )
 
 
-def carrying(fault: Carried, pose: Array, driver: Driver, rate: int, *, field: str) -> tuple[Array, int]:
-    """How the robot is carried: along its path, at the speed of one who starts and stops, facing where it is carried.
+def carrying(fault: Carried, pose: Array, driver: Driver | None, rate: int, *, field: str) -> tuple[Array, int]:
+    """How the robot is carried from a pose [3], the heading not wrapped, along the path of its driver, at a rate [Hz].
 
-    Args:
-        pose: [3] where it is lifted, the heading not wrapped.
-        driver: whose path it is.
-        rate: poses a second [Hz].
+    At the speed of one who starts and stops, facing where it is carried; without a driver straight there.
 
     Returns:
         poses [n, 3], the heading not wrapped, the last where it is set down; and the index on the driver's path from
         which it goes on, 0 where it has none.
     """
-    points, at = driver.path, driver.at
+    points, at = (None, 0) if driver is None else (driver.path, driver.at)
     if points is None:
         assert fault.to is not None  # a scenario without is refused
         corners, goal, target = np.array((pose[:2], fault.to[:2])), 0, np.array(fault.to)

@@ -19,21 +19,16 @@ from moteslam.robot.se2 import Array
 from moteslam.sim.actors.people import ROBOT
 from moteslam.sim.world.world import World
 
-PHYSICS_RATE = 400
-"""Physics steps a second [Hz]."""
-GRAVITY = 9.80665
-"""[m/s^2]"""
-SHIFTS = 0.02
-"""Time in which the load shifts between the wheels [s]."""
+PHYSICS_RATE = 400  # Physics steps a second [Hz]
+GRAVITY = 9.80665  # [m/s^2]
+SHIFTS = 0.02  # Time in which the load shifts between the wheels [s]
 
 
 class Vehicle:
     """The robot's body on its wheels, among the walls of a physics engine's ``space``; others may be put into it.
 
-    Args:
-        start: the pose [3] it starts at.
-        world: the walls, and the patches of slippery floor.
-        noise: rolling resistance, and the height of the mass, by which the load shifts between the wheels.
+    It starts at a pose [3]. Of the world it feels the slippery patches, too, of the noise rolling resistance, and the
+    height of the mass, by which the load shifts between the wheels.
     """
 
     def __init__(self, platform: Platform, start: Array, world: World, noise: DriveNoise) -> None:

@@ -34,6 +34,12 @@ def readings(rate: float, start: float, end: float, noise: ClockNoise, rng: np.r
     return np.asarray(times, np.float64), np.asarray(stamps, np.float64)
 
 
+def arrived(times: Array, stamps: Array, until: float) -> int:
+    """How many readings that are complete at times [n] and stamped [n] have arrived by a time [s]."""
+    taken = np.searchsorted(times, until, side="right")
+    return int(min(taken, np.searchsorted(stamps, until, side="right")))
+
+
 EPOCH = 1_300_000_000.0
 """The stamp of the drive's first moment [s since 1970], so that stamps are as coarse as a real robot's."""
 

@@ -24,10 +24,8 @@ if TYPE_CHECKING:
     from moteslam.kernels.buckets import SegmentBuckets
 
 
-MAX_SURFACES = 4
-"""That a beam is followed to."""
-BEYOND = 1e-3
-"""A beam goes on this far behind a pane or before a mirror [m]: what stands closer to them is missed."""
+MAX_SURFACES = 4  # That a beam is followed to
+BEYOND = 1e-3  # A beam goes on this far behind a pane or before a mirror [m]: what stands closer to them is missed
 
 
 class Rays(NamedTuple):
@@ -164,8 +162,7 @@ def _fate_at(material: Material, off: Array, length: Array, draws: Array) -> NDA
     return fate
 
 
-EDGE = 0.1
-"""Smallest distance between the two sides of an edge, beyond the slope of the surface [m]."""
+EDGE = 0.1  # Smallest distance between the two sides of an edge, beyond the slope of the surface [m]
 
 
 def mix_at_edges(

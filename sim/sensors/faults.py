@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from moteslam.errors import ConfigError
 from moteslam.robot import se2
-from moteslam.robot.platform import LidarSpec
-from moteslam.robot.recording import OdometryStream, Recording
+from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Positive, Section, Truth
 from moteslam.sim.robot.driver import MAX_DURATION
@@ -79,30 +77,11 @@ class Tilt(Interval):
         return self
 
 
-def carts_in_view(
-    exact: NDArray[np.float32], carts: Sequence[Cart], times: Array, origin: tuple[float, float], bearings: Array
-) -> NDArray[np.float32]:
-    """The ranges [n, beams] [m] of scans with carts in them: the nearer of what stands there and the cart.
-
-    Args:
-        times: [n, beams] of the beams, since the drive's start [s].
-        origin: where the lidar is beside its mount [m].
-        bearings: [beams] in the robot's frame [rad].
-    """
-    for cart in carts:
-        met = np.where(cart.covers(times), cart.ranges(origin, bearings), np.inf)
-        exact = np.where(np.isfinite(met), np.fmin(exact, met), exact).astype(np.float32)
-    return exact
-
-
 def leaning(leans: Array, z: float, tilts: Sequence[Tilt], times: Array) -> tuple[Array, Array | float, Array | float]:
     """Roll and pitch of beams, the height of their lidar, and from which angle on they measure the floor.
 
-    Args:
-        leans: [n, beams, 2] or [2] roll and pitch without the tilts [rad].
-        z: the lidar's height without them [m].
-        tilts: of its mount, which add up; of height and grazing the last one's count.
-        times: [n, beams] of the beams, since the drive's start [s].
+    Without tilts of its mount they lean [n, beams, 2] or [2] [rad] at a height z [m]; tilts add up, but of height and
+    grazing the last one's count. ``times`` [n, beams] are since the drive's start [s].
     """
     if not tilts:
         return leans, z, np.inf
@@ -115,14 +94,6 @@ def leaning(leans: Array, z: float, tilts: Sequence[Tilt], times: Array) -> tupl
         if tilt.height is not None:
             height[covered] = tilt.height
     return leans, height.reshape(-1), grazing.reshape(-1)
-
-
-def check_tilt(tilt: Tilt, lidar: LidarSpec, *, field: str) -> None:
-    """Refuse a tilt of a lidar whose height is not known."""
-    if tilt.height is None and lidar.z <= 0:
-        raise ConfigError(
-            f"missing, expected it where the robot's lidar is at z = {lidar.z:g} m", field=f"{field}.height"
-        )
 
 
 def _box_ranges(box: tuple[float, float, float, float], bearings: Array) -> Array:
@@ -182,23 +153,29 @@ class OdometryJump(Section):
         return self
 
 
-def with_scans_repeated(recording: Recording, faults: Iterable[object]) -> Recording:
-    """The recording with the scans of every `RepeatedScans` in place of its own.
+class Repeating:
+    """The lidar's driver, which sends a scan again and again wherever a scenario's faults are `RepeatedScans`."""
 
-    ``faults`` are a scenario's, here and below: those of other kinds are passed over.
-    """
-    lidar = recording.lidar
-    assert lidar is not None
-    for fault in faults:
-        if isinstance(fault, RepeatedScans) and len(frozen := np.flatnonzero(fault.covers(lidar.stamps - EPOCH))):
-            ranges = np.array(lidar.ranges)
-            ranges[frozen] = ranges[max(frozen[0] - 1, 0)]
+    def __init__(self, faults: Iterable[object]) -> None:
+        self._faults = [fault for fault in faults if isinstance(fault, RepeatedScans)]
+        self._last: dict[int, NDArray[np.float32]] = {}  # what each has sent last
+
+    def sent(self, lidar: LidarStream) -> LidarStream:
+        """The next scans, those of every fault in place of their own."""
+        for k, fault in enumerate(self._faults if len(lidar) else ()):
+            frozen, ranges = np.flatnonzero(fault.covers(lidar.stamps - EPOCH)), np.array(lidar.ranges)
+            if len(frozen):
+                ranges[frozen] = ranges[frozen[0] - 1] if frozen[0] else self._last.get(k, ranges[0])
+            self._last[k] = ranges[-1]
             lidar = replace(lidar, ranges=ranges)
-    return recording.replace(lidar=lidar)
+        return lidar
 
 
 def without_lost_motion(recording: Recording, faults: Iterable[object]) -> Recording:
-    """The recording with no counts and no turns in every gap whose counts are lost: what a base integrates of it."""
+    """The recording with no counts and no turns in every gap whose counts are lost: what a base integrates of it.
+
+    ``faults`` are a scenario's, here and below: those of other kinds are passed over.
+    """
     encoders, imu = recording.encoders, recording.imu
     assert encoders is not None
     for fault in faults:

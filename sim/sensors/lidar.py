@@ -17,7 +17,7 @@ from moteslam.robot.values import given_up
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.clock import readings
 from moteslam.sim.sensors.echoes import Rays, Scene, mix_at_edges
-from moteslam.sim.sensors.faults import Cart, Tilt, carts_in_view, leaning
+from moteslam.sim.sensors.faults import Cart, Tilt, leaning
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,7 @@ class LidarErrors:
         return cls(*(rng.standard_normal(len(spread)) * spread).tolist())
 
 
-_RAYS = 512 * 1081
-"""Rays at a time; scans are not divided."""
+_RAYS = 512 * 1081  # Rays at a time; scans are not divided
 
 
 class Lidar:
@@ -105,15 +104,8 @@ class Lidar:
             rows = slice(start, min(start + at_a_time, until))
             ranges[start - first : rows.stop - first] = self._scans(drive, scene, self.times[rows], tilt)
             progress(min(1.0, (start + at_a_time - first) / len(ranges)))
-        return LidarStream(
-            stamps=self.stamps[first:until],
-            ranges=given_up(ranges),
-            angle_min=scan.angle_min,
-            angle_increment=scan.angle_increment,
-            range_min=scan.range_min,
-            range_max=scan.range_max,
-            time_increment=lidar.time_increment,
-        )
+        figures = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max, lidar.time_increment
+        return LidarStream(self.stamps[first:until], given_up(ranges), *figures)
 
     def _scans(self, drive: Drive, scene: Scene, times: Array, tilt: Array | None) -> NDArray[np.float32]:
         """The ranges [m, beams] of scans that begin at some times [m] [s]."""
@@ -128,10 +120,10 @@ class Lidar:
             leans, height, grazing = leaning(leans, lidar.z, self._aslant, moments)
             bearings = np.tile(lidar.yaw + angles, len(moments))
             exact = tilted(exact, leans.reshape(-1, 2), bearings, height, grazing)
-        if self._carts:
-            bearings = np.asarray(self._mount.yaw + angles, np.float64)
-            scans = exact.reshape(moments.shape)
-            exact = carts_in_view(scans, self._carts, moments, (errors.x, errors.y), bearings).reshape(-1)
+        for cart in self._carts:  # what is nearer hides the other
+            seen = cart.ranges((errors.x, errors.y), np.asarray(self._mount.yaw + angles))
+            met = np.where(cart.covers(moments), seen, np.inf).reshape(-1)
+            exact = np.where(np.isfinite(met), np.fmin(exact, met), exact).astype(np.float32)
         if errors.scale or errors.bias:
             exact = (exact * (1 + errors.scale) + errors.bias).astype(np.float32)
         return measured(exact.reshape(-1, scan.beams), scan, noise, self._rng)
@@ -164,12 +156,8 @@ def tilted(
 ) -> NDArray[np.float32]:
     """The ranges [n] of beams that do not lie level: walls are a little further, and some beams end on the floor.
 
-    Args:
-        level: [n] of the level beams [m].
-        leans: roll and pitch of the lidar [2] or [n, 2] [rad].
-        bearings: [n] of the beams in the robot's frame [rad].
-        height: of the lidar above the floor [m], one or [n]; at 0 or below no floor is met.
-        grazing: angle from which on the floor is measured [rad], one or [n].
+    The lidar leans by roll and pitch [2] or [n, 2] [rad], so high above the floor [m], one or [n]; at 0 or below no
+    floor is met, and it is measured from the angle ``grazing`` on [rad]. Bearings [n] are in the robot's frame [rad].
     """
     leans = np.broadcast_to(leans, (len(level), 2))
     down = leans[:, 1] * np.cos(bearings) + leans[:, 0] * -np.sin(bearings)
@@ -224,14 +212,13 @@ def _at(drive: Drive, times: Array, values: Array) -> Array:
     return np.asarray(values[i] * (1 - share) + values[i + 1] * share)
 
 
-SETTLES = 0.1
-"""Time in which the body follows an acceleration, and over which it shakes alike [s]."""
+SETTLES = 0.1  # Time in which the body follows an acceleration, and over which it shakes alike [s]
 
 
-def tilt_of(drive: Drive, noise: DriveNoise, rng: np.random.Generator) -> Array:
+def tilt_of(drive: Drive, noise: DriveNoise, white: Array) -> Array:
     """Roll (to the right positive) and pitch (down positive) [n, 2] at the drive's stamps [rad].
 
-    The body leans in bends, dips when it brakes, and shakes with its speed.
+    The body leans in bends, dips when it brakes, and shakes with its speed, as standard normal numbers [n, 2] say.
     """
     from scipy.signal import lfilter
 
@@ -242,13 +229,12 @@ def tilt_of(drive: Drive, noise: DriveNoise, rng: np.random.Generator) -> Array:
     forward, left = np.cos(theta) * ax + np.sin(theta) * ay, np.cos(theta) * ay - np.sin(theta) * ax
     leans = noise.sway * np.stack((left, -forward), axis=1)
     leans = lfilter([1.0 - keep], [1.0, -keep], leans, axis=0)
-    white = np.sqrt(1 - keep**2) * rng.standard_normal((len(theta), 2))
+    white = np.sqrt(1 - keep**2) * white
     shaken = noise.shake * np.hypot(vx, vy)[:, None] * lfilter([1.0], [1.0, -keep], white, axis=0)
     return np.asarray(leans + shaken, np.float64)
 
 
-MAX_REACH = 2.0
-"""Of a sensor's mount from the robot's centre [m]."""
+MAX_REACH = 2.0  # Of a sensor's mount from the robot's centre [m]
 
 
 def check_sensors(platform: Platform) -> None:

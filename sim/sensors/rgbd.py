@@ -1,7 +1,7 @@
 """The Kinect: when its two cameras fire, and what they see.
 
-Two minutes of frames are gigabytes, so nothing is drawn until it is asked for: ``schedule_frames`` settles when and
-from where every frame is taken, and `CameraFrames` draws the images of some of them.
+Two minutes of frames are gigabytes, so nothing is drawn until it is asked for: `Camera` settles when and from where
+every frame is taken, and `CameraFrames` draws the images of some of them.
 """
 
 from __future__ import annotations
@@ -17,26 +17,23 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError
 from moteslam.robot import rgbd
 from moteslam.robot.platform import CameraSettings, CameraSpec
-from moteslam.robot.recording import RgbdStream
+from moteslam.robot.recording import Images, RgbdStream
 from moteslam.robot.se2 import Array, interpolate, transform_points
 from moteslam.robot.values import Summarised
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.robot.mishaps import Interval
-from moteslam.sim.sensors.clock import EPOCH, readings
+from moteslam.sim.sensors.clock import EPOCH, arrived, readings
 from moteslam.sim.sensors.echoes import Rays, Scene
 from moteslam.sim.world.floor import FloorSettings, rasterise
+from moteslam.sim.world.world import World
 
-FLOOR_CELL = 0.01
-"""The floor is drawn from a picture of cells this large [m], or larger ones in a world of hectares."""
+FLOOR_CELL = 0.01  # The floor is drawn from a picture of cells this large [m], or larger ones in a world of hectares
 
-FLOOR_PIXELS = 60_000_000
-"""Most cells of that picture."""
+FLOOR_PIXELS = 60_000_000  # Most cells of that picture
 
-FARTHEST = 200.0
-"""Walls further away than this are not drawn [m]."""
+FARTHEST = 200.0  # Walls further away than this are not drawn [m]
 
-_NOISE_LENGTH = 1 << 20
-"""Normal numbers drawn once; every frame reads them from another index on."""
+_NOISE_LENGTH = 1 << 20  # Normal numbers drawn once; every frame reads them from another index on
 
 
 def optical_rays(*, colour: bool) -> Array:
@@ -54,16 +51,17 @@ class Shots(Summarised):
     poses: Array  # [n, 3] the robot's true poses when they are taken
     times: Array  # [n] when they are taken, from the drive's first moment [s]
     numbers: NDArray[np.intp]  # [n] of each among all that reached the host, whose noise it has
+    scene: Scene  # that is seen
 
     def __getitem__(self, chosen: NDArray[Any]) -> Shots:
-        return Shots(self.stamps[chosen], self.poses[chosen], self.times[chosen], self.numbers[chosen])
+        return Shots(self.stamps[chosen], self.poses[chosen], self.times[chosen], self.numbers[chosen], self.scene)
 
 
 class Renderer:
     """Draws frames of a run.
 
     Args:
-        path: [m, 2] where the robot is when the colour camera fires [m]: the floor is drawn around it.
+        path: [m, 2] where the robot is when the colour camera fires [m]: the floor around it is drawn; None for all.
         frames: numbers of colour and disparity images; the noise of each differs.
         seed: of the noise.
 
@@ -75,17 +73,17 @@ class Renderer:
         self,
         mount: CameraSpec,
         settings: CameraSettings,
-        scene: Scene,
+        world: World,
         floor: FloorSettings,
         *,
-        path: Array,
+        path: Array | None,
         frames: tuple[int, int],
         seed: tuple[int, ...],
     ) -> None:
         from moteslam.kernels.camera import depth_view_of, view_of  # imports Taichi
 
         rotation = rgbd.mount_rotation(mount)
-        self.mount, self.settings, self._scene = mount, settings, scene
+        self.mount, self.settings = mount, settings
         # each camera's place in the robot's frame: the colour camera stands to the right of the depth camera
         place = np.array((mount.x, mount.y, mount.z))
         self._places = {False: place, True: place + rotation @ np.array((rgbd.RGB_OFFSET, 0.0, 0.0))}
@@ -94,7 +92,7 @@ class Renderer:
             optical = optical_rays(colour=colour)
             directions = np.concatenate((optical @ rotation.T, optical[..., 2:]), axis=-1)
             self.views[colour] = view_of(directions, height=float(self._places[colour][2]))
-        ground = _bounds(scene, path, settings.farthest + 2.0)
+        ground = _bounds(world, path, settings.farthest + 2.0)
         width, height = ground[2] - ground[0], ground[3] - ground[1]
         cell = max(FLOOR_CELL, float(np.sqrt(width * height / FLOOR_PIXELS)))
         self._ground = rasterise(floor, ground, cell)
@@ -150,21 +148,22 @@ class Renderer:
         angles = (cameras[:, 2:] + bearings).reshape(-1)
         origins = np.repeat(cameras[:, :2], len(bearings), axis=0)
         rays = Rays(origins, angles, np.repeat(shots.times, len(bearings)))
-        ranges = self._scene.exact(rays, max_range=FARTHEST)
+        ranges = shots.scene.exact(rays, max_range=FARTHEST)
         return cameras, ranges.reshape(len(cameras), len(bearings))
 
 
-def _bounds(scene: Scene, path: Array, reach: float) -> tuple[float, float, float, float]:
+def _bounds(world: World, path: Array | None, reach: float) -> tuple[float, float, float, float]:
     """x_min, y_min, x_max, y_max [m] of the floor that is seen: the world, but at most ``reach`` from the path."""
-    x0, y0, x1, y1 = scene.world.bounds
+    x0, y0, x1, y1 = world.bounds
+    if path is None:
+        return x0 - 0.5, y0 - 0.5, x1 + 0.5, y1 + 0.5
     low = np.minimum((x0, y0), path.min(axis=0)) - 0.5
     high = np.maximum((x1, y1), path.max(axis=0)) + 0.5
     low, high = np.maximum(low, path.min(axis=0) - reach), np.minimum(high, path.max(axis=0) + reach)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-MAX_HEIGHT = 10.0
-"""Of the camera above the floor [m]."""
+MAX_HEIGHT = 10.0  # Of the camera above the floor [m]
 
 
 def check_camera(camera: CameraSpec | None) -> CameraSpec:
@@ -194,6 +193,12 @@ class CameraFrames(Summarised):
         """What a recording holds of them: the stamps."""
         return RgbdStream(self.rgb.stamps, self.disparity.stamps)
 
+    @property
+    def drawn(self) -> RgbdStream:
+        """The same with the images, which are drawn when they are asked for, one at a time."""
+        draw = (lambda k: self.draw_rgb(np.array([k]))[0], lambda k: self.draw_disparity(np.array([k]))[0])
+        return replace(self.stream, images=Images(*draw))
+
     def draw_rgb(self, indices: NDArray[np.intp]) -> NDArray[np.uint8]:
         """The colour images [k, 480, 640, 3] (red, green, blue) of frames [k]."""
         return self.renderer().rgb(self.rgb[indices])
@@ -203,32 +208,48 @@ class CameraFrames(Summarised):
         return self.renderer().disparity(self.disparity[indices])
 
 
-def schedule_frames(
-    drive: Drive, scene: Scene, floor: FloorSettings, mount: CameraSpec | None, settings: CameraSettings, seed: int
-) -> CameraFrames:
-    """Settle when the cameras fire and where the robot is then.
+class Camera:
+    """When the two cameras fire, settled beforehand.
 
     Both tick at the same rate, out of phase by up to half a period, and each loses other frames. The camera's random
     numbers are apart, so that it does not change the other sensors.
+
+    Args:
+        seconds: its frames lie within so many of the drive's start.
     """
-    mount = check_camera(mount)
-    clock, images = np.random.SeedSequence((seed, 0x52474244)).spawn(2)
-    rng = np.random.default_rng(clock)
-    start = 0.3 + rng.uniform(0.0, 0.2)
-    end = float(drive.stamps[-1]) - rng.uniform(0.2, 0.6)
-    phase = rng.uniform(-0.5, 0.5) * (1 / settings.rate)
-    taken = []
-    for first in (start, start + phase):
-        times, stamps = readings(settings.rate, first, max(end, first), settings.clock, rng)
-        kept = _kept(len(times), settings, rng)
-        poses = interpolate(drive.stamps, drive.poses, times[kept])
-        taken.append(Shots(EPOCH + stamps[kept], poses, times[kept], np.arange(len(kept))))
-    rgb, disparity = taken
-    words = tuple(int(word) for word in images.generate_state(2))
-    counts, path = (len(rgb.stamps), len(disparity.stamps)), rgb.poses[:, :2]
-    return CameraFrames(
-        rgb, disparity, cache(partial(Renderer, mount, settings, scene, floor, path=path, frames=counts, seed=words))
-    )
+
+    def __init__(
+        self, mount: CameraSpec | None, settings: CameraSettings, floor: FloorSettings, seconds: float, seed: int
+    ) -> None:
+        self._mount, self._settings, self._floor = check_camera(mount), settings, floor
+        clock, self._images = np.random.SeedSequence((seed, 0x52474244)).spawn(2)
+        rng = np.random.default_rng(clock)
+        start = 0.3 + rng.uniform(0.0, 0.2)
+        end = seconds - rng.uniform(0.2, 0.6)
+        phase = rng.uniform(-0.5, 0.5) * (1 / settings.rate)
+        self._ticks = []
+        for first in (start, start + phase):
+            times, stamps = readings(settings.rate, first, max(end, first), settings.clock, rng)
+            kept = _kept(len(times), settings, rng)
+            self._ticks.append((times[kept], stamps[kept]))
+        self._read = [0, 0]
+        self._renderer: Callable[[], Renderer] | None = None
+
+    def read(self, drive: Drive, scene: Scene, until: float = np.inf) -> CameraFrames:
+        """The frames that have arrived since this was asked last, until a time [s], and where the robot was then."""
+        taken = []
+        for k, (times, stamps) in enumerate(self._ticks):
+            rows = np.arange(self._read[k], arrived(times, stamps, until))
+            self._read[k] += len(rows)
+            poses = interpolate(drive.stamps, drive.poses, times[rows])
+            taken.append(Shots(EPOCH + stamps[rows], poses, times[rows], rows, scene))
+        rgb, disparity = taken
+        if self._renderer is None:
+            words = tuple(int(word) for word in self._images.generate_state(2))
+            path, counts = rgb.poses[:, :2] if until == np.inf else None, tuple(len(times) for times, _ in self._ticks)
+            made = partial(Renderer, self._mount, self._settings, scene.world, self._floor)
+            self._renderer = cache(partial(made, path=path, frames=counts, seed=words))
+        return CameraFrames(rgb, disparity, self._renderer)
 
 
 def _kept(count: int, settings: CameraSettings, rng: np.random.Generator) -> NDArray[np.intp]:

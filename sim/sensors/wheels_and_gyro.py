@@ -12,8 +12,7 @@ from moteslam.sim.robot.drive import Drive
 from moteslam.sim.robot.vehicle import GRAVITY
 from moteslam.sim.sensors.clock import readings
 
-_RIGHT = np.array((True, False, True, False))
-"""Which of FR, FL, RR, RL are on the right."""
+_RIGHT = np.array((True, False, True, False))  # Which of FR, FL, RR, RL are on the right
 
 
 class Encoders:

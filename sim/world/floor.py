@@ -56,8 +56,7 @@ def _hash(i: Array, j: Array, seed: int, layer: int) -> Array:
 
 
 Rgb = tuple[int, int, int]
-JOINT = 0.005
-"""Half a joint between tiles [m]."""
+JOINT = 0.005  # Half a joint between tiles [m]
 
 
 def _tiles(x: Array, y: Array, size: float, palette: Array, seed: int) -> Array:
@@ -123,12 +122,10 @@ def stain_shade(x: Array, y: Array, share: float, seed: int) -> Array:
 
 Level = Annotated[Whole, Field(ge=0, le=255)]
 
-MAX_PIXELS = 200_000_000
-"""A raster larger than this is refused: at 1 cm, 140 m by 140 m."""
+MAX_PIXELS = 200_000_000  # A raster larger than this is refused: at 1 cm, 140 m by 140 m
 
 
-MAX_PICTURE_BYTES, MAX_PICTURE_PIXELS = 100_000_000, 64_000_000
-"""Of a floor's picture."""
+MAX_PICTURE_BYTES, MAX_PICTURE_PIXELS = 100_000_000, 64_000_000  # Of a floor's picture
 
 
 class FloorSettings(Section):

@@ -113,8 +113,7 @@ def _of_arrays(path: Path) -> Raster:
     return Raster(trinary(log_odds.values), log_odds.cell_size, log_odds.origin)
 
 
-_TINY = 1e-9
-"""Pieces of wall shorter than this are rounding errors [m]."""
+_TINY = 1e-9  # Pieces of wall shorter than this are rounding errors [m]
 
 
 class Doorway(Section):

@@ -14,10 +14,8 @@ from moteslam.robot.values import Number, Positive, Section, Share, Whole
 Coordinate = Annotated[Number, Field(ge=-1000, le=1000)]
 Point = tuple[Coordinate, Coordinate]
 Size = Annotated[Number, Field(gt=0, le=1000)]
-Polygon = NDArray[np.float64]
-"""float64, shape [k, 2]: corners [m]."""
-Segments = NDArray[np.float64]
-"""float64, shape [m, 4]: x0, y0, x1, y1 [m]."""
+Polygon = NDArray[np.float64]  # float64, shape [k, 2]: corners [m]
+Segments = NDArray[np.float64]  # float64, shape [m, 4]: x0, y0, x1, y1 [m]
 
 
 def rectangle(centre: Point, size: tuple[float, float], angle: float) -> Polygon:

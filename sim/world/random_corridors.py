@@ -21,16 +21,11 @@ if TYPE_CHECKING:
     from shapely import Geometry
 
 
-CELL = 0.1
-"""Of the raster [m]."""
-WIDTHS = (1.6, 2.0, 2.4, 3.0)
-"""Of corridors [m]."""
-DISTANCE = 90.0
-"""To drive at least [m]."""
-ROOMS = 0.35
-"""Share of the corridors' ends and crossings that widen to a room, and of corridors with a side room."""
-RING_SHARE = 0.25
-"""Of the corridors that the spanning tree does without, the share that is built: each closes a ring."""
+CELL = 0.1  # Of the raster [m]
+WIDTHS = (1.6, 2.0, 2.4, 3.0)  # Of corridors [m]
+DISTANCE = 90.0  # To drive at least [m]
+ROOMS = 0.35  # Share of the corridors' ends and crossings that widen to a room, and of corridors with a side room
+RING_SHARE = 0.25  # Of the corridors that the spanning tree does without, the share that is built: each closes a ring
 NAME = "random-corridors"
 
 Node = tuple[int, int]
@@ -180,12 +175,9 @@ def _raster(building: _Building) -> tuple[NDArray[np.bool_], Array]:
     return free, corner * CELL
 
 
-AREA_PER_PIECE = 12.0
-"""Free area for which one piece of furniture is placed, if there is room [m^2]."""
-ATTEMPTS = 8
-"""Places tried for a piece before it is left out."""
-CLEAR_OF_ROUTE = 0.65
-"""Distance of clutter from the route [m]: half a robot's diagonal, and what it cuts corners by."""
+AREA_PER_PIECE = 12.0  # Free area for which one piece of furniture is placed, if there is room [m^2]
+ATTEMPTS = 8  # Places tried for a piece before it is left out
+CLEAR_OF_ROUTE = 0.65  # Distance of clutter from the route [m]: half a robot's diagonal, and what it cuts corners by
 CLEAR_OF_REVERSAL, REVERSAL_REACH = 0.95, 1.5
 """Distance of clutter [m] from the route where it turns back, and up to how far from there [m]: the robot swings out by
 half a metre as it turns (at most 0.49 m in 30 buildings, 0.23 m elsewhere)."""
@@ -196,12 +188,10 @@ KINDS = ("boxes", "boxes", "pillars", "tables", "chairs")
 def _furniture(
     free: NDArray[np.bool_], corner: Array, route: Array, rng: np.random.Generator
 ) -> dict[str, list[dict[str, Any]]]:
-    """Furniture that overlaps neither walls, nor the route's clearance, nor other furniture, as the tables of a world.
+    """Furniture that overlaps neither walls, nor the clearance of a route [k, 2], nor other furniture: tables of a
+    world.
 
-    Args:
-        free: [rows, columns] which cells are free space.
-        corner: [2] of cell [0, 0] [m].
-        route: [k, 2] waypoints [m].
+    ``free`` [rows, columns] is free space, whose cell [0, 0] has its corner [2] there [m].
     """
     import shapely
 

@@ -20,14 +20,10 @@ if TYPE_CHECKING:
 
 Piece = Box | Table | Shelf
 
-FURNITURE = ("boxes", "tables", "chairs", "shelves")
-"""What may be moved; pillars belong to the building."""
-NEAREST, FARTHEST, TRIES = 0.5, 3.0, 100
-"""How far a piece is moved [m], and how many places are tried for it."""
-SAME_DOOR = 0.3
-"""Doorways whose middles are nearer to each other are one, in two walls that touch [m]."""
-LEAF = 0.25
-"""A shut door is in pieces of at most this length, on which ``lived_in`` puts neither relief nor clutter [m]."""
+FURNITURE = ("boxes", "tables", "chairs", "shelves")  # What may be moved; pillars belong to the building
+NEAREST, FARTHEST, TRIES = 0.5, 3.0, 100  # How far a piece is moved [m], and how many places are tried for it
+SAME_DOOR = 0.3  # Doorways whose middles are nearer to each other are one, in two walls that touch [m]
+LEAF = 0.25  # A shut door is in pieces of at most this length, on which `lived_in` puts neither relief nor clutter [m]
 
 
 class Visit(Section):

@@ -111,14 +111,11 @@ class World(Summarised):
         return shapely.STRtree([shapely.Polygon(corners) for corners in (*self.solids, *self.hollows)])
 
 
-MAX_SEGMENTS = 20_000
-"""Line segments in a world that a file spells out."""
+MAX_SEGMENTS = 20_000  # Line segments in a world that a file spells out
 
-MAX_PLAN_SEGMENTS = 400_000
-"""Line segments in a world with a floor plan."""
+MAX_PLAN_SEGMENTS = 400_000  # Line segments in a world with a floor plan
 
-_SAMPLING = 0.05
-"""Between the points of a leg that are checked [m]."""
+_SAMPLING = 0.05  # Between the points of a leg that are checked [m]
 
 
 def check_world(world: World) -> None:
@@ -153,8 +150,7 @@ def check_legs(world: World, corners: Array, clearance: float, *, field: str) ->
             )
 
 
-MAX_CELLS = 64_000_000
-"""Of a true map."""
+MAX_CELLS = 64_000_000  # Of a true map
 
 
 def true_map(world: World, resolution: float, *, seen_from: ArrayLike, margin: float = 0.5) -> Raster:
@@ -227,14 +223,10 @@ def _centres(low: NDArray[np.int64], high: NDArray[np.int64], origin: Array, siz
     return np.asarray(np.stack((col.ravel(), row.ravel()), axis=-1) * size + origin + size / 2)
 
 
-SHORTEST = 0.3
-"""Segments below this length are furniture or frames and stay as they are [m]."""
-DEEPEST = 0.5
-"""That a thing stands out from its wall [m]."""
-CLEARANCE = 0.05
-"""Between a thing and the robot's body [m]."""
-SHADES = 12
-"""How many materials the reaches of plain surfaces are sorted into."""
+SHORTEST = 0.3  # Segments below this length are furniture or frames and stay as they are [m]
+DEEPEST = 0.5  # That a thing stands out from its wall [m]
+CLEARANCE = 0.05  # Between a thing and the robot's body [m]
+SHADES = 12  # How many materials the reaches of plain surfaces are sorted into
 
 
 def lived_in(world: World, settings: Surroundings, rng: np.random.Generator, *, path: Array, radius: float) -> World:

@@ -70,12 +70,6 @@ class Session(Summarised):
         begins = np.cumsum(counts, dtype=np.int32) - counts
         return thin_scans(self.points[near], begins, counts, self.origin, **vars(config))
 
-    def draw_on(self, grid: OccupancyGrid) -> None:
-        """Enter the nodes' scans into a map."""
-        for k in np.flatnonzero(self.drawn):
-            points, pose = self.points[self.begins[k] :][: self.counts[k]], self.path[self.nodes[k]]
-            grid.add_scan(se2.transform_points(pose, self.origin), se2.transform_points(pose, points))
-
     def _summary(self) -> str:
         return f"{len(self)} nodes, {self.trajectory._summary()}"
 
@@ -167,7 +161,10 @@ class Building(Summarised):
         for number in self.by_age:
             if config.memory:
                 grid.forget(config.memory)
-            self.sessions[number].draw_on(grid)
+            session = self.sessions[number]
+            for k in np.flatnonzero(session.drawn):
+                points, pose = session.points[session.begins[k] :][: session.counts[k]], session.path[session.nodes[k]]
+                grid.add_scan(se2.transform_points(pose, session.origin), se2.transform_points(pose, points))
         return grid.snapshot()
 
     def _summary(self) -> str:

@@ -24,8 +24,8 @@ class BackendKind:
 class NoBackendConfig(BackendConfig):
     """No back end: what the filter finds is final."""
 
+    # The back end behind the filter: `none`, `graph`, or one that another package brings
     method: Literal["none"] = "none"
-    """The back end behind the filter: `none`, `graph`, or one that another package brings."""
 
 
 class NoBackend:

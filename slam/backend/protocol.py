@@ -18,8 +18,7 @@ from moteslam.slam.inputs.lapses import CLOSED, Open
 class BackendConfig(Section):
     """Which back end runs behind the filter; each back end has a model of its own under this one."""
 
-    method: str = "none"
-    """The back end: `none`, `graph`, or one that another package brings."""
+    method: str = "none"  # The back end: `none`, `graph`, or one that another package brings
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -18,12 +18,9 @@ from moteslam.robot.se2 import Array
 from moteslam.slam.filter.covariance import Symmetric, as_array, largest_deviation
 from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION, RESOLVED
 
-NEIGHBOURHOOD = 5.0
-"""The map around the robot was made from poses up to this distance from it [m]."""
-FLOOR = RESOLVED[0] ** 2, RESOLVED[1] ** 2
-"""Variances that no pose falls below [m^2], [rad^2]."""
-DOUBTFUL_FROM, LOST_FROM = 0.05, 0.5
-"""Probability of a wrong pose from which on it is doubtful, and lost."""
+NEIGHBOURHOOD = 5.0  # The map around the robot was made from poses up to this distance from it [m]
+FLOOR = RESOLVED[0] ** 2, RESOLVED[1] ** 2  # Variances that no pose falls below [m^2], [rad^2]
+DOUBTFUL_FROM, LOST_FROM = 0.05, 0.5  # Probability of a wrong pose from which on it is doubtful, and lost
 
 
 class LocalisationState(IntEnum):

@@ -74,12 +74,8 @@ class FilterDefaults(Protocol):
         return None
 
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
-        """Go on from a path that was corrected.
-
-        Args:
-            poses: [u, 3] of the robot at every update so far, corrected.
-            updates: [u] the indices of their scans.
-            scans: endpoints of all scans.
+        """Go on from a path that was corrected: poses [u, 3] of the robot at every update so far, of the scans
+        ``updates`` [u].
         """
         return
 

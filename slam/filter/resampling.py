@@ -23,32 +23,21 @@ class KldConfig(Section):
     The number changes where particles are resampled, and there alone.
     """
 
-    enabled: Truth = False
-    """Adapt the number of particles; `particles` is then the largest number, and the first."""
+    enabled: Truth = False  # Adapt the number of particles; `particles` is then the largest number, and the first
+    # Kullback-Leibler distance that is allowed between the particles and the posterior, over the bins
     epsilon: Positive = 0.05
-    """Kullback-Leibler distance that is allowed between the particles and the posterior, over the bins."""
-    delta: Annotated[Number, Field(gt=0, lt=1)] = 0.01
-    """Probability that it is exceeded."""
-    bin_size: Positive = 0.1
-    """Of the bins in x and in y [m]."""
-    bin_angle: Positive = 0.05
-    """Of the bins in the heading [rad]."""
-    least: Annotated[Whole, Field(ge=1)] = 10
-    """Never fewer particles than these; `particles` wins if it is smaller."""
+    delta: Annotated[Number, Field(gt=0, lt=1)] = 0.01  # Probability that it is exceeded
+    bin_size: Positive = 0.1  # Of the bins in x and in y [m]
+    bin_angle: Positive = 0.05  # Of the bins in the heading [rad]
+    least: Annotated[Whole, Field(ge=1)] = 10  # Never fewer particles than these; `particles` wins if it is smaller
 
 
 def resample(
     scheme: str, weights: Weights, generator: np.random.Generator, count: int | None = None
 ) -> NDArray[np.int64]:
-    """Draw particles in proportion to their weights; a particle of weight w is drawn count * w times on average.
+    """Draw ``count`` particles in proportion to their weights [N], not all 0; as many as there are by default.
 
-    Args:
-        scheme: one of ``SCHEMES``.
-        weights: [N] >= 0, not all 0.
-        count: how many to draw, M; as many as there are if None.
-
-    Returns:
-        parents [M], rising: indices into ``weights``, none of them of weight 0.
+    A particle of weight w is drawn count * w times on average, one of weight 0 never. Rising indices [M].
     """
     return SCHEMES[scheme](weights, generator, len(weights) if count is None else count)
 

@@ -14,12 +14,9 @@ class UpdateConfig(Section):
     since the last that was; the poses of scans between follow the motion. With zeros every scan is used.
     """
 
-    distance: NotNegative = 0.0
-    """Distance since the last update [m]."""
-    rotation: NotNegative = 0.0
-    """Sum of the absolute turns since [rad]."""
-    interval: Positive = 1e9
-    """Time since [s]."""
+    distance: NotNegative = 0.0  # Distance since the last update [m]
+    rotation: NotNegative = 0.0  # Sum of the absolute turns since [rad]
+    interval: Positive = 1e9  # Time since [s]
 
 
 class Travelled(NamedTuple):

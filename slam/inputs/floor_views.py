@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,8 +10,8 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.platform import CameraSpec
-from moteslam.robot.recording import Recording
-from moteslam.robot.rgbd import CameraFrame, FrameCount, has_images, pairs, read_frame
+from moteslam.robot.recording import Recording, RgbdStream, nearest_stamp
+from moteslam.robot.rgbd import CameraFrame, FrameCount, has_images, read_frame
 from moteslam.robot.values import Issue
 from moteslam.slam.inputs.inputs import Inputs
 
@@ -51,7 +52,8 @@ class FloorViews:
     stamp of its colours.
 
     Args:
-        recording: with images and a camera on its robot: see ``missing_for_floor_views``.
+        stream: gives the images, as far as they have come and are kept.
+        mount: of the camera.
         largest_gap: between the colour and the disparity image of a frame [s].
 
     Attributes:
@@ -59,20 +61,11 @@ class FloorViews:
         asked: how many scans a frame was asked for.
     """
 
-    def __init__(self, recording: Recording, inputs: Inputs, *, largest_gap: float) -> None:
-        stream, mount = recording.rgbd, recording.platform.camera
-        assert stream is not None
-        assert mount is not None
-        assert inputs.path is not None
+    def __init__(
+        self, stream: Callable[[], RgbdStream], mount: CameraSpec, inputs: Inputs, *, largest_gap: float
+    ) -> None:
         self.count, self.asked = FrameCount(), 0
-        self._stream, self._mount = stream, mount
-        self._disparity, self._rgb = pairs(stream, largest_gap=largest_gap)
-        self._taken = stream.rgb_stamps[self._rgb]
-        # when no colour image nearer to the disparity image can arrive any more, as for all frames before it
-        shown = stream.disparity_stamps[self._disparity]
-        self._arrived = np.maximum.accumulate(shown + np.abs(self._taken - shown))
-        self._scans, self._path = inputs.stamps, inputs.path
-        self._unmeasured = np.cumsum(~inputs.measured)
+        self._stream, self._mount, self._inputs, self._largest_gap = stream, mount, inputs, largest_gap
         self._last = -np.inf
 
     def at(self, index: int, max_age: float) -> FloorView | None:
@@ -85,22 +78,33 @@ class FloorViews:
             max_age: of the frame when the scan is taken [s].
         """
         self.asked += 1
-        stamp = self._scans[index]
-        newest = int(np.searchsorted(self._arrived, stamp, side="right")) - 1
-        if newest < 0:
+        inputs, stream = self._inputs, self._stream()
+        stamp, path = float(inputs.stamps[index]), inputs.path
+        since = stamp - max_age - 2 * self._largest_gap
+        both = (stream.disparity_stamps, stream.rgb_stamps)
+        (first, last), (begin, end) = (np.searchsorted(each, (since, stamp), side="right") for each in both)
+        if path is None or first == last or begin == end:
             return None
-        taken = float(self._taken[newest])  # of colours that several disparity images may have as their nearest
+        shown, colours = stream.disparity_stamps[first:last], stream.rgb_stamps[begin:end]
+        nearest = nearest_stamp(colours, shown)
+        apart = np.abs(colours[nearest] - shown)
+        # later on no colour image nearer to the disparity image can arrive any more
+        whole = np.flatnonzero((apart <= self._largest_gap) & (shown + apart <= stamp))
+        if not len(whole):
+            return None
+        newest, colour = int(whole[-1]), int(nearest[whole[-1]])
+        taken = float(colours[colour])  # of colours that several disparity images may have as their nearest
         if taken <= self._last or stamp - taken > max_age:
             return None
-        before = max(int(np.searchsorted(self._scans, taken, side="right")) - 1, 0)
-        if self._unmeasured[index] != self._unmeasured[before]:
+        before = max(int(np.searchsorted(inputs.stamps, taken, side="right")) - 1, 0)
+        if not inputs.measured[before + 1 : index + 1].all():
             return None
         self._last = taken
-        frame = read_frame(self._stream, int(self._disparity[newest]), int(self._rgb[newest]))
+        frame = read_frame(stream, int(first) + newest, int(begin) + colour)
         self.count.note(frame)
         if not isinstance(frame, CameraFrame):
             return None
-        then, now = self._path.at(np.array([taken, stamp]))
+        then, now = path.at(np.array([taken, stamp]))
         return FloorView(frame, self._mount, se2.between(now, then), stamp - taken)
 
     def issues(self) -> tuple[Issue, ...]:

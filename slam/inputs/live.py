@@ -71,6 +71,7 @@ class LiveInputs(Inputs):
     Attributes:
         odometry_in: takes in the odometry's messages.
         waiting: scans that are not taken in yet.
+        awaited: streams that a scan waits for besides, as long: until they have come to its stamp.
     """
 
     scans: LiveScans
@@ -85,6 +86,7 @@ class LiveInputs(Inputs):
         self.scans = LiveScans(self._lidar, platform, max_range)
         self.odometry_in = OdometryReadings(platform, config)
         self.waiting: deque[Waiting] = deque()
+        self.awaited: tuple[str, ...] = ()
         self._newest = -np.inf  # of all messages
         self._latest: dict[str, float] = {}  # stamps, by stream
         self._tail = Rows(7)  # stamp, odometry with wheels that spin, that logged with them, of the latest scans
@@ -130,6 +132,7 @@ class LiveInputs(Inputs):
         ready = covered
         if scan.odometry is not None:  # the reading after its own is that of the next scan
             ready = (covered or path is None) and len(self.waiting) > 1
+        ready &= all(self._latest.get(stream, -np.inf) >= scan.stamp for stream in self.awaited)
         in_time = self._newest - scan.stamp - self._sweep_seconds <= self._patience
         if not ready and in_time and not finish:
             return None

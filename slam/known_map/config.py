@@ -20,15 +20,12 @@ class KnownMapConfig(TsdfFilterConfig):
     """All keys of a run of the method ``known_map``; the defaults are the preset ``localize``."""
 
     method: Literal["known_map"] = "known_map"  # type: ignore[assignment]
+    # Number of particles while it is open where the robot is; `kld` needs fewer once it is found
     particles: Annotated[Whole, Field(ge=1, le=1_000_000)] = 200
-    """Number of particles while it is open where the robot is; `kld` needs fewer once it is found."""
-    known_map: str = ""
-    """The map_server `.yaml` file of the map."""
+    known_map: str = ""  # The map_server `.yaml` file of the map
+    # Where the robot starts: x, y [m], theta [rad] and the standard deviation of x and y [m]; empty where nobody knows
     start: Annotated[tuple[Number, ...], Field(max_length=4)] = ()
-    """Where the robot starts: x, y [m], theta [rad] and the standard deviation of x and y [m]; empty where nobody
-    knows."""
-    start_heading: Positive = 0.2
-    """Standard deviation of the heading of `start` [rad]."""
+    start_heading: Positive = 0.2  # Standard deviation of the heading of `start` [rad]
     kld: KldConfig = KldConfig(enabled=True, least=20)
     tsdf: TsdfConfig = TsdfConfig(cell_size=0.05)
     registration: RegistrationConfig = RegistrationConfig(residual=0.03, outlier_cost=4.0, unknown_cost=4.0)

@@ -52,10 +52,8 @@ from moteslam.slam.tsdf.pose_covariance import PoseCovariance
 from moteslam.slam.tsdf.proposal import Proposal
 from moteslam.slam.tsdf.tracking import Tracked
 
-DECIDED = 0.99
-"""Probability of one place from which on the others are given up."""
-SEARCHES_APART = 1.0
-"""A robot that is not found is searched for again after this path [m], ..."""
+DECIDED = 0.99  # Probability of one place from which on the others are given up
+SEARCHES_APART = 1.0  # A robot that is not found is searched for again after this path [m], ...
 FIRST, LARGEST, MOST = 3.0, 7.0, 2.0
 """The log-odds of the place where a robot was found are at most the first, and at most the second after a drive; scans
 of ``APART`` metres change them by at most the third [nats]."""
@@ -65,12 +63,9 @@ stand around."""
 FOREIGN = 1.1
 """Cost of an endpoint of a robot in another building at the best place of this map [nats]: ``ELSEWHERE`` of the search
 less what that takes off for all its places (13 nats of 200 endpoints, one in ten of which errs independently)."""
-NEW = 0.1
-"""Probability of a wrong pose, at least, until then: a single scan does not make it sure."""
-LEAST_DRIVEN = 0.02
-"""A scan counts at least by this share of ``APART``: a robot that is carried has not driven."""
-SLOWER = 1.3
-"""... and then after a path that is longer by this factor each time."""
+NEW = 0.1  # Probability of a wrong pose, at least, until then: a single scan does not make it sure
+LEAST_DRIVEN = 0.02  # A scan counts at least by this share of `APART`: a robot that is carried has not driven
+SLOWER = 1.3  # ... and then after a path that is longer by this factor each time
 
 
 class Presence(Doubt):

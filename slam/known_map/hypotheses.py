@@ -15,8 +15,7 @@ from moteslam.robot.se2 import Array
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.tsdf.particles import Particles
 
-LEAST = 0.001
-"""Hypotheses of a smaller probability are given up."""
+LEAST = 0.001  # Hypotheses of a smaller probability are given up
 CHANGED = 2.0
 """Another hypothesis is the best one from so many times the probability on: the pose does not jump to and fro."""
 

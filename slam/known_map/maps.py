@@ -15,10 +15,8 @@ from moteslam.robot.se2 import Array
 from moteslam.slam.mapping.config import MapConfig, TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps
 
-TO_SIDE = 0.6
-"""A direction that few walls lie along [rad]."""
-CLEARANCE = 0.1
-"""A robot's lidar stands no nearer to a surface [m]."""
+TO_SIDE = 0.6  # A direction that few walls lie along [rad]
+CLEARANCE = 0.1  # A robot's lidar stands no nearer to a surface [m]
 
 
 class KnownMaps(TsdfMaps):

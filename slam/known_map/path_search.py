@@ -27,10 +27,8 @@ from moteslam.slam.registration.search import is_elsewhere
 
 Points = NDArray[np.float32]
 
-APART, MOST = 20.0, 20
-"""Searches are this far apart along the path [m], at least, and at most so many."""
-FOLLOWED = 10
-"""Places that each finds of which at most so many are followed."""
+APART, MOST = 20.0, 20  # Searches are this far apart along the path [m], at least, and at most so many
+FOLLOWED = 10  # Places that each finds of which at most so many are followed
 STEP = np.array([0.02, 0.02, 0.005])
 """Standard deviations of a step of the path from scan to scan, in a map that is bent a little [m, m, rad]."""
 CORRECTING = 0.7
@@ -60,14 +58,10 @@ class Place(NamedTuple):
 def find_path(
     occupancy: Raster, stood: Array, path: Array, scans: Sequence[Points], origin: Array
 ) -> tuple[Place | None, int]:
-    """Where a path lies in a map, None where that is open; and how many answers there are.
+    """Where in a map, drawn from poses [m, 3], a path [n, 3] in a frame of its own lies, None where that is open.
 
-    Args:
-        occupancy: trinary map.
-        stood: [m, 3] poses from which it was drawn.
-        path: [n, 3] poses of the scans, in a frame of their own.
-        scans: n, endpoints [k, 2] in the robot's frame [m].
-        origin: [2] where their rays start [m].
+    And how many answers there are. The n scans are endpoints [k, 2] in the robot's frame, their rays start at an origin
+    [2] [m].
     """
     config = KnownMapConfig()
     maps = KnownMaps(occupancy, config.tsdf)

@@ -31,16 +31,12 @@ from moteslam.slam.registration.search import apart
 
 Points = NDArray[np.float32]
 
-STEP, TURN = 0.2, 0.06
-"""Of the lattice: a basin of Gauss-Newton [m], [rad]."""
-NEAR = 0.2
-"""Endpoints nearer to a surface than this count for a place [m]."""
-BLOCK = 8
-"""Neighbouring squares of four places of which the best one is kept."""
+STEP, TURN = 0.2, 0.06  # Of the lattice: a basin of Gauss-Newton [m], [rad]
+NEAR = 0.2  # Endpoints nearer to a surface than this count for a place [m]
+BLOCK = 8  # Neighbouring squares of four places of which the best one is kept
 PROMISING, STARTS, FINALISTS = 2000, 200, 100
 """Blocks whose best places are looked at; places that are registered with some endpoints; of these with all."""
-START_POINTS, POINTS = 120, 250
-"""Endpoints of a scan that are registered from every start; from every finalist."""
+START_POINTS, POINTS = 120, 250  # Endpoints of a scan that are registered from every start; from every finalist
 SAME = np.array([0.3, 0.3, 0.1])
 """Starts, and hypotheses, are farther apart than this in one component at least [m, m, rad]."""
 WINDOW, APART, TURNED = 10.0, 0.5, 1.0
@@ -48,13 +44,11 @@ WINDOW, APART, TURNED = 10.0, 0.5, 1.0
 OUTLIER, CROSSING = 4.0, 1.0
 """Cost of an endpoint that contradicts the map, ``LOST_DISTANCE`` and more from any surface, or lies where it knows
 nothing; and of a ray through a surface, whether it ended behind it or was answered by nothing [nats]."""
-REACH = 5.0
-"""Surfaces nearer than this answer [m]: from farther away what is dark does so no more."""
+REACH = 5.0  # Surfaces nearer than this answer [m]: from farther away what is dark does so no more
 SHORTER, GOLDEN = 0.4, 0.618034
 """Silent rays end up to this share sooner, each by another one (multiples of the golden ratio): a ray is looked up at
 few places of its length, between which there is room for a wall."""
-ON_SURFACE = 0.5
-"""Mean cost of any other endpoint [nats], as of a normal error."""
+ON_SURFACE = 0.5  # Mean cost of any other endpoint [nats], as of a normal error
 ELSEWHERE = 1.7
 """Cost of an endpoint of a robot that is not in the map [nats]: buildings are alike, and three of four endpoints are
 nearer than ``LOST_DISTANCE`` to surfaces at the best place of another one. At a place in the map one of which the map
@@ -64,8 +58,7 @@ FINE = 0.3
 """
 CROWDED = 0.5
 """Where a larger share of the places that were registered fit about as well as the best one, others may, too."""
-IN_MAP = 0.5
-"""The robot is in the map, at one of the places found, from this probability on."""
+IN_MAP = 0.5  # The robot is in the map, at one of the places found, from this probability on
 
 
 class Sight(NamedTuple):
@@ -83,12 +76,10 @@ class Sight(NamedTuple):
 
 
 def silent_rays(ends: Points, origin: Array, share: float) -> Points:
-    """A share of the rays that nothing answered, [m, 2]; they end at ``REACH``.
+    """A share of the rays that nothing answered, with ends [k, 2], from an origin [2] [m]: [m, 2]; they end at
+    ``REACH``.
 
-    Args:
-        ends: [k, 2] of them [m].
-        origin: [2] where they start [m].
-        share: of a scan's endpoints that is left, too: as many rays count as one.
+    It is the share of a scan's endpoints that is left, too: as many rays count as one.
     """
     rays = subsample(ends, round(share * len(ends))) - origin
     if not len(rays):
@@ -154,11 +145,6 @@ class WholeMapSearch:
         self._turns = np.arange(-np.pi, np.pi - TURN / 2, TURN)
         self._seen: list[Sight] = []
 
-    @property
-    def places(self) -> int:
-        """That are searched: of the lattice, in all headings."""
-        return self._count * len(self._turns)
-
     def begin(self) -> None:
         """Begin anew, in the same map."""
         self._seen = []
@@ -182,7 +168,7 @@ class WholeMapSearch:
         all_found = not likely[best[FINALISTS:]].any() and (len(starts) < STARTS or bool(likely.mean() < CROWDED))
         best = best[:FINALISTS]
         places, odds = self._odds(tried[best], some, subsample(points, POINTS))
-        odds -= np.log(self.places)
+        odds -= np.log(self._count * len(self._turns))  # of all places, in all headings
         order = np.argsort(-odds, kind="stable")
         order = order[apart(places[order], FINALISTS, SAME)]
         weights = np.exp(np.minimum(odds[order], 500.0))

@@ -12,14 +12,11 @@ from moteslam.robot.raster import Raster
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.mapping.config import MapConfig
 
-UNIT = 1 / 500
-"""Log-odds of one count of the int16 grid: log 4 is 693 counts (0.02 % off), the limit of 50 is 25 000."""
+UNIT = 1 / 500  # Log-odds of one count of the int16 grid: log 4 is 693 counts (0.02 % off), the limit of 50 is 25 000
 
-CHUNK = 256
-"""The grid grows by whole multiples of this many cells, so that it seldom does."""
+CHUNK = 256  # The grid grows by whole multiples of this many cells, so that it seldom does
 
-MAX_CELLS = 400_000_000
-"""A larger grid (at 5 cm, a square kilometre) is a lost robot or an absurd range, and refused."""
+MAX_CELLS = 400_000_000  # A larger grid (at 5 cm, a square kilometre) is a lost robot or an absurd range, and refused
 
 
 class OccupancyGrid:
@@ -31,9 +28,9 @@ class OccupancyGrid:
 
     def __init__(self, config: MapConfig) -> None:
         self._config = config
-        self._step = round(config.log_odds_step / UNIT)
-        self._limit = round(config.limit / UNIT)
-        self._threshold = round(config.occupied_threshold / UNIT)
+        step, limit, threshold = config.log_odds_step, config.limit, config.occupied_threshold
+        counts = {"hit": step, "miss": step, "limit": limit, "threshold": threshold}
+        self._counts = {name: round(value / UNIT) for name, value in counts.items()}
         self._scan = 0
         self._corner = np.array([-CHUNK, -CHUNK])  # cell [0, 0] on the lattice of all cells: (column, row)
         self.cell_size = config.cell_size  # [m]
@@ -60,20 +57,8 @@ class OccupancyGrid:
         cells = (cells - self._corner).astype(np.int32)
         self._scan += 1
         per_ray = self._config.count == "ray"
-        update_grid(
-            self.log_odds,
-            self.occupied,
-            self._seen,
-            cells[0],
-            cells[1:],
-            hit=self._step,
-            miss=self._step,
-            limit=self._limit,
-            threshold=self._threshold,
-            scan=self._scan,
-            guard=0 if per_ray else self._config.guard_cells,
-            per_ray=per_ray,
-        )
+        options = {**self._counts, "scan": self._scan, "guard": 0 if per_ray else self._config.guard_cells}
+        update_grid(self.log_odds, self.occupied, self._seen, cells[0], cells[1:], **options, per_ray=per_ray)
 
     def forget(self, limit: float) -> None:
         """Keep of every cell at most these log-odds: what newer scans contradict goes, what they do not see stays."""

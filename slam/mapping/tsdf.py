@@ -16,36 +16,26 @@ from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
 from moteslam.robot.se2 import Array, Pose, as_pose
 from moteslam.slam.mapping.config import TsdfConfig
 
-TABLE_CHUNK = 8
-"""The tables grow by multiples of this many tiles."""
-FIRST_TILES = 256
-"""Tiles of the pool to begin with; it doubles."""
-MAX_TILES = 2**31 // CELLS
-"""More would need 64-bit addresses, and 4 GB."""
-MAX_ENTRIES = 2**29
-"""Of all tables together: 2 GB."""
+TABLE_CHUNK = 8  # The tables grow by multiples of this many tiles
+FIRST_TILES = 256  # Tiles of the pool to begin with; it doubles
+MAX_TILES = 2**31 // CELLS  # More would need 64-bit addresses, and 4 GB
+MAX_ENTRIES = 2**29  # Of all tables together: 2 GB
 
 
-DRAWN = 64
-"""Scans that are drawn into a map at a time: the tables are made large enough for all of them before."""
+DRAWN = 64  # Scans that are drawn into a map at a time: the tables are made large enough for all of them before
 
 
 class TsdfMaps:
     """The TSDFs of N particles; a single one until the first resampling."""
 
     def __init__(self, config: TsdfConfig) -> None:
-        self._config, self._options = config, IntegrationOptions(**config.model_dump())
+        self.config, self._options = config, IntegrationOptions(**config.model_dump())
         self._tile_size = SIDE * config.cell_size
         self._corner = np.array([-TABLE_CHUNK, -TABLE_CHUNK])  # the first tile of the tables: (column, row)
         self._store = tile_store(2 * TABLE_CHUNK, 2 * TABLE_CHUNK, FIRST_TILES)
 
     def __len__(self) -> int:
         return self._store.tiles.maps
-
-    @property
-    def config(self) -> TsdfConfig:
-        """As given."""
-        return self._config
 
     @property
     def memory(self) -> int:
@@ -55,7 +45,7 @@ class TsdfMaps:
     def all(self) -> TsdfView:
         """The TSDFs of all particles, to register to; valid until the next ``integrate`` or ``resample``."""
         x, y = self._corner.tolist()
-        return TsdfView(self._config, self._store.tiles, (x * self._tile_size, y * self._tile_size))
+        return TsdfView(self.config, self._store.tiles, (x * self._tile_size, y * self._tile_size))
 
     def of(self, particle: int) -> TsdfView:
         """The TSDF of one particle, likewise."""
@@ -97,7 +87,7 @@ class TsdfMaps:
         poses, scans = _with_surfaces(poses, scans)
         if not scans:
             return
-        c = self._config
+        c = self.config
         farthest = max(float(np.hypot(*scan.points.T).max()) for scan in scans)
         self._cover(poses, farthest + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size)
         while not integrate_scans(self._store, self.all().frames(poses), scans, options=self._options):

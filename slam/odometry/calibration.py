@@ -18,26 +18,18 @@ from moteslam.robot.values import NotNegative, Positive, Section, Truth
 class CalibrationConfig(Section):
     """Calibration of the odometry while driving: four gains, each a small Kalman filter."""
 
-    enabled: Truth = True
-    """Estimate the odometry's systematic errors and correct them."""
-    scale: Positive = 0.05
-    """Prior standard deviation of the scale error of distances and of turns [m/m], [rad/rad]."""
+    enabled: Truth = True  # Estimate the odometry's systematic errors and correct them
+    scale: Positive = 0.05  # Prior standard deviation of the scale error of distances and of turns [m/m], [rad/rad]
+    # Prior standard deviation of the curvature of a path that is straight by the odometry [rad/m]
     curvature: Positive = 0.02
-    """Prior standard deviation of the curvature of a path that is straight by the odometry [rad/m]."""
+    # Prior standard deviation of how far the lidar is ahead of where the recording says, seen from the axle [m]
     lidar_offset: Positive = 0.1
-    """Prior standard deviation of how far the lidar is ahead of where the recording says, seen from the axle [m]."""
-    change: NotNegative = 0.001
-    """Standard deviation by which these gains change over a metre [1/sqrt(m)]."""
-    translation: Positive = 0.005
-    """Standard deviation of the odometry's random error of one motion, at rest [m]."""
-    translation_from_translation: NotNegative = 0.03
-    """Added to that for every metre [m/m]."""
-    rotation: Positive = 0.01
-    """Standard deviation of the random error of its heading, at rest [rad]."""
-    rotation_from_rotation: NotNegative = 0.1
-    """Added to that for every radian [rad/rad]."""
-    gate: Positive = 3.0
-    """Validation gate: an innovation of more standard deviations is left out; wheels slipped."""
+    change: NotNegative = 0.001  # Standard deviation by which these gains change over a metre [1/sqrt(m)]
+    translation: Positive = 0.005  # Standard deviation of the odometry's random error of one motion, at rest [m]
+    translation_from_translation: NotNegative = 0.03  # Added to that for every metre [m/m]
+    rotation: Positive = 0.01  # Standard deviation of the random error of its heading, at rest [rad]
+    rotation_from_rotation: NotNegative = 0.1  # Added to that for every radian [rad/rad]
+    gate: Positive = 3.0  # Validation gate: an innovation of more standard deviations is left out; wheels slipped
 
 
 class OdometryCalibration:
@@ -103,12 +95,9 @@ class OdometryCalibration:
 
 
 class _Gains:
-    """A Kalman filter of constants that change a little with the distance driven.
+    """A Kalman filter of constants [k], with prior deviations [k], that change a little with the distance driven.
 
-    Args:
-        values: [k] prior means, and
-        deviations: [k] prior standard deviations.
-        change: standard deviation of their change over a metre, of a gain with ``deviations[0]``.
+    ``change`` is the standard deviation of their change over a metre, of a gain with ``deviations[0]``.
     """
 
     def __init__(self, values: list[float], deviations: list[float], change: float) -> None:

@@ -24,27 +24,20 @@ class MotionNoise(Section):
     whose stamps carry no time (equal ones, one a second) spread too (alpha 1 to 4 of Probabilistic Robotics, 5.3).
     """
 
-    velocity: NotNegative = 0.0
-    """Noise on the velocity [m/s]."""
-    yaw_rate: NotNegative = 0.0
-    """Noise on the yaw rate [rad/s]."""
-    translation_from_translation: NotNegative = 0.0
-    """Noise along the path, as a share of the distance [m/m] (alpha 3)."""
-    translation_from_rotation: NotNegative = 0.0
-    """Noise of the position for a turn [m/rad] (alpha 4)."""
-    rotation_from_translation: NotNegative = 0.0
-    """Noise of the heading for a distance [rad/m] (alpha 2)."""
-    rotation_from_rotation: NotNegative = 0.0
-    """Noise of the heading, as a share of the turn [rad/rad] (alpha 1)."""
+    velocity: NotNegative = 0.0  # Noise on the velocity [m/s]
+    yaw_rate: NotNegative = 0.0  # Noise on the yaw rate [rad/s]
+    translation_from_translation: NotNegative = 0.0  # Noise along the path, as a share of the distance [m/m] (alpha 3)
+    translation_from_rotation: NotNegative = 0.0  # Noise of the position for a turn [m/rad] (alpha 4)
+    rotation_from_translation: NotNegative = 0.0  # Noise of the heading for a distance [rad/m] (alpha 2)
+    rotation_from_rotation: NotNegative = 0.0  # Noise of the heading, as a share of the turn [rad/rad] (alpha 1)
 
 
 class MatchConfig(Section):
     """The neighbourhood searched around each particle (section III.D.2): the Cartesian product of the offsets."""
 
+    # Shifts tried around each particle, in x and in y [m]; rising, zero among them
     offsets_xy: Offsets = (-0.1, -0.05, 0.0, 0.05, 0.1)
-    """Shifts tried around each particle, in x and in y [m]; rising, zero among them."""
-    offsets_theta: Offsets = (-0.1, -0.05, 0.0, 0.05, 0.1)
-    """Turns tried [rad]; rising, zero among them."""
+    offsets_theta: Offsets = (-0.1, -0.05, 0.0, 0.05, 0.1)  # Turns tried [rad]; rising, zero among them
 
     @field_validator("offsets_xy", "offsets_theta")
     @classmethod
@@ -58,15 +51,14 @@ class PaperFilterConfig(ParticleFilterConfig):
     """All keys of a run of the method ``paper``; the defaults are the preset ``paper``."""
 
     method: Literal["paper"] = "paper"
-    # III.4 as printed is 1 / sum of weights = 1, always under N/2: the printed filter resamples after every update.
-    # With the square it resamples once in 40 updates and loses a loop of the Intel log in 9 of 10 held-out seeds; so,
-    # in 3 of them. Set 0.5 for it.
+    # Resample when the effective number falls under this share of the particles (section III.D.3); 0 never does, 1
+    # after every update. III.4 as printed is 1 / sum of weights = 1, always under N/2: the printed filter resamples
+    # after every update. With the square it resamples once in 40 updates and loses a loop of the Intel log in 9 of 10
+    # held-out seeds; so, in 3 of them. Set 0.5 for it
     resample_below: Share = 1.0
-    """Resample when the effective number falls under this share of the particles (section III.D.3); 0 never does, 1
-    after every update."""
+    # Weights are multiplied by the score to this power: by the score itself (II.7) the weights of particles whose scans
+    # fit nearly as well are nearly the same
     score_exponent: Positive = 1.0
-    """Weights are multiplied by the score to this power: by the score itself (II.7) the weights of particles whose
-    scans fit nearly as well are nearly the same."""
     sync: SyncConfig = SyncConfig(
         method="nearest", low_pass_hz=10.0, kinematics="euler", deskew=False, travelling=False
     )

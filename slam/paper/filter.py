@@ -26,8 +26,7 @@ from moteslam.slam.filter.weights import Weights
 from moteslam.slam.mapping.occupancy import OccupancyGrid
 from moteslam.slam.paper.config import MatchConfig, MotionNoise, PaperFilterConfig
 
-UNKNOWN_SPEED = 0.5
-"""Of a robot of which no motion was measured yet: that of a slow walk [m/s]."""
+UNKNOWN_SPEED = 0.5  # Of a robot of which no motion was measured yet: that of a slow walk [m/s]
 
 
 class PaperFilter(FilterDefaults):

@@ -17,10 +17,8 @@ from moteslam.slam.registration.search import LEAST_KNOWN
 
 Points = NDArray[np.float32]
 
-SLIP = 7.0
-"""Negative log-probability that the wheels slip in one step: one in a thousand."""
-CORRELATION = 10.0
-"""Neighbouring endpoints err alike: this many of them count as one, as in ``backend.correlation``."""
+SLIP = 7.0  # Negative log-probability that the wheels slip in one step: one in a thousand
+CORRELATION = 10.0  # Neighbouring endpoints err alike: this many of them count as one, as in `backend.correlation`
 
 
 def heavy_tail(squares: Array, config: TrackingConfig) -> Array:

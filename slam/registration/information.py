@@ -11,8 +11,7 @@ from moteslam.robot.se2 import Array
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import FULL, Registration, kept_by
 
-UPPER = [0, 1, 2, 4, 5, 8]
-"""The upper triangle of a 3 x 3 matrix, of its elements row by row."""
+UPPER = [0, 1, 2, 4, 5, 8]  # The upper triangle of a 3 x 3 matrix, of its elements row by row
 
 
 def residual_variance(likelihood: float, config: RegistrationConfig) -> float:

@@ -34,10 +34,8 @@ Numbers = TypeVar("Numbers", float, NDArray[np.float64])
 RIVALS, RIVAL_SHARE = 4, 0.05
 """Rivals of the place where a scan is found, at most; the match score of one, less what its offset from the prediction
 costs, is smaller by this share of the points at most."""
-WIDE = 6.0
-"""Wider windows than this are searched in steps twice as long [m], as the relocation window is."""
-OPEN_HEADING = 0.5
-"""A scan is searched for where the heading is known no better [rad]."""
+WIDE = 6.0  # Wider windows than this are searched in steps twice as long [m], as the relocation window is
+OPEN_HEADING = 0.5  # A scan is searched for where the heading is known no better [rad]
 OPEN_PLACE = 0.5
 """A lapse of the odometry that leaves more open [m], or more than that of the heading, is undecided until a scan is
 found in the map."""

@@ -19,14 +19,10 @@ from moteslam.slam.registration.registrar import Registration, subsample
 
 Points = NDArray[np.float32]
 
-CROSSING = 0.3
-"""What a ray through a surface costs [endpoints]: little, since doors open and people walk."""
-LEAST_KNOWN = 0.3
-"""A place that knows less of the endpoints than another counts as if it knew this share of them."""
-AT_ONCE = 2048
-"""Offsets, best first, that are compared at once."""
-ELSEWHERE_DISTANCE, ELSEWHERE_ROTATION = 0.5, 0.15
-"""A place this far off is another one [m], [rad]."""
+CROSSING = 0.3  # What a ray through a surface costs [endpoints]: little, since doors open and people walk
+LEAST_KNOWN = 0.3  # A place that knows less of the endpoints than another counts as if it knew this share of them
+AT_ONCE = 2048  # Offsets, best first, that are compared at once
+ELSEWHERE_DISTANCE, ELSEWHERE_ROTATION = 0.5, 0.15  # A place this far off is another one [m], [rad]
 
 
 class Window(NamedTuple):
@@ -66,11 +62,8 @@ def candidates(
 ) -> Array:
     """The most promising offsets [m, 3] of a window, by the coarse level of the TSDF and the prior, best first.
 
-    Args:
-        predicted: [3] the middle of the window.
-        spread: [3] standard deviation of the prior about it.
-        points: [k, 2] of the scan.
-        most: offsets at most; each is ``config.separation`` of the basin away from the better ones.
+    The window is around ``predicted`` [3], the prior about it of standard deviations ``spread`` [3], the scan's points
+    are [k, 2]. Each is ``config.separation`` of the basin away from the better ones.
     """
     few = subsample(points, MAX_SEARCH_POINTS)
     c, s = math.cos(window.along), math.sin(window.along)

@@ -21,27 +21,21 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, Summarised, counted
 from moteslam.slam.texture.config import TextureConfig
 
-MAX_CELLS = 40_000_000
-"""Of the sums, 32 bytes each."""
+MAX_CELLS = 40_000_000  # Of the sums, 32 bytes each
 
-BEYOND_ENDS = 0.1
-"""Frames this long before the first or after the last pose still get that pose [s]."""
+BEYOND_ENDS = 0.1  # Frames this long before the first or after the last pose still get that pose [s]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class TextureMap(Raster):
     """The floor in colours; its cells lie on the lattice of multiples of ``cell_size``.
 
-    Attributes:
-        values: [H, W, 3] uint8 red, green, blue, the mean of the points in each cell.
-        points: [H, W] int64 the number of these points; 0 where nothing is known.
-        frames: that it was made of.
-        warnings: what was left out.
+    ``values`` [H, W, 3] uint8 are red, green, blue, the mean of the points in each cell.
     """
 
-    points: NDArray[np.int64]
-    frames: int
-    warnings: tuple[Issue, ...] = ()
+    points: NDArray[np.int64]  # [H, W] the number of these points; 0 where nothing is known
+    frames: int  # that it was made of
+    warnings: tuple[Issue, ...] = ()  # what was left out
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -76,21 +70,12 @@ class TextureMapper:
         """Add a frame's points near the floor, seen from a pose [3] of the robot."""
         from moteslam.kernels.texture import add_frame  # imports Taichi
 
-        x, y = self._first * self.config.cell_size
+        c, (x, y) = self.config, (self._first * self.config.cell_size).tolist()
         add_frame(
-            self._sums,
-            frame.disparity,
-            frame.rgb,
-            pose,
-            corner=(float(x), float(y)),
-            cell_size=self.config.cell_size,
-            calibration=calibration(),
-            mount=self._mount,
-            height_limit=self.config.height_limit,
-            max_depth=self.config.max_depth,
+            self._sums, frame.disparity, frame.rgb, pose, corner=(x, y), cell_size=c.cell_size, flat=c.flat,
+            calibration=calibration(), mount=self._mount, height_limit=c.height_limit, max_depth=c.max_depth,
             nothing=rgbd.NO_DISPARITY,
-            flat=self.config.flat,
-        )
+        )  # fmt: skip
         self.frames += 1
 
     def snapshot(self, warnings: tuple[Issue, ...] = ()) -> TextureMap:
@@ -115,16 +100,9 @@ class TextureMapper:
 
 def calibration() -> NDArray[np.float64]:
     """The Kinect's numbers [10] as ``kernels.texture.add_frame`` takes them."""
-    return np.array(
-        (
-            *(rgbd.FOCAL, *rgbd.CENTRE),
-            *(rgbd.DISPARITY_SLOPE, rgbd.DISPARITY_OFFSET, rgbd.DEPTH_SCALE),
-            rgbd.ALIGN_SCALE / rgbd.ALIGN_DIVISOR,
-            rgbd.ALIGN_DISPARITY / rgbd.ALIGN_DIVISOR,
-            rgbd.ALIGN_COLUMN / rgbd.ALIGN_DIVISOR,
-            rgbd.ALIGN_ROW / rgbd.ALIGN_DIVISOR,
-        )
-    )
+    depth = rgbd.DISPARITY_SLOPE, rgbd.DISPARITY_OFFSET, rgbd.DEPTH_SCALE
+    align = rgbd.ALIGN_SCALE, rgbd.ALIGN_DISPARITY, rgbd.ALIGN_COLUMN, rgbd.ALIGN_ROW
+    return np.array((rgbd.FOCAL, *rgbd.CENTRE, *depth, *(each / rgbd.ALIGN_DIVISOR for each in align)))
 
 
 def can_map(recording: Recording) -> bool:
@@ -183,10 +161,7 @@ def map_texture(
 
 def _longest_ray() -> float:
     """The length of the longest ray of the depth camera for a depth of 1."""
-    x, y = (
-        max(rgbd.CENTRE[0], rgbd.WIDTH - rgbd.CENTRE[0]),
-        max(rgbd.CENTRE[1], rgbd.HEIGHT - rgbd.CENTRE[1]),
-    )
+    x, y = (max(at, size - at) for at, size in zip(rgbd.CENTRE, (rgbd.WIDTH, rgbd.HEIGHT), strict=True))
     return float(np.sqrt(1 + (x / rgbd.FOCAL) ** 2 + (y / rgbd.FOCAL) ** 2))
 
 

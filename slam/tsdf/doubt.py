@@ -14,15 +14,13 @@ from moteslam.slam.filter.certainty import LocalisationState, state_of
 from moteslam.slam.filter.misfit import DOUBTFUL_DROP, LOST_DROP, Scores
 from moteslam.slam.registration.evidence import CORRELATION
 
-PRIOR = -6.0
-"""The log-odds that a pose is wrong of which nothing is known: one in 400."""
+PRIOR = -6.0  # The log-odds that a pose is wrong of which nothing is known: one in 400
 FIRST, MOST = 4.0, 1.5
 """Of the first scan that is suspected the evidence is at most the one, and of each after it the other, either way
 [nats]: three decide at the earliest. Who walks up to the robot hides half of what it sees, and is passed by then."""
 CARRIED = -0.5
 """The log-odds where the robot was carried: it may have been found within the window of the search, or not."""
-APART = 0.5
-"""Scans this far apart err independently [m]; of nearer ones each counts by its share of it."""
+APART = 0.5  # Scans this far apart err independently [m]; of nearer ones each counts by its share of it
 FAR_WHERE_LOST, FAR_AT_FIRST, LEAST_FAR = 0.12, 0.03, 0.01
 """Shares of the endpoints that are far from the surface: where a robot is lost, the mean of simulated drives; where it
 is not, before it is known what is usual; and then, at least (in the mean of real logs it is 0 to 0.006)."""
@@ -33,8 +31,7 @@ UNKNOWN_WHERE_LOST, LEAST_UNKNOWN = 0.5, 0.1
 """Shares of the endpoints where the map is unknown: where a robot is lost; and where it is not, at least."""
 AHEAD = 0.25
 """The latter may be larger by this share for every metre driven since the scan before that was not suspected [1/m]."""
-USUAL = 10.0
-"""What is usual is a mean along the path of this length [m]."""
+USUAL = 10.0  # What is usual is a mean along the path of this length [m]
 
 
 class ScanFit(NamedTuple):
@@ -74,13 +71,10 @@ class Doubt:
         return state_of(self.probability)
 
     def observe(self, driven: float, scan: ScanFit | None, *, carried: bool = False) -> None:
-        """Take in a scan.
+        """Take in a scan, None if it was not matched, driven so far after the one before by the odometry [m].
 
-        Args:
-            driven: since the scan before, by the odometry [m]: where the robot is found elsewhere that is no drive.
-            scan: None if it was not matched.
-            carried: it was found farther off than the robot can have driven: somebody moved it, and it is only found
-                where the scans fit as is usual.
+        It was ``carried`` if it was found farther off than the robot can have driven: somebody moved it, and it is only
+        found where the scans fit as is usual.
         """
         self._driven += driven
         if scan is None:

@@ -27,8 +27,7 @@ from moteslam.slam.tsdf.proposal import Proposal, propose, sample
 from moteslam.slam.tsdf.relocation import Relocation
 from moteslam.slam.tsdf.tracking import Tracked, Tracker
 
-WRONG_WHILE_LOST = 0.95
-"""Probability of a wrong pose from when the robot is lost until it is found."""
+WRONG_WHILE_LOST = 0.95  # Probability of a wrong pose from when the robot is lost until it is found
 
 
 class TsdfFilter(FilterDefaults):

@@ -31,13 +31,12 @@ from moteslam.slam.texture.floor_map import (
     floor_patch,
     packed_map,
 )
-from moteslam.slam.tsdf.config import ColourConfig, TsdfFilterConfig
+from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.proposal import Proposal
 
-FLAT = 1e-6
-"""Curvatures below this say nothing."""
+FLAT = 1e-6  # Curvatures below this say nothing
 
 
 class FloorFit(NamedTuple):
@@ -64,13 +63,76 @@ class _FloorMap:
         return self.known
 
 
-class FloorTracker:
-    """Compares frames with maps of the floor."""
+def _square(steps: int, step: float) -> Array:
+    """The shifts [n, 2] of a square lattice, ``steps`` to each side."""
+    ticks = np.arange(-steps, steps + 1) * step
+    return np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
 
-    def __init__(self, config: ColourConfig, texture: TextureConfig) -> None:
-        self._config = config
-        self._texture = texture.model_copy(update={"cell_size": config.cell_size, "max_depth": config.max_depth})
+
+def _peak(shifts: Array, values: Array) -> tuple[Array, Array] | None:
+    """The top [2] of the quadratic that fits log-likelihoods [n] at shifts [n, 2] best, and its information [2, 2].
+
+    Along a direction in which they do not fall, there is none.
+    """
+    x, y = shifts.T
+    terms = np.column_stack((np.ones(len(x)), x, y, x * x / 2, x * y, y * y / 2))
+    _, gx, gy, hxx, hxy, hyy = np.linalg.lstsq(terms, values, rcond=None)[0]
+    information = -np.array(((hxx, hxy), (hxy, hyy)))
+    if np.linalg.eigvalsh(information)[0] <= FLAT:
+        return None
+    return np.linalg.solve(information, np.array((gx, gy))), information
+
+
+class FloorLikelihood:
+    """Weighs particles by camera frames of the floor; without frames it changes nothing."""
+
+    def __init__(self, config: TsdfFilterConfig) -> None:
+        self._config, self._share = config.colours, config.proposal.information_share
+        c = config.colours
+        self._texture = config.texture.model_copy(update={"cell_size": c.cell_size, "max_depth": c.max_depth})
         self._maps: list[_FloorMap] = []
+        self._view: FloorView | None = None  # the frame of this update
+        self._since_frame = 0.0  # distance since the last frame [m]
+
+    def read_frame(self, read: Callable[[float], FloorView | None] | None) -> None:
+        """Read the newest frame for this update, if the run uses the camera."""
+        self._view = None if read is None else read(self._config.largest_age)
+
+    def refine(self, proposal: Proposal, since: MotionSinceUpdate, best: int) -> Proposal | None:
+        """The proposal multiplied by what the floor measures of each particle's position.
+
+        Lidar and odometry put a particle at a Gaussian of information A, the floor at another one, of information B,
+        at an offset d: the mean of the product lies (A + B)^-1 B d away, and its integral, which is the particle's
+        likelihood, falls with d^T (B - B (A + B)^-1 B) d / 2.
+
+        Returns:
+            None without a frame, or if it measures nothing.
+        """
+        if self._view is None or not proposal.registered:
+            return None
+        registered = se2.compose(since.odometry, proposal.offsets[best])
+        self._view = self._view.corrected(np.array(since.wheels), registered, since.travelled.elapsed)
+        fit = self.fit(self._view, proposal.means, best)
+        if fit is None:
+            return None
+        lidar = proposal.precision(self._share)
+        gain = np.linalg.solve(lidar + fit.information, np.broadcast_to(fit.information, lidar.shape))
+        inside = fit.information - fit.information @ gain
+        off = fit.offsets
+        return replace(
+            proposal,
+            offsets=se2.compose(proposal.offsets, np.einsum("nij,nj->ni", gain, off)),
+            information=proposal.information + fit.information / self._share,
+            position_share=1.0,  # the floor tells particles apart where the lidar does not
+            log_likelihood=-0.5 * np.einsum("ni,nij,nj->n", off, inside, off),
+        )
+
+    def integrate(self, particles: Particles, since: MotionSinceUpdate) -> None:
+        """Write the frame of this update into the newest map of the floor, seen from the best particle."""
+        self._since_frame += since.travelled.distance
+        if self._view is not None:
+            self.add(self._view, particles.poses, particles.best, self._since_frame)
+            self._since_frame = 0.0
 
     def fit(self, view: FloorView, poses: Array, best: int) -> FloorFit | None:
         """Where the floor puts the particles.
@@ -153,78 +215,3 @@ class FloorTracker:
         # the floor's offset is never more certain than its camera's mount, whatever the colours
         covariance = np.linalg.inv(information) + c.spread_translation**2 * np.eye(2)
         return start + shift, np.asarray(np.linalg.inv(covariance))
-
-
-def _square(steps: int, step: float) -> Array:
-    """The shifts [n, 2] of a square lattice, ``steps`` to each side."""
-    ticks = np.arange(-steps, steps + 1) * step
-    return np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
-
-
-def _peak(shifts: Array, values: Array) -> tuple[Array, Array] | None:
-    """The top [2] of the quadratic that fits log-likelihoods [n] at shifts [n, 2] best, and its information [2, 2].
-
-    Along a direction in which they do not fall, there is none.
-    """
-    x, y = shifts.T
-    terms = np.column_stack((np.ones(len(x)), x, y, x * x / 2, x * y, y * y / 2))
-    _, gx, gy, hxx, hxy, hyy = np.linalg.lstsq(terms, values, rcond=None)[0]
-    information = -np.array(((hxx, hxy), (hxy, hyy)))
-    if np.linalg.eigvalsh(information)[0] <= FLAT:
-        return None
-    return np.linalg.solve(information, np.array((gx, gy))), information
-
-
-class FloorLikelihood:
-    """Weighs particles by camera frames of the floor; without frames it changes nothing."""
-
-    def __init__(self, config: TsdfFilterConfig) -> None:
-        self._config = config
-        self._tracker = FloorTracker(config.colours, config.texture)
-        self._view: FloorView | None = None  # the frame of this update
-        self._since_frame = 0.0  # distance since the last frame [m]
-
-    def read_frame(self, read: Callable[[float], FloorView | None] | None) -> None:
-        """Read the newest frame for this update, if the run uses the camera."""
-        self._view = None if read is None else read(self._config.colours.largest_age)
-
-    def refine(self, proposal: Proposal, since: MotionSinceUpdate, best: int) -> Proposal | None:
-        """The proposal multiplied by what the floor measures of each particle's position.
-
-        Lidar and odometry put a particle at a Gaussian of information A, the floor at another one, of information B,
-        at an offset d: the mean of the product lies (A + B)^-1 B d away, and its integral, which is the particle's
-        likelihood, falls with d^T (B - B (A + B)^-1 B) d / 2.
-
-        Returns:
-            None without a frame, or if it measures nothing.
-        """
-        if self._view is None or not proposal.registered:
-            return None
-        registered = se2.compose(since.odometry, proposal.offsets[best])
-        self._view = self._view.corrected(np.array(since.wheels), registered, since.travelled.elapsed)
-        fit = self._tracker.fit(self._view, proposal.means, best)
-        if fit is None:
-            return None
-        share = self._config.proposal.information_share  # that counts of the endpoints beside the floor
-        lidar = proposal.precision(share)
-        gain = np.linalg.solve(lidar + fit.information, np.broadcast_to(fit.information, lidar.shape))
-        inside = fit.information - fit.information @ gain
-        off = fit.offsets
-        return replace(
-            proposal,
-            offsets=se2.compose(proposal.offsets, np.einsum("nij,nj->ni", gain, off)),
-            information=proposal.information + fit.information / share,
-            position_share=1.0,  # the floor tells particles apart where the lidar does not
-            log_likelihood=-0.5 * np.einsum("ni,nij,nj->n", off, inside, off),
-        )
-
-    def integrate(self, particles: Particles, since: MotionSinceUpdate) -> None:
-        """Write the frame of this update into the newest map of the floor, seen from the best particle."""
-        self._since_frame += since.travelled.distance
-        if self._view is not None:
-            self._tracker.add(self._view, particles.poses, particles.best, self._since_frame)
-            self._since_frame = 0.0
-
-    def resample(self, parents: NDArray[np.int64]) -> None:
-        """Particles [M] survive as the children of these."""
-        self._tracker.resample(parents)

@@ -10,8 +10,7 @@ from moteslam.slam.inputs.lapses import CLOSED, Open
 
 __all__ = ["CLOSED", "MotionSinceUpdate", "Open", "StepMotion", "Travelled", "magnitude", "step_motion"]
 
-STILL: Pose = (0.0, 0.0, 0.0)
-"""No motion."""
+STILL: Pose = (0.0, 0.0, 0.0)  # No motion
 
 
 class StepMotion(NamedTuple):

@@ -24,21 +24,17 @@ from moteslam.slam.registration.search import Window, candidates, is_elsewhere, 
 
 Points = NDArray[np.float32]
 
-QUERY = 4.0
-"""Path of the scans that are searched for together [m]."""
+QUERY = 4.0  # Path of the scans that are searched for together [m]
 FIRST_LOOK, APART = 2.0, 1.0
 """The first search is made after this path, and those after it this far apart [m]: further, where they are dear."""
 ENDPOINTS_PER_METRE = 4e8
 """The searches look up at most as many endpoints for every metre driven: 0.4 s of one processor."""
-MARGIN = 1.0
-"""The robot is looked for this far beyond the path on which the map was made [m]."""
+MARGIN = 1.0  # The robot is looked for this far beyond the path on which the map was made [m]
 FIRST_WINDOW, FIRST_SHARE = np.array([10.0, 10.0, 0.5]), 0.7
 """A robot that nobody carried has drifted: it is looked for within this of where it was tracked to [m, m, rad] first,
 and taken to be there if this share of the endpoints is on surfaces: a place elsewhere could hardly have more."""
-STEP, TURN = 0.2, 0.06
-"""Of the lattice: a basin of Gauss-Newton [m], [rad]."""
-STARTS, START_POINTS, FINALISTS = 60, 120, 12
-"""Places that are registered with some endpoints, and of these with all."""
+STEP, TURN = 0.2, 0.06  # Of the lattice: a basin of Gauss-Newton [m], [rad]
+STARTS, START_POINTS, FINALISTS = 60, 120, 12  # Places that are registered with some endpoints, and of these with all
 LEAST_SHARE, LEAST_MARGIN = 0.3, 0.1
 """Share of the endpoints on surfaces, less what crosses surfaces, and how much less a place elsewhere has."""
 NEAR_DISTANCE, NEAR_ROTATION = 5.0, 0.5
@@ -47,12 +43,9 @@ over them twice: a robot that comes back to a map by much drift looks lost, too.
 
 
 class Relocation:
-    """Looks for the robot in the map that it had before it was lost.
+    """Looks for the robot in the map, made on a path [u, 3], that it had before it was lost.
 
-    Args:
-        path: [u, 3] on which that map was made.
-        begin: [3] where the new map begins, as far as is known.
-        reach: how far off that is at most [m].
+    The new map begins at ``begin`` [3], which is off by ``reach`` at most [m].
     """
 
     def __init__(

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from command_lines import printed
+from command_lines import printed, refused, shown
 from evo_scores import Drive, evo_metric
 from scipy.spatial.transform import Rotation
-
-from moteslam.eval.cli import main
 
 CAMERA = Rotation.from_matrix([(0, -1, 0), (0, 0, -1), (1, 0, 0)])
 """From a robot's axes (ahead, left, up) to a camera's (right, down, ahead)."""
@@ -77,14 +74,17 @@ def write(path: Path, kind: str, stamps: np.ndarray, positions: np.ndarray, turn
     return str(path)
 
 
+def pair(folder: Path, estimate: Drive, reference: Drive, kind: str = "tum") -> list[str]:
+    return [write(folder / f"{name}.{kind}", kind, *one) for name, one in (("est", estimate), ("ref", reference))]
+
+
 def evo(estimate: Drive, reference: Drive, **how: Any) -> float:
     """The RMSE of evo's APE, or with a delta of its RPE."""
     return float(evo_metric(estimate, reference, **how).get_all_statistics()["rmse"])
 
 
 def ours(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
-    assert main.run(["evaluate", *arguments, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
+    return shown(capsys, "evaluate", *arguments)
 
 
 def rmse(result: dict, error: str = "ate", of: str = "translation_m") -> float:
@@ -98,7 +98,7 @@ def test_motion_out_of_x_and_y(tmp_path: Path, capsys, kind: str, space: float) 
     stamps, positions, turns = drive(space=space)
     estimate = (stamps, *in_camera_axes(*disturbed(positions, turns, space=space)))
     reference = (stamps, *in_camera_axes(positions, turns))
-    files = [write(tmp_path / f"{name}.{kind}", kind, *one) for name, one in (("est", estimate), ("ref", reference))]
+    files = pair(tmp_path, estimate, reference, kind)
     result = ours(capsys, *files)
     assert rmse(result) == pytest.approx(evo(estimate, reference), abs=1e-9)
     assert rmse(result, of="rotation_deg") == pytest.approx(
@@ -115,7 +115,7 @@ def test_a_flat_estimate_against_camera_axes(tmp_path: Path, capsys) -> None:
     moved, turned = disturbed(positions, turns, space=0)
     estimate = (stamps, np.column_stack((moved[:, :2], np.zeros(len(moved)))), turned)
     reference = (stamps, *in_camera_axes(positions, turns))
-    result = ours(capsys, write(tmp_path / "e", "tum", *estimate), write(tmp_path / "r", "tum", *reference))
+    result = ours(capsys, *pair(tmp_path, estimate, reference))
     assert rmse(result) == pytest.approx(evo(estimate, reference), abs=1e-9)
     assert [issue["code"] for issue in result["warnings"]] == ["in-space", "body-axes"]
 
@@ -124,8 +124,7 @@ def test_heights_of_one_alone_are_left_out_with_a_warning(tmp_path: Path, capsys
     stamps, positions, turns = drive()
     reference = positions + np.column_stack((np.zeros((300, 2)), 0.1 * np.sin(stamps)))
     flat = np.column_stack((positions[:, :2] + 0.001 * np.sin(7 * np.arange(600)).reshape(300, 2), np.zeros(300)))
-    files = (write(tmp_path / "e", "tum", stamps, flat, turns), write(tmp_path / "r", "tum", stamps, reference, turns))
-    result = ours(capsys, *files)
+    result = ours(capsys, *pair(tmp_path, (stamps, flat, turns), (stamps, reference, turns)))
     assert rmse(result) == pytest.approx(0.001, abs=1e-4)
     assert [issue["code"] for issue in result["warnings"]] == ["heights-left-out"]
 
@@ -147,7 +146,7 @@ def test_a_clock_that_is_off(tmp_path: Path, capsys, offset: float) -> None:
     """The offset is found to a few milliseconds, printed, and taken where it is given."""
     stamps, positions, turns = drive(600)
     estimate = (stamps - offset, *disturbed(positions, turns, sigma=0.02, space=0, longer=1.0))
-    files = (write(tmp_path / "e", "tum", *estimate), write(tmp_path / "r", "tum", stamps, positions, turns))
+    files = pair(tmp_path, estimate, (stamps, positions, turns))
     [message] = [i["message"] for i in ours(capsys, *files)["warnings"] if i["code"] == "clocks-differ"]
     assert float(message.partition("--time-offset ")[2].strip("()")) == pytest.approx(offset, abs=0.01)
     result = ours(capsys, *files, "--time-offset", str(offset))
@@ -155,42 +154,10 @@ def test_a_clock_that_is_off(tmp_path: Path, capsys, offset: float) -> None:
     assert result["warnings"] == []
 
 
-@pytest.mark.parametrize(
-    ("fault", "code", "words"),
-    [
-        ("none", None, ""),
-        ("another point of the robot", "lever-arm", r"x 0\.(49|50)\d m, y -0\.(19|20)\d m"),
-        ("axes of the body", "body-axes", "90 degrees"),
-        ("another drive", "unlike", "another drive"),
-    ],
-)
-def test_what_explains_an_error_is_told(tmp_path: Path, capsys, fault: str, code: str | None, words: str) -> None:
-    stamps, positions, turns = drive(600)
-    seen, seen_turns = disturbed(positions, turns, sigma=0.002, space=0, longer=1.0)
-    if fault == "another point of the robot":
-        positions = positions + turns.apply((0.5, -0.2, 0.0))
-    elif fault == "axes of the body":
-        seen_turns = seen_turns * Rotation.from_euler("z", 90, degrees=True)
-    elif fault == "another drive":
-        positions = np.column_stack((positions[:, 0], 3 * np.sin(stamps - T0), positions[:, 2]))
-    files = (
-        write(tmp_path / "e", "tum", stamps, seen, seen_turns),
-        write(tmp_path / "r", "tum", stamps, positions, turns),
-    )
-    warnings = ours(capsys, *files)["warnings"]
-    assert [one["code"] for one in warnings] == ([code] if code else [])
-    assert all(re.search(words, one["message"]) for one in warnings)
-
-
 def test_clocks_without_a_common_time(tmp_path: Path, capsys) -> None:
     stamps, positions, turns = drive(600)
-    files = (
-        write(tmp_path / "e", "tum", stamps[50:500] - T0 - 2.0, positions[50:500], turns[50:500]),
-        write(tmp_path / "r", "tum", stamps, positions, turns),
-    )
-    assert main.run(["evaluate", *files]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
+    part = (stamps[50:500] - T0 - 2.0, positions[50:500], turns[50:500])
+    said = refused(capsys, "evaluate", *pair(tmp_path, part, (stamps, positions, turns)))
     assert float(said.partition("--time-offset ")[2].strip("()\n")) == pytest.approx(T0 + 2.0, abs=0.01)
 
 
@@ -201,18 +168,14 @@ def test_the_denser_side_is_interpolated(tmp_path: Path, capsys, sparse: str, sp
     some = np.arange(7, 990, 40)
     fine = np.linspace(stamps[0], stamps[-1], 4321)  # within 0.01 s of every stamp, as evo wants it
     turned = [np.interp(fine, stamps, turns.as_rotvec()[:, k]) for k in range(3)]
-    dense = (
-        fine,
-        np.column_stack([np.interp(fine, stamps, c) for c in positions.T]),
-        Rotation.from_rotvec(np.transpose(turned)),
-    )
+    path = np.column_stack([np.interp(fine, stamps, c) for c in positions.T])
+    dense = (fine, path, Rotation.from_rotvec(np.transpose(turned)))
     thin = (stamps[some] + 0.003, *disturbed(positions[some], turns[some], space=space))
-    pair = (thin, dense) if sparse == "estimate" else (dense, thin)
-    files = [write(tmp_path / name, "tum", *one) for name, one in zip("er", pair, strict=True)]
-    result = ours(capsys, *files)
+    both = (thin, dense) if sparse == "estimate" else (dense, thin)
+    result = ours(capsys, *pair(tmp_path, *both))
     assert result["ate"]["translation_m"]["count"] == len(some)
-    assert rmse(result) == pytest.approx(evo(*pair, interpolate=True), abs=1e-9)
-    assert rmse(result, "rpe") == pytest.approx(evo(*pair, interpolate=True, delta=1.0), abs=1e-9)
+    assert rmse(result) == pytest.approx(evo(*both, interpolate=True), abs=1e-9)
+    assert rmse(result, "rpe") == pytest.approx(evo(*both, interpolate=True, delta=1.0), abs=1e-9)
 
 
 @pytest.mark.parametrize("who", ["reference", "estimate"])
@@ -221,19 +184,19 @@ def test_positions_without_orientation(tmp_path: Path, capsys, quaternion: str, 
     """Scored by distances, as evo's ``point_distance``, with a warning."""
     stamps, positions, turns = drive()
     estimate = (stamps, *disturbed(positions, turns, space=0))
-    pair = [estimate, (stamps, positions, turns)]
-    files = [write(tmp_path / name, "tum", *one) for name, one in zip("er", pair, strict=True)]
+    both = estimate, (stamps, positions, turns)
+    files = pair(tmp_path, *both)
     file = Path(files[0 if who == "estimate" else 1])
     lines = [" ".join([*line.split()[:4], quaternion]) for line in file.read_text().splitlines()]
     file.write_text("\n".join(lines) + "\n")
     result = ours(capsys, *files)
     assert (result["oriented"], result["ate"]["rotation_deg"], result["rpe"]["rotation_deg"]) == (False, None, None)
-    assert rmse(result) == pytest.approx(evo(*pair), abs=1e-9)
-    assert rmse(result, "rpe") == pytest.approx(evo(*pair, relation="point_distance", delta=1.0), abs=1e-9)
+    assert rmse(result) == pytest.approx(evo(*both), abs=1e-9)
+    assert rmse(result, "rpe") == pytest.approx(evo(*both, relation="point_distance", delta=1.0), abs=1e-9)
     assert [issue["code"] for issue in result["warnings"]] == ["no-orientation"]
     out = printed(capsys, "evaluate", *files, "--metric", "heading", "--metric", "drift", "--metric", "ate")
     assert "RPE of distances over 1 m [" in out
     assert "deg" not in out
     assert re.search("final heading error +- no orientation", out)
     assert re.search("final drift +- a trajectory without orientation", out)
-    assert main.run(["evaluate", *files, "--plot", str(tmp_path / "p.png")]) == 0
+    printed(capsys, "evaluate", *files, "--plot", tmp_path / "p.png")

@@ -24,6 +24,7 @@ from moteslam.eval.run_tables import read_particles
 from moteslam.eval.runs import compared
 from moteslam.robot.formats.map_server import write_picture
 from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import transform_points
 from moteslam.robot.trajectories.text import read_tum
 
 
@@ -92,6 +93,19 @@ def test_particles_are_written_and_read(result: Path, run) -> None:
     shown = playable(result, budget_of(1))["particles"]
     assert len(shown["paths"]) == len(estimate.particle_paths)
     np.testing.assert_allclose(decoded(shown["paths"][0][0])[-1], estimate.particle_paths[0, -1, 0], atol=1e-3)
+
+
+def test_the_player_has_the_key_scans_where_they_were_taken(result: Path, run) -> None:
+    found, session = playable(result, budget_of(1))["scans"], run[0].building.sessions[-1]
+    assert len(found["t"]) == len(found["places"]) == len(session)
+    stamps = run[0].trajectory_final.stamps
+    np.testing.assert_allclose(decoded(found["t"]), stamps[session.nodes] - stamps[0], atol=6e-4)
+    pose, points = run[0].trajectory_final.poses[session.nodes[-1]], session.points[-session.counts[-1] :]
+    ends = np.stack([decoded(axis, 1e-2) for axis in found["places"][-1]], axis=-1)
+    np.testing.assert_allclose(ends[[0, -1]], transform_points(pose, points)[[0, -1]], atol=0.01)
+    few = playable(result, Budget(20, 500, 360))["scans"]
+    assert len(few["places"]) == 3
+    assert sum(few["t"]) == sum(found["t"])
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,21 @@
-"""What command lines refuse: one line on stderr that names it, exit code 2, nothing written."""
+"""Whatever is wrong: one line on stderr that names it, exit code 2, no traceback, nothing left behind."""
 
 from __future__ import annotations
 
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
 from command_lines import refused
 from made_sweeps import swept
+
+from moteslam.eval.cli import interrupt, main
+from moteslam.eval.tables import literal
 
 TUM = "".join(f"{t} {t} 0 0 0 0 0 1\n" for t in range(10))
 FAR_WALL = "[[world.walls]]\npoints = [[-90.0, -90.0], [-90.0, 90.0]]\n"
@@ -139,3 +148,169 @@ def test_one_line_and_exit_code_2(line: str, words: str, here: Path, monkeypatch
     before = sorted(here.rglob("*"))
     assert words in refused(capsys, *line.split())
     assert sorted(here.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("[bold]red[red]", "[bold]red[red]"),
+        ("\x1b[31mred\x07", "\\x1b[31mred\\x07"),
+        ("two\nlines", "two\\nlines"),
+        ("{braces} %s", "{braces} %s"),
+    ],
+)
+def test_names_with_markup_and_escape_codes_are_printed_as_they_are(
+    name: str, shown: str, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    line = refused(capsys, "inspect", name)
+    assert line == f"moteslam: {shown}: No such file or directory, expected a recording\n"
+    assert "\x1b" not in refused(capsys, "evaluate", "one", "two", name)  # a usage error, printed by Typer
+    Path(name).write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
+    assert main.run(["evaluate", name, name]) == 0
+    assert capsys.readouterr().out.startswith(f"{shown} against {shown}, laid on it rigidly\n")
+    assert main.run(["evaluate", name, name, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["estimate"] == name
+
+
+def test_a_name_that_is_no_text(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "moteslam", "inspect", b"caf\xe9"],
+        cwd=tmp_path,
+        capture_output=True,
+        check=False,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith(b"moteslam: caf\\xe9: No such file")
+
+
+def test_literal_leaves_words_alone() -> None:
+    assert literal("Zürich 東京 [x] $a$ \\d") == "Zürich 東京 [x] $a$ \\d"
+    assert literal("a\u202eb\u2028\x9b") == "a\\u202eb\\u2028\\x9b"
+
+
+STOPPED = "moteslam: interrupted, nothing was left behind\n"
+SIGNALS = pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)],
+    ids=["Ctrl-C", "SIGTERM", "SIGHUP"],
+)
+
+
+WHILE_IMPORTING = """
+import os, runpy, sys
+class Finder:
+    def find_spec(self, name, *_):
+        if name == {module!r}:
+            os.kill(os.getpid(), {number})
+sys.meta_path.insert(0, Finder())
+sys.argv = ["moteslam", "demo"]
+runpy.run_module("moteslam", run_name="__main__")
+"""
+
+
+@pytest.mark.usefixtures("signals_are_heard")
+@pytest.mark.parametrize("module", ["typer", "moteslam.eval.cli.text", "numpy._core._multiarray_umath"])
+def test_an_interrupt_while_the_program_is_read(module: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WHILE_IMPORTING.format(module=module, number=int(signal.SIGINT))],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", STOPPED)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_ignored_from_the_start_stays_so(tmp_path: Path) -> None:
+    code = WHILE_IMPORTING.format(module="typer", number=int(signal.SIGHUP)).replace('"demo"', '"scenarios"')
+    ignoring = f"import signal\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\n{code}"
+    done = subprocess.run([sys.executable, "-c", ignoring], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@SIGNALS
+@pytest.mark.usefixtures("signals_are_heard")
+def test_an_interrupt_leaves_nothing(number: int, code: int, tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "moteslam", "demo", "--set", "particles=5000"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.iterdir()) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert [entry.suffix for entry in tmp_path.iterdir()] == [".partial"]
+    time.sleep(0.7)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == code, err
+    assert (out, err) == ("", STOPPED)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("module", "name"), [("pymunk._callbacks", "called"), ("pymunk.body", "freebody")])
+def test_an_interrupt_within_c_that_calls_python_waits(module: str, name: str, monkeypatch) -> None:
+    monkeypatch.setattr(interrupt, "_asked", [])
+    called_by_c = {"__name__": module, "ask": lambda: interrupt._interrupt(signal.SIGINT, sys._getframe())}
+    exec(f"def {name}():\n    ask()", called_by_c)
+    called_by_c[name]()
+    with pytest.raises(interrupt.Interrupted):
+        interrupt.check_interrupt()
+
+
+def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:
+    command = f"{sys.executable} -m moteslam scenarios | true; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.returncode in (0, main.CLOSED_PIPE)  # 0 where the pipe closed too late
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+@pytest.mark.parametrize("line", ["scenarios", "scenarios --json", "demo --print-config", "--help", "--version"])
+def test_a_full_disk_behind_stdout(line: str, tmp_path: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "moteslam", *line.split()],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            cwd=tmp_path,
+        )
+    assert (done.returncode, done.stderr) == (
+        2,
+        "moteslam: stdout: cannot be written: No space left on device\n",
+    )
+
+
+def test_a_fault_of_ours_is_one_line_too(monkeypatch, capsys) -> None:
+    def broken() -> None:
+        raise ZeroDivisionError("by zero\nof all things")
+
+    monkeypatch.setattr("moteslam.sim.scenario.bundled_scenarios", broken)
+    line = refused(capsys, "scenarios", code=1)
+    assert "internal error: ZeroDivisionError: by zero\\nof all things in " in line
+    assert f"{Path(__file__).name}, line " in line
+    assert "; MOTESLAM_TRACEBACK=1 shows more" in line
+    monkeypatch.setenv("MOTESLAM_TRACEBACK", "1")
+    with pytest.raises(ZeroDivisionError):
+        main.run(["scenarios"])
+
+
+@pytest.mark.slow
+def test_a_truth_on_another_clock_is_left_out(simulated_folder: Path, tmp_path: Path, capsys, taichi) -> None:
+    import shutil
+
+    shutil.copytree(simulated_folder, tmp_path / "robot")
+    (tmp_path / "robot/truth.tum").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
+    arguments = ["replay", tmp_path / "robot", "--out", tmp_path / "x", "--set", "particles=5", "--json"]
+    assert main.run([str(argument) for argument in [*arguments, "--no-figures"]]) == 0
+    said = capsys.readouterr()
+    assert "no stamps in common" in said.err
+    assert json.loads(said.out)["metrics"]["final.ate"] == {"absent": "no truth"}
+    assert not (tmp_path / "x/truth.tum").exists()

@@ -12,12 +12,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from command_lines import printed, refused, shown
+from command_lines import codes, printed, refused, shown
 from robot_logs import flaser, write_log
 from sim_logs import winding
 from slam_messages import cut, messages, platform_of, sparse_corridor
 
-from moteslam.eval.cli import main
 from moteslam.eval.cli.main import run
 from moteslam.eval.cli.simulate import scenario_of
 from moteslam.eval.metrics.ate import absolute_trajectory_error
@@ -112,6 +111,20 @@ def test_a_line_that_cannot_be_used_is_told_left_out_and_stops_nothing(
         assert told[-1] == f"moteslam: warning: stdin: {len(some)} of {len(good) + len(some)} lines were left out"
 
 
+@pytest.mark.parametrize("begins", [12.5, 1.7e9], ids=str)
+def test_a_first_message_of_another_clock_is_told_and_left_out(
+    begins: float, recording: Recording, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, *good = lines(recording)
+    early = json.dumps({"type": "scan", "stamp": begins, "ranges": [1] * 271})
+    assert fed(monkeypatch, "\n".join([robot, early, *good]), "--set", "particles=3") == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out.splitlines()[-1])["index"] == SCANS - 1
+    told = [line for line in err.splitlines() if "left out" in line]
+    assert told[0].startswith(f"moteslam: warning: stdin:2: scan.stamp: {begins} s")
+    assert told[1:] == [f"moteslam: warning: stdin: 1 of {len(good) + 2} lines were left out"]
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -180,17 +193,21 @@ def test_bad_input_is_one_line(
 
 
 @pytest.fixture(scope="module")
-def reversed_beams(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def office() -> Simulation:
+    return simulate(load_scenario("office", platform="lms200"), 200)
+
+
+@pytest.fixture(scope="module")
+def reversed_beams(office: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log of a drive whose scans have their beams the other way round."""
     folder = tmp_path_factory.mktemp("logs")
-    simulation = simulate(load_scenario("office", platform="lms200"), 200)
-    recording = simulation.recording
+    recording = office.recording
     lidar = recording.lidar
     assert lidar is not None
     poses = dead_reckon(recording).poses
     ranges = np.ascontiguousarray(lidar.ranges[:, ::-1])
     write_carmen(folder / "drive.log", recording.replace(lidar=replace(lidar, ranges=ranges, odometry=poses)))
-    write_tum(folder / "drive.tum", simulation.truth)
+    write_tum(folder / "drive.tum", office.truth)
     return folder / "drive.log"
 
 
@@ -199,8 +216,8 @@ def test_inspect_prints_estimates_and_what_is_certain(reversed_beams: Path, caps
     assert "angles between beams, over the stated" in out
     assert "nothing measured" not in out
     assert "problem: scans and odometry turn in opposite directions" in out
+    assert "mirrored" in codes(capsys, "inspect", reversed_beams)
     found = shown(capsys, "inspect", reversed_beams)
-    assert "mirrored" in [problem["code"] for problem in found["problems"]]
     assert {"name", "value", "deviation", "stated", "certain"} == found["calibration"][0].keys()
 
 
@@ -215,9 +232,7 @@ def test_replay_says_where_nothing_could_be_measured(tmp_path: Path, capsys: pyt
     write_recording(tmp_path / "straight.mcap", with_odometry(simulate(straight, 0).recording))
     for command in (["inspect"], ["replay", "--no-figures", "--out", str(tmp_path / "out")]):
         for more in ([], ["--calibrate", "lidar", "--force"]) if len(command) > 1 else ([],):
-            found = shown(capsys, *command, tmp_path / "straight.mcap", *more)
-            told = [issue["code"] for issue in found.get("problems", found.get("warnings"))]
-            assert told.count("not-calibrated") == 1
+            assert codes(capsys, *command, tmp_path / "straight.mcap", *more).count("not-calibrated") == 1
 
 
 @pytest.mark.slow
@@ -229,12 +244,9 @@ def test_inspect_says_all_that_replay_says_of_a_bag(tmp_path: Path, capsys: pyte
     poses[frozen] = poses[frozen][0]
     bag = tmp_path / "drive.mcap"
     write_recording(bag, recording.replace(odometry=replace(odometry, poses=poses)))
-    assert main.run(["inspect", str(bag), "--json"]) == 0
-    told = {problem["code"] for problem in json.loads(capsys.readouterr().out)["problems"]}
-    assert main.run(["replay", str(bag), "--out", str(tmp_path / "out"), "--no-figures", "--json"]) == 0
-    warnings = {warning["code"] for warning in json.loads(capsys.readouterr().out)["warnings"]}
+    warnings = codes(capsys, "replay", bag, "--out", tmp_path / "out", "--no-figures")
     assert "stale-odometry" in warnings
-    assert warnings <= told
+    assert set(warnings) <= set(codes(capsys, "inspect", bag))
 
 
 def test_scans_that_do_not_fit_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -250,9 +262,9 @@ def test_scans_that_do_not_fit_are_told(tmp_path: Path, capsys: pytest.CaptureFi
 @pytest.mark.slow
 @pytest.mark.parametrize(("scale", "expected"), [(1.0, {"travels-along"}), (1.06, {"lidar-angles"})])
 def test_what_travels_along_is_known_only_where_the_angles_are_right(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], scale: float, expected: set[str]
+    office: Simulation, tmp_path: Path, capsys: pytest.CaptureFixture[str], scale: float, expected: set[str]
 ) -> None:
-    recording = with_odometry(simulate(load_scenario("office", platform="lms200"), 200).recording)
+    recording = with_odometry(office.recording)
     lidar = recording.lidar
     keep = np.arange(400)
     ranges = np.array(lidar.ranges[keep])
@@ -260,14 +272,9 @@ def test_what_travels_along_is_known_only_where_the_angles_are_right(
     step = lidar.angle_increment / scale
     lidar = replace(lidar, stamps=lidar.stamps[keep], ranges=ranges, angle_increment=step, odometry=None)
     write_recording(tmp_path / "drive.mcap", recording.replace(lidar=lidar, encoders=None, imu=None))
-    asked = {"lidar-angles", "travels-along"}
-    assert main.run(["inspect", str(tmp_path / "drive.mcap"), "--deep", "--json"]) == 0
-    told = {problem["code"] for problem in json.loads(capsys.readouterr().out)["problems"]}
-    assert told & asked == expected
-    out = str(tmp_path / "out")
-    assert main.run(["replay", str(tmp_path / "drive.mcap"), "--out", out, "--no-figures", "--json"]) == 0
-    told = {warning["code"] for warning in json.loads(capsys.readouterr().out)["warnings"]}
-    assert told & asked == expected
+    asked, bag = {"lidar-angles", "travels-along"}, tmp_path / "drive.mcap"
+    for command in (("inspect", bag, "--deep"), ("replay", bag, "--out", tmp_path / "out", "--no-figures")):
+        assert asked.intersection(codes(capsys, *command)) == expected
 
 
 @pytest.mark.slow

@@ -101,19 +101,6 @@ def test_a_truth_on_another_clock_writes_nothing(run, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("metrics", "field"),
-    [("[", None), ("[]", None), ("{}", "metrics"), ('{"metrics": {"ate": 1}}', "metrics.ate"), (None, None)],
-)
-def test_a_broken_result_folder_is_refused(tmp_path: Path, metrics: str | None, field: str | None) -> None:
-    (tmp_path / "run.json").write_text("{}")
-    if metrics is not None:
-        (tmp_path / "metrics.json").write_text(metrics)
-    with pytest.raises(InputError) as caught:
-        read_result_folder(tmp_path)
-    assert (caught.value.file, caught.value.field) == (str(tmp_path / "metrics.json"), field)
-
-
 def test_each_figure_stands_in_one_place_and_is_of_its_trajectory(run, simulation) -> None:
     estimate, _ = run
     true = simulation.truth.at(estimate.trajectory.stamps)
@@ -210,42 +197,39 @@ def test_loops_read_back_bit_for_bit(tmp_path: Path) -> None:
     assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "loops.csv").read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("change", "line", "field"),
-    [
-        (lambda text: "", 1, None),
-        (lambda text: text.replace(",weak", "", 1), 3, None),
-        (lambda text: text.replace("weak", "lost", 1), 3, "verdict"),
-        (lambda text: text.replace("\n4,", "\n4.5,", 1), 3, "earlier"),
-        (lambda text: text.replace("\n4,", f"\n{9 * '9999'},", 1), 3, "earlier"),
-        (lambda text: text.replace("0.95", "nan", 1), 2, "known"),
-        (lambda text: text.replace("1543234.3", "soon", 1), 2, "earlier_stamp"),
-        (lambda text: text.replace("\n9,", "\n182,"), 5, "later"),
-    ],
-)
-def test_a_broken_table_of_loops_is_refused_with_its_line(tmp_path: Path, change, line: int, field: str | None):
-    file = tmp_path / "loops.csv"
-    write_loops(file, LOOPS)
-    file.write_text(change(file.read_text()))
-    with pytest.raises(InputError) as caught:
-        read_loops(file)
-    assert (caught.value.file, caught.value.line, caught.value.field) == (str(file), line, field)
+READERS = {"loops.csv": read_loops, "diagnostics.csv": read_diagnostics}
 
 
 @pytest.mark.parametrize(
-    ("change", "line", "field"),
+    ("name", "old", "new", "line", "field"),
     [
-        (("nan", "inf"), 2, "degenerate"),
-        (("sure", "happy"), 2, "state"),
-        (("1.5", "nan"), 2, "stamp"),
+        ("loops.csv", None, "", 1, None),
+        ("loops.csv", ",weak", "", 3, None),
+        ("loops.csv", "weak", "lost", 3, "verdict"),
+        ("loops.csv", "\n4,", "\n4.5,", 3, "earlier"),
+        ("loops.csv", "\n4,", f"\n{9 * '9999'},", 3, "earlier"),
+        ("loops.csv", "0.95", "nan", 2, "known"),
+        ("loops.csv", "1543234.3", "soon", 2, "earlier_stamp"),
+        ("loops.csv", "\n9,", "\n182,", 5, "later"),
+        ("diagnostics.csv", "nan", "inf", 2, "degenerate"),
+        ("diagnostics.csv", "sure", "happy", 2, "state"),
+        ("diagnostics.csv", "1.5", "nan", 2, "stamp"),
+        ("metrics.json", None, "[", None, None),
+        ("metrics.json", None, "[]", None, None),
+        ("metrics.json", None, "{}", None, "metrics"),
+        ("metrics.json", None, '{"metrics": {"ate": 1}}', None, "metrics.ate"),
     ],
 )
-def test_a_broken_table_of_diagnostics_is_refused_with_its_line(tmp_path: Path, change, line: int, field: str):
-    file = tmp_path / "diagnostics.csv"
-    file.write_text(f"{','.join(DIAGNOSTICS_COLUMNS)}\n{DIAGNOSTICS_ROW.replace(*change)}\n")
+def test_a_broken_file_is_refused_with_its_place(
+    tmp_path: Path, name: str, old: str | None, new: str, line: int | None, field: str | None
+):
+    (tmp_path / "run.json").write_text("{}")
+    write_loops(tmp_path / "loops.csv", LOOPS)
+    (tmp_path / "diagnostics.csv").write_text(f"{','.join(DIAGNOSTICS_COLUMNS)}\n{DIAGNOSTICS_ROW}\n")
+    (tmp_path / name).write_text(new if old is None else (tmp_path / name).read_text().replace(old, new, 1))
     with pytest.raises(InputError) as caught:
-        read_diagnostics(file)
-    assert (caught.value.file, caught.value.line, caught.value.field) == (str(file), line, field)
+        READERS[name](tmp_path / name) if name in READERS else read_result_folder(tmp_path)
+    assert (caught.value.file, caught.value.line, caught.value.field) == (str(tmp_path / name), line, field)
 
 
 def test_states_in_the_figures_and_in_a_line(lost: Estimate, run, simulation, tmp_path: Path):

@@ -31,10 +31,8 @@ READ_ONLY = PAIRS.copy()
 READ_ONLY.setflags(write=False)
 TABLE = tiles_of(np.zeros(CELLS, np.int16), np.zeros((1, 2, 2), np.int32))
 TWO_TABLES = tiles_of(np.zeros(CELLS, np.int16), np.zeros((2, 2, 2), np.int32))
-RAYS = np.ones((2, 3, 4))
-"""Of a camera of 2 by 3 pixels."""
-PARTNERS = np.array([(1, -1, -1), (0, -1, -1)], np.int32)
-"""Of two scans of two points each."""
+RAYS = np.ones((2, 3, 4))  # Of a camera of 2 by 3 pixels
+PARTNERS = np.array([(1, -1, -1), (0, -1, -1)], np.int32)  # Of two scans of two points each
 
 
 def checked(array: Any) -> None:

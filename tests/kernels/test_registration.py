@@ -41,8 +41,7 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 SD, LOOSER = REGISTRATION["residual"], REGISTRATION["coarse_residual_factor"]
 """Of a residual, and how much larger it is on the coarse level."""
-LOOSE = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
-"""A prior that is negligible: a metre, a radian."""
+LOOSE = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)  # A prior that is negligible: a metre, a radian
 
 
 @pytest.fixture(scope="module")

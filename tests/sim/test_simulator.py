@@ -1,14 +1,19 @@
 """The robot in closed loop: what arrives when, the same as of a recording, and a controller of ten lines."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from closed_loop import WANTED, controller
 
 from moteslam.errors import ConfigError
+from moteslam.robot.recording import EncoderStream, LidarStream, Recording
 from moteslam.sim.robot.driver import driver_for
-from moteslam.sim.scenario import Scenario, load_scenario
+from moteslam.sim.scenario import Scenario, load_scenario, with_camera
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.sensors.echoes import Scene
+from moteslam.sim.sensors.faults import with_gaps, with_odometry_faults, without_lost_motion
+from moteslam.sim.sensors.rgbd import Camera
 from moteslam.sim.simulate import Sensors, random_generators, simulate
 from moteslam.sim.simulator import Simulator
 from moteslam.sim.world.world import World
@@ -33,9 +38,14 @@ def test_a_controller_of_ten_lines_follows_a_wall():
     assert min(apart) > simulator.scenario.platform.width / 2
 
 
-@pytest.mark.parametrize("name", ["corridor", "doors"])
-def test_the_bundled_driver_drives_it_to_the_bytes_of_simulate(name: str):
-    scenario = short(20.0, name)
+STUCK = {"faults": [{"kind": "stuck_wheels", "start": 4.0, "duration": 1.0}]}
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"), [("corridor", {}), ("doors", {}), ("corridor", STUCK), ("corridor", {"noise": "as_recorded"})]
+)
+def test_the_bundled_driver_drives_it_to_the_bytes_of_simulate(name: str, changes: dict):
+    scenario = load_scenario(name, noise=changes.get("noise")).with_(duration=20.0, faults=changes.get("faults", []))
     simulator, rngs = Simulator(scenario, seed=3), random_generators(3)
     driver = driver_for(scenario.task, scenario.drive, World.of(scenario.world), rngs["driver"])
     rest = round(scenario.drive.rest_start / simulator.interval)
@@ -44,7 +54,9 @@ def test_the_bundled_driver_drives_it_to_the_bytes_of_simulate(name: str):
         command = driver.command((step - rest) * simulator.interval, *pose) if step >= rest else (0.0, 0.0)
         assert command is not None
         simulator.step(*command)
-    truth, whole = simulator.truth, simulate(scenario, seed=3).truth
+    simulation = simulate(scenario, seed=3)
+    truth, whole = simulator.truth, simulation.truth
+    assert simulator.world.segments.tobytes() == simulation.world.segments.tobytes()
     assert truth.poses.tobytes() == whole.poses[: len(truth)].tobytes()
     assert truth.stamps.tobytes() == whole.stamps[: len(truth)].tobytes()
 
@@ -74,6 +86,71 @@ def test_readings_come_at_each_sensors_own_rate_and_no_earlier_than_they_are_tak
 
 DEAD = [{"sensor": sensor, "start": 3.0 + k, "duration": 2.5} for k, sensor in enumerate(("lidar", "encoders", "imu"))]
 SEEN = [{"kind": "cart", "start": 5.0, "duration": 3.0}, {"kind": "tilt", "start": 6.0, "duration": 3.0}]
+LOGGED = [
+    {"kind": "gap", "start": 2.5, "duration": 1.0},
+    {"kind": "gap", "start": 4.0, "duration": 1.0, "counters": "lost"},
+    {"kind": "odometry_jump", "start": 5.5, "x": 0.4, "theta": 0.2},
+    {"kind": "stale_odometry", "start": 6.0, "duration": 1.5},
+    {"kind": "repeated_scans", "start": 8.0, "duration": 1.0},
+]
+
+
+def by_steps(simulator: Simulator, steps: int) -> dict[str, list[Any]]:
+    """All readings of a drive, by their streams."""
+    found: dict[str, list[Any]] = {name: [] for name in ("lidar", "encoders", "imu", "rgbd")}
+    for _ in range(steps):
+        readings = simulator.step(0.3, 0.1)
+        for name, streams in found.items():
+            streams.append(getattr(readings, name))
+    return found
+
+
+def test_faults_of_the_log_are_in_the_readings_as_in_a_recording():
+    scenario = short(11.0)
+    found, plain = (by_steps(Simulator(scenario.with_(faults=some), seed=2), 500) for some in (LOGGED, []))
+    stamps, counts, right_stamps, right = (
+        np.concatenate([getattr(one, field) for one in streams["encoders"]])
+        for streams in (found, plain)
+        for field in ("stamps", "counts")
+    )
+    wheels = EncoderStream(right_stamps, right)
+    lidar = LidarStream(right_stamps[:0], np.empty((0, 1), np.float32), 0.0, 0.1, 0.1, 9.0)
+    faults = scenario.with_(faults=LOGGED).faults
+    base = without_lost_motion(Recording("all", scenario.platform, lidar=lidar, encoders=wheels), faults)
+    expected = with_odometry_faults(with_gaps(base, faults), faults).encoders
+    assert expected is not None
+    assert stamps.tobytes() == expected.stamps.tobytes()
+    assert counts.tobytes() == expected.counts.tobytes() != right.tobytes()
+    for name in ("lidar", "imu"):
+        times = np.concatenate([one.stamps for one in found[name]]) - EPOCH
+        assert not ((times >= 2.5) & (times < 3.5)).any()
+    scans = [one for one in found["lidar"] if len(one) and 8.1 < one.stamps[0] - EPOCH < 8.9]
+    assert len({one.ranges[-1].tobytes() for one in scans}) == 1 < len(scans)
+
+
+def test_a_robot_that_is_carried_goes_on_where_it_was_set_down():
+    carried = {"kind": "carried", "start": 2.0, "duration": 2.0, "to": [6.0, 0.0, 0.5]}
+    simulator = Simulator(short(12.0).with_(faults=[carried]))
+    by_steps(simulator, 200)
+    np.testing.assert_allclose(simulator.pose, carried["to"], atol=1e-9)
+    by_steps(simulator, 100)
+    assert 0.2 < np.hypot(*(simulator.pose - carried["to"])[:2]) < 1.0
+
+
+def test_images_come_at_the_cameras_own_rate_from_where_the_robot_is():
+    scenario = with_camera(short(4.0, "people"))
+    simulator = Simulator(scenario, seed=2)
+    frames = [one for one in by_steps(simulator, 200)["rgbd"] if len(one.rgb_stamps)]
+    stamps = np.concatenate([one.rgb_stamps for one in frames])
+    assert len(stamps) == pytest.approx(2.0 * scenario.camera.rate, rel=0.3)  # it loses some
+    assert (np.diff(stamps) > 0).all()
+    camera = Camera(scenario.platform.camera, scenario.camera, scenario.floor, 4.0, 2)
+    driven = simulator._run.driven()
+    whole = camera.read(driven, Scene(simulator.world, driven.tracks))
+    assert whole.rgb.stamps[: len(stamps)].tobytes() == stamps.tobytes()
+    apart = whole.draw_rgb(np.array([len(stamps) - 1]))[0].astype(int) - frames[-1].images.rgb(-1)
+    assert frames[-1].images.disparity(0).shape == (480, 640)
+    assert np.abs(apart).mean() < 3
 
 
 @pytest.mark.parametrize(
@@ -88,25 +165,25 @@ def test_what_is_read_in_pieces_is_what_is_read_at_once(name: str, changes: dict
     driven, scene = simulator._run.driven(), Scene(World.of(scenario.world))
     scene = scene.moved(driven.tracks)
     one, parts = Sensors(scenario, 10.0, rngs), Sensors(scenario, 10.0, pieces)
-    lidar, encoders, imu = one.read(driven, scene)
-    read = [parts.read(driven, scene, until) for until in (0.05, 2.0, 2.02, 7.7, np.inf)]
-    assert imu is not None
-    for stream, field in ((0, "stamps"), (1, "stamps"), (1, "counts"), (2, "stamps"), (2, "angular_velocity")):
-        joined = np.concatenate([getattr(part[stream], field) for part in read])
-        assert joined.tobytes() == getattr((lidar, encoders, imu)[stream], field).tobytes(), field
-    ranges = np.concatenate([part[0].ranges for part in read])
-    known = np.isfinite(ranges) & np.isfinite(lidar.ranges)
-    off = np.abs(ranges[known] - lidar.ranges[known])
+    whole, _ = one.read(driven, scene)
+    read = [parts.read(driven, scene, until)[0] for until in (0.05, 2.0, 2.02, 7.7, np.inf)]
+    assert whole.imu is not None
+    for stream, field in (
+        *(("lidar", "stamps"), ("encoders", "stamps"), ("encoders", "counts")),
+        *(("imu", "stamps"), ("imu", "angular_velocity")),
+    ):
+        joined = np.concatenate([getattr(getattr(part, stream), field) for part in read])
+        assert joined.tobytes() == getattr(getattr(whole, stream), field).tobytes(), field
+    ranges = np.concatenate([part.lidar.ranges for part in read])
+    known = np.isfinite(ranges) & np.isfinite(whole.lidar.ranges)
+    off = np.abs(ranges[known] - whole.lidar.ranges[known])
     assert np.percentile(off, 95) < 0.1
 
 
-@pytest.mark.parametrize("field", ["faults", "noise.surroundings"])
-def test_what_needs_the_whole_drive_is_refused(field: str):
-    gap = [{"kind": "gap", "start": 12.0, "duration": 2.0}]
-    scenario = load_scenario("corridor", noise="as_recorded") if field != "faults" else short(40.0).with_(faults=gap)
-    with pytest.raises(ConfigError) as caught:
-        Simulator(scenario)
-    assert caught.value.field == field
+def test_being_carried_along_a_route_is_refused():
+    with pytest.raises(ConfigError, match="no route") as caught:
+        Simulator(short(40.0).with_(faults=[{"kind": "carried", "start": 12.0}]))
+    assert caught.value.field == "faults.0.to"
 
 
 def test_commands_that_are_no_numbers_and_steps_after_the_end_are_refused():

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 STEPS = 1023
-DOUBT = 1e-4
-"""A cell whose centre is this near to a bound, in cells, may go either way in float32."""
+DOUBT = 1e-4  # A cell whose centre is this near to a bound, in cells, may go either way in float32
 
 
 @dataclass

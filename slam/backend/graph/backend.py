@@ -13,7 +13,7 @@ from moteslam.robot.se2 import Array, umeyama
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.backend.building import Measured
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, clearly_fewer, sharpness
+from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, sharpness
 from moteslam.slam.backend.graph.joint import register_jointly
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import BoundGraph, LoopGraph, checked
@@ -27,21 +27,19 @@ from moteslam.slam.inputs.odometry_path import between_known
 OFF, WELL_GROWN = 0.05, 1.25
 """The filter's path is corrected where a new loop is off by the first [m], and the path has grown by the second factor
 since the last correction ..."""
-CLEARLY_OFF, GROWN = 0.1, 1.03
-"""... or by these."""
-MOVED = 0.02
-"""A correction registers jointly the nodes that the loops have moved by this much [m] ..."""
-FAR_OFF = 0.3
-"""... and all of them where a loop was off by more than this [m] ..."""
-ROUNDS = 6
-"""... in at most this many rounds."""
+CLEARLY_OFF, GROWN = 0.1, 1.03  # ... or by these
+MOVED = 0.02  # A correction registers jointly the nodes that the loops have moved by this much [m] ...
+FAR_OFF = 0.3  # ... and all of them where a loop was off by more than this [m] ...
+ROUNDS = 6  # ... in at most this many rounds
 FARTHEST, SLACK = 10.0, 0.2
 """A correction moves no node farther than the first factor times what the new loops are off, plus the second [m]: so
 large a move follows from a wrong step of the chain, not from the loops."""
 SAME_START = 0.3
 """Two paths, laid over each other, are the same start of a joint registration if no node differs by more [m]."""
-LEAST_NODES = 3
-"""Fewer have nothing to correct."""
+CLEARLY = 3.0
+"""A map is clearly sharper by so many standard errors of the mean over the directions of the grid: of four directions
+95 % of the differences that mean nothing are within them (Student's t)."""
+LEAST_NODES = 3  # Fewer have nothing to correct
 
 
 class GraphBackend:
@@ -57,23 +55,13 @@ class GraphBackend:
         self._placed = np.zeros((0, 3))  # of the nodes, on that path
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()
-        self._issues: tuple[Issue, ...] = ()
-        self._measured: Measured | None = None
+        self.issues: tuple[Issue, ...] = ()
+        self.measured: Measured | None = None
 
     @property
     def loops(self) -> tuple[LoopCandidate, ...]:
         """See ``Backend``: of the latest estimate, or before there is one as the graph has them."""
         return self._closing.graph.ledger if self._closing is not None and not self._loops else self._loops
-
-    @property
-    def measured(self) -> Measured | None:
-        """See ``Backend``: of the latest estimate."""
-        return self._measured
-
-    @property
-    def issues(self) -> tuple[Issue, ...]:
-        """See ``Backend``: of the latest estimate."""
-        return self._issues
 
     def add(self, key: KeyScan) -> Array | None:
         """See ``Backend``."""
@@ -180,9 +168,9 @@ class GraphBackend:
         final, measured = sharpest(graph, filtered, self._config)
         best = laid_over(final, frame)
         self._loops = checked(graph.ledger, graph.nodes, best)
-        self._issues = contradictions(graph, best, self._loops, measured=measured)
+        self.issues = contradictions(graph, best, self._loops, measured=measured)
         kept = [pair for pair, loop in zip(graph.loops, self._loops, strict=True) if loop.accepted]
-        self._measured = Measured(np.array(graph.nodes.indices), graph.measured, graph.edges_of(kept))
+        self.measured = Measured(np.array(graph.nodes.indices), graph.measured, graph.edges_of(kept))
         return self._between_nodes(best, updates, path)
 
 
@@ -218,7 +206,8 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
     best, fewest = paths[0], cells_along(endpoints, paths[0][0])
     for path in paths[1:]:
         cells = cells_along(endpoints, path[0])
-        if clearly_fewer(cells, fewest):
+        fewer = fewest - cells
+        if fewer.mean() > CLEARLY * fewer.std(ddof=1) / np.sqrt(len(fewer)):
             best, fewest = path, cells
     return best
 
@@ -276,5 +265,4 @@ def _ends(poses: Array) -> Array:
     return np.vstack((poses[:, :2] + ahead, poses[:, :2] - ahead))
 
 
-GRAPH = BackendKind(GraphConfig, GraphBackend)
-"""The kind that ``backend.method = "graph"`` chooses."""
+GRAPH = BackendKind(GraphConfig, GraphBackend)  # The kind that `backend.method = "graph"` chooses

@@ -21,17 +21,14 @@ from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION
 
 SEARCHED = np.diag(np.square([1 / LOST_DISTANCE, 1 / LOST_DISTANCE, 1 / LOST_ROTATION]))
 """Information of the place that was searched for: it is wrong where it is off by more."""
-LEAST_LOOPS = 2
-"""Loops that bind two sessions, at least: what one says another one confirms."""
+LEAST_LOOPS = 2  # Loops that bind two sessions, at least: what one says another one confirms
 
 
 def bind(building: Building, session: Building, node: int, pose: Array, config: GraphConfig) -> Building | None:
-    """A session bound to a building; None where no loops prove that it belongs there.
+    """A session, in a frame of its own, bound to a building, whose frame stays; None where no loops prove that it
+    belongs.
 
-    Args:
-        building: of one or more sessions, whose frame stays.
-        session: a building of one session, in a frame of its own.
-        pose: [3] where this node of the session seems to lie, in the frame of the building.
+    Its node seems to lie at a pose [3] in the frame of the building.
     """
     n, own = int(building.firsts[-1]), session.poses
     both = building.plus(session.at(se2.compose(pose, se2.between(own[node], own))))

@@ -19,56 +19,47 @@ MAX_PARTNERS = 32
 class ChainConfig(Section):
     """Edges from each node to the one before: registration to a local TSDF of the latest nodes."""
 
+    # Path that the local TSDF covers, at most; at least half of it [m]: short, so that no loop is in it already
     length: Positive = 8.0
-    """Path that the local TSDF covers, at most; at least half of it [m]: short, so that no loop is in it already."""
-    nodes: Annotated[Whole, Field(ge=1, le=1000)] = 12
-    """Nodes in it, likewise."""
+    nodes: Annotated[Whole, Field(ge=1, le=1000)] = 12  # Nodes in it, likewise
+    # At most this many points of a scan, evenly chosen, are registered
     max_points: Annotated[Whole, Field(ge=8, le=100_000)] = 400
-    """At most this many points of a scan, evenly chosen, are registered."""
 
 
 class LoopConfig(Section):
     """The search for loops, and what proves them."""
 
-    enabled: Truth = True
-    """Look for loops."""
-    least_path: Positive = 15.0
-    """Two nodes form a loop from this much path between them on [m]."""
-    every: Positive = 2.0
-    """A node is searched for in other nodes' submaps each time the robot has driven this far [m]."""
+    enabled: Truth = True  # Look for loops
+    least_path: Positive = 15.0  # Two nodes form a loop from this much path between them on [m]
+    every: Positive = 2.0  # A node is searched for in other nodes' submaps each time the robot has driven this far [m]
+    # Places this far apart may show the same walls: candidates are nodes within it, and three standard deviations of
+    # their relative position [m]
     near: Positive = 2.0
-    """Places this far apart may show the same walls: candidates are nodes within it, and three standard deviations
-    of their relative position [m]."""
+    # Loops whose relative position has up to this standard deviation are searched first; then it is doubled, again and
+    # again [m]. What is proved makes the next searches smaller.
     first_deviation: Positive = 0.5
-    """Loops whose relative position has up to this standard deviation are searched first; then it is doubled, again and
-    again [m]. What is proved makes the next searches smaller."""
-    rounds: Annotated[Whole, Field(ge=1, le=100)] = 8
-    """Rounds of search and solution at the end, at most."""
+    rounds: Annotated[Whole, Field(ge=1, le=100)] = 8  # Rounds of search and solution at the end, at most
+    # Passages of the same place that one node is searched for in, for each of these deviations
     candidates: Annotated[Whole, Field(ge=1, le=100)] = 3
-    """Passages of the same place that one node is searched for in, for each of these deviations."""
+    # Path of the nodes whose scans form a submap [m]; longer by what the window is wider than half a metre
     submap_length: Positive = 5.0
-    """Path of the nodes whose scans form a submap [m]; longer by what the window is wider than half a metre."""
-    query_length: Positive = 4.0
-    """Path of the nodes whose scans are searched for together [m]."""
-    least_share: Share = 0.3
-    """Share of the endpoints that must lie on surfaces of the submap, less what contradicts it."""
-    least_margin: Share = 0.1
-    """No place half a metre or 0.15 rad off may have a share within this of the best one's."""
+    query_length: Positive = 4.0  # Path of the nodes whose scans are searched for together [m]
+    least_share: Share = 0.3  # Share of the endpoints that must lie on surfaces of the submap, less what contradicts it
+    least_margin: Share = 0.1  # No place half a metre or 0.15 rad off may have a share within this of the best one's
 
 
 class JointConfig(Section):
     """The joint registration of all nodes."""
 
+    # Register nodes jointly: those that a correction moves while the robot drives, and all of them at the end
     enabled: Truth = True
-    """Register nodes jointly: those that a correction moves while the robot drives, and all of them at the end."""
+    # Other scans that the endpoints of one are held to, at most
     partners: Annotated[Whole, Field(ge=1, le=MAX_PARTNERS)] = 16
-    """Other scans that the endpoints of one are held to, at most."""
+    # Largest distance of an endpoint to the surface that it is held to, in the first round [m]
     first_reach: Positive = 0.3
-    """Largest distance of an endpoint to the surface that it is held to, in the first round [m]."""
-    last_reach: Positive = 0.1
-    """The same in the last rounds [m]."""
+    last_reach: Positive = 0.1  # The same in the last rounds [m]
+    # Rounds at most; it ends when the poses move by less than a millimetre (root mean square)
     rounds: Annotated[Whole, Field(ge=1, le=1000)] = 40
-    """Rounds at most; it ends when the poses move by less than a millimetre (root mean square)."""
 
     @model_validator(mode="after")
     def _shrinks(self) -> JointConfig:
@@ -80,19 +71,16 @@ class JointConfig(Section):
 class GraphConfig(BackendConfig):
     """Loops, pose graph and joint registration behind the filter."""
 
+    # The back end behind the filter: `none`, `graph`, or one that another package brings
     method: Literal["graph"] = "graph"
-    """The back end behind the filter: `none`, `graph`, or one that another package brings."""
-    distance: Positive = 0.5
-    """A key scan becomes a node of the graph after this distance [m] ..."""
-    rotation: Positive = 0.5
-    """... or this turn [rad]."""
+    distance: Positive = 0.5  # A key scan becomes a node of the graph after this distance [m] ...
+    rotation: Positive = 0.5  # ... or this turn [rad].
+    # No further node is made where this many are within `distance` and `rotation` already: a place that is passed again
+    # and again is known, and the graph ends growing with the map
     crowd: Annotated[Whole, Field(ge=1, le=10_000)] = 20
-    """No further node is made where this many are within ``distance`` and ``rotation`` already: a place that is passed
-    again and again is known, and the graph ends growing with the map."""
+    # Neighbouring endpoints err alike: this many of them count as one
     correlation: Annotated[Number, Field(ge=1, le=1000)] = 10.0
-    """Neighbouring endpoints err alike: this many of them count as one."""
-    graduated: Truth = True
-    """Reject loops that the others contradict, by graduated non-convexity."""
+    graduated: Truth = True  # Reject loops that the others contradict, by graduated non-convexity
     chain: ChainConfig = ChainConfig()
     loops: LoopConfig = LoopConfig()
     joint: JointConfig = JointConfig()

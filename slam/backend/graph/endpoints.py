@@ -15,10 +15,7 @@ from moteslam.robot.se2 import Array
 
 NORMAL_REACH, NORMAL_NOISE, NORMAL_LARGEST = 0.3, 0.005, 0.1
 """See ``scan_normals``: 30 cm of wall, points good to 5 mm, directions good to 0.1 rad."""
-SHARPNESS_CELL = 0.05
-"""Edge of the cells [m]."""
-CLEARLY = 3.0
-"""Standard errors; of four directions 95 % of the differences that mean nothing are within them (Student's t)."""
+SHARPNESS_CELL = 0.05  # Edge of the cells [m]
 
 
 class Endpoints(NamedTuple):
@@ -76,14 +73,4 @@ def sharpness(endpoints: Endpoints, poses: Array) -> float:
 
 def cells_along(endpoints: Endpoints, poses: Array) -> NDArray[np.int64]:
     """The number of cells that hold an endpoint, for each direction [GRIDS] of the grid; see ``cell_counts``."""
-    points, _ = endpoints.placed(poses)
-    return cell_counts(points, SHARPNESS_CELL)
-
-
-def clearly_fewer(cells: NDArray[np.int64], others: NDArray[np.int64]) -> bool:
-    """Whether one path needs fewer cells than another by more than the directions of the grid differ in that.
-
-    The difference must be ``CLEARLY`` standard errors of its mean over the directions [GRIDS].
-    """
-    fewer = others - cells
-    return bool(fewer.mean() > CLEARLY * fewer.std(ddof=1) / np.sqrt(len(fewer)))
+    return cell_counts(endpoints.placed(poses)[0], SHARPNESS_CELL)

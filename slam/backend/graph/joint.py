@@ -20,8 +20,7 @@ from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.measured_chain import MeasuredChain
-from moteslam.slam.backend.graph.pose_graph import relative_jacobians
-from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
+from moteslam.slam.backend.graph.pose_graph import BlockSystem, relative_jacobians
 from moteslam.slam.registration.information import least_bound_turn, least_informed
 from moteslam.slam.registration.registrar import FULL
 
@@ -29,24 +28,17 @@ Indices = NDArray[np.intp]
 
 LEAST_RESIDUAL = 0.003
 """The endpoints' distances to their lines vary by this standard deviation at least [m]; the rest is measured."""
-LEAST_INLIERS = 0.2
-"""Of the weights, in the estimate of that variance."""
-SHRINK = 0.75
-"""Of the reach, a round."""
-SCALE_SHARE, LEAST_SCALE = 0.25, 0.03
-"""The robust scale of the residuals: as a share of the reach, at least [m]."""
-AGREEMENT = 0.8
-"""Smallest cosine between the normals of a match."""
-SLIP = 3.0
-"""The robust scale of the chain's steps [standard deviations] (Cauchy)."""
+LEAST_INLIERS = 0.2  # Of the weights, in the estimate of that variance
+SHRINK = 0.75  # Of the reach, a round
+SCALE_SHARE, LEAST_SCALE = 0.25, 0.03  # The robust scale of the residuals: as a share of the reach, at least [m]
+AGREEMENT = 0.8  # Smallest cosine between the normals of a match
+SLIP = 3.0  # The robust scale of the chain's steps [standard deviations] (Cauchy)
 FIRST_POINTS = 3
 """Every third endpoint is enough until the poses are still, and for the first half of the rounds at most."""
-STILL = 1e-3
-"""It ends when the root mean square of the poses' steps is below this [m]."""
+STILL = 1e-3  # It ends when the root mean square of the poses' steps is below this [m]
 OVERLAP_CELL, LEAST_OVERLAP = 0.5, 0.2
 """Two scans are partners where they share this much of the cells [m] that the endpoints of one lie in."""
-NEAR_SHARE = 1 / 3
-"""Of the partners, those nearest along the path; the others are spread over all that overlap."""
+NEAR_SHARE = 1 / 3  # Of the partners, those nearest along the path; the others are spread over all that overlap
 
 
 def register_jointly(
@@ -261,12 +253,9 @@ def _turned(matrices: Array, vectors: Array) -> Array:
 
 
 def _add_steps(poses: Array, steps: _Steps, blocks: Array, right: Array) -> Array:
-    """Add steps of the chain to the system; returns the blocks [s, 3, 3] between their ends.
+    """Add steps of the chain to the blocks [n, 3, 3] and the right side [n, 3] of the system at poses [n, 3].
 
-    Args:
-        poses: [n, 3].
-        steps: that bind them; each scan is before at most one, and after at most one.
-        blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
+    Each scan is before at most one, and after at most one. Returns the blocks [s, 3, 3] between their ends.
     """
     before, after = poses[steps.before], poses[steps.after]
     off = se2.between(steps.measured, se2.between(before, after))

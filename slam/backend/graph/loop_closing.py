@@ -16,15 +16,14 @@ from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.loop_graph import PROVED, BoundGraph, Pair
-from moteslam.slam.backend.graph.loop_search import FARTHEST, WINDOW_DEVIATIONS, LoopSearch, fair_share, squares
-from moteslam.slam.registration.search import is_elsewhere
+from moteslam.slam.backend.graph.loop_search import FARTHEST, WINDOW_DEVIATIONS, LoopSearch, squares
+from moteslam.slam.registration.search import LEAST_KNOWN, is_elsewhere
 
 G = TypeVar("G", bound=BoundGraph)
 
 SAME_PREDICTION, SAME_WINDOW = 0.3, 0.5
 """A pair is not searched again where the prediction moved by less [m], and the window changed by less [share]."""
-SOLVED = 0.2
-"""The graph is solved anew for a loop that is off by more than this [m]."""
+SOLVED = 0.2  # The graph is solved anew for a loop that is off by more than this [m]
 LEAST_DEVIATIONS = np.array([0.5, 0.5, 0.06]) / WINDOW_DEVIATIONS
 """What the relative covariance has besides [m, m, rad]: submaps bend a little."""
 CHEAP = 1e8
@@ -32,8 +31,7 @@ CHEAP = 1e8
 LOOKUPS_PER_METRE = 4e6
 """Endpoints that all other searches together look up at most, for every metre driven: 4 ms of one processor. What that
 leaves unsearched stands in the ledger."""
-PASSAGE_GAP = 3
-"""Nodes within reach that follow each other with at most this many between are one passage."""
+PASSAGE_GAP = 3  # Nodes within reach that follow each other with at most this many between are one passage
 
 
 class LoopClosing(Generic[G]):
@@ -169,7 +167,8 @@ class LoopClosing(Generic[G]):
         if not len(nodes):
             return False
         others = [graph.loops[node, query].candidate for node in nodes.tolist()]
-        shares = np.array([fair_share(other, loop.candidate) for other in others])
+        # what is to be compared with the best one: see ``runner_up``
+        shares = np.array([o.share * max(loop.candidate.known / max(o.known, LEAST_KNOWN), 1.0) for o in others])
         at = se2.compose(graph.poses[submap], loop.candidate.found)
         off = se2.between(at, se2.compose(graph.poses[nodes], np.array([other.found for other in others])))
         rivals = is_elsewhere(off) & (shares >= loop.candidate.share - self._config.loops.least_margin)

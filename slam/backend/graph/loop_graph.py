@@ -19,17 +19,12 @@ from moteslam.slam.backend.graph.pose_graph import Edges, solve
 from moteslam.slam.backend.graph.submaps import Submaps
 from moteslam.slam.backend.ledger import LoopCandidate, Verdict
 
-Pair = tuple[int, int]
-"""Two nodes, the earlier first."""
+Pair = tuple[int, int]  # Two nodes, the earlier first
 
-PROVED: tuple[Verdict, ...] = ("accepted", "contradicted")
-"""Verdicts of loops that the graph decides between."""
-KEPT = 0.25
-"""A loop of a smaller weight after graduated non-convexity is contradicted by the others."""
-FITS_DISTANCE, FITS_ROTATION = 0.2, 0.035
-"""A loop within this of the final poses is confirmed by them [m], [rad]."""
-TURN_DISTANCE = 5.0
-"""At this distance a heading's error counts in the choice of the surest path [m]."""
+PROVED: tuple[Verdict, ...] = ("accepted", "contradicted")  # Verdicts of loops that the graph decides between
+KEPT = 0.25  # A loop of a smaller weight after graduated non-convexity is contradicted by the others
+FITS_DISTANCE, FITS_ROTATION = 0.2, 0.035  # A loop within this of the final poses is confirmed by them [m], [rad]
+TURN_DISTANCE = 5.0  # At this distance a heading's error counts in the choice of the surest path [m]
 
 
 class Uncertainty:

@@ -23,34 +23,27 @@ from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
 from moteslam.slam.registration.information import keep_odometry, measured_information
 from moteslam.slam.registration.registrar import Registration, register, subsample
-from moteslam.slam.registration.search import LEAST_KNOWN, Window, candidates, runner_up, shares
+from moteslam.slam.registration.search import Window, candidates, runner_up, shares
 
 Points = NDArray[np.float32]
 
 RESIDUAL = 0.03
 """Standard deviation of an endpoint's distance to another submap's surface [m]: both submaps bend a little."""
-FLOOR = np.array([0.02, 0.02, np.radians(0.3)])
-"""No loop is known better: [m], [m], [rad]."""
-WEAKEST = 1e-3
-"""Information of a direction that nothing binds [1/m^2]."""
+FLOOR = np.array([0.02, 0.02, np.radians(0.3)])  # No loop is known better: [m], [m], [rad]
+WEAKEST = 1e-3  # Information of a direction that nothing binds [1/m^2]
 LEAST_STARTS, STARTS, START_POINTS, FINALISTS = 8, 40, 120, 12
 """Places of the lattice that are registered with some points, at least and at most: as many as basins of Gauss-Newton
 fit into the window; and how many of them with all points."""
-WIDE, FINE_TURN, COARSE_TURN = 0.1, 0.02, 0.04
-"""Windows wider than the first [rad] are searched in the coarser steps."""
+WIDE, FINE_TURN, COARSE_TURN = 0.1, 0.02, 0.04  # Windows wider than the first [rad] are searched in the coarser steps
 MANY, WIDEST_STEP, WIDEST_TURN = 500_000, 0.2, 0.06
 """Windows of more places than the first are searched in steps of a basin of Gauss-Newton [m], [rad]."""
 FARTHEST = 4.0
 """A place is nearer to the prediction than this [standard deviations]: of three that are independent one in a thousand
 is not."""
-NEGLIGIBLE_PRIOR = 1e-6
-"""Of the lattice: within the window the prediction counts for nothing until the end."""
-WINDOW_DEVIATIONS = 3.0
-"""The half width of a window, in standard deviations of the prediction."""
-COVERED = 0.5
-"""Wider windows have longer submaps [m]."""
-LOOSE = 3.0
-"""Standard deviation of the prediction in the registration [windows]."""
+NEGLIGIBLE_PRIOR = 1e-6  # Of the lattice: within the window the prediction counts for nothing until the end
+WINDOW_DEVIATIONS = 3.0  # The half width of a window, in standard deviations of the prediction
+COVERED = 0.5  # Wider windows have longer submaps [m]
+LOOSE = 3.0  # Standard deviation of the prediction in the registration [windows]
 
 
 class Loop(NamedTuple):
@@ -150,11 +143,6 @@ class LoopSearch:
             return "ambiguous"
         inside = squares(offset, covariance) <= FARTHEST**2
         return "accepted" if inside else "outside"
-
-
-def fair_share(rival: LoopCandidate, best: LoopCandidate) -> float:
-    """The share of a place in another submap, which is to be compared with the best one: see ``runner_up``."""
-    return rival.share * max(best.known / max(rival.known, LEAST_KNOWN), 1.0)
 
 
 def squares(offsets: Array, covariance: Array) -> Array:

@@ -20,8 +20,7 @@ LONGEST = 30.0
 MAX_RANGE = 30.0
 """Endpoints farther from the sensor are left out [m]: neighbouring beams are half a metre apart there, and the error of
 the heading moves them as far."""
-FEW_POINTS = 20
-"""A scan of fewer points is not registered, and no node but the first."""
+FEW_POINTS = 20  # A scan of fewer points is not registered, and no node but the first
 
 
 class Nodes:

@@ -12,27 +12,19 @@ from moteslam.slam.odometry.noise import aside
 
 AT_REST = np.array([0.005, 0.005, 0.005])
 """The shape of the noise before it is scaled to what is measured: [m], [m], [rad] ..."""
-FROM_DISTANCE = np.array([0.05, 0.05, 0.02])
-"""... and for every metre ..."""
-FROM_ROTATION = np.array([0.02, 0.02, 0.05])
-"""... and for every radian."""
-ROUNDS = 8
-"""Of fitting gains and scales alternately."""
-TAIL = 4.0
-"""Squared robust scale of the fit [variances] (Cauchy)."""
+FROM_DISTANCE = np.array([0.05, 0.05, 0.02])  # ... and for every metre ...
+FROM_ROTATION = np.array([0.02, 0.02, 0.05])  # ... and for every radian
+ROUNDS = 8  # Of fitting gains and scales alternately
+TAIL = 4.0  # Squared robust scale of the fit [variances] (Cauchy)
 KNOWN, FEWEST = 2.0, 10
 """The noise is measured on steps whose registration has less than the first factor times the odometry's variance, where
 there are more than the second."""
 GAIN_INFORMATION = 200.0
 """Prior on the gains, of standard deviation 0.07: wheels are off by some percent (docs/theory/default-filter.md)."""
-LEAST_SCALE = 0.1
-"""Of the noise, over its shape: no odometry is better."""
-LEAST_SHARE = 0.1
-"""Of that noise is the odometry's own, at least."""
-SAFETY = 2.0
-"""Factor on the measured standard deviation: errors of neighbouring steps are alike."""
-NORMAL_MAD = 1.4826
-"""A normal distribution's standard deviation over its median absolute deviation."""
+LEAST_SCALE = 0.1  # Of the noise, over its shape: no odometry is better
+LEAST_SHARE = 0.1  # Of that noise is the odometry's own, at least
+SAFETY = 2.0  # Factor on the measured standard deviation: errors of neighbouring steps are alike
+NORMAL_MAD = 1.4826  # A normal distribution's standard deviation over its median absolute deviation
 
 
 class OdometryModel(NamedTuple):

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
-from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
 
 Indices = NDArray[np.intp]
 
@@ -24,10 +23,12 @@ three degrees of freedom."""
 CONVEX = 10.0
 """The first scale is the largest below this many times the largest error's square: that loop then counts by half or
 so, since the scales are a factor of three or ten apart."""
-ITERATIONS, CONVERGED = 6, 1e-4
-"""Gauss-Newton steps on each scale at most; a smaller step [m, rad] ends it."""
-ANCHOR = 1e9
-"""Information that holds the first pose where it is [1/m^2, 1/rad^2]."""
+ITERATIONS, CONVERGED = 6, 1e-4  # Gauss-Newton steps on each scale at most; a smaller step [m, rad] ends it
+ANCHOR = 1e9  # Information that holds the first pose where it is [1/m^2, 1/rad^2]
+
+
+DENSE = 150
+"""Systems of up to this many unknowns are solved as full matrices: that is as fast, and SciPy need not be loaded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,13 +47,7 @@ class Edges:
 
     def plus(self, others: Edges) -> Edges:
         """These and others."""
-        return Edges(
-            np.r_[self.first, others.first],
-            np.r_[self.second, others.second],
-            np.concatenate((self.relative, others.relative)),
-            np.concatenate((self.information, others.information)),
-            np.r_[self.robust, others.robust],
-        )
+        return Edges(*(np.concatenate(pair) for pair in zip(vars(self).values(), vars(others).values(), strict=True)))
 
     def errors(self, poses: Array) -> Array:
         """The errors [e, 3] of the measured relative poses, in their frames, where the nodes are at ``poses``."""
@@ -61,10 +56,6 @@ class Edges:
     def squares(self, errors: Array) -> Array:
         """The squares [e] of errors [e, 3], in standard deviations."""
         return np.asarray(np.einsum("ei,eij,ej->e", errors, self.information, errors))
-
-    def jacobians(self, poses: Array) -> tuple[Array, Array]:
-        """Of the errors by (x, y, theta) of the first and of the second pose, [e, 3, 3] each."""
-        return relative_jacobians(poses[self.first], poses[self.second], self.relative[:, 2])
 
 
 def relative_jacobians(first: Array, second: Array, heading: Array) -> tuple[Array, Array]:
@@ -102,7 +93,7 @@ def solve(poses: Array, edges: Edges, *, graduated: bool = True) -> tuple[Array,
             errors = edges.errors(poses)
             if graduated:
                 weights = _weights(errors, edges, scale)
-            first, second = edges.jacobians(poses)
+            first, second = relative_jacobians(poses[edges.first], poses[edges.second], edges.relative[:, 2])
             information = weights[:, None, None] * edges.information
             weighted_first, weighted_second = information @ first, information @ second
             own = system.sums(np.swapaxes(first, 1, 2) @ weighted_first, np.swapaxes(second, 1, 2) @ weighted_second)
@@ -121,3 +112,64 @@ def solve(poses: Array, edges: Edges, *, graduated: bool = True) -> tuple[Array,
 def _weights(errors: Array, edges: Edges, scale: float) -> Array:
     """Of Geman and McClure, for the edges that may be rejected."""
     return np.where(edges.robust, np.square(scale / (scale + edges.squares(errors))), 1.0)
+
+
+class BlockSystem:
+    """Sparse symmetric systems of 3 x 3 blocks: the normal equations of n poses and the pairs of them that are bound.
+
+    The places of the blocks are found once for many systems of the same pairs.
+
+    Args:
+        n: number of poses.
+        first, second: [e] the poses that each pair binds; a pair may occur more than once, either way round.
+    """
+
+    def __init__(self, n: int, first: Indices, second: Indices) -> None:
+        low, high = np.minimum(first, second), np.maximum(first, second)
+        blocks, places = np.unique(np.r_[np.arange(n) * (n + 1), low * n + high], return_inverse=True)
+        self._n, self._first, self._second, self._turned = n, first, second, first > second
+        self._blocks, self._own, self._pairs = len(blocks), places[:n], places[n:]
+        rows, columns = blocks // n, blocks % n
+        inner = np.arange(3)
+        row, column = np.broadcast_arrays(
+            (3 * rows)[:, None, None] + inner[:, None], (3 * columns)[:, None, None] + inner
+        )
+        beside = np.flatnonzero(rows != columns)
+        all_rows = np.r_[row.ravel(), column[beside].ravel()]
+        all_columns = np.r_[column.ravel(), row[beside].ravel()]
+        sources = np.r_[np.arange(9 * self._blocks), (9 * beside[:, None] + np.arange(9)).ravel()]
+        order = np.lexsort((all_rows, all_columns))
+        self._sources, self._rows = sources[order], all_rows[order].astype(np.int32)
+        self._begin = np.searchsorted(all_columns[order], np.arange(3 * n + 1)).astype(np.int32)
+
+    def sums(self, first: Array, second: Array) -> Array:
+        """What pairs give to each pose, summed: [n, ...] of [e, ...] to the first and [e, ...] to the second."""
+        total = np.zeros((self._n, *first.shape[1:]))
+        np.add.at(total, self._first, first)
+        np.add.at(total, self._second, second)
+        return total
+
+    def solve(self, own: Array, pairs: Array, right: Array) -> Array:
+        """The solution [n, 3] of the system.
+
+        Args:
+            own: [n, 3, 3] blocks of each pose with itself; right: [n, 3] right-hand side.
+            pairs: [e, 3, 3] blocks between the first and the second pose of each pair; those of equal pairs are added.
+        """
+        placed = np.where(self._turned[:, None, None], np.swapaxes(pairs, 1, 2), pairs)
+        blocks = np.zeros((self._blocks, 9))
+        np.add.at(blocks, self._pairs, placed.reshape(-1, 9))
+        blocks[self._own] += own.reshape(-1, 9)
+        size = 3 * self._n
+        if size <= DENSE:
+            dense = np.zeros((size, size))
+            dense[self._rows, np.repeat(np.arange(size), np.diff(self._begin))] = blocks.ravel()[self._sources]
+            solution: Array = np.asarray(np.linalg.solve(dense, right.ravel()), np.float64)
+            return solution.reshape(-1, 3)
+        from scipy.sparse import csc_matrix
+        from scipy.sparse.linalg import splu
+
+        matrix = csc_matrix((blocks.ravel()[self._sources], self._rows, self._begin), shape=(size, size))
+        # positive definite: no pivoting, and an order of elimination for symmetric matrices
+        factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        return np.asarray(factors.solve(right.ravel()).reshape(-1, 3))

@@ -23,20 +23,16 @@ from moteslam.slam.registration.information import less_where_unbound, measured_
 from moteslam.slam.registration.localisation import match_score
 from moteslam.slam.registration.registrar import Registration, register, subsample
 
-GATE = 4.0
-"""An offset of more standard deviations of the odometry must be proved."""
-SCORES = TrackingConfig()
-"""Match score and heavy tail are those of tracking."""
+GATE = 4.0  # An offset of more standard deviations of the odometry must be proved
+SCORES = TrackingConfig()  # Match score and heavy tail are those of tracking
 LOOSE, LOOSEST = 3.0, 0.01
 """With the corrected odometry the registration searches within this many of its standard deviations, and the second at
 least [m], [rad]: what is found farther off must be proved."""
 BASIN = 0.2
 """Registrations begin at headings this far apart [rad], as far as they are searched for: from twice as far off
 Gauss-Newton may end at a place that explains a few of the endpoints."""
-MOST_NATS = 50.0
-"""Certainty enough [nats]; the exponential of more overflows."""
-DOUBT = 4.0
-"""Nats by which evidence and prior may be misjudged: the logistic scale of the doubt that is left."""
+MOST_NATS = 50.0  # Certainty enough [nats]; the exponential of more overflows
+DOUBT = 4.0  # Nats by which evidence and prior may be misjudged: the logistic scale of the doubt that is left
 
 
 class Prediction(NamedTuple):

@@ -20,7 +20,7 @@ from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import Scenario, parse_scenario
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
+from moteslam.sim.sensors.rgbd import Camera, CameraFrames
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.sim.world.floor import FloorSettings
 from moteslam.sim.world.layout import Layout, Room
@@ -32,13 +32,13 @@ pytestmark = pytest.mark.usefixtures("taichi")
 ROOM = World.of(Layout(rooms=(Room(corner=(0, 0), size=(12, 9)),), boxes=(Box(centre=(5, 3.4), size=(0.6, 0.6)),)))
 START = (3.0, 3.0, 0.3)
 FLOOR = FloorSettings(seed=3)
-STILL = CameraSettings(rate=30.0, nearest=0.4, farthest=8.0, grazing=0.05)
-"""Nothing is random but the phase."""
+STILL = CameraSettings(rate=30.0, nearest=0.4, farthest=8.0, grazing=0.05)  # Nothing is random but the phase
 
 
 def frames_of(settings: CameraSettings = STILL, seed: int = 0, run: Drive | None = None) -> CameraFrames:
     run = run or moving(START, (0.5, 0.2, 0.4), 4.0)
-    return schedule_frames(run, Scene(ROOM, run.tracks), FLOOR, CAMERA, settings, seed)
+    camera = Camera(CAMERA, settings, FLOOR, float(run.stamps[-1]), seed)
+    return camera.read(run, Scene(ROOM, run.tracks))
 
 
 def test_frames_come_at_the_rate_and_out_of_phase() -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
-from moteslam.slam.backend.graph import sparse_blocks
+from moteslam.slam.backend.graph import pose_graph
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
@@ -18,7 +18,7 @@ from moteslam.slam.backend.graph.joint import choose_partners, register_jointly
 from moteslam.slam.backend.graph.loop_search import LoopSearch
 from moteslam.slam.backend.graph.measured_chain import MeasuredChain
 from moteslam.slam.backend.graph.nodes import Nodes
-from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
+from moteslam.slam.backend.graph.pose_graph import BlockSystem
 from moteslam.slam.backend.graph.submaps import Submaps
 from moteslam.slam.inputs.step import thin
 from moteslam.slam.registration.config import RegistrationConfig
@@ -264,5 +264,5 @@ def test_full_and_sparse_systems_have_the_same_solution(n: int, monkeypatch: pyt
     own = system.sums(np.swapaxes(one, 1, 2) @ one, np.swapaxes(other, 1, 2) @ other) + np.eye(3)
     pairs, right = np.swapaxes(one, 1, 2) @ other, rng.normal(size=(n, 3))
     full = system.solve(own, pairs, right)
-    monkeypatch.setattr(sparse_blocks, "DENSE", 0)
+    monkeypatch.setattr(pose_graph, "DENSE", 0)
     np.testing.assert_allclose(system.solve(own, pairs, right), full, rtol=1e-9, atol=1e-12)

@@ -109,8 +109,7 @@ FIT, DOUBTFUL_DROPPED, LOST_DROPPED = (10, 1.0), (STEP, 1.0 - 1.1 * DOUBTFUL_BEL
 """Distances [m], and the scores on them."""
 NEAR, BEYOND = (NEIGHBOURHOOD - STEP, 0.85), (1 + STEP, 0.85)
 """While something around is from before the drop; and as far again as nothing is."""
-VARIED = [(STEP, score) for _ in range(100) for score in (1.1, 0.9)]
-"""With a standard deviation of 0.1."""
+VARIED = [(STEP, score) for _ in range(100) for score in (1.1, 0.9)]  # With a standard deviation of 0.1
 
 
 @pytest.mark.parametrize(

@@ -29,8 +29,7 @@ from moteslam.slam.tsdf.particles import Particles
 CELL = 0.05
 CONFIG = KnownMapConfig()
 WALLS = [((-3, -1.5), (3, -1.5)), ((3, -1.5), (3, 2.5)), ((3, 2.5), (-3, 2.5)), ((-3, 2.5), (-3, -1.5))]
-BOX = [((1.5, -0.8), (2.2, -0.8)), ((1.5, -0.8), (1.5, -0.2))]
-"""Of ``circled_room``."""
+BOX = [((1.5, -0.8), (2.2, -0.8)), ((1.5, -0.8), (1.5, -0.2))]  # Of `circled_room`
 
 
 def drawn(

@@ -29,8 +29,7 @@ Pose = tuple[float, float, float]
 SPREAD = (0.02, 0.02, 0.02)
 HERE = (0.0, 0.0)
 ANGLES = np.linspace(0, 2 * np.pi, 100, endpoint=False)
-CIRCLE = np.column_stack((np.cos(ANGLES), np.sin(ANGLES)))
-"""Points 1 m from the robot."""
+CIRCLE = np.column_stack((np.cos(ANGLES), np.sin(ANGLES)))  # Points 1 m from the robot
 CONFIG = RegistrationConfig()
 ODOMETRY = np.zeros((1, 3))
 UNKNOWN = CONFIG.unknown_cost

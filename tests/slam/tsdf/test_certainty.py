@@ -131,10 +131,8 @@ def test_the_degenerate_direction_is_that_of_least_information():
 
 
 LOW = 1.0 - 1.2 * LOST_DROP * LEAST_SPREAD
-ELSEWHERE = ScanFit(LOW, 200.0, 150.0, 25.0, 10.0)
-"""A sixth of the known endpoints far from the surface."""
-BENT = ScanFit(LOW, 200.0, 180.0, 0.0, 0.0)
-"""As low a score, but no endpoint far from the surface."""
+ELSEWHERE = ScanFit(LOW, 200.0, 150.0, 25.0, 10.0)  # A sixth of the known endpoints far from the surface
+BENT = ScanFit(LOW, 200.0, 180.0, 0.0, 0.0)  # As low a score, but no endpoint far from the surface
 
 
 def watched(*scans: ScanFit | None, driven: float = 0.1, calm: ScanFit = FITS, count: int = 100) -> list[Doubt]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from issues import messages
-from parts.runs import Drawn, with_images
+from parts.runs import with_images
 from slam_rooms import ate, run, tiled_room
 
 from moteslam.robot import se2
@@ -17,13 +17,13 @@ from moteslam.sim.scenario import load_scenario, with_camera
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.inputs.floor_views import FloorViews
+from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
-from moteslam.slam.texture.config import TextureConfig
 from moteslam.slam.tsdf import filter as tsdf_filter
 from moteslam.slam.tsdf.config import ColourConfig, TsdfFilterConfig
-from moteslam.slam.tsdf.floor import FloorTracker
+from moteslam.slam.tsdf.floor import FloorLikelihood
 from moteslam.slam.tsdf.proposal import Proposal
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -36,7 +36,11 @@ OLDEST = CONFIG.colours.largest_age
 
 
 def views_of(recording: Recording) -> FloorViews:
-    return FloorViews(recording, synchronise(recording), largest_gap=CONFIG.texture.largest_gap)
+    return views_over(recording, synchronise(recording))
+
+
+def views_over(recording: Recording, inputs: Inputs) -> FloorViews:
+    return FloorViews(lambda: recording.rgbd, recording.platform.camera, inputs, largest_gap=CONFIG.texture.largest_gap)
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +104,7 @@ def test_which_frame_a_scan_gets_does_not_depend_on_images_that_come_later(room:
 
     def handed_out(stream: RgbdStream, scans: range) -> list[tuple[float, float] | None]:
         """The stamps of the frames that the scans get."""
-        views = FloorViews(recording.replace(rgbd=stream), inputs, largest_gap=CONFIG.texture.largest_gap)
+        views = views_over(recording.replace(rgbd=stream), inputs)
         got = (views.at(scan, OLDEST) for scan in scans)
         return [None if view is None else (view.frame.stamp, view.frame.rgb_stamp) for view in got]
 
@@ -132,7 +136,7 @@ def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(room: R
     assert recording.lidar is not None
     stamps = recording.lidar.stamps
     apart = np.array([(0.0, 0.0, 0.0), (3.0, 1.0, 0.5), (-2.0, 0.4, -2.0), (40.0, 50.0, 3.0)])
-    tracker, views = FloorTracker(ColourConfig(map_length=0.5), TextureConfig()), views_of(recording)
+    tracker, views = FloorLikelihood(TsdfFilterConfig(colours=ColourConfig(map_length=0.5))), views_of(recording)
     for index in range(40, 230, 8):
         seen = views.at(index, OLDEST)
         if seen is not None:
@@ -159,7 +163,7 @@ def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(room: R
     assert children is not None
     np.testing.assert_allclose(children.offsets, 0.0, atol=0.01)
     blank = replace(view, frame=replace(view.frame, rgb=np.full_like(view.frame.rgb, 128)))
-    plain = FloorTracker(ColourConfig(), TextureConfig())
+    plain = FloorLikelihood(TsdfFilterConfig())
     assert plain.fit(blank, poses, 0) is None
     plain.add(blank, poses, 0, 0.0)
     assert plain.fit(blank, poses, 0) is None  # of one colour
@@ -188,12 +192,14 @@ def test_all_of_the_odometrys_error_is_drawn_where_colours_weigh_the_particles(
 
 
 def test_the_same_seed_gives_the_same_bytes_and_frames_are_read_at_updates_alone(
-    room: Room, estimate: Estimate, monkeypatch: pytest.MonkeyPatch
+    room: Room, estimate: Estimate
 ) -> None:
     asked: list[int] = []
-    draw = Drawn.rgb
-    monkeypatch.setattr(Drawn, "rgb", lambda self, index: asked.append(index) or draw(self, index))
-    assert same(run_slam(room[1], CONFIG, seed=3), estimate)
+    stream = room[1].rgbd
+    draw = stream.images.rgb
+    watched = stream.images._replace(rgb=lambda index: asked.append(index) or draw(index))
+    again = run_slam(room[1].replace(rgbd=replace(stream, images=watched)), CONFIG, seed=3)
+    assert same(again, estimate)
     assert 10 < len(asked) == len(set(asked)) <= estimate.diagnostics["updated"].sum()
 
 

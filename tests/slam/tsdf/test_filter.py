@@ -89,8 +89,7 @@ def test_where_the_scans_stop_the_odometry_is_followed_as_it_was_calibrated():
 REGISTRATION = RegistrationConfig()
 SINCE = MotionSinceUpdate(travelled=Travelled(distance=0.1, rotation=0.0))
 DRIFT = prior_spread(REGISTRATION, 0.1, 0.0)
-SCAN = room_scan()
-"""From the middle of a room of 8 x 6 m."""
+SCAN = room_scan()  # From the middle of a room of 8 x 6 m
 
 
 def mapped(points: np.ndarray, poses: np.ndarray) -> Particles:
