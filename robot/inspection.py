@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,18 +18,11 @@ from moteslam.robot.values import Issue, counted, expect_type
 
 Array = NDArray[np.float64]
 
-GAP = 5.0
-"""A silence of more than this many median intervals is a gap."""
-REPORTED_GAP = 0.5
-"""Shorter gaps are no problem [s]: sensors that send in bursts have many."""
-ENDS_EARLY = 0.1
-"""Streams may begin later or end earlier than the scans by this much [s]."""
-LATE = 0.1
-"""Streams may be early or late by this much [s]; drivers, filters and wheels that slip make up some of it."""
-SAME_MOTION = 0.9
-"""Two yaw rates that correlate less do not show an offset clearly."""
-REST = 1.0
-"""Wheels that stand still at least this long are at rest [s]."""
+GAP = 5.0  # median intervals: a longer silence is a gap
+REPORTED_GAP = 0.5  # [s]: shorter ones are no problem, sensors that send in bursts have many
+LATE = 0.1  # [s]: streams may be early or late by as much; drivers, filters and wheels that slip make up some of it
+SAME_MOTION = 0.9  # two yaw rates that correlate less do not show an offset clearly
+REST = 1.0  # [s]: wheels that stand still at least so long are at rest
 
 SPEEDS = 0.005, 20.0
 """Between these a robot that moves is fast [m/s]: a slower or faster one has stamps or lengths in other units,"""
@@ -109,10 +103,8 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
     lidar = None
     if recording.lidar is not None and recording.lidar.ranges.size:
         lidar = lidar_report(recording.lidar, rests, read_ranges=deep or isinstance(recording.lidar.ranges, np.ndarray))
-    problems = [*recording.warnings, *_missing(recording), *_of_stamps(streams, clocks), *other_units(recording)]
-    if lidar is not None and lidar.blind_scans:
-        text = f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint"
-        problems.append(Issue("blind-scans", text, lidar.blind_scans))
+    none = [Issue("no-lidar", "lidar: none, expected scans to make a map of")] if recording.lidar is None else []
+    problems = [*recording.warnings, *none, *_of_stamps(streams, clocks), *other_units(recording)]
     if deep and recording.rgbd is not None and has_images(recording.rgbd):
         count = FrameCount()
         deque(camera_frames(recording.rgbd, count=count), maxlen=0)
@@ -141,19 +133,11 @@ def _stream(name: str, stamps: Array) -> StreamReport:
     above = steps[steps > 0]
     median = float(np.median(above)) if len(above) else None
     longest = int(np.argmax(steps)) if len(steps) else None
-    return StreamReport(
-        name=name,
-        readings=len(stamps),
-        start=start,
-        end=end,
-        duration=end - start,
-        mean_rate=(len(stamps) - 1) / (end - start) if end > start else None,
-        median_rate=None if median is None else 1 / median,
-        largest_gap=None if longest is None else float(steps[longest]),
-        largest_gap_at=None if longest is None else float(stamps[longest]),
-        gaps=0 if median is None else int((steps > GAP * median).sum()),
-        equal_stamps=int((steps == 0).sum()),
-    )
+    mean_rate = (len(stamps) - 1) / (end - start) if end > start else None
+    gap, at = (None, None) if longest is None else (float(steps[longest]), float(stamps[longest]))
+    usual, gaps = (None, 0) if median is None else (1 / median, int((steps > GAP * median).sum()))
+    equal = int((steps == 0).sum())
+    return StreamReport(name, len(stamps), start, end, end - start, mean_rate, usual, gap, at, gaps, equal)
 
 
 def _rests(encoders: EncoderStream) -> Spans:
@@ -179,40 +163,22 @@ def _gyro(imu: ImuStream, rests: Spans) -> GyroReport | None:
     return GyroReport(len(rates), float(np.mean(rates)), float(np.std(rates))) if len(rates) else None
 
 
-def _missing(recording: Recording) -> Iterator[Issue]:
-    lidar, encoders = recording.lidar, recording.encoders
-    if lidar is None:
-        yield Issue("no-lidar", "lidar: none, expected scans to make a map of")
-    if encoders is None and odometry_of(recording) is None:
-        yield Issue("no-odometry", "odometry: none, expected wheel encoders or odometry poses")
-    if encoders is not None and recording.imu is None:
-        yield Issue("no-imu", "imu: none; turns come from the wheels alone")
-
-
 def _of_stamps(streams: tuple[StreamReport, ...], clocks: tuple[ClockReport, ...]) -> Iterator[Issue]:
-    """Gaps and equal stamps; motion that does not cover the scans; turns that come clearly late, of dense streams."""
+    """Gaps; motion of another time than the scans; turns that come clearly late, of dense streams."""
     for stream in streams:
         if stream.gaps and stream.largest_gap is not None and stream.largest_gap > REPORTED_GAP:
             many, longest = counted(stream.gaps, "gap"), f"{stream.largest_gap:.2f} s after {stream.largest_gap_at:.6f}"
             text = f"{stream.name}: {many} of more than 5 median intervals, the longest {longest}"
             yield Issue("gaps", text, stream.gaps)
-        if stream.equal_stamps:
-            text = f"{stream.name}: {stream.equal_stamps} readings share the stamp of the one before"
-            yield Issue("equal-stamps", text, stream.equal_stamps)
     by_name = {stream.name: stream for stream in streams}
-    scans = by_name.get("lidar")
-    for name in ("encoders", "odometry", "imu"):
-        if scans is None or (moving := by_name.get(name)) is None:
-            continue
-        if moving.start > scans.end or moving.end < scans.start:
-            late, side = abs(moving.start - scans.start), "after" if moving.start > scans.end else "before"
-            text = f"{name}: no stamp within the time of the lidar, begins {late:.0f} s {side} it, expected one clock"
-            yield Issue("other-clock", text, moving.readings)
-            continue
-        if (early := scans.end - moving.end) > ENDS_EARLY:
-            yield Issue("ends-early", f"{name}: last reading {early:.2f} s before the last scan")
-        if (late := moving.start - scans.start) > ENDS_EARLY:
-            yield Issue("begins-late", f"{name}: first reading {late:.2f} s after the first scan")
+    moving = [by_name[name] for name in ("encoders", "odometry", "imu") if name in by_name]
+    for scans, one in product([by_name[name] for name in by_name if name == "lidar"], moving):
+        if one.start > scans.end or one.end < scans.start:
+            late, side = abs(one.start - scans.start), "after" if one.start > scans.end else "before"
+            text = (
+                f"{one.name}: no stamp within the time of the lidar, begins {late:.0f} s {side} it, expected one clock"
+            )
+            yield Issue("other-clock", text, one.readings)
     for clock in clocks:
         sparse = any((by_name[name].median_rate or 0.0) < 1 / LATE for name in (clock.name, clock.reference))
         if abs(clock.offset) > LATE and clock.correlation > SAME_MOTION and not sparse:

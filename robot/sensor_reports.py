@@ -17,30 +17,19 @@ from moteslam.robot.recording import LidarStream, Ranges, Recording, chunks, mea
 from moteslam.robot.wheel_odometry import gyro_turn, wheel_path
 
 Array = NDArray[np.float64]
-Spans = list[tuple[float, float]]
-"""From when to when [s]."""
+Spans = list[tuple[float, float]]  # From when to when [s]
 
-_SAMPLE = 1_000_000
-"""Ranges that the resolution is measured on, of scans spread over the recording."""
-_UNIT = 1e-5
-"""To which ranges are rounded before they are compared [m]: float32 at 80 m is good for 4e-6."""
-_COMMON = 0.2
-"""Share of the steps between distinct ranges that have to be alike for a resolution."""
-_REST_SCANS, _REST_READINGS = 1000, 10
-"""For the range noise: most scans of a rest, least readings of a beam in it."""
+_SAMPLE = 1_000_000  # Ranges that the resolution is measured on, of scans spread over the recording
+_UNIT = 1e-5  # To which ranges are rounded before they are compared [m]: float32 at 80 m is good for 4e-6
+_COMMON = 0.2  # Share of the steps between distinct ranges that have to be alike for a resolution
+_REST_SCANS, _REST_READINGS = 1000, 10  # For the range noise: most scans of a rest, least readings of a beam in it
 
-LEAST_CORRELATION = 0.7
-"""Below it two yaw rates are not of the same motion, and no offset is reported."""
-LONGEST, STEP = 1.0, 0.01
-"""Offsets up to the first are looked for, in steps [s]."""
-WINDOW = 0.1
-"""A yaw rate is the mean over this time [s]: single counts of an encoder are far apart."""
-LEAST_TURN = 0.05
-"""Where neither turns, nothing is compared: the least standard deviation of a yaw rate [rad/s]."""
-_DURATION = 600.0
-"""At most this much of a recording is compared [s]."""
-_EVERY = 0.03
-"""Yaw rates are compared at times this far apart [s]: in no step with the readings."""
+LEAST_CORRELATION = 0.7  # Below it two yaw rates are not of the same motion, and no offset is reported
+LONGEST, STEP = 1.0, 0.01  # Offsets up to the first are looked for, in steps [s]
+WINDOW = 0.1  # A yaw rate is the mean over this time [s]: single counts of an encoder are far apart
+LEAST_TURN = 0.05  # Where neither turns, nothing is compared: the least standard deviation of a yaw rate [rad/s]
+_DURATION = 600.0  # At most this much of a recording is compared [s]
+_EVERY = 0.03  # Yaw rates are compared at times this far apart [s]: in no step with the readings
 _NO_DRIFT = np.zeros(1)
 
 

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from moteslam.robot.sensor_reports import LidarReport
     from moteslam.slam.calibration.findings import Findings
 
-DOUBLES = {"blind-scans", "no-odometry"}
-"""Codes of problems that SLAM has the same to say of."""
 NONE = "-"
 """Stands for what cannot be measured, or what the platform has not."""
 Row = tuple[str, str, str]
@@ -87,8 +85,7 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
             more += about_jumps(inputs.stamps, inputs.odometry, inputs.jumped)
         except InputError as error:
             more += (Issue("refused", f"SLAM refuses it: {error}"),)
-    told = DOUBLES & {problem.code for problem in found.problems}
-    found = replace(found, problems=(*found.problems, *(issue for issue in more if issue.code not in told)))
+    found = replace(found, problems=(*found.problems, *more))
     if plot is not None:
         from moteslam.eval.report.streams import draw_streams
 

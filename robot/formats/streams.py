@@ -22,39 +22,30 @@ Array = NDArray[Any]
 Stamps = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MAX_STAMP = 1e11
-"""Seconds beyond this (the year 5138) are milliseconds or garbage."""
-MAX_JUMP = 86400.0
-"""A longer silence [s] within a stream is a broken stamp: one day."""
-MAX_SPAN = 10 * 365.25 * 86400.0
-"""No recording is longer [s]: ten years."""
-SET_BACK = 2.0
-"""Readings that are late by less [s] are those of a busy logger, whose processes are up to 1 s apart."""
+MAX_STAMP = 1e11  # [s]: beyond it (the year 5138) stamps are milliseconds or garbage
+MAX_JUMP = 86400.0  # [s]: a longer silence within a stream, of a day, is a broken stamp
+MAX_SPAN = 10 * 365.25 * 86400.0  # [s]: no recording is longer, of ten years
+SET_BACK = 2.0  # [s]: readings that are less late are those of a busy logger, whose processes are up to 1 s apart
 FOLLOWING, FEWEST = 10, 3
 """Readings that all stay behind after a clock was set back; near the end of the recording the second."""
 OF_TWICE, MOST_TWICE = 0.4, 4000
 """Time that is passed twice is so in steps of less than this share of it, both times, and in fewer of them than this
 (`SET_BACK` at 1000 Hz, twice). As many places are looked at: stamps that go back more often are of no clock."""
-AGAIN = 0.75
-"""Scans that equal the one before within this share of the time between new ones, ten of them, are given again."""
-MAX_DROPPED = 3
-"""Up to this many readings that cannot be are always dropped; more of them only up to a tenth of the stream."""
+AGAIN = 0.75  # of the time between new scans: ten that equal the one before sooner than that are given again
+MAX_DROPPED = 3  # readings that cannot be are always dropped; more of them only up to a tenth of the stream
 
-MAX_RATE = 100.0
-"""No robot turns faster [rad/s]: 16 turns a second; common gyros end at 35 rad/s, the largest range sold is 70."""
-MAX_SPEED = 100.0
-"""No wheeled robot drives faster [m/s]."""
+MAX_RATE = 100.0  # [rad/s]: no robot turns 16 times a second; common gyros end at 35, the largest range sold is 70
+MAX_SPEED = 100.0  # [m/s]: no wheeled robot drives faster
 MAX_PLACE = 1e7
 """No robot is farther from where it began [m], nor has turned more in all [rad]: a quarter of the globe."""
-SLACK = 1.0
-"""Travel [m] that a reading may give beyond that, for stamps jitter: a late one leaves the next no time."""
+SLACK = 1.0  # [m]: travel that may be beyond that, for stamps jitter: a late one leaves the next no time
 
 CLIPPED, SAME = (0.03, 0.95), 1e-4
 """Where so many of all endpoints, and some of most scans, are the longest range, to the second [m], it is no return."""
 STAYS, CODES = 0.9, 100
 """Beams that end there in a larger share of the scans see the robot's body; of codes beyond a limit there are fewer."""
-SAMPLE = 64
-"""Scans that limits are looked for in."""
+SPIKE = 5  # times as many ranges as at any other value are a spike
+SAMPLE = 64  # scans that limits are looked for in
 
 
 class Fan(NamedTuple):
@@ -89,12 +80,13 @@ class Fan(NamedTuple):
         """
         ends = (ranges >= np.float32(self.range_min)) & (ranges < np.float32(self.range_max)) & (ranges > 0)
         fan, count = self, max(int(ends.sum()), 1)
-        longest, shortest = ranges.max(initial=0.0, where=ends), ranges.min(initial=np.inf, where=ends)
-        for at, name in ((ends & (ranges > longest - SAME), "max"), (ends & (ranges < shortest + SAME), "min")):
+        longest, shortest = _code(ranges[ends]), ranges.min(initial=np.inf, where=ends)
+        codes = np.abs(ranges - longest) < SAME, ranges < shortest + SAME
+        for at, name in zip((ends & each for each in codes), ("max", "min"), strict=True):
             share, beams = at.sum() / count, at.mean(axis=0)
             stay = len(ranges) < SAMPLE / 2 or (beams[beams > 0] > STAYS).mean() > 0.5
             if not stay and CLIPPED[0] < share < CLIPPED[1] and at.any(axis=1).mean() > 0.5:
-                limit, which = float(ranges[at].min()), "longest" if name == "max" else "shortest"
+                limit, which = float(ranges[at].min()), "longest usual" if name == "max" else "shortest"
                 text = f"{100 * share:.0f} % of the endpoints are {limit:g} m away, the {which} range: taken for no "
                 issues.append(Issue("range-max", f"{head}: {text}return, as if range_{name} were {limit:g} m"))
                 fan = fan._replace(range_max=limit) if name == "max" else fan._replace(range_min=limit + SAME)
@@ -258,6 +250,14 @@ def clean_ranges(ranges: NDArray[np.float32], fan: Fan, issues: list[Issue], hea
         found = f"{counted(count, 'range')} in {counted(int(garbage.any(axis=1).sum()), 'scan')}"
         issues.append(Issue("invalid-ranges", f"{head}: {found} left out, NaN or negative", count))
     return clean
+
+
+def _code(ranges: NDArray[np.float32]) -> float:
+    """The longest of some ranges or, where a shorter one is a spike and fewer are beyond it, that [m]."""
+    values, counts = np.unique(np.append(0, np.rint(ranges / SAME)), return_counts=True)
+    code, beside = int(counts.argmax()), np.sort(counts)[-2:][0]
+    is_spike = counts[code] > max(SPIKE * beside, counts[code + 1 :].sum())
+    return float(values[code] * SAME) if is_spike else float(ranges.max(initial=0.0))
 
 
 @dataclass(frozen=True)

@@ -248,11 +248,16 @@ def _calibrate(
             scans, clocks, excess = witness, as_stated, (excess[0], max(excess[1], abs(excess[0])))
             deviation = max(deviation, abs(angle_scale - 1))
     one = clocks if logged else fit(scans.pairs, at, (0.0, 0.0), shared=True)
+    if logged:  # poses that are not of the scans that they are logged with come late by as much
+        turned = in_form(path, form, quarter)
+        *began, _ = clock(scans.pairs, turned.stamps, np.unwrap(turned.poses[:, 2]), shared=False)
+        clocks = fit(scans.pairs, at, (began[0], began[1]), shared=False)
     drifts_by, about_drift = (float(each[Parameter.DRIFT]) for each in (clocks.values, clocks.deviations))
     leaps = abs(drifts_by) > max(MOST_DRIFT, SIGMAS * about_drift)  # no clock drifts so
     clocks = one if leaps else clocks
-    differ = not logged and _clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
+    differ = _clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
     shared = not (differ and clocks.cost < EXPLAINED * one.cost)
+    clocks = one if shared and logged else clocks
     late: Literal["", "gyro"] = ""
     start = clocks.values[Parameter.OFFSET] + clocks.values[Parameter.DRIFT] * (scans.first.min() - clocks.middle)
     began_as_one = abs(start) < (LATE_WHEELS if wheels_alone else LATE)
@@ -262,7 +267,7 @@ def _calibrate(
     best = one if shared and not (logged or wheels_alone) else clocks._replace(values=clocks.values.copy())
     if not shared and began_as_one:
         best.values[Parameter.OFFSET] -= start
-    if differ and recording.imu is not None and recording.encoders is not None:
+    if differ and not logged and recording.imu is not None and recording.encoders is not None:
         offset = float(clocks.values[Parameter.OFFSET])
         moved = odometry_path(with_stamps(recording, ("imu",), lambda stamps: stamps - offset), SyncConfig())
         assert moved is not None
@@ -282,7 +287,7 @@ def _calibrate(
         quarter=quarter,
         fit=best,
         correlation=correlation,
-        clocks=None if logged else clocks,
+        clocks=None if logged and shared else clocks,
         shared_clock=shared,
         late=late,
         fits=fits,

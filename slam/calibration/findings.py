@@ -174,6 +174,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         side = ("later", "earlier")[int((late.value > 0) != (c.late == "gyro"))]
         by = f"{abs(late.value):.2f} s ({_interval(_size(late))}) {side}"
         text = f"lidar: scans are stamped {by} than the odometry of them"
+        if lidar.odometry is not None:
+            text = f"odometry: what is logged with scans is of {by} than they"
         if c.late == "gyro":
             text = f"imu: stamped {by} than scans and wheels"
         if stamped_at_end(c, recording):
@@ -248,7 +250,8 @@ def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
         apart[Parameter.YAW] = se2.wrap(apart[Parameter.YAW])
         far &= np.abs(apart) > np.maximum(least, SIGMAS * each.deviations[MOUNT])
     turns = c.fits and abs(ratio - 1) > TURNS and abs(turns_over_scans - 1) > SIGMAS * about_turns
-    too_long = abs(c.excess[0]) > max(EXCESS, SIGMAS * c.excess[1]) and not angles_differ  # one biases the other
+    too_long = abs(c.excess[0]) > max(EXCESS, SIGMAS * c.excess[1])
+    too_long &= not (angles_differ or c.longer.exceeds(EXCESS, CHANGE_SIGMAS))  # one biases the other
     rows = [
         ("angles between beams, over the stated", c.angle_scale, c.angle_deviation, 1.0, angles_differ),
         ("x of the lidar [m]", x, about_x, mount.x, far[0]),

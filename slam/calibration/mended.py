@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.slam.calibration.calibrate import Calibration
 from moteslam.slam.calibration.clock_step import with_stamps
@@ -64,6 +65,12 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
         mended = _mirror_image(mended, gyro=mirror == "gyro" or not c.wrong, poses=mirror == "odometry")
     if c.late == "gyro":
         mended, offset, drift = with_stamps(mended, ("imu",), lambda stamps: stamps - offset), 0.0, 0.0
+    lidar = mended.lidar
+    assert lidar is not None
+    if lidar.odometry is not None and (offset or drift):
+        at = lidar.stamps + offset + drift * (lidar.stamps - c.fit.middle)
+        mended = mended.replace(lidar=replace(lidar, odometry=se2.interpolate(lidar.stamps, lidar.odometry, at)))
+        offset = drift = 0.0
     if side == "lidar" or (side is None and stamped_at_end(calibration, recording)):
         return _other_lidar(mended, scale, offset, drift, c.fit.middle)
     return _other_odometry(mended, scale, offset, drift, c.fit.middle)

@@ -172,23 +172,15 @@ class RegisteredPairs:
         return is_reversed
 
     def is_faster(self, rates: tuple[Array, Array]) -> bool:
-        """Whether the scans clearly fit better if a sweep takes half as long as stated; ``rates`` as of ``mirror``.
+        """Whether the scans clearly fit better if a sweep takes half as long as stated; ``rates`` as of ``mirror``."""
+        half = self._beams._replace(sweep=self._beams.sweep / 2)
+        return half.sweep > SWEEP and bool(self._fits_better(self._beams, half, self._found.motions, rates))
 
-        If they fit better yet at a quarter, it is the rates that are poor, as those of wheels without a gyro.
-        """
-        stated, half, quarter = (self._beams._replace(sweep=share * self._beams.sweep) for share in (1, 1 / 2, 1 / 4))
-        motions = self._found.motions
-        if half.sweep <= SWEEP or not self._fits_better(stated, half, motions, rates):
-            return False
-        return not self._fits_better(half, quarter, motions, rates, sigmas=0.0)
-
-    def _fits_better(
-        self, one: Beams, other: Beams, motions: Array, rates: tuple[Array, Array], sigmas: float = ORDER
-    ) -> bool | None:
+    def _fits_better(self, one: Beams, other: Beams, motions: Array, rates: tuple[Array, Array]) -> bool | None:
         """Whether the other beams clearly fit better, each scan straightened by its own turn; None if neither."""
         as_is, new = (refine(*self._ranges, each, self._seconds, motions, rates=rates) for each in (one, other))
         both = as_is.good & new.good
-        return _clearly_above_zero(np.log(cost(as_is)[both] / cost(new)[both]), sigmas)
+        return _clearly_above_zero(np.log(cost(as_is)[both] / cost(new)[both]))
 
     def scale_angles(self) -> tuple[float, float, tuple[float, float]]:
         """The scale of the angles between beams at which the scans fit each other best, and its deviation.
@@ -245,9 +237,9 @@ class RegisteredPairs:
         return clearest_change(self.first[good], excess)
 
 
-def _clearly_above_zero(values: Array, sigmas: float = ORDER) -> bool | None:
+def _clearly_above_zero(values: Array) -> bool | None:
     """Whether the mean of some values [k] is, or else below; None where they are few, or neither is clear."""
-    certain = len(values) >= FEWEST and abs(values.mean()) > sigmas * values.std() / np.sqrt(len(values))
+    certain = len(values) >= FEWEST and abs(values.mean()) > ORDER * values.std() / np.sqrt(len(values))
     return bool(values.mean() > 0) if certain else None
 
 

@@ -252,7 +252,7 @@ class Bundles(NamedTuple):
 def bundles(lidar: LidarStream) -> Bundles | None:
     """Of scans without odometry of their own, if they come so."""
     stamps, steps = lidar.stamps, np.diff(lidar.stamps)
-    if len(steps) < FEWEST or np.median(steps) > FASTEST or lidar.odometry is not None:
+    if len(steps) < FEWEST or np.median(steps) > FASTEST or lidar.odometry is not None or is_coarse(stamps):
         return None
     usual = float(np.minimum(steps, np.percentile(steps, 98)).mean())  # without pauses
     ends = np.flatnonzero(np.append(steps > CROWDED * usual, True))

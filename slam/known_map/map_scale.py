@@ -15,7 +15,8 @@ LEAST = 5.0  # Driven along an axis, at least, in SEGMENT [m]
 STRETCHED, SCALED = 0.025, 0.04
 """Two directions that differ by so much in scale are a map's fault; from odometry any map differs by less than the
 second: wheels wear, ``findings.SCALE``."""
-SIGMAS = 2.0  # Standard deviations that a difference must have, too
+SIGMAS = 4.0
+"""Standard deviations that a difference must have, too: ways overlap, and wheels without a gyro turn poorly."""
 ALONG = 15.0  # A direction within as much of an axis is called that [degrees]
 
 

@@ -168,14 +168,18 @@ def test_what_the_log_states_goes_first(stated: float, limit: float) -> None:
     assert no_return_limit(ranges, stated) == limit
 
 
+CODES = {"near": 0.25, "far": 9.0, "beyond it": 7.0}
+"""What stands for no return [m], the last with a few endpoints beyond it."""
+
+
 def scans_of(change: str) -> NDArray[np.float32]:
     """80 scans of 60 beams of a robot that drives, with ranges to the millimetre of 0.5 to 8 m, and one fault."""
     rng = np.random.default_rng(0)
     base = 2 + 3 * np.abs(np.sin(np.linspace(0.3, 4, 60))) + np.linspace(0, 1, 60)
     ranges = np.round(base + 0.02 * np.arange(80)[:, None] + rng.normal(0, 0.01, (80, 60)), 3)
     hidden = rng.random(ranges.shape) < 0.2
-    if change in ("near", "far"):
-        ranges[hidden] = 0.25 if change == "near" else 9.0
+    if change in CODES:
+        ranges[hidden] = CODES[change]
     elif change == "mast":
         ranges[:, 20:26] = 0.25
     elif change == "codes":
@@ -190,6 +194,7 @@ def scans_of(change: str) -> NDArray[np.float32]:
         ("sound", 4.0, ["range-max"], "beyond range_max (4 m)", 0.13),
         ("near", 10.0, ["range-max"], "0.25 m away, the shortest", 0.8),
         ("far", 10.0, ["range-max"], "9 m away, the longest", 0.8),
+        ("beyond it", 10.0, ["range-max"], "7 m away, the longest usual", 0.79),
         ("mast", 10.0, [], "", 1.0),
         ("codes", 10.0, [], "", 0.8),
     ],

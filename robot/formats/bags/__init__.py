@@ -49,10 +49,7 @@ MAX_LETTERS = 1 << 20
 
 
 def read_bag(
-    path: str | PathLike[str],
-    sequence: str | int | None = None,
-    platform: Robot = None,
-    topics: Topics | None = None,
+    path: str | PathLike[str], sequence: str | int | None = None, platform: Robot = None, topics: Topics | None = None
 ) -> Recording:
     """Read a ROS bag: a ROS 1 ``.bag``, a ROS 2 folder, or a single ``.db3`` or ``.mcap`` file.
 

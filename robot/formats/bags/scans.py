@@ -30,17 +30,14 @@ from moteslam.robot.values import counted
 LASER_SCAN, MULTI_ECHO = "sensor_msgs/LaserScan", "sensor_msgs/MultiEchoLaserScan"
 
 MAX_STEP = 0.01  # between two beams [s]: no lidar is slower
-SLOWEST = 1.05
-"""A scan takes at most this many times the time to the next one: motors turn a little faster than nominal."""
+SLOWEST = 1.05  # times the time to the next one, a scan takes at most: motors turn a little faster than nominal
 FINER = 4
 """Of scans with beams of their own each, the common fan has this many beams for one of theirs: an endpoint lies up to
 an eighth of their step beside its beam."""
-BUNDLE = 20
-"""Scans can arrive in bundles of as many."""
+BUNDLE = 20  # scans, as many as can arrive together
 HELD, MOVED = 0.002, 0.05
 """A lidar says the same where its ranges change by less [m], which is less than its noise; one by more has moved."""
-GAP = 1.5
-"""A scan further away in time than this many times between two scans is not joined: that lidar was silent."""
+GAP = 1.5  # times the time between two scans: one further away is not joined, that lidar was silent
 
 Pixel = TypeVar("Pixel", np.uint8, np.uint16)
 Ranges = NDArray[np.float32]
@@ -65,8 +62,8 @@ class Scans:
 
     @property
     def period(self) -> float:
-        """The usual time between two scans [s], over several, as they can arrive in bundles; 0 of a single one."""
-        step = min(BUNDLE, (len(self.stamps) - 1) // 2 * 2)
+        """The usual time between two scans [s], over several, as they can arrive in pairs or bundles; 0 of one."""
+        step = min(BUNDLE, (len(self.stamps) - 1) // 2 * 2 or len(self.stamps) - 1)
         return float(np.median(self.stamps[step:] - self.stamps[:-step])) / step if step > 0 else 0.0
 
     def cleaned(self, indices: Rows, fan: Fan) -> Ranges:

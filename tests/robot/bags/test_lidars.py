@@ -90,6 +90,27 @@ def test_a_silent_lidar_is_left_out_of_the_fan(tmp_path: Path) -> None:
     assert alone > 0
 
 
+@pytest.mark.parametrize(("moves", "noise"), [(0.1, 0.0), (0.1, 0.0005), (0.0, 0.0)])
+@pytest.mark.parametrize("frozen", ["/front", "/back"])
+def test_a_lidar_that_says_the_same_while_another_moves_is_left_out(
+    tmp_path: Path, frozen: str, moves: float, noise: float
+) -> None:
+    beams, rng = BEAMS // 2, np.random.default_rng(0)
+    angles, events = -math.pi / 2 + 2 * math.pi / BEAMS * np.arange(beams), list[Event]()
+    for topic, (x, yaw) in {"/front": (0.3, 0.0), "/back": (-0.3, math.pi)}.items():
+        events.append(placed(0, "base_link", topic[1:], (x, 0, 0.2), turn=rolled(0.0, yaw)))
+        for index in range(40):
+            driven = moves * min(index, 20 if topic == frozen else 40)
+            ranges = room_ranges(x + driven - 2, 0.0, yaw + angles) + rng.uniform(-noise, noise, beams)
+            events.append(scan(0.1 * index, ranges, topic=topic, frame=topic[1:], **fan(float(angles[0]), beams)))
+    recording = open_recording(make_bag(tmp_path, events), topics={"lidar": ("/front", "/back")})
+    told = [(issue.code, frozen in issue.message) for issue in recording.warnings]
+    assert told == [("scans-repeat", True)] * (moves > 0)
+    seen = np.isfinite(recording.lidar.ranges[:]).sum(axis=1)
+    assert seen[:20].min() > 0.9 * BEAMS
+    assert (seen[21:].max() < 0.6 * BEAMS) == (moves > 0)
+
+
 def test_no_return_of_any_lidar_is_no_return_of_all(tmp_path: Path) -> None:
     beams = BEAMS * 3 // 4
     events = []

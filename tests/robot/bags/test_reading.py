@@ -238,6 +238,14 @@ def test_a_time_between_beams_that_cannot_be_is_not_used(
     assert ("time-increment" in codes(recording)) != used
 
 
+def test_scans_of_unlike_width_each_take_their_own_time(tmp_path: Path) -> None:
+    step, events = math.radians(1), []
+    for index, beams in enumerate([300, 355, 310, 290, 320] * 4):
+        figures = {"angle_min": 0.0, "angle_max": (beams - 1) * step, "angle_increment": step}
+        events.append(scan(0.1 * index, np.ones(beams), time_increment=0.1 / beams, **figures))
+    assert "time-increment" not in codes(open_recording(make_bag(tmp_path, events)))
+
+
 @pytest.mark.parametrize("range_max", [0.0, math.nan, math.inf])
 def test_a_limit_that_is_none_is_taken_from_the_ranges(tmp_path: Path, range_max: float) -> None:
     recording = open_recording(make_bag(tmp_path, [scan(0, [1.0, 2.0], range_max=range_max)]))

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from moteslam.robot import se2
+from moteslam.robot.formats import Cut, cut
 from moteslam.robot.recording import ChunkedRanges, LidarStream, OdometryStream, Recording
 from moteslam.robot.values import Issue
 from moteslam.sim.scenario import load_scenario
@@ -215,7 +216,52 @@ def test_ranges_that_change_in_mid_drive_are_told(factor: float) -> None:
     later = np.where(stamps > stamps.mean(), factor, 1.0).astype(np.float32)
     found, about = found_in(lidar(ranges=lambda s: s.ranges * later[:, None])(recording))
     assert codes(about.moves) == (["range-change"] if factor != 1 else [])
-    assert factor == 1 or found.fit.change.share == pytest.approx(factor - 1, rel=0.25)
+    assert factor == 1 or np.expm1(found.fit.change.amount) == pytest.approx(factor - 1, rel=0.25)
+
+
+@pytest.mark.parametrize("longer", [0.25, slow(-0.1), slow(0.0)])
+@pytest.mark.parametrize("share", [0.5, slow(0.3)])
+def test_ranges_that_are_all_longer_from_the_middle_on_are_told(longer: float, share: float) -> None:
+    recording = driven("lms200")
+    stamps = recording.lidar.stamps
+    later = np.where(stamps > stamps[0] + share * np.ptp(stamps), longer, 0.0).astype(np.float32)
+    found, about = found_in(lidar(ranges=lambda s: s.ranges + later[:, None])(recording))
+    assert codes(about.moves) == (["range-change"] if longer else [])
+    assert found.longer.amount == pytest.approx(longer, abs=0.04)
+    assert not longer or found.longer.time == pytest.approx(stamps[0] + share * np.ptp(stamps), abs=20)
+
+
+def test_scans_stamped_as_they_arrive_in_bundles_are_told_and_spread() -> None:
+    recording = driven("lms200")
+    stamps = recording.lidar.stamps
+    arrived = stamps[np.minimum(np.arange(len(stamps)) // 8 * 8 + 7, len(stamps) - 1)] + 0.001 * (
+        np.arange(len(stamps)) % 8
+    )
+    wrong = lidar(stamps=lambda s: arrived)(recording)
+    calibration, found = found_in(wrong)
+    assert codes(found.moves) == ["stamps-jitter"]
+    np.testing.assert_allclose(corrected(wrong, calibration).lidar.stamps, stamps, atol=0.03)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.5])
+def test_odometry_logged_late_with_scans_is_told_and_put_right(late: float) -> None:
+    recording = poses_of(driven("lms200"))
+    stamps, odometry = recording.lidar.stamps, recording.odometry
+    logged = se2.interpolate(odometry.stamps, odometry.poses, stamps - late)
+    recording = lidar(odometry=lambda s: logged)(recording.replace(odometry=None))
+    calibration, found = found_in(recording)
+    assert codes(found.moves) == (["clock-offset"] if late else [])
+    assert not late or calibration.fit.values[Parameter.OFFSET] == pytest.approx(late, abs=0.12)  # wheels turn first
+    mended = corrected(recording, calibration).lidar.odometry
+    true = se2.interpolate(odometry.stamps, odometry.poses, stamps)
+    assert np.median(np.hypot(*(mended - true)[:, :2].T)) < (0.15 if late else 1e-9)
+
+
+@pytest.mark.slow
+def test_a_few_scans_of_one_place_show_no_other_angles() -> None:
+    recording = simulate(load_scenario("lab", platform="turtlebot3"), 204).recording
+    part = cut(recording, Cut(24.0, 56.0))
+    assert "lidar-angles" not in codes(found_in(part)[1].issues)
 
 
 @pytest.mark.parametrize("platform", ["lms200", "rplidar_a1"])

@@ -18,7 +18,7 @@ from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Odom
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import LowPass, OdometryPath
 from moteslam.slam.inputs.step import steps
-from moteslam.slam.inputs.synchronise import doubtful_stamps, synchronise, warnings
+from moteslam.slam.inputs.synchronise import bundles, doubtful_stamps, synchronise, warnings
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 from moteslam.slam.settings import load_preset
 
@@ -223,6 +223,20 @@ def test_a_lidar_of_which_nobody_knows_where_it_stands_is_told():
         assert codes.count("no-mount") == told
 
 
+def test_scans_that_come_in_bundles_are_spread_over_the_time_since_the_bundle_before():
+    taken = 0.1 * np.arange(200)
+    arrived = np.append(taken[4::5], np.inf)[np.arange(200) // 5] + 0.002 * (np.arange(200) % 5)
+    arrived[100:] += 7.0  # a pause, over which they are not spread
+    recording = circle(imu=False)
+    lidar = LidarStream(arrived, np.ones((200, 3), np.float32), -1.0, 1.0, 0.1, 30.0)
+    found = bundles(lidar)
+    assert found.size == 5
+    undone = found.undone(recording.replace(lidar=lidar)).lidar.stamps
+    np.testing.assert_allclose(undone - taken - 7.0 * (taken > 9.95), 0.008, atol=1e-6)
+    assert bundles(replace(lidar, stamps=taken)) is None
+    assert bundles(replace(lidar, odometry=np.zeros((200, 3)))) is None
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
@@ -231,8 +245,10 @@ def test_a_lidar_of_which_nobody_knows_where_it_stands_is_told():
         (lambda stamps, rng: stamps + rng.uniform(-0.02, 0.02, len(stamps)), False),
         (lambda stamps, rng: stamps[rng.random(len(stamps)) > 0.5], False),  # lost scans are no jitter
         (lambda stamps, rng: np.cumsum(rng.choice((0.2, 0.4, 0.6), len(stamps))), False),
+        (lambda stamps, rng: np.ceil(stamps / 1.6 + 1e-6) * 1.6 + stamps / 100, True),
+        (lambda stamps, rng: stamps / 20 + 60 * (stamps > 30) + 60 * (stamps > 50), False),  # a fast lidar that pauses
     ],
-    ids=["jitter", "sorted", "little", "lost", "uneven"],
+    ids=["jitter", "sorted", "little", "lost", "uneven", "bundles", "pauses"],
 )
 def test_stamps_that_jitter_are_told(change, told: bool):
     stamps = change(np.arange(0.0, 80.0, 0.2), np.random.default_rng(0))

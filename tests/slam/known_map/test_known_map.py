@@ -166,6 +166,22 @@ def test_a_map_of_another_scale_is_told(
     assert issue is None or words in issue.message
 
 
+@pytest.mark.parametrize("skew", [0.0, 0.06, -0.06])
+def test_a_skewed_map_is_told(skew: float) -> None:
+    scale, rng, at, place = MapScale(), np.random.default_rng(0), 0.0, np.zeros(2)
+    for k in range(600):
+        heading = np.pi / 2 * (k // 30 % 4)
+        place = place + 0.1 * np.array((np.cos(heading), np.sin(heading)))
+        mapped = np.array((place[0] + skew * place[1], place[1])) + 0.01 * rng.standard_normal(2)
+        bent = heading - skew * (k // 30 % 2)  # as the walls along y are
+        scale.add(np.array((*mapped, bent)), (0.1, 0.0, float(se2.wrap(heading - at))), known=True)
+        at = heading
+    issue = scale.issue()
+    assert (issue is None) == (skew == 0)
+    assert issue is None or ("along 4" in issue.message) == (skew > 0)
+    assert issue is None or "skewed" in issue.message
+
+
 def test_both_places_of_a_symmetric_room_are_listed() -> None:
     walls = [((-3, -2), (3, -2)), ((3, -2), (3, 2)), ((3, 2), (-3, 2)), ((-3, 2), (-3, -2))]
     maps = KnownMaps(drawn(walls, low=(-3.5, -2.5), high=(3.5, 2.5)), CONFIG.tsdf)
