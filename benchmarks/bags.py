@@ -41,7 +41,7 @@ def made_up_images() -> Images:
     shade = np.linspace(80, 160, 640)[None, :, None] + random.normal(0, 3, (PATTERNS, 480, 640, 3))
     rgb = shade.astype(np.uint8)
     disparity = (np.linspace(600, 900, 640) + random.normal(0, 1, (PATTERNS, 480, 640))).astype(np.uint16)
-    return Images(lambda index: np.asarray(rgb[index % PATTERNS]), lambda index: np.asarray(disparity[index % PATTERNS]))
+    return Images(lambda k: np.asarray(rgb[k % PATTERNS]), lambda k: np.asarray(disparity[k % PATTERNS]))
 
 
 def made_up(hours: float, image_rate: float) -> Any:
