@@ -57,7 +57,8 @@ class MapScale:
         """What is wrong with the map's scale, if it is certain."""
         inverse = np.linalg.inv(self._normal + 1e-9 * np.eye(3))
         strain = inverse @ self._right
-        variance = (self._square - strain @ self._right) / max(self._count, 1) * SEGMENTS / 2  # each way is in several
+        left = max(float(self._square - strain @ self._right), 0.0)  # below 0 by rounding where the fit is exact
+        variance = left / max(self._count, 1) * SEGMENTS / 2  # each way is in several
         along = self._normal[[0, 1], [0, 1]] > LEAST * SEGMENT
         stretch, skew = (strain[0] - strain[1]) / 2, strain[2]
         apart, turned = 2 * float(np.hypot(stretch, skew)), float(np.degrees(np.arctan2(skew, stretch)) / 2)
