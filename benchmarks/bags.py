@@ -15,11 +15,14 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from parts.harness import Bar, Row, arguments, benchmark, factor, memory, status
+
+if TYPE_CHECKING:
+    from moteslam.robot.recording import Images
 
 BEAMS, SCAN_RATE, IMU_RATE = 1081, 40, 100
 START = 1.6e9
@@ -30,22 +33,15 @@ BARS = dict.fromkeys(KINDS, (Bar("opening_cpu_s", "worst", 10.0), Bar("memory_mb
 """Of a bag of an hour."""
 
 
-class Images:
+def made_up_images() -> Images:
     """Colour and disparity images of a wall with noise, drawn once."""
+    from moteslam.robot.recording import Images
 
-    def __init__(self) -> None:
-        random = np.random.default_rng(0)
-        shade = np.linspace(80, 160, 640)[None, :, None] + random.normal(0, 3, (PATTERNS, 480, 640, 3))
-        self._rgb = shade.astype(np.uint8)
-        self._disparity = (np.linspace(600, 900, 640) + random.normal(0, 1, (PATTERNS, 480, 640))).astype(np.uint16)
-
-    def rgb(self, index: int) -> NDArray[np.uint8]:
-        """See `ImageSource`."""
-        return np.asarray(self._rgb[index % PATTERNS])
-
-    def disparity(self, index: int) -> NDArray[np.uint16]:
-        """See `ImageSource`."""
-        return np.asarray(self._disparity[index % PATTERNS])
+    random = np.random.default_rng(0)
+    shade = np.linspace(80, 160, 640)[None, :, None] + random.normal(0, 3, (PATTERNS, 480, 640, 3))
+    rgb = shade.astype(np.uint8)
+    disparity = (np.linspace(600, 900, 640) + random.normal(0, 1, (PATTERNS, 480, 640))).astype(np.uint16)
+    return Images(lambda k: np.asarray(rgb[k % PATTERNS]), lambda k: np.asarray(disparity[k % PATTERNS]))
 
 
 def made_up(hours: float, image_rate: float) -> Any:
@@ -65,7 +61,7 @@ def made_up(hours: float, image_rate: float) -> Any:
     random = np.random.default_rng(1)
     images = None
     if image_rate:
-        images = RgbdStream(times(image_rate) + 0.01, times(image_rate), images=Images())
+        images = RgbdStream(times(image_rate) + 0.01, times(image_rate), images=made_up_images())
     return Recording(
         "made up",
         bundled_platform("ucsd"),

@@ -19,8 +19,7 @@ a coordinate by, so that no ray passes between two walls that touch."""
 class SegmentBuckets:
     """Segments in square buckets, those of a bucket contiguous in memory."""
 
-    # [2] float64 (x, y) of the corner of bucket [0, 0] [m]; all other coordinates are relative to it.
-    corner: NDArray[np.float64]
+    corner: NDArray[np.float64]  # (x, y) of the corner of bucket [0, 0] [m]; all other coordinates are relative to it
     size: float  # of a bucket's side [m]
     columns: int  # buckets along x
     rows: int  # buckets along y
@@ -31,12 +30,10 @@ class SegmentBuckets:
 
 
 def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentBuckets:
-    """Sort a world's segments into buckets.
+    """Sort a world's segments [m, 4] (x0, y0, x1, y1) [m] into buckets of a side ``size`` [m].
 
-    Args:
-        segments: [m, 4] (x0, y0, x1, y1) [m].
-        size: of a bucket's side [m]; by default 0.5 to 4 m, smaller where walls are denser. It is enlarged in a world
-            that would have more than ``MAX_BUCKETS``.
+    By default that is 0.5 to 4 m, smaller where walls are denser, and larger in a world that would have more than
+    ``MAX_BUCKETS``.
     """
     ends = as_finite("segments", segments, np.float64, (None, 4)).reshape(-1, 2, 2)
     low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))

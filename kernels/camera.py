@@ -30,8 +30,7 @@ class View:
     # it, 0 to 1; inverse distance to the floor [1/m], 0 where the ray does not meet it; rise [m/m].
     rays: NDArray[np.float32]
     bins: NDArray[np.int32]  # [pixels] int32 index of the fan's bearing before
-    # [pixels] float32 depth along the optical axis over the distance along the floor [m/m].
-    depths: NDArray[np.float32]
+    depths: NDArray[np.float32]  # [pixels] depth along the optical axis over the distance along the floor [m/m]
     bearings: NDArray[np.float64]  # [b] float64 of the fan [rad], evenly spaced
     height: float  # of the camera above the floor [m]
     run: int  # pixels that one thread draws one after another: a row of the image
@@ -51,12 +50,10 @@ class DepthView:
 
 
 def view_of(directions: ArrayLike, *, height: float) -> View:
-    """The view of a camera.
+    """The view of a camera at a height above the floor [m].
 
-    Args:
-        directions: [rows, columns, 4] of every pixel: x, y, z in the robot's axes, and the depth along the optical
-            axis, all for the same length of the ray.
-        height: of the camera above the floor [m].
+    Its ``directions`` [rows, columns, 4] are of every pixel: x, y, z in the robot's axes, and the depth along the
+    optical axis, all for the same length of the ray.
     """
     image = as_finite("directions", directions, np.float64, (None, None, 4))
     rays = image.reshape(-1, 4)

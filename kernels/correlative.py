@@ -17,8 +17,7 @@ from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.tiles import SIDE, STEPS, Tiles, address, steps_of, weight_of
 from moteslam.kernels.types import F32, F32_1D, F32_2D, I16_1D, I32, I32_1D, I32_2D, I64_1D, func, kernel
 
-MAX_SEARCH_POINTS = 64
-"""Points of a scan that a search can look up: they are kept in registers and on the stack of each thread."""
+MAX_SEARCH_POINTS = 64  # Points of a scan that a search looks up: kept in registers and on the stack of each thread
 MAX_SEARCH_COST = 1e8  # Costs of turns and shifts are at most this [steps]: totals must fit 32 bits
 LANE = 16  # Bits of the total of each of the four places of a square: half a step each time, at most 767 of 64 points
 

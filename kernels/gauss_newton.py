@@ -13,8 +13,7 @@ from moteslam.kernels.types import F32, F64, F64_2D, I32, func, kernel, template
 CONVERGED_SHIFT, CONVERGED_TURN = 3e-4, 1e-4
 """Gauss-Newton ends where a step is below both, or the steps still to come are together, |x| + |y| [m] and |theta|
 [rad]: far less than a cell, which is all that interpolated distances can resolve."""
-COARSE_STEP = 10.0
-"""On the coarse level the bounds are this many times as large, since the fine level begins where it ended."""
+COARSE_STEP = 10.0  # On the coarse level the bounds are so many times as large: the fine level begins where it ended
 LEAST_PIVOT = 1e-9  # Keeps the square roots of the Cholesky factors real where rounding would not
 
 
@@ -144,10 +143,8 @@ def descend(
 
 LEAST_INFORMATION, LEAST_RATIO = 1e-9, 1e-12
 """What the information of a scan, and the ratio of that along a degenerate direction, count as at least."""
-RIDGE = 1e-3
-"""Added to the information about the position, as a share of that in both directions, before it is inverted."""
-MOST_NOISE = 4.0
-"""The variance of residuals that is a lidar's noise, of 2 cm, in squares of standard ones; what is more is people."""
+RIDGE = 1e-3  # Added to the information about the position before it is inverted, as a share of that both ways
+MOST_NOISE = 4.0  # The variance of residuals that is a lidar's noise, of 2 cm, in standard ones; more is people
 NOISE_RATIO = 0.016
 """The ratio that noise of the map's slopes alone makes for turns, where residuals have the variance of standard ones.
 

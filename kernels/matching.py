@@ -22,8 +22,7 @@ from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, U8_1D, U32, U64_1D, func, kernel, template
 
-AT_ONCE = 64
-"""Beams whose cells are found before the first is read: few enough to unroll and to keep in the fastest cache."""
+AT_ONCE = 64  # Beams whose cells are found before the first is read: few enough to unroll and for the fastest cache
 SPAN = 5  # Shifts along each axis that fit in a window
 FULL_BYTE = 255  # Points counted before a byte of a word could overflow
 ROW_BITS = 0x0101010101  # The lowest bit of each of five rows of a window

@@ -21,8 +21,7 @@ from moteslam.kernels.types import F64, F64_2D, U32, func, kernel
 ROUNDS = 10
 MULTIPLIERS = (0xD2511F53, 0xCD9E8D57)
 WEYL = (0x9E3779B9, 0xBB67AE85)
-STREAM = 1
-"""The stream of random numbers that belongs to motion; other uses of the same seed and step take other streams."""
+STREAM = 1  # The stream of random numbers that is motion's; other uses of the same seed and step take others
 PI, TWO_PI = math.pi, 2 * math.pi
 
 

@@ -174,13 +174,9 @@ def cast_surfaces(
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """The range of each ray to its first wall, and which wall it is.
 
-    Args:
-        origins: [n, 2] of the rays [m], inside the world or not.
-        angles: [n] their directions [rad].
-        max_range: walls beyond it are not seen [m]; below 1e30.
-
-    Returns:
-        float32 [n] [m] and int32 [n] indices of segments, ``inf`` and -1 where no wall is within max_range.
+    Rays start at ``origins`` [n, 2] [m], inside the world or not, at angles [n] [rad]; walls beyond ``max_range``,
+    below 1e30, are not seen [m]. Returns float32 [n] [m] and int32 [n] indices of segments, ``inf`` and -1 where no
+    wall is within it.
     """
     origins = as_finite("origins", origins, np.float64, (None, 2))
     angles = as_finite("angles", angles, np.float64, (len(origins),))

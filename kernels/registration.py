@@ -29,7 +29,6 @@ QUERY = 13
 PRIOR_MEAN = slice(10, 13)
 
 LIKELIHOODS = (0.2, 0.98)  # Mean likelihoods that residuals are estimated from: beyond these they say nothing
-
 FIRST_POINTS = 1024  # Of a scan, to begin with: there is room for more where one has more
 
 OFFSET = slice(0, 3)
@@ -45,17 +44,15 @@ class RegistrationOptions(NamedTuple):
     """Of ``register_scans``."""
 
     cell_size: float  # of the fine level [m]
-    # truncation, coarse_truncation: of each level [m].
-    truncation: float
-    coarse_truncation: float
+    truncation: float  # of the fine level [m]
+    coarse_truncation: float  # [m]
     residual: float  # standard deviation of the distances on the fine level [m]
     coarse_residual_factor: float  # by what it is multiplied on the coarse level
     iterations: int  # at most, on each level
     unknown_cost: float  # cost of an endpoint where neither level was seen
     outlier_cost: float  # largest cost of an endpoint where one was; below it the cost is half the squared residual
     likelihood_width: float  # standard deviation of a residual r in an endpoint's likelihood, exp(-(r / width)^2 / 2)
-    # a ray crosses a surface of the map if it meets one this far from its endpoint [truncations], ...
-    ray_clearance: float
+    ray_clearance: float  # a ray crosses a surface if it meets one so far from its endpoint [truncations], ...
     ray_weight: int  # ... in a cell that weighs more than this, ...
     ray_distance: float  # ... nearer to the surface than this [truncations].
     # an endpoint at least this far from the surface on the coarse level is far [m]; at most three quarters of its

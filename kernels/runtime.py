@@ -44,8 +44,7 @@ with _environment(ENABLE_TAICHI_HEADER_PRINT="0"), warnings.catch_warnings():
 __all__ = ["Runtime", "init", "kernel", "one_thread", "passes_for", "runtime", "ti"]
 
 ARCHES = ("cpu", "cuda")
-BATCH, BATCHES = 512, 8
-"""Passes of a loop that Taichi hands out at a time, whatever ``block_dim`` says, and how many times a thread."""
+BATCH, BATCHES = 512, 8  # Passes of a loop that Taichi hands out at a time, whatever `block_dim` says; and a thread's
 STALE = 60.0  # Taichi locks its cache for moments: an older lock [s] is that of a killed process
 
 

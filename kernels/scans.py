@@ -88,8 +88,7 @@ class ThinnedScan(NamedTuple):
     """A scan as it is registered and integrated."""
 
     points: NDArray[np.float32]  # float32 [k, 2] in the robot's frame [m], each the mean of neighbouring endpoints
-    # int32 [k]; 1 where a point and the next lie on the same surface, so that a segment joins them.
-    joined: NDArray[np.int32]
+    joined: NDArray[np.int32]  # [k]; 1 where a point and the next lie on the same surface, so that a segment joins them
 
 
 @func
@@ -222,12 +221,8 @@ def thin_scans(
 
 
 def thin_scan(points: ArrayLike, origin: ArrayLike, **options: float) -> ThinnedScan:
-    """One scan thinned: see ``thin_scans``.
-
-    Args:
-        points: [k, 2] endpoints in the order of their beams, in the robot's frame [m].
-        origin: [2] where the rays start, in the same frame [m].
-        options: of ``thin_scans``.
+    """One scan of endpoints [k, 2] in the robot's frame, whose rays start at ``origin`` [2] [m], thinned: see
+    ``thin_scans``.
     """
     ends = as_finite("points", points, np.float32, (None, 2))
     (found,) = thin_scans(ends, [0], [len(ends)], origin, **options)  # type: ignore[arg-type]

@@ -41,9 +41,8 @@ class Tiles(NamedTuple):
 
     pool: NDArray[np.int16]  # int16 [t * CELLS] of all tiles
     table: NDArray[np.int32]  # int32 the particles' tables, one after the other, row by row: tiles 0 to t - 1
-    # rows, columns: of each table.
-    rows: int
-    columns: int
+    rows: int  # of each table
+    columns: int  # likewise
     maps: int  # n
     first: int = 0  # where in `table` that of the first particle begins
 
@@ -170,8 +169,7 @@ class TileStore:
         pool, table = self._put(np.zeros(tiles * CELLS, np.int16)), self._put(np.zeros(rows * columns, np.int32))
         self.tiles = Tiles(pool, table, rows, columns, 1)
         self.shares: Any  # int32 [t] how many table entries name each tile, above 1 for tile 0, as of the last `count`
-        # int32 [t] of which the first `left` are tiles that no table names and no kernel has taken since
-        self.free: Any
+        self.free: Any  # int32 [t] of which the first `left` are tiles that no table names and no kernel took since
         self.left = 0  # how many
         self.count()
 

@@ -31,21 +31,17 @@ from moteslam.kernels.tiles import (
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, func, kernel, template
 
 FAR = 1e6  # Cells; farther than any map
-ALONG_AXIS = 1e-3
-"""Sine of the angle to an axis below which a segment counts as parallel to it: its reciprocal must stay small."""
-OVERLAP = 0.25
-"""A segment is integrated this far beyond its ends [cells]: where two meet at an angle, no cell is left out."""
-SLACK = 0.01
-"""A row of cells is this much longer at each end [cells], since rounding moves its ends; each cell is tested again."""
+ALONG_AXIS = 1e-3  # Sine of the angle to an axis below which a segment is parallel to it: its reciprocal stays small
+OVERLAP = 0.25  # A segment is integrated so far beyond its ends [cells]: where two meet at an angle none is left out
+SLACK = 0.01  # A row of cells is so much longer at each end [cells]: rounding moves its ends; each is tested again
 
 
 class IntegrationOptions(NamedTuple):
     """Of ``integrate_scans``."""
 
     cell_size: float  # of the fine level [m]
-    # truncation, coarse_truncation: up to this distance from a segment cells are updated, on each level [m].
-    truncation: float
-    coarse_truncation: float
+    truncation: float  # up to this distance from a segment fine cells are updated [m]
+    coarse_truncation: float  # and coarse ones [m]
     coarse_chord: float  # on the coarse level segments are joined until their chord is this long [coarse cells]
     near: float  # distances below it weigh `near_weight` in a cell's average, the others 1 [m]
     near_weight: int  # 1 to ``tiles.MAX_WEIGHT``.

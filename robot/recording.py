@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple, Protocol
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -258,21 +258,11 @@ class ImuStream(Stream):
     linear_acceleration_g: NDArray[np.float64]
 
 
-class ImageSource(Protocol):
+class Images(NamedTuple):
     """Gives a stream's images where they are not files: held in memory, or drawn when they are asked for."""
 
-    def rgb(self, index: int) -> NDArray[np.uint8]:
-        """The colour image [480, 640, 3] of a stamp: red, green, blue."""
-
-    def disparity(self, index: int) -> NDArray[np.uint16]:
-        """The raw disparity image [480, 640] of a stamp."""
-
-
-class Images(NamedTuple):
-    """An `ImageSource` of two functions."""
-
-    rgb: Callable[[int], NDArray[np.uint8]]
-    disparity: Callable[[int], NDArray[np.uint16]]
+    rgb: Callable[[int], NDArray[np.uint8]]  # [480, 640, 3] of a stamp: red, green, blue
+    disparity: Callable[[int], NDArray[np.uint16]]  # [480, 640] of a stamp, raw
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -290,7 +280,7 @@ class RgbdStream(Summarised):
     disparity_stamps: NDArray[np.float64]
     rgb_files: tuple[Path | None, ...] = ()
     disparity_files: tuple[Path | None, ...] = ()
-    images: ImageSource | None = None
+    images: Images | None = None
 
     def _summary(self) -> str:
         colour = counted(len(self.rgb_stamps), "colour image")

@@ -138,7 +138,7 @@ class FrameCount:
 
     def issues(self) -> tuple[Issue, ...]:
         """One for each kind of loss that happened, and where no frame is left."""
-        none = () if self.used else (Issue("no-frames", "camera: not a single frame could be used"),)
+        none = () if self.used else (Issue("no-frames", "camera: no two images of one moment that can be read"),)
         return (*self.losses("camera"), *none)
 
 
@@ -159,14 +159,10 @@ class FrameChoice:
     def takes(self, stamp: float, colour: float) -> bool:
         """Whether the next disparity image is used, by its stamp and its colour image's [s]."""
         self._latest.append(stamp)
-        if not abs(stamp - colour) <= self._largest_gap:
-            return False
-        if self._interval > 0:
-            slack = 0.25 * float(np.median(np.diff(self._latest))) if len(self._latest) > 1 else 0.0
-            if stamp - self._last < self._interval - slack:
-                return False
-        self._last = stamp
-        return True
+        slack = 0.25 * float(np.median(np.diff(self._latest))) if self._interval and len(self._latest) > 1 else 0.0
+        taken = abs(stamp - colour) <= self._largest_gap and stamp - self._last >= self._interval - slack
+        self._last = stamp if taken else self._last
+        return taken
 
 
 def pairs(
@@ -177,8 +173,7 @@ def pairs(
     if not len(rgb):
         return np.empty(0, np.intp), np.empty(0, np.intp)
     nearest = nearest_stamp(rgb, disparity)
-    taken = [choice.takes(*each) for each in zip(disparity.tolist(), rgb[nearest].tolist(), strict=True)]
-    kept = np.flatnonzero(taken)
+    kept = np.flatnonzero([choice.takes(*each) for each in zip(disparity, rgb[nearest], strict=True)])
     return kept, nearest[kept]
 
 
@@ -249,7 +244,7 @@ def camera_frames(
 
     An image that is missing or cannot be read leaves its frame out; ``count`` counts it.
     """
-    count = count if count is not None else FrameCount()
+    count = count or FrameCount()
     depth, colour = pairs(stream, interval=interval, largest_gap=largest_gap)
     frames = list(zip(depth.tolist(), colour.tolist(), strict=True))
     cores = processor_count()

@@ -27,8 +27,7 @@ class Logging:
 
     every: float | None = None  # keep a scan only after this distance [m]
     turn: float | None = None  # or turn [rad]; all where both are None
-    # added to each step of the odometry, as shares of its length and of its turn, 0 to 1
-    noise: tuple[float, float] | None = None
+    noise: tuple[float, float] | None = None  # added to each step of the odometry, as shares of its length and turn
 
     def __post_init__(self) -> None:
         for field, value in (("every", self.every), ("turn", self.turn)):

@@ -228,17 +228,12 @@ def load_scenario(
 ) -> Scenario:
     """Read a scenario: the name of a bundled one, or the path of a TOML file (anything with ``.toml`` or a ``/``).
 
-    ``random-corridors-7`` is the random building of seed 7 (`random_corridors`).
+    ``random-corridors-7`` is the random building of seed 7 (`random_corridors`). In place of the scenario's own are a
+    ``platform`` (a bundled robot's name, a ``platform.toml`` of a whole robot, or the robot itself), the class of
+    ``noise`` (``datasheet`` or ``as_recorded``), and ``settings``, ``key=value`` with dotted keys, ``drive.speed=0.5``.
+    These may name files anywhere; the scenario's own floor plan, picture and robot lie in its folder or below.
 
-    Args:
-        platform: the robot in place of the scenario's own: a bundled one's name, a ``platform.toml`` of a whole robot,
-            or the robot itself.
-        noise: ``datasheet`` or ``as_recorded``, in place of the scenario's own class.
-        settings: ``key=value`` over the scenario's, with dotted keys, ``drive.speed=0.5``. These may name files
-            anywhere; the scenario's own floor plan, picture and robot lie in its folder or below.
-
-    Raises:
-        ConfigError: what is wrong with it, by file and key.
+    A `ConfigError` says what is wrong with it, by file and key.
     """
     path = Path(name_or_path)
     text = str(name_or_path)

@@ -103,12 +103,10 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     expect_type(scenario, Scenario, "scenario", "load_scenario(name) reads one")
     scenario = seeded(scenario, seed)
     report = progress or (lambda _what, _share: None)
-    rngs = random_generators(scenario.seed)
-    world = World.of(scenario.standing)
-    driven, world = on_its_way(scenario, world, rngs, progress=lambda share: report("drive", share))
+    driven, world = on_its_way(scenario, World.of(scenario.standing), lambda share: report("drive", share))
     report("drive", 1.0)
     _check_starts(scenario, driven)
-    sensors = Sensors(scenario, float(driven.stamps[-1]), rngs)
+    sensors = Sensors(scenario, float(driven.stamps[-1]), random_generators(scenario.seed))
     base, frames = sensors.read(driven, Scene(world, driven.tracks), progress=lambda share: report("lidar", share))
     recording = with_odometry_faults(with_gaps(base, scenario.faults), scenario.faults)
     if frames is not None:
@@ -120,10 +118,10 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
 
 
 def on_its_way(
-    scenario: Scenario, world: World, rngs: Rngs, *, progress: Callable[[float], None] = lambda _: None
+    scenario: Scenario, world: World, progress: Callable[[float], None] = lambda _: None
 ) -> tuple[Drive, World]:
     """The drive of a scenario's own driver, and the world as the sensors see it, with what stands beside its way."""
-    driven = _drive(scenario, world, rngs, progress=progress)
+    driven = true_drive(scenario, world=world, progress=progress)
     if driven.end == "stuck":
         x, y = driven.poses[-1, :2]
         raise ConfigError(
@@ -133,20 +131,24 @@ def on_its_way(
         )
     if scenario.noise.surroundings != Surroundings():
         path, radius = driven.poses[:: PHYSICS_RATE // 20, :2], scenario.platform.radius
-        rng = rngs["surroundings"]
-        if scenario.visit is not None:
-            rng = random_generators(scenario.visit.building)["surroundings"]
+        seed = scenario.seed if scenario.visit is None else scenario.visit.building
+        rng = random_generators(seed)["surroundings"]
         world = lived_in(world, scenario.noise.surroundings, rng, path=path, radius=radius)
     return driven, world
 
 
-def _drive(
-    scenario: Scenario, world: World, rngs: Rngs, *, progress: Callable[[float], None] = lambda _: None
+def true_drive(
+    scenario: Scenario,
+    seed: int | None = None,
+    *,
+    world: World | None = None,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> Drive:
-    """Let the robot do a scenario's task, among its people and doors, without any sensor."""
-    run = run_of(scenario, world, rngs)
+    """What the robot truly does in ``simulate(scenario, seed)``, in a world that may be given, without any sensor."""
+    scenario = seeded(scenario, seed)
+    rngs, world = random_generators(scenario.seed), world or World.of(scenario.standing)
     driver = driver_for(scenario.task, scenario.drive, world, rngs["driver"])
-    return drive(run, driver, scenario.drive, scenario.duration, progress=progress)
+    return drive(run_of(scenario, world, rngs), driver, scenario.drive, scenario.duration, progress=progress)
 
 
 def run_of(scenario: Scenario, world: World, rngs: Rngs, met: World | None = None) -> Run:
@@ -154,23 +156,10 @@ def run_of(scenario: Scenario, world: World, rngs: Rngs, met: World | None = Non
     vehicle = Vehicle(scenario.platform, scenario.start, met or world, scenario.noise.drive)
     actors = None
     if scenario.has_actors:
-        actors = Actors(
-            scenario.people,
-            scenario.crowd,
-            scenario.doors,
-            world=world,
-            space=vehicle.space,
-            start=scenario.start[:2],
-            duration=scenario.duration,
-            rng=rngs["actors"],
-        )
+        moving, start, space = (scenario.people, scenario.crowd, scenario.doors), scenario.start[:2], vehicle.space
+        rng, duration = rngs["actors"], scenario.duration
+        actors = Actors(*moving, world=world, space=space, start=start, duration=duration, rng=rng)
     return Run(vehicle, actors, scenario.faults)
-
-
-def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
-    """What the robot truly does in ``simulate(scenario, seed)``."""
-    scenario = seeded(scenario, seed)
-    return _drive(scenario, World.of(scenario.standing), random_generators(scenario.seed))
 
 
 class Sensors:
@@ -218,12 +207,7 @@ class Sensors:
             self._clocks[sensor] = clock, lost, rng
 
     def read(
-        self,
-        driven: Drive,
-        scene: Scene,
-        until: float = np.inf,
-        *,
-        progress: Callable[[float], None] = lambda _: None,
+        self, driven: Drive, scene: Scene, until: float = np.inf, *, progress: Callable[[float], None] = lambda _: None
     ) -> tuple[Recording, CameraFrames | None]:
         """What has arrived since this was asked last, until a time [s], as the base gets it; and the camera's."""
         scenario, lidar, encoders, imu, tilt = self._scenario, self._lidar, self._encoders, self._imu, None

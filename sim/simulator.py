@@ -75,7 +75,7 @@ class Simulator:
                 raise ConfigError(text, field=f"faults.{i}.to")
         self._plan = self.world = World.of(scenario.standing)
         if scenario.noise.surroundings != Surroundings():
-            _, self.world = on_its_way(scenario, self._plan, random_generators(scenario.seed))
+            _, self.world = on_its_way(scenario, self._plan)
         self.reset()
 
     def reset(self) -> Readings:

@@ -94,17 +94,12 @@ def made_on_demand(module: str, name: str) -> Callable[[Any, int], Filter]:
 
 @dataclass(frozen=True)
 class Method:
-    """A filter as it is registered; building one must not import Taichi, making its filter may.
+    """A filter as it is registered; building one must not import Taichi, making its filter may."""
 
-    Attributes:
-        config: the model of its configuration, under ``SlamConfig``, whose ``method`` is the entry point's name.
-        make: makes the filter for a run, of its configuration and the seed.
-        needs_odometry: it refuses recordings without odometry.
-    """
-
+    # the model of its configuration, under ``SlamConfig``, whose ``method`` is the entry point's name
     config: type[SlamConfig]
-    make: Callable[[Any, int], Filter]
-    needs_odometry: bool = True
+    make: Callable[[Any, int], Filter]  # makes the filter for a run, of its configuration and the seed
+    needs_odometry: bool = True  # it refuses recordings without odometry
 
 
 METHODS: Plugins[Method] = Plugins(

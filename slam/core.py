@@ -250,7 +250,13 @@ def _made(method: MakeFilter, config: SlamConfig, seed: int) -> Filter:
     if not callable(method):
         text = f"{shortened(method)}, expected a class of a filter; a name is a key of the configuration: method=NAME"
         raise ConfigError(text, field="method")
-    made = method(config, seed)
+    try:
+        made = method(config, seed)
+    except AttributeError as error:
+        if error.obj is not config:
+            raise
+        text = f'"{config.method}" has no {error.name}, expected the preset of the method that yours is made of'
+        raise ConfigError(text, field="method") from error
     has = dir(made)  # asks for no value, as hasattr does
     missing = [name for name in dir(Filter) if not name.startswith("_") and name not in has]
     if missing:

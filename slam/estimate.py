@@ -22,15 +22,10 @@ from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map, 
 
 
 class Correction(NamedTuple):
-    """A path that the back end corrected, and the map with it.
+    """A path that the back end corrected, and the map with it."""
 
-    Attributes:
-        scan: index of the scan after which.
-        path: [k, 3] poses of the first k updates, in the map from then on.
-    """
-
-    scan: int
-    path: NDArray[np.float64]
+    scan: int  # index of the scan after which
+    path: NDArray[np.float64]  # [k, 3] poses of the first k updates, in the map from then on
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -139,11 +134,6 @@ def as_logged(estimate: Estimate, stamps: NDArray[np.float64]) -> Estimate:
     )
 
 
-def wants_colours(config: SlamConfig, recording: Recording) -> bool:
-    """Whether the floor is to be coloured: it is asked for, and there are images of it."""
-    return config.texture.enabled and can_map(recording)
-
-
 def with_texture(
     estimate: Estimate,
     recording: Recording,
@@ -156,9 +146,9 @@ def with_texture(
     It is unchanged where the floor is not to be coloured, and has a warning alone where it cannot be: the estimate is
     not lost for it. ``interval``: between frames, in place of the configuration's. ``watch``: see ``map_texture``.
     """
-    if not wants_colours(estimate.config, recording):
-        return estimate
     config = estimate.config.texture
+    if not (config.enabled and can_map(recording)):
+        return estimate
     config = config if interval is None else config.model_copy(update={"interval": interval})
     try:
         texture = map_texture(recording, estimate.trajectory_final, config, watch=watch)

@@ -12,11 +12,12 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot.inspection import other_units
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import Recording
+from moteslam.robot.rgbd import has_images
 from moteslam.robot.values import Issue, expect_type, shortened
 from moteslam.slam.config import METHODS, SlamConfig
 from moteslam.slam.core import Core, MakeFilter
 from moteslam.slam.estimate import Estimate, with_texture
-from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
+from moteslam.slam.inputs.floor_views import FloorViews
 from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.live_camera import BEHIND, DISPARITY, RGB, LiveCamera, checked_image
 from moteslam.slam.inputs.step import steps
@@ -81,15 +82,15 @@ class OnlineSlam(Core):
         live = self._live("odometry")
         if (pose is None) is (counts is None) or (pose is not None and live.odometry_in.counted):
             raise InputError("both or neither, expected poses or counts", field="odometry")
-        taken, stamps = live.odometry_in, np.array([stamp], np.float64)
+        stamps = np.array([stamp], np.float64)
         if pose is not None:
             given = _numbers(pose, np.float64, 3, "odometry.pose")[None]
             live.arrives("odometry", stamp)
-            taken.add_poses(stamps, given)
+            live.odometry_in.add_poses(stamps, given)
         else:
             given = _numbers(counts, np.int64, 4, "odometry.counts")[None]
             live.arrives("odometry", stamp)
-            taken.add_counts(stamps, given)
+            live.odometry_in.add_counts(stamps, given)
         return self._take_in(live)
 
     def add_imu(self, stamp: float, yaw_rate: float) -> Update | None:
@@ -129,7 +130,7 @@ class OnlineSlam(Core):
         if mount is None:
             raise ConfigError("none, expected where the camera is", field="platform.camera")
         live.arrives(kind, stamp)
-        if self._camera is None:
+        if self._camera is None or live.messages == 1:
             gap, used = texture.largest_gap, texture.largest_gap if texture.enabled else -1.0  # none is
             self._camera = camera = LiveCamera(texture.interval, used, kept=self._patience + BEHIND)
             if self._filter.uses_camera:
@@ -187,12 +188,13 @@ class OnlineSlam(Core):
                 file=recording.name,
             )
         if slam._filter.uses_camera:
-            slam._missing = missing_for_floor_views(recording, inputs)
-            if not slam._missing:
-                gap, stream, mount = slam.config.texture.largest_gap, recording.rgbd, slam._platform.camera
-                assert stream is not None
-                assert mount is not None
-                slam._views = FloorViews(lambda: stream, mount, inputs, largest_gap=gap)
+            stream, mount, gap = recording.rgbd, slam._platform.camera, slam.config.texture.largest_gap
+            if stream is None or not has_images(stream):
+                slam._missing = "no camera images"
+            elif mount is None or not inputs.moves:
+                slam._missing = f"no {'camera on the robot' if mount is None else 'odometry between frames and scans'}"
+            else:
+                slam._views, slam._missing = FloorViews(lambda: stream, mount, inputs, largest_gap=gap), ""
         return slam
 
     def __len__(self) -> int:

@@ -198,8 +198,7 @@ def report(
     out: Annotated[Path, opt("The page; it must not exist.", "FILE.html")] = Path("report.html"),
     title: Annotated[str | None, opt("Of the page [what is compared].", "TEXT")] = None,
     metrics: Annotated[
-        list[str] | None,
-        opt("Which metrics [those of the sweeps, or the usual]; repeatable.", "NAME", "--metric"),
+        list[str] | None, opt("Which metrics [those of the sweeps, or the usual]; repeatable.", "NAME", "--metric")
     ] = None,
     by: options.By = None,
     baseline: options.Baseline = None,

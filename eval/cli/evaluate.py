@@ -53,16 +53,13 @@ def evaluate(
         ),
     ],
     recording: Annotated[
-        Path | None,
-        opt("Also the residuals of this recording's scans; one EST needs no REF then.", "PATH"),
+        Path | None, opt("Also the residuals of this recording's scans; one EST needs no REF then.", "PATH")
     ] = None,
     loops: Annotated[
-        Path | None,
-        opt("Also precision, with --recording recall, of the loops of a loops.csv.", "FILE"),
+        Path | None, opt("Also precision, with --recording recall, of the loops of a loops.csv.", "FILE")
     ] = None,
     map_file: Annotated[
-        Path | None,
-        opt("The map that goes with the one EST, map_server; for metrics.", "FILE.yaml", "--map"),
+        Path | None, opt("The map that goes with the one EST, map_server; for metrics.", "FILE.yaml", "--map")
     ] = None,
     true_map: Annotated[Path | None, opt("The true map in the frame of REF: also scores --map.", "FILE.yaml")] = None,
     metrics: Annotated[list[str] | None, opt("Also these of moteslam metrics; repeatable.", "NAME", "--metric")] = None,
@@ -78,8 +75,7 @@ def evaluate(
     unit: Annotated[Literal["m", "s", "frames"], opt("Unit of --delta.", "m|s|frames")] = "m",
     all_pairs: Annotated[bool, opt("A pair from every pose on, not one after another.", None, "--all-pairs")] = False,
     max_difference: Annotated[
-        float | None,
-        opt("Between stamps that belong together [0.01; 0.0001 for relations].", "S", min=0),
+        float | None, opt("Between stamps that belong together [0.01; 0.0001 for relations].", "S", min=0)
     ] = None,
     nearest: Annotated[
         bool, opt("Take the pose at the nearest stamp, as evo does, never one between two.", None, "--nearest")

@@ -44,8 +44,7 @@ Metrics = Annotated[
 ]
 Baseline = Annotated[str | None, opt("Compare with this configuration or robot [the first].", "NAME", "--baseline")]
 By = Annotated[
-    str | None,
-    opt("What is compared: platform, a key that varies, ... [configuration, if several].", "COLUMN", "--by"),
+    str | None, opt("What is compared: platform, a key that varies, ... [configuration, if several].", "COLUMN", "--by")
 ]
 ScenarioName = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
@@ -60,8 +59,7 @@ NoiseClass = Annotated[
     opt("How wrong the sensors are; datasheet by default.", "datasheet|as_recorded", "--noise"),
 ]
 PlatformFile = Annotated[
-    Path | None,
-    opt("Another robot; a platform.toml lies over what the recording states.", "NAME|FILE"),
+    Path | None, opt("Another robot; a platform.toml lies over what the recording states.", "NAME|FILE")
 ]
 Preset = Annotated[str | None, opt("Named configuration; the best by default.", "NAME")]
 Settings = Annotated[list[str] | None, opt("Change one value; may be repeated.", "KEY=VALUE", "--set")]
@@ -154,8 +152,7 @@ class RecordingOptions:
     sequence: Sequence = None
     platform: PlatformFile = None
     topics: Annotated[
-        list[str] | None,
-        opt("Of a bag: the topic that a stream is read from; may be repeated.", "STREAM=TOPIC"),
+        list[str] | None, opt("Of a bag: the topic that a stream is read from; may be repeated.", "STREAM=TOPIC")
     ] = None
     streams: Annotated[str | None, opt("Keep these alone: lidar,encoders,odometry,imu,rgbd.", "NAMES")] = None
     start: Annotated[float, opt("Seconds after the first stamp.", "S")] = 0.0

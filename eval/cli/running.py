@@ -24,10 +24,10 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.estimate import Estimate, wants_colours, with_texture
+from moteslam.slam.estimate import Estimate, with_texture
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.sessions import expect_graph, go_on
-from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
+from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map
 
 if TYPE_CHECKING:
     from moteslam.eval.cli.options import SlamOptions
@@ -124,7 +124,7 @@ def described(estimate: Estimate, figures: Figures, issues: tuple[Issue, ...] = 
 
 def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[tuple[float, TextureMap]]]:
     """The estimate with the coloured floor, if the recording has images, and the floor at stages of the run."""
-    if not wants_colours(estimate.config, recording):
+    if not (estimate.config.texture.enabled and can_map(recording)):
         return estimate, []
     stages = TextureStages(*estimate.trajectory_final.stamps[[0, -1]].tolist())
     span = max(stages.end - stages.begin, 1e-9)

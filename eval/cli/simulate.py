@@ -39,8 +39,7 @@ class Recorded:
     log_every: Annotated[float | None, opt("Keep a scan only after M metres, or after --log-turn.", "M")] = None
     log_turn: Annotated[float | None, opt("Keep a scan only after this turn, or after --log-every.", "RAD")] = None
     odometry_noise: Annotated[
-        tuple[float, float] | None,
-        opt("Add these shares of noise to each step of the odometry.", "DISTANCE ROTATION"),
+        tuple[float, float] | None, opt("Add these shares of noise to each step of the odometry.", "DISTANCE ROTATION")
     ] = None
     file_format: Annotated[Literal["ucsd", "carmen"], opt("To write the recording in.", "ucsd|carmen", "--format")] = (
         "ucsd"

@@ -29,8 +29,6 @@ SHOWN = 10
 """Of the lines that are left out so many are told, each in a line; then how many there were."""
 KEYS = {"odometry": {"stamp", "pose", "counts"}, "imu": {"stamp", "yaw_rate"}, "scan": {"stamp", "ranges", "odometry"}}
 """What a message of each type may have."""
-FAR_AHEAD = 3600.0
-"""The first two messages are of one clock unless they are farther apart [s]."""
 
 
 def follow(stream: BinaryIO, robot: Path | None, config: SlamConfig, out: Path | None, run: SlamOptions) -> None:
@@ -50,9 +48,10 @@ def follow(stream: BinaryIO, robot: Path | None, config: SlamConfig, out: Path |
 
     with nullcontext() if out is None else result_folder(out, force=run.force) as folder:
         device, began = runtime.init(run.arch, run.threads), time.perf_counter()
-        slam, lines = None, _Lines(stream)
-        for number, message in lines.messages():
+        slam, bad, number = None, 0, 0
+        for number, line in enumerate(_lines(stream), start=1):
             try:
+                message = _message(line)
                 if (kind := message.pop("type")) == "platform":
                     if slam is not None:
                         raise InputError("after other messages, expected as the first", field="platform")
@@ -64,13 +63,15 @@ def follow(stream: BinaryIO, robot: Path | None, config: SlamConfig, out: Path |
                 hint = ": --platform NAME, or a first line of type platform" if error.field == "platform.lidar" else ""
                 raise ConfigError(error.problem + hint, file=error.file, field=error.field) from error
             except InputError as error:
-                lines.left_out(number, error)
+                bad += 1
+                if bad <= SHOWN:
+                    note(f"warning: {InputError(error.problem, file=STDIN, line=number, field=error.field)}; left out")
         _print(None if slam is None else slam.finish())
         if slam is None or not len(slam):
-            raise InputError(f"{lines.count} lines without a scan, expected some", file=STDIN)
+            raise InputError(f"{number} lines without a scan, expected some", file=STDIN)
         estimate = slam.estimate()
-        text = f"{STDIN}: {lines.bad} of {lines.count} lines were left out"
-        issues = (*((Issue("broken-lines", text, lines.bad),) if lines.bad else ()), *estimate.warnings)
+        text = f"{STDIN}: {bad} of {number} lines were left out"
+        issues = (*((Issue("broken-lines", text, bad),) if bad else ()), *estimate.warnings)
         warn(issues)
         if folder is None:
             return
@@ -81,49 +82,12 @@ def follow(stream: BinaryIO, robot: Path | None, config: SlamConfig, out: Path |
     note(f"{len(estimate.trajectory)} scans, {estimate.trajectory_final.length:.1f} m: result in {out}")
 
 
-class _Lines:
-    """The lines of a stream, how many there were, and how many of them were left out."""
-
-    def __init__(self, stream: BinaryIO) -> None:
-        self._stream, self.count, self.bad = stream, 0, 0
-
-    def left_out(self, number: int, error: InputError) -> None:
-        """Tell that a line is."""
-        self.bad += 1
-        if self.bad <= SHOWN:
-            note(f"warning: {InputError(error.problem, file=STDIN, line=number, field=error.field)}; left out")
-
-    def messages(self) -> Iterator[tuple[int, dict[str, Any]]]:
-        """The messages with the numbers of their lines, but for first ones of another clock than the next one."""
-        first: tuple[int, dict[str, Any]] | None = None  # waits for the next one
-        one_clock = False
-        for line in self._read():
-            self.count += 1
-            try:
-                message = _message(line)
-            except InputError as error:
-                self.left_out(self.count, error)
-                continue
-            if one_clock or message["type"] == "platform":
-                yield self.count, message
-                continue
-            if first is not None:
-                apart = abs(message["stamp"] - first[1]["stamp"])
-                if one_clock := not apart > FAR_AHEAD:
-                    yield from (first, (self.count, message))
-                else:
-                    text = f"{first[1]['stamp']} s, {apart:.0f} s from the next message, expected one clock"
-                    self.left_out(first[0], InputError(text, field=f"{first[1]['type']}.stamp"))
-            first = self.count, message
-        if first is not None and not one_clock:
-            yield first
-
-    def _read(self) -> Iterator[bytes]:
-        while line := self._stream.readline(LONGEST + 1):
-            check_interrupt()
-            while len(line) > LONGEST and not line.endswith(b"\n") and (rest := self._stream.readline(LONGEST)):
-                line = line[:LONGEST] + rest[-1:]  # the rest of it is skipped
-            yield line
+def _lines(stream: BinaryIO) -> Iterator[bytes]:
+    while line := stream.readline(LONGEST + 1):
+        check_interrupt()
+        while len(line) > LONGEST and not line.endswith(b"\n") and (rest := stream.readline(LONGEST)):
+            line = line[:LONGEST] + rest[-1:]  # the rest of it is skipped
+        yield line
 
 
 def _message(line: bytes) -> dict[str, Any]:

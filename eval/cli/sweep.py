@@ -52,8 +52,7 @@ def run(
         str, typer.Argument(metavar="SPEC.toml|NAME", help="Which runs there are to make; NAME: see `sweep list`.")
     ],
     out: Annotated[
-        Path | None,
-        opt("Where they are recorded [SPEC.sweep]; goes on if it is there.", "FILE.sweep"),
+        Path | None, opt("Where they are recorded [SPEC.sweep]; goes on if it is there.", "FILE.sweep")
     ] = None,
     workers: Annotated[int | None, opt("Runs at a time [as many as there are processors].", min=1, max=1024)] = None,
     shard: Annotated[str | None, opt("Only the I-th of N parts, for job arrays; see `sweep merge`.", "I/N")] = None,
@@ -61,8 +60,7 @@ def run(
         bool, opt("Measure time and memory too: one run at a time, each in a new process.", None, "--time")
     ] = False,
     scheduler: Annotated[
-        str | None,
-        opt("Make the runs on this Dask cluster (extra `cluster`).", "tcp://HOST:PORT"),
+        str | None, opt("Make the runs on this Dask cluster (extra `cluster`).", "tcp://HOST:PORT")
     ] = None,
     as_json: options.Json = False,
 ) -> None:
@@ -154,10 +152,7 @@ def list_specs(
 
 @app.command("show")
 def show(
-    file: File,
-    metrics: options.Metrics = None,
-    form: options.Format = "text",
-    as_json: options.Json = False,
+    file: File, metrics: options.Metrics = None, form: options.Format = "text", as_json: options.Json = False
 ) -> None:
     """Sum up the runs recorded so far: successes, and medians with their 95 % intervals; quartiles in csv and --json.
 

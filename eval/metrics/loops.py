@@ -92,11 +92,7 @@ class LoopResult(PoseErrors):
 
 
 def score_loops(
-    loops: Sequence[LoopCandidate],
-    truth: Trajectory,
-    recording: Recording | None = None,
-    *,
-    scans: Scans | None = None,
+    loops: Sequence[LoopCandidate], truth: Trajectory, recording: Recording | None = None, *, scans: Scans | None = None
 ) -> LoopResult:
     """Score the loops that a back end accepted: how many are false, and how many of the possible ones they bind.
 

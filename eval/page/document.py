@@ -130,7 +130,8 @@ def _names(texts: dict[str, list[Row]]) -> dict[str, str]:
         return dict.fromkeys(texts, "configuration")
     tables = {text: _flat(read_toml(_config(rows[0]), "a config.toml")) for text, rows in texts.items()}
     keys = dict.fromkeys(key for table in tables.values() for key in table)
-    changed = [key for key in keys if len({repr(table.get(key)) for table in tables.values()}) > 1]
+    first, *others = tables.values()
+    changed = [key for key in keys if any(table.get(key) != first.get(key) for table in others)]
     names: dict[str, str] = {}
     for text, rows in texts.items():
         folders = [_config(row).parent for row in rows]

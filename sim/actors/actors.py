@@ -60,7 +60,6 @@ def _legs(path: Array, walked: Array, radius: float) -> Array:
 
 
 MAX_DOORS = 60  # In a scenario: every beam is tested against each of them
-
 CLEAR = 0.12  # A leaf stops this far from anyone [m]
 
 

@@ -26,15 +26,12 @@ if TYPE_CHECKING:
 
 
 MAX_PEOPLE = 60  # In a scenario: every beam is tested against each of them
-
 PEOPLE, ROBOT = 0b10, 0b100  # The physics engine's categories of shapes that are no walls
-
 MASS = 75.0  # Of a person [kg]
 AGILITY = 2.0  # How fast a person changes its velocity [m/s^2]
 PUSH, PUSH_RANGE = 1.5, 0.3  # Push of what touches a person [m/s], and the gap over which it fades to 1/e [m]
 WALL_PUSH, WALL_RANGE = 0.8, 0.12  # The same of walls [m/s], [m]
-PATIENCE, PROGRESS = 3.0, 0.3
-"""A person who has moved less than ``PROGRESS`` [m] in this time [s] chooses another waypoint."""
+PATIENCE, PROGRESS = 3.0, 0.3  # Who has moved less than the second [m] in this time [s] chooses another waypoint
 ARRIVED = 0.35  # Within this distance of a waypoint a person has arrived [m]
 STROLL = (2.0, 8.0)  # Shortest and longest leg of a stroller [m]
 

@@ -42,19 +42,11 @@ class Drive(Summarised):
 
 
 def drive(
-    run: Run,
-    driver: Driver,
-    limits: Limits,
-    duration: float,
-    *,
-    progress: Callable[[float], None] = lambda _: None,
+    run: Run, driver: Driver, limits: Limits, duration: float, *, progress: Callable[[float], None] = lambda _: None
 ) -> Drive:
-    """Rest, drive until the driver has arrived, is stuck or out of time, and rest again.
+    """Rest, drive for at most so long [s] until the driver has arrived, is stuck or out of time, and rest again.
 
-    Args:
-        run: the robot where it starts, among the actors.
-        duration: of the drive at most [s].
-        progress: called with the share of the path that lies behind.
+    Each `Mishap` of the run happens to the robot; ``progress`` is called with the share of the path that lies behind.
     """
     vehicle, actors, dt, interval = run.vehicle, run.actors, 1 / PHYSICS_RATE, CONTROL_STEPS / PHYSICS_RATE
     run.driver = driver

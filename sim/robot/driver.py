@@ -18,8 +18,7 @@ from moteslam.robot.values import Number, Positive, Section, Truth
 from moteslam.sim.world.pieces import Point
 from moteslam.sim.world.world import World, check_legs, check_place
 
-MAX_DURATION = 12_000.0
-"""The longest recording [s], for two kilometres at 0.2 m/s; of `ucsd` 480 000 scans, 2.1 GB of ranges."""
+MAX_DURATION = 12_000.0  # Longest recording [s], for 2 km at 0.2 m/s; of `ucsd` 480 000 scans, 2.1 GB of ranges
 
 Seconds = Annotated[Number, Field(ge=0, le=MAX_DURATION)]
 
@@ -40,17 +39,11 @@ class Limits(Section):
 
 
 class Driver(Protocol):
-    """Chooses what to do next.
+    """Chooses what to do next."""
 
-    Attributes:
-        looks: whether it slows down for people and doors, and gives up where it does not get on.
-        path: the points [n, 2] that it drives along [m]; None without a path.
-        at: the index of where it is on its path; set where it is to go on from another place.
-    """
-
-    looks: bool
-    path: Array | None
-    at: int
+    looks: bool  # whether it slows down for people and doors, and gives up where it does not get on
+    path: Array | None  # the points [n, 2] that it drives along [m]; None without a path
+    at: int  # the index of where it is on its path; set where it is to go on from another place
 
     def command(self, time: float, x: float, y: float, theta: float) -> tuple[float, float] | None:
         """The speed [m/s] and turn rate [rad/s] to ask for at a time [s since the rest ended] and true pose.
@@ -137,8 +130,7 @@ def _sway(points: Array, length: Array, limits: Limits, rng: np.random.Generator
     return np.asarray(left * sideways[:, None], np.float64)
 
 
-STOP_GAP, SLOW_GAP = 0.25, 0.9
-"""The robot stops with the first gap to who is ahead, and slows down over the second before that [m]."""
+STOP_GAP, SLOW_GAP = 0.25, 0.9  # The robot stops with the first gap to who is ahead; over the second it slows down [m]
 SIDE_GAP = 0.08  # Who leaves less than this beside the robot is in its path [m]
 PATIENCE = 60.0  # How long a driver waits for its path to become free [s]
 

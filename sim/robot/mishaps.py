@@ -113,11 +113,8 @@ def check_mishaps(faults: Sequence[object], task: Task, world: World, platform: 
 def carrying(fault: Carried, pose: Array, driver: Driver | None, rate: int, *, field: str) -> tuple[Array, int]:
     """How the robot is carried from a pose [3], the heading not wrapped, along the path of its driver, at a rate [Hz].
 
-    At the speed of one who starts and stops, facing where it is carried; without a driver straight there.
-
-    Returns:
-        poses [n, 3], the heading not wrapped, the last where it is set down; and the index on the driver's path from
-        which it goes on, 0 where it has none.
+    At the speed of one who starts and stops, facing where it is carried; without a driver straight there. Poses [n, 3],
+    the last where it is set down, and the index on the driver's path from which it goes on, 0 where it has none.
     """
     points, at = (None, 0) if driver is None else (driver.path, driver.at)
     if points is None:

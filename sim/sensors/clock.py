@@ -40,8 +40,7 @@ def arrived(times: Array, stamps: Array, until: float) -> int:
     return int(min(taken, np.searchsorted(stamps, until, side="right")))
 
 
-EPOCH = 1_300_000_000.0
-"""The stamp of the drive's first moment [s since 1970], so that stamps are as coarse as a real robot's."""
+EPOCH = 1_300_000_000.0  # Stamp of the drive's first moment [s since 1970]: stamps are as coarse as a real robot's
 
 Stream = TypeVar("Stream", LidarStream, EncoderStream, ImuStream, OdometryStream)
 

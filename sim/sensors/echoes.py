@@ -172,16 +172,11 @@ def mix_at_edges(
     noise: LidarNoise,
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
-    """The ranges of beams, some of whose sides meet something else than their middle.
+    """The ranges [n] of beams, some of whose ``sides`` [2, n] meet something else than their ``middle`` [n] [m].
 
     On one flat surface the sides lie about as far before the middle as behind it; at an edge one of them does not.
     There, with probability ``noise.mixed``, the two echoes melt into one in between, if they are at most
-    ``noise.pulse`` [m] apart; otherwise the range is that of one of them.
-
-    Args:
-        ranges: [n] of the beams as lines [m].
-        middle: [n] where their middles end; sides: [2, n] where their sides end [m].
-        rng: two numbers a beam are drawn.
+    ``noise.pulse`` [m] apart; otherwise the range is that of one of them. Two numbers a beam are drawn from ``rng``.
     """
     with np.errstate(invalid="ignore"):
         step = np.abs(sides - middle)

@@ -26,13 +26,11 @@ class LidarErrors:
 
     bias: float = 0.0  # that all ranges are too long [m]
     scale: float = 0.0  # likewise, relative
-    # where the lidar truly is beside its mount [m, m, rad]
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
-    # how it truly tilts [rad]
-    roll: float = 0.0
-    pitch: float = 0.0
+    x: float = 0.0  # where the lidar truly is beside its mount [m]
+    y: float = 0.0  # [m]
+    yaw: float = 0.0  # [rad]
+    roll: float = 0.0  # how it truly tilts [rad]
+    pitch: float = 0.0  # [rad]
 
     @classmethod
     def drawn(cls, noise: LidarNoise, rng: np.random.Generator) -> LidarErrors:
@@ -48,15 +46,8 @@ _RAYS = 512 * 1081  # Rays at a time; scans are not divided
 class Lidar:
     """A lidar: beam b of a scan at time t is cast from where it truly is at t + b * time_increment.
 
-    Args:
-        span: of the first scan's and the last scan's first beam [s].
-        rng: of noise and clock.
-        errors: of this lidar on this robot.
-        faults: of a scenario; carts in view and mounts aslant are taken from them.
-        effects: of surfaces, edges and rain.
-
-    Attributes:
-        times, stamps: [n] when the scans begin, and as the host stamps them, from 0 [s].
+    The first scan's and the last scan's first beam are at the ends of a ``span`` [s]. Of a scenario's ``faults`` carts
+    in view and mounts aslant count; ``rng`` is of noise and clock, ``effects`` of surfaces, edges and rain.
     """
 
     def __init__(
@@ -71,6 +62,7 @@ class Lidar:
         effects: np.random.Generator,
     ) -> None:
         self._lidar, self._noise, self._errors, self._rng, self._effects = lidar, noise, errors, rng, effects
+        # [n] when the scans begin, and as the host stamps them, from 0 [s]
         self.times, self.stamps = readings(lidar.scan.rate, *span, noise.clock, rng)
         self._carts = [fault for fault in faults if isinstance(fault, Cart)]
         self._aslant = [fault for fault in faults if isinstance(fault, Tilt)]
@@ -88,13 +80,11 @@ class Lidar:
         tilt: Array | None = None,
         progress: Callable[[float], None] = lambda _: None,
     ) -> LidarStream:
-        """The scans from where it was read last to before another one.
+        """The scans from where it was read last to before another one, with roll and pitch ``tilt`` [n, 2] of the body
+        [rad].
 
-        Args:
-            tilt: [n, 2] roll and pitch of the body at the drive's stamps [rad]; None for a body that stays level.
-
-        Returns:
-            ranges float32 [m, beams]: ``inf`` beyond the maximum, ``nan`` below the minimum and where a beam was lost.
+        That is at the drive's stamps; None for a body that stays level. Ranges are ``inf`` beyond the maximum, ``nan``
+        below the minimum and where a beam was lost.
         """
         lidar, scan, first = self._lidar, self._lidar.scan, self._read
         self._read = until

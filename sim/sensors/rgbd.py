@@ -28,11 +28,8 @@ from moteslam.sim.world.floor import FloorSettings, rasterise
 from moteslam.sim.world.world import World
 
 FLOOR_CELL = 0.01  # The floor is drawn from a picture of cells this large [m], or larger ones in a world of hectares
-
 FLOOR_PIXELS = 60_000_000  # Most cells of that picture
-
 FARTHEST = 200.0  # Walls further away than this are not drawn [m]
-
 _NOISE_LENGTH = 1 << 20  # Normal numbers drawn once; every frame reads them from another index on
 
 
@@ -58,15 +55,9 @@ class Shots(Summarised):
 
 
 class Renderer:
-    """Draws frames of a run.
+    """Draws frames of a run: of so many colour and disparity images, the noise of each of which differs.
 
-    Args:
-        path: [m, 2] where the robot is when the colour camera fires [m]: the floor around it is drawn; None for all.
-        frames: numbers of colour and disparity images; the noise of each differs.
-        seed: of the noise.
-
-    Attributes:
-        mount, settings: as given.
+    The floor is drawn around ``path`` [m, 2], where the robot is when the colour camera fires [m]; all of it if None.
     """
 
     def __init__(

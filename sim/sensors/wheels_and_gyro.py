@@ -16,19 +16,11 @@ _RIGHT = np.array((True, False, True, False))  # Which of FR, FL, RR, RL are on 
 
 
 class Encoders:
-    """The counters of the FR, FL, RR, RL wheel.
+    """The counters of the FR, FL, RR, RL wheel, from the first to the last reading of a ``span`` [s].
 
     They see the rims' travel of the drive, which includes the slip in turns; errors of the wheels' radii and the track
-    come on top, and momentary slip that differs from side to side. All but missed ticks is drawn beforehand.
-
-    Args:
-        scale: multiplies slip, scale, radius and track errors.
-        span: of the first and last reading [s].
-        rng: drawn from the same number of times for the same readings.
-        effects: of slip bursts and missed ticks, drawn from only where there are any.
-
-    Attributes:
-        times, stamps: [n] when the readings are taken, and as the host stamps them, from 0 [s].
+    come on top, times ``scale``, and momentary slip that differs from side to side. All but missed ticks is drawn
+    beforehand, for the same readings as many numbers from ``rng``; ``effects`` are of slip bursts and missed ticks.
     """
 
     def __init__(
@@ -45,6 +37,7 @@ class Encoders:
         assert wheels is not None  # a scenario without is refused, as one without encoders
         assert spec is not None
         self._wheels, self._noise, self._effects = wheels, noise, effects
+        # [n] when they are taken, and as the host stamps them, from 0 [s]
         self.times, self.stamps = readings(spec.rate, *span, noise.clock, rng)
         self._track, self._factor = _errors(len(self.times), spec.rate, noise, scale, rng)
         self._rest = rng.random(4)  # the counter counts whole ticks; the rest stays in the wheel, for the next reading
@@ -108,18 +101,12 @@ def _errors(
 
 
 class Imu:
-    """Angular velocities, and accelerations in g with gravity on z.
+    """Angular velocities, and accelerations in g with gravity on z, from the first to the last reading of a ``span``
+    [s].
 
-    The IMU sits at the robot's centre. Each reading is the mean over the interval before it, as the device's own
-    filter gives; the robot drives on a flat floor and shakes with its speed. All that is random is drawn beforehand.
-
-    Args:
-        scale: multiplies the gyro's noise, bias and scale error.
-        span: of the first and last reading [s].
-        rng: drawn from the same number of times for the same readings.
-
-    Attributes:
-        times, stamps: as of ``Encoders``.
+    The IMU sits at the robot's centre. Each reading is the mean over the interval before it, as the device's own filter
+    gives; the robot drives on a flat floor and shakes with its speed. All that is random is drawn beforehand, for the
+    same readings as many numbers from ``rng``; ``scale`` multiplies the gyro's noise, bias and scale error.
     """
 
     def __init__(

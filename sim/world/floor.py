@@ -123,8 +123,6 @@ def stain_shade(x: Array, y: Array, share: float, seed: int) -> Array:
 Level = Annotated[Whole, Field(ge=0, le=255)]
 
 MAX_PIXELS = 200_000_000  # A raster larger than this is refused: at 1 cm, 140 m by 140 m
-
-
 MAX_PICTURE_BYTES, MAX_PICTURE_PIXELS = 100_000_000, 64_000_000  # Of a floor's picture
 
 

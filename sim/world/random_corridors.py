@@ -38,8 +38,7 @@ class _Building:
 
     x: Array  # of the lattice's columns [m]
     y: Array  # of its rows [m]
-    # the corridors between neighbouring nodes, with their widths [m]
-    edges: dict[Edge, float] = field(default_factory=dict)
+    edges: dict[Edge, float] = field(default_factory=dict)  # corridors between neighbouring nodes and their widths [m]
     # x0, y0, x1, y1 [m] of free space, and whether each is free or filled again
     rectangles: list[tuple[float, float, float, float, bool]] = field(default_factory=list)
 
@@ -181,8 +180,7 @@ CLEAR_OF_ROUTE = 0.65  # Distance of clutter from the route [m]: half a robot's 
 CLEAR_OF_REVERSAL, REVERSAL_REACH = 0.95, 1.5
 """Distance of clutter [m] from the route where it turns back, and up to how far from there [m]: the robot swings out by
 half a metre as it turns (at most 0.49 m in 30 buildings, 0.23 m elsewhere)."""
-KINDS = ("boxes", "boxes", "pillars", "tables", "chairs")
-"""Drawn from with equal probability: every second piece or so is a box."""
+KINDS = ("boxes", "boxes", "pillars", "tables", "chairs")  # Drawn from with equal probability: two of five are boxes
 
 
 def _furniture(

@@ -7,7 +7,7 @@ things along them, surfaces that swallow light. The robot's physics knows nothin
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
+from moteslam.robot.noise import Surroundings
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import Summarised
@@ -26,10 +27,6 @@ from moteslam.sim.world.pieces import MATERIALS, PLAIN, Block, Material, Polygon
 if TYPE_CHECKING:
     from shapely import STRtree
 
-from dataclasses import replace
-
-from moteslam.robot.noise import Surroundings
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class World(Summarised):
@@ -37,8 +34,7 @@ class World(Summarised):
 
     segments: Segments  # [m, 4] x0, y0, x1, y1 [m]: walls and the outlines of the solids
     solids: tuple[Polygon, ...] = ()  # polygons [k, 2] [m] of boxes, pillars and furniture
-    # [m] what each segment is made of, an index into palette; None if all is plain
-    surfaces: NDArray[np.int16] | None = None
+    surfaces: NDArray[np.int16] | None = None  # [m] of each segment the material, an index into palette; None if plain
     palette: Mapping[str, Material] = field(default_factory=lambda: {PLAIN: MATERIALS[PLAIN]})
     plan: Raster | None = None  # a floor plan's solid cells, as bools; their sides are among the segments
     hollows: tuple[Polygon, ...] = ()  # polygons [k, 2] [m] that nothing may stand in and beams see into: shelves
@@ -112,9 +108,7 @@ class World(Summarised):
 
 
 MAX_SEGMENTS = 20_000  # Line segments in a world that a file spells out
-
 MAX_PLAN_SEGMENTS = 400_000  # Line segments in a world with a floor plan
-
 _SAMPLING = 0.05  # Between the points of a leg that are checked [m]
 
 

@@ -43,8 +43,7 @@ class Session(Summarised):
     points: NDArray[np.float32]  # float32 [p, 2] endpoints of the nodes' scans in the robot's frame [m], scan by scan
     counts: NDArray[np.int32]  # int32 [n] how many are of each
     origin: Array  # [2] where the rays start, in that frame [m]
-    # [n] whether the map is drawn of them: not of a part of the path that lies nobody knows where.
-    drawn: NDArray[np.bool_]
+    drawn: NDArray[np.bool_]  # [n] whether the map is drawn of them: not of a path that lies nobody knows where
 
     def __len__(self) -> int:
         return len(self.nodes)

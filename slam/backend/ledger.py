@@ -19,9 +19,8 @@ outvoted it; `overruled`: it was an edge of the graph, but the final path, from 
 class LoopCandidate(Summarised):
     """A pair of scans that may show the same place."""
 
-    # earlier, later: indices of the scans in the recording.
-    earlier: int
-    later: int
+    earlier: int  # index of a scan in the recording
+    later: int  # likewise
     stamps: tuple[float, float]  # theirs [s], the earlier first
     predicted: Array  # [3] pose of the later scan in the frame of the earlier one, by the graph as it was
     found: Array  # [3] the same, where the search found it

@@ -36,8 +36,7 @@ class KeyScan(Summarised):
     measured: bool  # whether the odometry measured all of that motion
     motion: Array  # [3] the same motion as the filter estimates it, along the path of its best particle
     lost: bool = False  # the filter does not know where the robot is in the map of before
-    # after a lapse of the odometry how far off the filter may be, if the scan did not say where the robot is.
-    left_open: Open = CLOSED
+    left_open: Open = CLOSED  # after a lapse of the odometry how far off the filter may be, where the scan did not say
 
 
 class Backend(Protocol):
@@ -56,26 +55,19 @@ class Backend(Protocol):
         """What the latest ``finish`` left aside or contradicts, for people. May be left out."""
 
     def add(self, key: KeyScan) -> Array | None:
-        """Take in the next key scan.
+        """Take in the next key scan; returns corrected poses [u, 3] of all u so far, from which the filter goes on, or
+        None.
 
         While the filter is not settled none comes; then all that have waited do, one after the other.
-
-        Returns:
-            [u, 3] corrected poses of all u key scans taken in so far, from which the filter goes on; None where there
-            is nothing to correct.
         """
 
     def relocated(self, path: Array) -> None:
         """Take in that the filter has found a robot that was lost: the path [u, 3] of all key scans by it."""
 
     def finish(self, path: Array) -> Array | None:
-        """The path of all key scans as known at the end.
+        """The path of all key scans as known at the end, poses [u, 3], or None where there is nothing to correct.
 
-        Args:
-            path: [u, 3] of the filter's best particle; where the filter was corrected, with these corrections. In the
-                middle of a run the last ones may be of key scans that wait.
-
-        Returns:
-            [u, 3] corrected poses, along which the final trajectory, the map and the texture are drawn; None where
-            there is nothing to correct.
+        The final trajectory, the map and the texture are drawn along it. ``path`` [u, 3] is the filter's best
+        particle's; where the filter was corrected, with these corrections. In the middle of a run its last ones may be
+        of key scans that wait.
         """

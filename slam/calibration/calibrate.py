@@ -345,8 +345,7 @@ def _read(
         pairs, mirrored = scans.pairs, correlation < 0
         if mirrored:
             pairs = pairs._replace(
-                motions=pairs.motions * (1, -1, -1),
-                covariances=pairs.covariances * np.outer((1, -1, -1), (1, -1, -1)),
+                motions=pairs.motions * (1, -1, -1), covariances=pairs.covariances * np.outer((1, -1, -1), (1, -1, -1))
             )
         cost = fit(pairs, _at(read), (offset, drift), shared=logged).cost
         if cost < BETTER * least and (least - cost) * len(pairs.first) > EVIDENCE:

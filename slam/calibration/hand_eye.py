@@ -114,22 +114,14 @@ def clearest_change(first: Array, estimate: Callable[[Array], tuple[float, float
 
 
 class Fit(NamedTuple):
-    """A lidar against odometry.
+    """A lidar against odometry."""
 
-    Attributes:
-        values: [8] by ``Parameter``; clocks as the time that the odometry's stamps are late by [s], and how that
-            changes [s/s].
-        deviations: [8] their standard deviations.
-        cost: mean robust cost of a pair; about 3 where the model holds.
-        middle: the time that the drift counts from [s].
-        change: of the logarithm of lengths by the scans over those by the odometry, where it is clearest.
-    """
-
+    # [8] by ``Parameter``; clocks as the time that the odometry's stamps are late by [s], and how that changes [s/s]
     values: Array
-    deviations: Array
-    cost: float
-    middle: float
-    change: Change
+    deviations: Array  # [8] their standard deviations
+    cost: float  # mean robust cost of a pair; about 3 where the model holds
+    middle: float  # the time that the drift counts from [s]
+    change: Change  # of the logarithm of lengths by the scans over those by the odometry, where it is clearest
 
     def expected(self, first: Array, last: Array, path: Path) -> Array:
         """The lidar's motions [k, 3] between times [k]."""

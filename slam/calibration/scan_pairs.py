@@ -40,17 +40,11 @@ LEAST_BEAMS = 25
 
 
 class Beams(NamedTuple):
-    """The beams of a scan that are compared.
+    """The beams of a scan that are compared."""
 
-    Attributes:
-        angles: [b] in the lidar's frame [rad].
-        shares: [b] of the sweep at which each is measured, 0 to 1.
-        sweep: how long a sweep takes [s].
-    """
-
-    angles: Array
-    shares: Array
-    sweep: float
+    angles: Array  # [b] in the lidar's frame [rad]
+    shares: Array  # [b] of the sweep at which each is measured, 0 to 1
+    sweep: float  # how long a sweep takes [s]
 
 
 @dataclass(frozen=True, eq=False)

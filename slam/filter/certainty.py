@@ -24,17 +24,11 @@ DOUBTFUL_FROM, LOST_FROM = 0.05, 0.5  # Probability of a wrong pose from which o
 
 
 class LocalisationState(IntEnum):
-    """Whether the pose is right within ``LOST_DISTANCE`` and ``LOST_ROTATION`` of the map around the robot.
+    """Whether the pose is right within ``LOST_DISTANCE`` and ``LOST_ROTATION`` of the map around the robot."""
 
-    Attributes:
-        SURE: nothing speaks against it.
-        DOUBTFUL: it may be wrong.
-        LOST: it is more likely wrong than right.
-    """
-
-    SURE = 0
-    DOUBTFUL = 1
-    LOST = 2
+    SURE = 0  # nothing speaks against it
+    DOUBTFUL = 1  # it may be wrong
+    LOST = 2  # it is more likely wrong than right
 
     def __str__(self) -> str:
         return self.name

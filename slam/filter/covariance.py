@@ -11,8 +11,7 @@ import numpy as np
 
 from moteslam.robot.se2 import Array, Pose
 
-Symmetric = tuple[float, float, float, float, float, float]
-"""The elements xx, xy, xt, yy, yt, tt of a symmetric matrix; t is theta."""
+Symmetric = tuple[float, float, float, float, float, float]  # xx, xy, xt, yy, yt, tt of a symmetric matrix; t is theta
 
 
 def symmetric(matrix: Array) -> Symmetric:

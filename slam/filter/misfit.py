@@ -19,8 +19,7 @@ from moteslam.slam.filter.certainty import NEIGHBOURHOOD, LocalisationState
 DOUBTFUL_DROP, LOST_DROP = 3.5, 6.0
 """A scan whose score is below the mean by this many standard deviations is doubtful, or lost. Chosen on simulated
 drives of seeds from 200 on, with and without robots that were carried off (docs/theory/am-i-lost.md)."""
-LEAST_SPREAD = 0.05
-"""The smallest standard deviation, and the first, which counts like ``FIRST_PATH`` of path; chosen likewise."""
+LEAST_SPREAD = 0.05  # The least standard deviation, and the first, which counts like `FIRST_PATH` of path; likewise
 FIRST_PATH = 10.0  # See `LEAST_SPREAD` [m]
 WRONG_IF_DOUBTFUL, WRONG_IF_LOST = 0.3, 0.75
 """Probability of a wrong pose: of the scans called lost three of four were wrong, over all scenarios."""

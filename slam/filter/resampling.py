@@ -24,8 +24,7 @@ class KldConfig(Section):
     """
 
     enabled: Truth = False  # Adapt the number of particles; `particles` is then the largest number, and the first
-    # Kullback-Leibler distance that is allowed between the particles and the posterior, over the bins
-    epsilon: Positive = 0.05
+    epsilon: Positive = 0.05  # Kullback-Leibler distance that is allowed between particles and posterior, over the bins
     delta: Annotated[Number, Field(gt=0, lt=1)] = 0.01  # Probability that it is exceeded
     bin_size: Positive = 0.1  # Of the bins in x and in y [m]
     bin_angle: Positive = 0.05  # Of the bins in the heading [rad]
@@ -103,15 +102,11 @@ def _at(positions: NDArray[np.float64], weights: Weights) -> Parents:
 
 
 def enough_particles(bins: NDArray[np.int64], epsilon: float, delta: float) -> NDArray[np.float64]:
-    """The number of samples with which a histogram is, with a probability, near to what it was drawn from.
+    """The number of samples, of k >= 1 bins that have one, by which a histogram is probably near to what it was drawn
+    from.
 
-    Probabilistic Robotics, table 8.4, line 16: the Wilson-Hilferty approximation of a chi-square quantile.
-
-    Args:
-        bins: k >= 1 bins that have a sample in them; any shape.
-
-    Returns:
-        float64 of the shape of ``bins``; 0 for one bin.
+    Probabilistic Robotics, table 8.4, line 16: the Wilson-Hilferty approximation of a chi-square quantile. Of the shape
+    of ``bins``; 0 for one bin.
     """
     from statistics import NormalDist  # 2 ms of every start, and only a number of particles that varies needs it
 
@@ -124,17 +119,11 @@ def enough_particles(bins: NDArray[np.int64], epsilon: float, delta: float) -> N
 def particle_number(
     poses: NDArray[np.float64], weights: NDArray[np.float64], config: KldConfig, most: int, *, seed: int, step: int
 ) -> int:
-    """The number of particles to resample to: poses are drawn until the bins they fall in ask for no more.
+    """The number of particles to resample to, ``config.least`` to ``most``: drawn until the bins they fall in ask for
+    no more.
 
-    Table 8.4 of Probabilistic Robotics, with the particles as they are before resampling for the proposal; what it
-    adds to them within a step is small against a bin.
-
-    Args:
-        poses: [N, 3] of the particles.
-        weights: [N], sum 1.
-
-    Returns:
-        from ``config.least`` to ``most``, which wins.
+    Table 8.4 of Probabilistic Robotics, with the particles as they are before resampling for the proposal, poses [N, 3]
+    and weights [N]; what it adds to them within a step is small against a bin.
     """
     generator = generator_for(seed, step, Draws.NUMBER)
     cumulative = np.cumsum(weights)
@@ -152,14 +141,7 @@ def particle_number(
 
 
 def choose_parents(
-    scheme: str,
-    kld: KldConfig,
-    most: int,
-    poses: NDArray[np.float64],
-    weights: Weights,
-    *,
-    seed: int,
-    step: int,
+    scheme: str, kld: KldConfig, most: int, poses: NDArray[np.float64], weights: Weights, *, seed: int, step: int
 ) -> Parents:
     """The particles [N, 3], as weighed [N], that survive: [M] rising indices, as many as there are or as ``kld`` asks
     for.

@@ -10,27 +10,20 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.platform import CameraSpec
-from moteslam.robot.recording import Recording, RgbdStream, nearest_stamp
-from moteslam.robot.rgbd import CameraFrame, FrameCount, has_images, read_frame
+from moteslam.robot.recording import RgbdStream
+from moteslam.robot.rgbd import CameraFrame, FrameCount, pairs, read_frame
 from moteslam.robot.values import Issue
 from moteslam.slam.inputs.inputs import Inputs
 
 
 @dataclass(frozen=True, eq=False)
 class FloorView:
-    """A frame of the floor, and where the robot was when it was taken.
+    """A frame of the floor, and where the robot was when it was taken."""
 
-    Attributes:
-        frame: what the camera saw.
-        mount: of the camera.
-        place: [3] of the robot at the frame, in its frame at the scan, by the odometry.
-        age: from frame to scan [s].
-    """
-
-    frame: CameraFrame
-    mount: CameraSpec
-    place: NDArray[np.float64]
-    age: float
+    frame: CameraFrame  # what the camera saw
+    mount: CameraSpec  # of the camera
+    place: NDArray[np.float64]  # [3] of the robot at the frame, in its frame at the scan, by the odometry
+    age: float  # from frame to scan [s]
 
     def corrected(self, odometry: NDArray[np.float64], motion: NDArray[np.float64], seconds: float) -> FloorView:
         """The same view with its place corrected by the odometry's error, which is taken to be even over a motion.
@@ -83,24 +76,22 @@ class FloorViews:
         since = stamp - max_age - 2 * self._largest_gap
         both = (stream.disparity_stamps, stream.rgb_stamps)
         (first, last), (begin, end) = (np.searchsorted(each, (since, stamp), side="right") for each in both)
-        if path is None or first == last or begin == end:
-            return None
-        shown, colours = stream.disparity_stamps[first:last], stream.rgb_stamps[begin:end]
-        nearest = nearest_stamp(colours, shown)
-        apart = np.abs(colours[nearest] - shown)
+        near = RgbdStream(stream.rgb_stamps[begin:end], stream.disparity_stamps[first:last])
+        depth, colour = pairs(near, largest_gap=self._largest_gap)
+        shown = near.disparity_stamps[depth]
         # later on no colour image nearer to the disparity image can arrive any more
-        whole = np.flatnonzero((apart <= self._largest_gap) & (shown + apart <= stamp))
-        if not len(whole):
+        whole = np.flatnonzero(shown + np.abs(near.rgb_stamps[colour] - shown) <= stamp)
+        if path is None or not len(whole):
             return None
-        newest, colour = int(whole[-1]), int(nearest[whole[-1]])
-        taken = float(colours[colour])  # of colours that several disparity images may have as their nearest
+        newest = whole[-1]
+        taken = float(near.rgb_stamps[colour[newest]])  # that several disparity images may have as their nearest
         if taken <= self._last or stamp - taken > max_age:
             return None
         before = max(int(np.searchsorted(inputs.stamps, taken, side="right")) - 1, 0)
         if not inputs.measured[before + 1 : index + 1].all():
             return None
         self._last = taken
-        frame = read_frame(stream, int(first) + newest, int(begin) + colour)
+        frame = read_frame(stream, int(first + depth[newest]), int(begin + colour[newest]))
         self.count.note(frame)
         if not isinstance(frame, CameraFrame):
             return None
@@ -115,14 +106,3 @@ class FloorViews:
             text = f"colours: no new frame at {without} of {self.asked} updates: weighed without them"
             issues.append(Issue("colours-late", text, without))
         return tuple(issues)
-
-
-def missing_for_floor_views(recording: Recording, inputs: Inputs) -> str:
-    """What a recording lacks that colours in the weights need; empty if it lacks nothing."""
-    if recording.platform.camera is None:
-        return "no camera on the robot"
-    if not has_images(recording.rgbd):
-        return "no camera images"
-    if not inputs.moves:
-        return "no odometry between frames and scans"
-    return ""

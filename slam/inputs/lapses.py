@@ -96,21 +96,13 @@ def left_open(scans: dict[int, Open], first: int, last: int) -> Open:
 
 @dataclass(frozen=True, eq=False)
 class Lapses:
-    """Where the odometry did not measure.
+    """Where the odometry did not measure."""
 
-    Attributes:
-        unmeasured: [n] the scans since the one before which nothing measured the motion.
-        jumped: [n] those of them where the odometry jumps.
-        motions: of those over a gap what the motion was as far as is known, by scan.
-        open: how well that is known, by scan.
-        seen: what there was, in order.
-    """
-
-    unmeasured: Flags
-    jumped: Flags
-    motions: dict[int, Array]
-    open: dict[int, Open]
-    seen: tuple[Lapse, ...]
+    unmeasured: Flags  # [n] the scans since the one before which nothing measured the motion
+    jumped: Flags  # [n] those of them where the odometry jumps
+    motions: dict[int, Array]  # of those over a gap what the motion was as far as is known, by scan
+    open: dict[int, Open]  # how well that is known, by scan
+    seen: tuple[Lapse, ...]  # what there was, in order
 
     def issues(self, stamps: Array) -> tuple[Issue, ...]:
         """What there was, each kind with its times."""

@@ -28,7 +28,8 @@ BEFORE_WHEELS = 0.5
 """Scans this long before the first reading of the wheels are not of a robot that is known to stand [s]."""
 FAR_AHEAD = 3600.0
 """A scan this much later than every message before, where other streams are heard, is of another clock [s]: the sound
-scans after it would be out of order. After a pause as long the other streams go on too, and the next scan is taken."""
+scans after it would be out of order. After a pause as long the other streams go on too, and the next scan is taken. Of
+the first two messages, so far apart, the first is of another clock."""
 
 NOTHING = np.empty(0, np.float32)
 
@@ -87,7 +88,8 @@ class LiveInputs(Inputs):
         self.odometry_in = OdometryReadings(platform, config)
         self.waiting: deque[Waiting] = deque()
         self.awaited: tuple[str, ...] = ()
-        self._newest = -np.inf  # of all messages
+        self._newest, self.messages = -np.inf, 0  # of all messages
+        self._other_clock: tuple[Issue, ...] = ()
         self._latest: dict[str, float] = {}  # stamps, by stream
         self._tail = Rows(7)  # stamp, odometry with wheels that spin, that logged with them, of the latest scans
         self._ranges = Rows(figures.beams, np.float32)  # of the same
@@ -96,17 +98,24 @@ class LiveInputs(Inputs):
 
     def arrives(self, stream: str, stamp: float) -> None:
         """Note a message of a stream; its stamps do not fall."""
+        if self.messages == 1 and abs(stamp - self._newest) > FAR_AHEAD:
+            text = f"the first message, at {self._newest} s, is left out: the next is at {stamp} s, by another clock"
+            self._other_clock = (Issue("other-clock", text),)
+            self.waiting.clear()
+            self.odometry_in, self._latest = OdometryReadings(self._platform, self._config), {}
+            self._newest, self.messages = -np.inf, 0
         if not np.isfinite(stamp) or stamp < self._latest.get(stream, -np.inf):
             raise InputError(f"{stamp} s, expected rising seconds", field=f"{stream}.stamp")
         self._latest[stream] = stamp
         self._newest = max(self._newest, stamp)
+        self.messages += 1
 
     def add_scan(self, ranges: Any, stamp: float, odometry: Array | None) -> None:
         """Let a scan wait for its turn."""
         lidar, row = self._lidar, np.array(ranges, np.float32)
         if row.shape != lidar.ranges.shape[1:]:
             raise InputError(f"{list(row.shape)}, expected [{lidar.ranges.shape[1]}]", field="ranges")
-        if stamp - self._newest > FAR_AHEAD and self._latest.keys() - {"lidar"}:
+        if self.messages > 1 and stamp - self._newest > FAR_AHEAD and self._latest.keys() - {"lidar"}:
             text = f"{stamp} s, {stamp - self._newest:.0f} s after the newest message, expected the clock of the others"
             raise InputError(text, field="lidar.stamp")
         self.arrives("lidar", stamp)
@@ -145,13 +154,14 @@ class LiveInputs(Inputs):
 
     @property
     def issues(self) -> tuple[Issue, ...]:
-        """What was seen to travel with the robot, the lapses, and scans without odometry."""
+        """A first message of another clock, what was seen to travel along, the lapses, and scans without odometry."""
+        told = (*self._other_clock, *super().issues)
         if not len(late := np.array(self._late)):
-            return super().issues
+            return told
         spans = np.split(self.stamps[late], np.flatnonzero(np.diff(late) > 1) + 1)
         text = f"{len(late)} of {len(self)} scans for which no odometry came within {self._patience:g} s: how the "
         text += f"robot moved is not known; {when([(float(some[0]), float(some[-1])) for some in spans])}"
-        return (*super().issues, Issue("no-odometry", text, len(late)))
+        return (*told, Issue("no-odometry", text, len(late)))
 
     @property
     def _sweep_seconds(self) -> float:

@@ -28,18 +28,12 @@ KEPT, MOST_KEPT = LATEST + 100, 4 * LATEST
 
 @dataclass(frozen=True, eq=False)
 class OdometryPath:
-    """A path by odometry alone.
+    """A path by odometry alone."""
 
-    Attributes:
-        stamps: [n] [s].
-        poses: [n, 3]; the path of wheel encoders starts at the identity.
-        by_wheels: [n, 3] the same with the wheels' own turns; None without a gyro.
-        unwrapped: [n] the headings without a step of a whole turn, where the path has a beginning that is forgotten.
-    """
-
-    stamps: Array
-    poses: Array
-    by_wheels: Array | None = None
+    stamps: Array  # [n] [s]
+    poses: Array  # [n, 3]; the path of wheel encoders starts at the identity
+    by_wheels: Array | None = None  # [n, 3] the same with the wheels' own turns; None without a gyro
+    # [n] the headings without a step of a whole turn, where the path has a beginning that is forgotten
     unwrapped: Array | None = None
 
     def at(self, stamps: Array) -> Array:

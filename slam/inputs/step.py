@@ -57,11 +57,7 @@ class Step(Summarised):
 
 
 def steps(
-    inputs: Inputs,
-    views: FloorViews | None = None,
-    *,
-    thinning: ThinningConfig | None = None,
-    first: int = 0,
+    inputs: Inputs, views: FloorViews | None = None, *, thinning: ThinningConfig | None = None, first: int = 0
 ) -> Iterator[Step]:
     """One step a scan; the scans are projected and thinned ``BLOCK`` at a time.
 

@@ -39,12 +39,7 @@ APART = 1.0
 """Scans and odometry whose times are this far apart [s] are of different recordings, or on different clocks."""
 
 
-def synchronise(
-    recording: Recording,
-    config: SyncConfig | None = None,
-    *,
-    max_range: float = np.inf,
-) -> Inputs:
+def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_range: float = np.inf) -> Inputs:
     """Bring the streams of a recording onto the stamps of its scans: they are taken in at once.
 
     Args:

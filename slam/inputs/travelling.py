@@ -59,19 +59,13 @@ class Episode(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Travelling:
-    """What travels with the robot.
+    """What travels with the robot."""
 
-    Attributes:
-        begins: [e] the scan from which on each row of ``ranges`` holds, in order.
-        ranges: [e, beams] the range at which something travels along each beam [m]; NaN where nothing does.
-        repeated: [n] scans that are not new: the driver gave the one before again.
-        seen: what there was, in order.
-    """
-
-    begins: NDArray[np.intp]
+    begins: NDArray[np.intp]  # [e] the scan from which on each row of ``ranges`` holds, in order
+    # [e, beams] the range at which something travels along each beam [m]; NaN where nothing does
     ranges: NDArray[np.float32]
-    repeated: Flags
-    seen: tuple[Episode, ...]
+    repeated: Flags  # [n] scans that are not new: the driver gave the one before again
+    seen: tuple[Episode, ...]  # what there was, in order
 
     def hides(self, scan: int, ranges: NDArray[np.float32]) -> Flags | None:
         """Which ranges [beams] of a scan are no measurement of the walls; None if all may be."""

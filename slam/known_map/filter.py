@@ -72,20 +72,15 @@ class Presence(Doubt):
     """Doubts a pose also by whether its scans are those of a place in the map at all, however they fitted before.
 
     The log-odds of a place against a robot elsewhere, as the search has them, add up along the path. Once they are at
-    their largest what the map does not know no longer counts: from there a robot may drive on beyond the map.
-
-    Args:
-        given_up: places that were given up soon, one after the other: the more, the longer a drive must prove the next.
-
-    Attributes:
-        proved: they have been at their largest.
-        driven: since the robot was found [m].
-        passed: rays of the next scan that nothing answered and that go through surfaces of the map.
+    their largest the place is ``proved``: what the map does not know no longer counts, and from there a robot may drive
+    on beyond the map. The more places were ``given_up`` soon, one after the other, the longer a drive must prove the
+    next.
     """
 
     def __init__(self, given_up: int = 0) -> None:
         super().__init__()
-        self._here, self.proved, self.driven, self.passed = FIRST, False, 0.0, 0.0
+        self._here, self.proved, self.driven = FIRST, False, 0.0  # since the robot was found [m]
+        self.passed = 0.0  # rays of the next scan that nothing answered and that go through surfaces of the map
         self._most = MOST / (1 + given_up)
 
     @property

@@ -16,8 +16,7 @@ from moteslam.slam.filter.weights import Weights
 from moteslam.slam.tsdf.particles import Particles
 
 LEAST = 0.001  # Hypotheses of a smaller probability are given up
-CHANGED = 2.0
-"""Another hypothesis is the best one from so many times the probability on: the pose does not jump to and fro."""
+CHANGED = 2.0  # Another hypothesis is the best from so many times the probability on: poses do not jump to and fro
 
 
 def shares(particles: Particles) -> tuple[NDArray[np.int64], Array]:
@@ -49,10 +48,7 @@ def best_of(particles: Particles, before: int) -> int:
 def resample(particles: Particles, most: int) -> NDArray[np.int64]:
     """Draw at most so many particles anew, of every hypothesis in proportion to its weight, and one at least.
 
-    Those of less than ``LEAST`` are given up; the others keep their weights.
-
-    Returns:
-        [M] the parents.
+    Those of less than ``LEAST`` are given up; the others keep their weights. Returns the parents [M].
     """
     numbers, weight = shares(particles)
     numbers, weight = numbers[weight >= LEAST], weight[weight >= LEAST]

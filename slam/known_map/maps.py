@@ -20,18 +20,12 @@ CLEARANCE = 0.1  # A robot's lidar stands no nearer to a surface [m]
 
 
 class KnownMaps(TsdfMaps):
-    """The one map of all particles; scans change nothing in it.
+    """The one map of all particles, of trinary cells [H, W]; scans change nothing in it.
 
     A cell's distance is that to the middle of the nearest occupied cell that has a neighbour which is not: known in all
     free cells, and as far as the truncation behind surfaces; what lies deeper in walls, or is unknown to the map, is
-    unknown.
-
-    Args:
-        occupancy: trinary [H, W].
-        config: cell size and truncations of the field.
-
-    Raises:
-        InputError: no cell is occupied, or none is free.
+    unknown. The cell size and the truncations of the field are those of ``config``. A map without occupied cells, or
+    without free ones, is refused.
     """
 
     def __init__(self, occupancy: Raster, config: TsdfConfig) -> None:

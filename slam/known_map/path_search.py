@@ -31,19 +31,14 @@ APART, MOST = 20.0, 20  # Searches are this far apart along the path [m], at lea
 FOLLOWED = 10  # Places that each finds of which at most so many are followed
 STEP = np.array([0.02, 0.02, 0.005])
 """Standard deviations of a step of the path from scan to scan, in a map that is bent a little [m, m, rad]."""
-CORRECTING = 0.7
-"""A scan corrects the path where the map knows this share of its endpoints: the rest of a wall pulls aside."""
-KNOWN = 0.9
-"""What an endpoint on what the map knows says for a place [nats]: four of them outweigh one that contradicts it."""
-LEAST_EVIDENCE = 200.0
-"""Places of less count for nothing [nats]: ten metres of a path through what the map knows have as much."""
+CORRECTING = 0.7  # A scan corrects the path where so many of its endpoints are known: the rest of a wall pulls aside
+KNOWN = 0.9  # What an endpoint on known cells says for a place [nats]: four outweigh one that contradicts it
+LEAST_EVIDENCE = 200.0  # Places of less count for nothing [nats]: ten metres of a path through known cells have it
 STOOD = 2.0
 """Nearer than this to where a robot stood the map shows all that is seen from there [m]: farther on it shows of a wall
 what few rays met."""
-CONTRADICTED = 0.1
-"""A place is none where the map contradicts more than this share: a tenth of the furniture, moved, is half of that."""
-CLEARLY = 0.5
-"""A place is known where the map contradicts less than this times the share of the endpoints of any other one."""
+CONTRADICTED = 0.1  # A place is none where the map contradicts more: a tenth of the furniture, moved, is half of it
+CLEARLY = 0.5  # A place is known where the map contradicts less than this times the share of any other one
 
 
 class Place(NamedTuple):

@@ -37,8 +37,7 @@ BLOCK = 8  # Neighbouring squares of four places of which the best one is kept
 PROMISING, STARTS, FINALISTS = 2000, 200, 100
 """Blocks whose best places are looked at; places that are registered with some endpoints; of these with all."""
 START_POINTS, POINTS = 120, 250  # Endpoints of a scan that are registered from every start; from every finalist
-SAME = np.array([0.3, 0.3, 0.1])
-"""Starts, and hypotheses, are farther apart than this in one component at least [m, m, rad]."""
+SAME = np.array([0.3, 0.3, 0.1])  # Starts, and hypotheses, are farther apart in one component [m, m, rad]
 WINDOW, APART, TURNED = 10.0, 0.5, 1.0
 """Scans of the latest so many metres count together; one is taken in every so many [m], or after such a turn [rad]."""
 OUTLIER, CROSSING = 4.0, 1.0
@@ -53,11 +52,8 @@ ELSEWHERE = 1.7
 """Cost of an endpoint of a robot that is not in the map [nats]: buildings are alike, and three of four endpoints are
 nearer than ``LOST_DISTANCE`` to surfaces at the best place of another one. At a place in the map one of which the map
 knows nothing contradicts it, too: most of what a robot sees in a map that it drove in is known."""
-FINE = 0.3
-"""Share of the fine costs that counts: half a cell by which a wall is drawn aside is the same at all of its endpoints.
-"""
-CROWDED = 0.5
-"""Where a larger share of the places that were registered fit about as well as the best one, others may, too."""
+FINE = 0.3  # Share of the fine costs that counts: by half a cell a wall may be drawn aside at all its endpoints
+CROWDED = 0.5  # Where a larger share of the registered places fit about as well as the best one, others may, too
 IN_MAP = 0.5  # The robot is in the map, at one of the places found, from this probability on
 
 

@@ -11,10 +11,7 @@ from pydantic import Field, model_validator
 from moteslam.robot.values import NotNegative, Number, Positive, Section, Whole
 
 MAX_TRUNCATION = 100  # Cells of a level; no truncation is longer
-
-RESOLVED = 0.003, math.radians(0.05)
-"""Standard deviations [m], [rad] that no pose or step falls below: what the cells of a map resolve."""
-
+RESOLVED = 0.003, math.radians(0.05)  # Least deviations of a pose or step [m], [rad]: what the cells of a map resolve
 LOST_DISTANCE = 0.3  # A pose that is off by more than this from the map around it is wrong [m]; ...
 LOST_ROTATION = math.radians(5.0)  # ... or whose heading is off by more than this [rad]
 APART = np.array([0.5, 0.5, 0.2])  # Two places are farther apart than this in one component at least [m], [m], [rad]
@@ -61,8 +58,7 @@ class TsdfConfig(Section):
 
     # Of the fine level [m]; the coarse level's cells are twice as large
     cell_size: Annotated[Number, Field(ge=0.01, le=1.0)] = 0.08
-    # Fine cells up to this far from a surface average their distance to it [m]; 1 to 100 cells
-    truncation: Positive = 0.16
+    truncation: Positive = 0.16  # Fine cells so far from a surface average their distance to it [m]; 1 to 100 cells
     coarse_truncation: Positive = 0.4  # The same of coarse cells [m]; 1 to 100 of them
     # On the coarse level the segments of a scan are joined until their chord is this long [coarse cells]: fewer
     # segments cost less

@@ -13,9 +13,7 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.mapping.config import MapConfig
 
 UNIT = 1 / 500  # Log-odds of one count of the int16 grid: log 4 is 693 counts (0.02 % off), the limit of 50 is 25 000
-
 CHUNK = 256  # The grid grows by whole multiples of this many cells, so that it seldom does
-
 MAX_CELLS = 400_000_000  # A larger grid (at 5 cm, a square kilometre) is a lost robot or an absurd range, and refused
 
 

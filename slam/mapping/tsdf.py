@@ -20,8 +20,6 @@ TABLE_CHUNK = 8  # The tables grow by multiples of this many tiles
 FIRST_TILES = 256  # Tiles of the pool to begin with; it doubles
 MAX_TILES = 2**31 // CELLS  # More would need 64-bit addresses, and 4 GB
 MAX_ENTRIES = 2**29  # Of all tables together: 2 GB
-
-
 DRAWN = 64  # Scans that are drawn into a map at a time: the tables are made large enough for all of them before
 
 
@@ -65,10 +63,8 @@ class TsdfMaps:
         """Average a scan in the robot's frame into every particle's TSDF, each from its own pose [N, 3] in the map
         frame.
 
-        Fewer than two points have no surface.
-
-        Raises:
-            InputError: tiles or tables would take more than ``MAX_TILES`` or ``MAX_ENTRIES``.
+        Fewer than two points have no surface. It is refused where tiles or tables would take more than ``MAX_TILES`` or
+        ``MAX_ENTRIES``.
         """
         self._write(poses, [scan])
 
@@ -84,7 +80,8 @@ class TsdfMaps:
 
     def _write(self, poses: Array, scans: Sequence[ThinnedScan]) -> None:
         """Average scans into the TSDFs; of each particle there is a pose a scan."""
-        poses, scans = _with_surfaces(poses, scans)
+        if not all(some := [len(scan.points) >= 2 for scan in scans]):  # one point is no surface
+            poses, scans = poses[np.flatnonzero(some)], [scan for scan, has in zip(scans, some, strict=True) if has]
         if not scans:
             return
         c = self.config
@@ -130,14 +127,6 @@ class TsdfMaps:
                 field="particles",
             )
         self._store.enlarge()
-
-
-def _with_surfaces(poses: Array, scans: Sequence[ThinnedScan]) -> tuple[Array, Sequence[ThinnedScan]]:
-    """The scans of two points and more, and the poses at them; one scan may have any number of poses."""
-    some = [len(scan.points) >= 2 for scan in scans]
-    if all(some):
-        return poses, scans
-    return poses[np.flatnonzero(some)], [scan for scan, has in zip(scans, some, strict=True) if has]
 
 
 class TsdfView(NamedTuple):

@@ -20,10 +20,8 @@ class CalibrationConfig(Section):
 
     enabled: Truth = True  # Estimate the odometry's systematic errors and correct them
     scale: Positive = 0.05  # Prior standard deviation of the scale error of distances and of turns [m/m], [rad/rad]
-    # Prior standard deviation of the curvature of a path that is straight by the odometry [rad/m]
-    curvature: Positive = 0.02
-    # Prior standard deviation of how far the lidar is ahead of where the recording says, seen from the axle [m]
-    lidar_offset: Positive = 0.1
+    curvature: Positive = 0.02  # Prior deviation of the curvature of a path that is straight by the odometry [rad/m]
+    lidar_offset: Positive = 0.1  # Prior deviation of the lidar's place ahead of the recorded one, from the axle [m]
     change: NotNegative = 0.001  # Standard deviation by which these gains change over a metre [1/sqrt(m)]
     translation: Positive = 0.005  # Standard deviation of the odometry's random error of one motion, at rest [m]
     translation_from_translation: NotNegative = 0.03  # Added to that for every metre [m/m]
@@ -63,8 +61,12 @@ class OdometryCalibration:
 
     def corrected(self, motion: Pose) -> Pose:
         """An increment of the odometry with its systematic errors removed."""
-        x, y, turn = self._on_axle(motion)
+        x, y, turn = motion
+        # the axle's distance is rescaled, and bent along half of the turn that is added
+        bend = self.turn_scale * turn + self.curvature * x - turn
+        cos, sin, turn = self.scale * math.cos(bend / 2), self.scale * math.sin(bend / 2), turn + bend
         offset = self.lidar_offset
+        x, y = cos * x - sin * y, sin * x + cos * y
         return x + offset * (math.cos(turn) - 1), y + offset * math.sin(turn), turn
 
     def update(self, odometry: Pose, registered: Pose, information: Array) -> None:
@@ -85,13 +87,6 @@ class OdometryCalibration:
         ):
             gains.predict(abs(x))
             gains.update(row, error, variance, c.gate)
-
-    def _on_axle(self, motion: Pose) -> Pose:
-        """The same motion of the axle: its distance rescaled, and bent along half of the turn that is added."""
-        x, y, turn = motion
-        bend = self.turn_scale * turn + self.curvature * x - turn
-        cos, sin = self.scale * math.cos(bend / 2), self.scale * math.sin(bend / 2)
-        return cos * x - sin * y, sin * x + cos * y, turn + bend
 
 
 class _Gains:

@@ -16,13 +16,8 @@ from moteslam.slam.inputs.synchronise import synchronise
 def dead_reckon(recording: Recording, config: SyncConfig | None = None) -> Trajectory:
     """The trajectory of dead reckoning, starting at the identity (figures 5 and 6 of the paper).
 
-    The recording has encoders or odometry; a lidar is not needed.
-
-    Returns:
-        poses at every scan, or at every odometry reading where there are no scans.
-
-    Raises:
-        InputError: there is no odometry of any kind, or the streams do not overlap in time.
+    At every scan, or at every odometry reading where there are no scans. Refused is a recording without any odometry,
+    or whose streams do not overlap in time.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     config = config or SyncConfig()

@@ -35,8 +35,7 @@ class MotionNoise(Section):
 class MatchConfig(Section):
     """The neighbourhood searched around each particle (section III.D.2): the Cartesian product of the offsets."""
 
-    # Shifts tried around each particle, in x and in y [m]; rising, zero among them
-    offsets_xy: Offsets = (-0.1, -0.05, 0.0, 0.05, 0.1)
+    offsets_xy: Offsets = (-0.1, -0.05, 0.0, 0.05, 0.1)  # Shifts tried around each particle [m]; rising, with zero
     offsets_theta: Offsets = (-0.1, -0.05, 0.0, 0.05, 0.1)  # Turns tried [rad]; rising, zero among them
 
     @field_validator("offsets_xy", "offsets_theta")

@@ -156,12 +156,9 @@ def prediction_noise(noise: MotionNoise, distance: float, rotation: float, elaps
 
 
 class ParticleCovariance:
-    """Follows the covariance from scan to scan.
+    """Follows the covariance from scan to scan: by the odometry's ``motion`` noise it grows with distance and turn.
 
-    Args:
-        motion: noise of the odometry; its variance grows in proportion to distance and turn.
-        search: offsets that each particle is tried at: no pose is known better than the steps between them, nor than
-            scans resolve it.
+    Of the offsets of the ``search``: no pose is known better than the steps between them, nor than scans resolve it.
     """
 
     def __init__(self, motion: MotionNoise, search: MatchConfig) -> None:

@@ -36,8 +36,7 @@ class RegistrationConfig(Section):
     # Added to the standard deviation of a motion that was extrapolated at a constant velocity, not measured [m]
     extrapolated_translation: Share = 0.05
     extrapolated_rotation: Share = 0.05  # Added to that of its heading [rad]
-    # The number of independent endpoints that weigh as much as the odometry: neighbouring endpoints err alike
-    prior_weight: Positive = 5.0
+    prior_weight: Positive = 5.0  # So many independent endpoints weigh as much as the odometry: neighbours err alike
     iterations: Annotated[Whole, Field(ge=1, le=100)] = 8  # Gauss-Newton steps at most, on each level
     # At most this many points of a thinned scan, evenly chosen, are registered to the TSDFs of all particles
     max_points: Annotated[Whole, Field(ge=8, le=100_000)] = 1000
@@ -59,8 +58,7 @@ class SearchConfig(Section):
     basin_rotation: Positive = 0.06  # Gauss-Newton converges from starts whose heading is off by up to this [rad]
     separation: Positive = 0.6  # Starts are at least this share of the basin apart
     search_near: Positive = 0.2  # Points nearer to a surface than this count for a place [m]
-    # What a standard deviation from the prediction costs, as a share of the truncation at every point
-    search_prior: Positive = 0.01
+    search_prior: Positive = 0.01  # What a deviation from the prediction costs: share of the truncation at every point
     # Edge of the blocks of lattice places of which the best is kept
     search_block: Annotated[Whole, Field(ge=1, le=1000)] = 10
 
@@ -76,11 +74,9 @@ class TrackingConfig(SearchConfig):
     # A scan whose endpoints have at least this mean likelihood, 0 to 1, where registration finds it from the prediction
     # is accepted without a search, if `accept_deviation` allows
     accept_likelihood: Share = 0.75
-    # A scan is accepted without a search only within this many standard deviations of the prediction
-    accept_deviation: Positive = 6.0
+    accept_deviation: Positive = 6.0  # A scan is accepted without a search only so many deviations from the prediction
     window: Positive = 3.0  # Half width of the search window [standard deviations of the prediction]
-    # A scan of less mean likelihood after the search is searched for again, from more starts
-    retry_likelihood: Share = 0.6
+    retry_likelihood: Share = 0.6  # A scan of less mean likelihood after the search is searched for from more starts
     min_starts: Annotated[Whole, Field(ge=1, le=1000)] = 2  # Smallest number of registrations started in a search
     # Largest number of registrations started in a search; it grows with the window. Where the prediction is uncertain
     # by more than `basin_distance` or half a radian, it is `retry_starts`.
@@ -99,8 +95,7 @@ class TrackingConfig(SearchConfig):
     relocation_distance: Annotated[Number, Field(ge=0, le=10)] = 1.5  # Half width of the relocation window [m]
     # Half width of the relocation window in heading [rad]
     relocation_rotation: Annotated[Number, Field(ge=0, le=3.2)] = 1.4
-    # A lost scan is relocated where its match score is larger by this share of its points
-    relocation_gain: NotNegative = 0.3
+    relocation_gain: NotNegative = 0.3  # A lost scan is relocated where its score is larger by this share of its points
     # Up to this many lost scans in a row are left out of the maps; the next is accepted where it was found
     max_lost_scans: Annotated[Whole, Field(ge=0)] = 3
     score_likelihood: Positive = 1.5  # Added to the match score for an endpoint of likelihood 1 [points]

@@ -37,13 +37,7 @@ def against(squares: Array, config: TrackingConfig) -> Array:
     return np.asarray(SLIP + np.minimum(heavy_tail(squares, config), np.log(places)))
 
 
-def nats_for(
-    found: Registration,
-    held: Registration,
-    points: int,
-    unknown: float,
-    correlation: float,
-) -> Array:
+def nats_for(found: Registration, held: Registration, points: int, unknown: float, correlation: float) -> Array:
     """The evidence [N] of a scan's endpoints for where it was found, against a place near the odometry [nats].
 
     The difference of the mean costs of the endpoints that each place knows, times the smaller number of them, counting
@@ -72,13 +66,9 @@ def proved(
 ) -> Registration:
     """What was found, and a registration held near the odometry where the endpoints do not prove what was found.
 
-    One of more than ``config.gate`` standard deviations must be more probable than ``against`` has it. One that is
-    proved is taken in full, along degenerate directions, too.
-
-    Args:
-        found: of N particles, as ``register`` keeps the odometry along degenerate directions.
-        maps, predicted, spread, points, origin, config: as of ``register``.
-        tracking: of ``against``.
+    Of N particles as ``register`` keeps the odometry along degenerate directions. One of more than ``config.gate``
+    standard deviations must be more probable than ``against`` has it. One that is proved is taken in full, along
+    degenerate directions, too.
     """
     far = (np.abs(found.free) > config.gate * spread).any(axis=1)
     if not far.any():

@@ -39,11 +39,8 @@ OPEN_HEADING = 0.5  # A scan is searched for where the heading is known no bette
 OPEN_PLACE = 0.5
 """A lapse of the odometry that leaves more open [m], or more than that of the heading, is undecided until a scan is
 found in the map."""
-DECIDED = 4.6
-"""So it is found at a place that is a hundred times as probable as any other, and as one that is not in the map [nats].
-"""
-BENT = 0.03
-"""Standard deviation of an endpoint's distance to the surfaces of a map that bends a little, of any lidar [m]."""
+DECIDED = 4.6  # It is found at a place a hundred times as probable as others, and as none in the map [nats]
+BENT = 0.03  # Deviation of an endpoint's distance to surfaces of a map that bends a little, of any lidar [m]
 
 
 class Rivals(NamedTuple):
@@ -73,8 +70,7 @@ class Located(NamedTuple):
 class _Sought(NamedTuple):
     """A scan that is searched for, as arrays."""
 
-    # maps, predicted, spread, points, origin: as of ``Localiser.locate``.
-    maps: TsdfView
+    maps: TsdfView  # this and the next four as of ``Localiser.locate``
     predicted: Array
     spread: Array
     points: Points

@@ -17,10 +17,8 @@ from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig
 
 Points = NDArray[np.float32]
-Spread = tuple[float, float, float]
-"""Standard deviations of a predicted pose in plain numbers: forward [m], left [m], turn [rad]."""
-FULL = [0, 1, 2, 1, 3, 4, 2, 4, 5]
-"""Where in an upper triangle 00 01 02 11 12 22 the elements of the full 3 x 3 matrix are, row by row."""
+Spread = tuple[float, float, float]  # Standard deviations of a predicted pose: forward [m], left [m], turn [rad]
+FULL = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # Where in an upper triangle 00 01 02 11 12 22 the full matrix's elements are
 
 
 class Registration(NamedTuple):
@@ -108,7 +106,6 @@ def register(
 class Fitted(NamedTuple):
     """Where one scan was found, in plain numbers: see ``Registration``."""
 
-    # offset, known, likelihood, crossed, cost, free, far: as there.
     offset: Pose
     information: tuple[float, float, float, float, float, float]  # the elements xx, xy, xt, yy, yt, tt; t is theta
     known: float

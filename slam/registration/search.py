@@ -29,12 +29,10 @@ class Window(NamedTuple):
     """A search window around a predicted pose."""
 
     half: Array  # [3] half width along its two axes [m], [m], and in theta [rad]
-    # step, heading_step: of the lattice [m], [rad].
-    step: float
-    heading_step: float
+    step: float  # of the lattice [m]
+    heading_step: float  # likewise [rad]
     along: float = 0.0  # heading of its first axis in the frame of the predicted pose [rad]
-    # its middle moves by this for every radian of turn, along its axes [m/rad].
-    drift: tuple[float, float] = (0.0, 0.0)
+    drift: tuple[float, float] = (0.0, 0.0)  # its middle moves by this for a radian of turn, along its axes [m/rad]
 
     @classmethod
     def of(cls, covariance: Array, deviations: float, step: float, heading_step: float) -> Window:

@@ -22,7 +22,6 @@ from moteslam.robot.values import Issue, Summarised, counted
 from moteslam.slam.texture.config import TextureConfig
 
 MAX_CELLS = 40_000_000  # Of the sums, 32 bytes each
-
 BEYOND_ENDS = 0.1  # Frames this long before the first or after the last pose still get that pose [s]
 
 
@@ -44,13 +43,9 @@ class TextureMap(Raster):
 
 
 class TextureMapper:
-    """Sums of the colours in each cell, frame by frame.
+    """Sums of the colours in each cell, frame by frame, between the corners ``low`` and ``high`` (x, y) of an area [m].
 
-    Args:
-        low, high: (x, y) of the corners of the area to map [m]; points outside are left out.
-
-    Raises:
-        InputError: an area of more than ``MAX_CELLS`` cells.
+    Points outside are left out. An area of more than ``MAX_CELLS`` cells is refused.
     """
 
     def __init__(self, mount: CameraSpec, config: TextureConfig, low: ArrayLike, high: ArrayLike) -> None:
@@ -117,18 +112,11 @@ def map_texture(
     *,
     watch: Callable[[float, TextureMapper], None] | None = None,
 ) -> TextureMap:
-    """Colour the floor along a trajectory.
+    """Colour the floor along a trajectory of the robot, on the clock of the recording: an estimate, or the truth.
 
-    Each frame's pose is the trajectory's, interpolated at the stamp of the disparity image.
-
-    Args:
-        recording: with images and a camera on its robot.
-        trajectory: of the robot, on the clock of the recording: an estimate, or the truth.
-        config: the defaults if None.
-        watch: called before each frame is added with its stamp and the mapper, and after the last with infinity.
-
-    Raises:
-        InputError: no images, no camera, no poses, or a trajectory that spans too large an area.
+    Each frame's pose is the trajectory's, interpolated at the stamp of the disparity image. ``watch`` is called before
+    each frame is added with its stamp and the mapper, and after the last with infinity. Refused are no images, no
+    camera, no poses, and a trajectory that spans too large an area.
     """
     config = config or TextureConfig()
     stream, mount = recording.rgbd, recording.platform.camera
@@ -138,7 +126,9 @@ def map_texture(
         raise InputError("none, expected where the camera is", file=recording.name, field="platform.camera")
     if not len(trajectory):
         raise InputError("no poses, expected a trajectory", file=recording.name, field="trajectory")
-    reach = np.hypot(mount.x, mount.y) + config.max_depth * float(_longest_ray())
+    x, y = (max(at, size - at) for at, size in zip(rgbd.CENTRE, (rgbd.WIDTH, rgbd.HEIGHT), strict=True))
+    longest = float(np.sqrt(1 + (x / rgbd.FOCAL) ** 2 + (y / rgbd.FOCAL) ** 2))  # ray of the camera, for a depth of 1
+    reach = np.hypot(mount.x, mount.y) + config.max_depth * longest
     xy = trajectory.poses[:, :2]
     mapper = TextureMapper(mount, config, xy.min(axis=0) - reach, xy.max(axis=0) + reach)
     count, outside = FrameCount(), 0
@@ -159,12 +149,6 @@ def map_texture(
     return mapper.snapshot(tuple(lost))
 
 
-def _longest_ray() -> float:
-    """The length of the longest ray of the depth camera for a depth of 1."""
-    x, y = (max(at, size - at) for at, size in zip(rgbd.CENTRE, (rgbd.WIDTH, rgbd.HEIGHT), strict=True))
-    return float(np.sqrt(1 + (x / rgbd.FOCAL) ** 2 + (y / rgbd.FOCAL) ** 2))
-
-
 SLANT = 0.5
 """The turn of a patch's cells against the robot's axes [rad]. Were they parallel to a map's cells, all would move from
 one to the next at the same shift, and nothing finer than a cell could be measured."""
@@ -174,8 +158,7 @@ one to the next at the same shift, and nothing finer than a cell could be measur
 class FloorPatch(Summarised):
     """The floor that one frame shows."""
 
-    # [k, 2] float32 centres of cells, in the robot's frame [m]; the cells' rows are turned by `SLANT`.
-    points: NDArray[np.float32]
+    points: NDArray[np.float32]  # [k, 2] centres of cells, in the robot's frame [m]; their rows are turned by `SLANT`
     colours: NDArray[np.int32]  # [k] int32 red + 256 green + 65536 blue, the mean of the points in each cell
 
 
@@ -198,28 +181,13 @@ def packed_map(texture: TextureMap) -> NDArray[np.int32]:
 
 
 def colour_errors(
-    patch: FloorPatch,
-    poses: ArrayLike,
-    texture: TextureMap,
-    *,
-    limit: int,
-    packed: NDArray[np.int32] | None = None,
+    patch: FloorPatch, poses: ArrayLike, texture: TextureMap, *, limit: int, packed: NDArray[np.int32] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The mean difference of a patch's colours from the map's at each pose, and the number of cells compared.
+    """The mean difference of a patch's colours from the map's at each pose [n, 3], and the number of cells compared.
 
-    A cell's difference is |r| + |g| + |b|, at most ``limit``: robust against what has moved.
-
-    Args:
-        poses: [n, 3] of the robot.
-        limit: of a cell's difference [levels].
-        packed: ``packed_map(texture)``, to have it made once for many frames.
-
-    Returns:
-        float64 [n] the mean over the cells that lie on known floor [levels], half the limit where none does; int64 [n]
-        the number of these cells.
-
-    Raises:
-        InputError: poses that are not finite.
+    A cell's difference is |r| + |g| + |b|, at most ``limit`` [levels]: robust against what has moved. The mean, float64
+    [n] [levels], is over the cells that lie on known floor, half the limit where none does. ``packed_map(texture)`` may
+    be made once for many frames. Poses that are not finite are refused.
     """
     from moteslam.kernels.texture import match_colours  # imports Taichi
 

@@ -18,8 +18,7 @@ PRIOR = -6.0  # The log-odds that a pose is wrong of which nothing is known: one
 FIRST, MOST = 4.0, 1.5
 """Of the first scan that is suspected the evidence is at most the one, and of each after it the other, either way
 [nats]: three decide at the earliest. Who walks up to the robot hides half of what it sees, and is passed by then."""
-CARRIED = -0.5
-"""The log-odds where the robot was carried: it may have been found within the window of the search, or not."""
+CARRIED = -0.5  # The log-odds where the robot was carried: found within the window of the search, or not
 APART = 0.5  # Scans this far apart err independently [m]; of nearer ones each counts by its share of it
 FAR_WHERE_LOST, FAR_AT_FIRST, LEAST_FAR = 0.12, 0.03, 0.01
 """Shares of the endpoints that are far from the surface: where a robot is lost, the mean of simulated drives; where it
@@ -29,8 +28,7 @@ CONTRADICTED = 0.05
 beyond what is usual."""
 UNKNOWN_WHERE_LOST, LEAST_UNKNOWN = 0.5, 0.1
 """Shares of the endpoints where the map is unknown: where a robot is lost; and where it is not, at least."""
-AHEAD = 0.25
-"""The latter may be larger by this share for every metre driven since the scan before that was not suspected [1/m]."""
+AHEAD = 0.25  # That may be more by this share for every metre since the scan before that was not suspected [1/m]
 USUAL = 10.0  # What is usual is a mean along the path of this length [m]
 
 

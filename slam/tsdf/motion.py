@@ -20,9 +20,8 @@ class StepMotion(NamedTuple):
     corrected: Pose  # the same with the odometry's systematic errors removed
     dt: float  # of the step [s]
     measured: bool  # whether odometry measured it
-    # distance, rotation: length and absolute turn of `corrected` [m], [rad].
-    distance: float
-    rotation: float
+    distance: float  # length of `corrected` [m]
+    rotation: float  # its absolute turn [rad]
     open: Open = CLOSED  # how far off one may be that odometry bounds but did not measure
 
 
@@ -38,8 +37,7 @@ class MotionSinceUpdate(NamedTuple):
     odometry: Pose = STILL  # by the corrected odometry; by tracking where the odometry slipped or measured nothing
     wheels: Pose = STILL  # by the odometry, not corrected
     travelled: Travelled = Travelled()  # distance, rotation and time by the corrected odometry
-    # whether the odometry's gains may be updated with it: no part of it is extrapolated or a slip.
-    calibrates: bool = True
+    calibrates: bool = True  # whether the odometry's gains may learn from it: nothing is extrapolated or a slip
 
     def plus(self, step: StepMotion, tracked: Pose, *, slipped: bool) -> MotionSinceUpdate:
         """After one more step, whose odometry may have slipped."""

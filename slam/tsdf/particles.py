@@ -15,8 +15,7 @@ from moteslam.slam.filter.weights import Weights
 from moteslam.slam.mapping.config import APART, TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps
 
-OPEN = 0.001
-"""Weight of the particles of other hypotheses than the best one's from which on it is open where the robot is."""
+OPEN = 0.001  # Weight of the particles of other hypotheses than the best from which on the place is open
 
 
 class Particles:

@@ -19,8 +19,7 @@ from moteslam.slam.registration.registrar import Spread, prior_deviations
 from moteslam.slam.tsdf.doubt import ScanFit
 from moteslam.slam.tsdf.motion import StepMotion
 
-CORRELATION = 14.0
-"""Neighbouring endpoints err alike: this many of them count as one. Chosen on simulated drives of seeds from 200 on."""
+CORRELATION = 14.0  # So many neighbouring endpoints, which err alike, count as one. By drives of seeds from 200 on
 START = (1e-8, 0.0, 0.0, 1e-8, 0.0, 1e-8)
 """Of the first pose, from which the map is made: not quite zero, so that there is an inverse."""
 
@@ -51,8 +50,7 @@ class PoseCovariance:
         self._fresh = (x * around, 0.0, 0.0, x * around, 0.0, theta * around)
         self._pose: Symmetric = START
         self._map: Symmetric = self._fresh
-        # heading of the degenerate direction of the last scan in the robot's frame [rad]; NaN without one
-        self.degenerate = math.nan
+        self.degenerate = math.nan  # heading of the last scan's degenerate direction from the robot's [rad], or NaN
 
     def step(self, motion: StepMotion, tracked: Pose, fit: Fit | None) -> None:
         """Take in a scan and its fit; None if it was not used for the pose."""

@@ -27,8 +27,7 @@ Points = NDArray[np.float32]
 QUERY = 4.0  # Path of the scans that are searched for together [m]
 FIRST_LOOK, APART = 2.0, 1.0
 """The first search is made after this path, and those after it this far apart [m]: further, where they are dear."""
-ENDPOINTS_PER_METRE = 4e8
-"""The searches look up at most as many endpoints for every metre driven: 0.4 s of one processor."""
+ENDPOINTS_PER_METRE = 4e8  # That all searches look up at most for every metre driven: 0.4 s of one processor
 MARGIN = 1.0  # The robot is looked for this far beyond the path on which the map was made [m]
 FIRST_WINDOW, FIRST_SHARE = np.array([10.0, 10.0, 0.5]), 0.7
 """A robot that nobody carried has drifted: it is looked for within this of where it was tracked to [m, m, rad] first,

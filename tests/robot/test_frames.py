@@ -161,7 +161,7 @@ def test_without_images_there_are_only_stamps(folder: Path) -> None:
     assert not has_images(None)
     found, count, warnings = frames(folder)
     assert (found, warnings) == ([], ())
-    assert messages(count.issues())[-1] == "camera: not a single frame could be used"
+    assert messages(count.issues())[-1] == "camera: no two images of one moment that can be read"
 
 
 def test_the_nearest_colour_image_is_paired_if_it_is_near_enough() -> None:

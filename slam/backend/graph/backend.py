@@ -34,8 +34,7 @@ ROUNDS = 6  # ... in at most this many rounds
 FARTHEST, SLACK = 10.0, 0.2
 """A correction moves no node farther than the first factor times what the new loops are off, plus the second [m]: so
 large a move follows from a wrong step of the chain, not from the loops."""
-SAME_START = 0.3
-"""Two paths, laid over each other, are the same start of a joint registration if no node differs by more [m]."""
+SAME_START = 0.3  # Two paths, laid over each other, are the same start of a joint registration up to this [m]
 CLEARLY = 3.0
 """A map is clearly sharper by so many standard errors of the mean over the directions of the grid: of four directions
 95 % of the differences that mean nothing are within them (Student's t)."""
@@ -50,8 +49,7 @@ class GraphBackend:
         self._nodes = Nodes(config)
         self._closing: LoopClosing[LoopGraph] | None = None  # from the first node on
         self._path: list[Array] = []  # of all key scans, as the filter's map has them
-        # of each key scan that is no node, since its place is known, the nearest node; or -1
-        self._nearest = array("l")
+        self._nearest = array("l")  # of each key scan that is no node, as its place is known, the nearest node; or -1
         self._placed = np.zeros((0, 3))  # of the nodes, on that path
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()

@@ -23,13 +23,10 @@ from moteslam.slam.registration.registrar import prior_spread
 
 FLOOR = np.diag(np.square([RESOLVED[0], *RESOLVED]))  # The covariance [3, 3] of the error that every step has besides
 AGREEING = 5.0  # Odometry that differs from a registration by more standard deviations of both is left out of a step
-DOUBTED = 2.0
-"""A registration that differs from the odometry by this many standard deviations of both is no prior of the joint."""
-OPEN = 0.5
-"""A step is the filter's where the odometry leaves it open by this much [m]: the filter has searched for the robot."""
+DOUBTED = 2.0  # A registration so many deviations of both from the odometry is no prior of the joint one
+OPEN = 0.5  # A step is the filter's where the odometry leaves so much open [m]: it has searched for the robot
 LEAST_INFORMATION = 1e-2  # That every step has besides [1/m^2], [1/rad^2]: one that was not registered has no other
-FITS = (16, 64, 256)
-"""The odometry's errors are fitted at these many steps; at the end, too, of a run that has fewer than the last."""
+FITS = (16, 64, 256)  # The odometry's errors are fitted at so many steps; of a run of fewer than the last, at the end
 SAME_STEP, SAME_SPREAD = 0.5, 1.5
 """The registrations stand where a new fit moves no step by more than this many standard deviations, and changes no
 standard deviation by more than this factor."""

@@ -12,15 +12,13 @@ from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.registration.config import RegistrationConfig
 
-MAX_PARTNERS = 32
-"""The kernels keep no more: ``moteslam.kernels.scan_pairs.MAX_PARTNERS``, which is not imported for its Taichi."""
+MAX_PARTNERS = 32  # The kernels keep no more: `kernels.scan_pairs.MAX_PARTNERS`, not imported for its Taichi
 
 
 class ChainConfig(Section):
     """Edges from each node to the one before: registration to a local TSDF of the latest nodes."""
 
-    # Path that the local TSDF covers, at most; at least half of it [m]: short, so that no loop is in it already
-    length: Positive = 8.0
+    length: Positive = 8.0  # Path that the local TSDF covers [m], at least half of it: short, so that no loop is in it
     nodes: Annotated[Whole, Field(ge=1, le=1000)] = 12  # Nodes in it, likewise
     # At most this many points of a scan, evenly chosen, are registered
     max_points: Annotated[Whole, Field(ge=8, le=100_000)] = 400
@@ -41,8 +39,7 @@ class LoopConfig(Section):
     rounds: Annotated[Whole, Field(ge=1, le=100)] = 8  # Rounds of search and solution at the end, at most
     # Passages of the same place that one node is searched for in, for each of these deviations
     candidates: Annotated[Whole, Field(ge=1, le=100)] = 3
-    # Path of the nodes whose scans form a submap [m]; longer by what the window is wider than half a metre
-    submap_length: Positive = 5.0
+    submap_length: Positive = 5.0  # Path of the nodes of a submap [m]; longer by what the window exceeds half a metre
     query_length: Positive = 4.0  # Path of the nodes whose scans are searched for together [m]
     least_share: Share = 0.3  # Share of the endpoints that must lie on surfaces of the submap, less what contradicts it
     least_margin: Share = 0.1  # No place half a metre or 0.15 rad off may have a share within this of the best one's
@@ -51,12 +48,10 @@ class LoopConfig(Section):
 class JointConfig(Section):
     """The joint registration of all nodes."""
 
-    # Register nodes jointly: those that a correction moves while the robot drives, and all of them at the end
-    enabled: Truth = True
+    enabled: Truth = True  # Register nodes jointly: those that a correction moves on the way, and all at the end
     # Other scans that the endpoints of one are held to, at most
     partners: Annotated[Whole, Field(ge=1, le=MAX_PARTNERS)] = 16
-    # Largest distance of an endpoint to the surface that it is held to, in the first round [m]
-    first_reach: Positive = 0.3
+    first_reach: Positive = 0.3  # Largest distance of an endpoint to its surface in the first round [m]
     last_reach: Positive = 0.1  # The same in the last rounds [m]
     # Rounds at most; it ends when the poses move by less than a millimetre (root mean square)
     rounds: Annotated[Whole, Field(ge=1, le=1000)] = 40

@@ -21,9 +21,8 @@ SHARPNESS_CELL = 0.05  # Edge of the cells [m]
 class Endpoints(NamedTuple):
     """The endpoints of n scans, scan by scan."""
 
-    # points, normals: float32 [p, 2] in the robot's frame of each scan.
-    points: NDArray[np.float32]
-    normals: NDArray[np.float32]
+    points: NDArray[np.float32]  # [p, 2] in the robot's frame of each scan
+    normals: NDArray[np.float32]  # [p, 2] likewise
     starts: NDArray[np.int32]  # int32 [n + 1] of each scan among them, and p
     owners: NDArray[np.int32]  # int32 [p] the scan of each
 

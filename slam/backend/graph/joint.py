@@ -26,15 +26,13 @@ from moteslam.slam.registration.registrar import FULL
 
 Indices = NDArray[np.intp]
 
-LEAST_RESIDUAL = 0.003
-"""The endpoints' distances to their lines vary by this standard deviation at least [m]; the rest is measured."""
+LEAST_RESIDUAL = 0.003  # Standard deviation of the endpoints' distances to lines, at least [m]; the rest is measured
 LEAST_INLIERS = 0.2  # Of the weights, in the estimate of that variance
 SHRINK = 0.75  # Of the reach, a round
 SCALE_SHARE, LEAST_SCALE = 0.25, 0.03  # The robust scale of the residuals: as a share of the reach, at least [m]
 AGREEMENT = 0.8  # Smallest cosine between the normals of a match
 SLIP = 3.0  # The robust scale of the chain's steps [standard deviations] (Cauchy)
-FIRST_POINTS = 3
-"""Every third endpoint is enough until the poses are still, and for the first half of the rounds at most."""
+FIRST_POINTS = 3  # Every third endpoint is enough until the poses are still, for half of the rounds at most
 STILL = 1e-3  # It ends when the root mean square of the poses' steps is below this [m]
 OVERLAP_CELL, LEAST_OVERLAP = 0.5, 0.2
 """Two scans are partners where they share this much of the cells [m] that the endpoints of one lie in."""
@@ -52,10 +50,8 @@ def register_jointly(
 ) -> Array:
     """Move all poses [n, 3] to where the scans fit each other best; the first stays.
 
-    Args:
-        free: [n] the scans that move, from within the last reach; by default all do, from within the first reach.
-        rounds: at most; by default those of the configuration.
-
+    Of the scans ``free`` [n] move, from within the last reach; by default all do, from within the first reach. Rounds
+    are those of the configuration by default.
     """
     joint = config.joint
     poses, n = poses.copy(), len(poses)
@@ -115,14 +111,10 @@ def choose_partners(endpoints: Endpoints, poses: Array, most: int, held: NDArray
 
 
 class _Problem:
-    """The normal equations of the scans that move: with their partners, and with the ends of their steps.
+    """The normal equations of the scans that are ``moving`` [n]: with their partners int32 [n, k], and the ends of
+    their steps.
 
-    Args:
-        seen: endpoints of n scans.
-        partners: int32 [n, k] of each, as of ``choose_partners``.
-        moving: [n] which of them move.
-        prior: of all n - 1 steps between them, see ``MeasuredChain.prior``.
-        weight: of an endpoint.
+    Of all n - 1 steps between them there is a prior, see ``MeasuredChain.prior``; an endpoint has a weight.
     """
 
     def __init__(
@@ -180,9 +172,8 @@ class _Problem:
 class _Steps(NamedTuple):
     """Steps of the chain."""
 
-    # before, after: [s] the scans that each leads from and to.
-    before: Indices
-    after: Indices
+    before: Indices  # [s] the scans that each leads from
+    after: Indices  # [s] and to
     measured: Array  # [s, 3]
     information: Array  # [s, 3, 3] of them
     doubted: NDArray[np.bool_]  # [s] which may be far off: these have heavy tails
@@ -198,19 +189,16 @@ def _add_pairs(
     blocks: Array,
     right: Array,
 ) -> Array:
-    """Add the matches of all pairs of scans to the system; returns the blocks [e, 3, 3] between them.
+    """Add the matches of all pairs of scans to the system, ``blocks`` and ``right``; returns the blocks [e, 3, 3]
+    between them.
 
     Between bare walls the errors of the normals pull along them. So what the matches of a pair say along their least
     informed direction has an offset of unknown size besides, whose standard deviation grows with how little they rest
     on, as in ``keep_odometry``; it is eliminated. All pairs of scans that see the same walls may have the same one: as
     many as one of them has partners, squared.
 
-    Args:
-        poses: [n, 3].
-        first, second: [e] the scans whose endpoints are held, and those that they are held to.
-        sums: [e, PAIR] of ``accumulate``, times the information of an endpoint.
-        variance: of the endpoints' distances to their lines [m^2].
-        blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
+    The endpoints of the scans ``first`` [e] are held to ``second``; the ``sums`` [e, PAIR] are of ``accumulate``, times
+    the information of an endpoint, whose distance to its line has a ``variance`` [m^2].
     """
     information, gradient = sums[:, FULL].reshape(-1, 3, 3), sums[:, 6:9].copy()
     registration = config.registration

@@ -26,8 +26,7 @@ SAME_PREDICTION, SAME_WINDOW = 0.3, 0.5
 SOLVED = 0.2  # The graph is solved anew for a loop that is off by more than this [m]
 LEAST_DEVIATIONS = np.array([0.5, 0.5, 0.06]) / WINDOW_DEVIATIONS
 """What the relative covariance has besides [m, m, rad]: submaps bend a little."""
-CHEAP = 1e8
-"""A search that looks up fewer endpoints than this is made in any case: a tenth of a second of one processor."""
+CHEAP = 1e8  # A search that looks up fewer endpoints is made in any case: a tenth of a second of one processor
 LOOKUPS_PER_METRE = 4e6
 """Endpoints that all other searches together look up at most, for every metre driven: 4 ms of one processor. What that
 leaves unsearched stands in the ledger."""
@@ -37,11 +36,8 @@ PASSAGE_GAP = 3  # Nodes within reach that follow each other with at most this m
 class LoopClosing(Generic[G]):
     """Looks for a node every ``config.loops.every`` metres in the submaps of those that may show the same place.
 
-    Args:
-        since: nodes from this one on are looked for, and if it is not the first, in the submaps of those before alone.
-
-    Attributes:
-        graph: that the loops are entered into.
+    Nodes from ``since`` on are looked for, and if it is not the first, in the submaps of those before alone. Loops are
+    entered into ``graph``.
     """
 
     def __init__(self, graph: G, config: GraphConfig, since: int = 0) -> None:

@@ -86,22 +86,18 @@ class Uncertainty:
 
 
 class BoundGraph:
-    """Nodes, the steps between them and loops, and the poses that follow from them.
+    """Nodes, one at least, the steps between them and loops, and the poses that follow from them.
 
     After a joint registration of all nodes its relative poses stand for the chain and the loops that it knew: what
     comes later bends them by as little as it must.
-
-    Attributes:
-        nodes: at least one.
-        poses: [n, 3] as solved last, from there on along the chain.
-        registered: [m, 3] by the latest joint registration; m is 0 before the first.
     """
 
     def __init__(self, nodes: Nodes, chain: MeasuredChain | Chain, config: GraphConfig) -> None:
         self.nodes, self._steps, self._config = nodes, chain, config
         self.submaps = Submaps(nodes, config)  # around them
         self.loops: dict[Pair, Loop] = {}  # every candidate, the latest search of each pair, in the order of these
-        self.poses, self.registered = np.zeros((1, 3)), np.zeros((0, 3))
+        self.poses = np.zeros((1, 3))  # [n, 3] as solved last, from there on along the chain
+        self.registered = np.zeros((0, 3))  # [m, 3] by the latest joint registration; none before the first
         self._known: set[Pair] = set()  # the loops that the joint registration knew
         self._uncertainty: Uncertainty | None = None
 

@@ -27,8 +27,7 @@ from moteslam.slam.registration.search import Window, candidates, runner_up, sha
 
 Points = NDArray[np.float32]
 
-RESIDUAL = 0.03
-"""Standard deviation of an endpoint's distance to another submap's surface [m]: both submaps bend a little."""
+RESIDUAL = 0.03  # Standard deviation of endpoints' distances to another submap's surface [m]: both bend a little
 FLOOR = np.array([0.02, 0.02, np.radians(0.3)])  # No loop is known better: [m], [m], [rad]
 WEAKEST = 1e-3  # Information of a direction that nothing binds [1/m^2]
 LEAST_STARTS, STARTS, START_POINTS, FINALISTS = 8, 40, 120, 12
@@ -65,14 +64,9 @@ class LoopSearch:
         self._lattice = SearchConfig(search_prior=NEGLIGIBLE_PRIOR)
 
     def match(self, submap: int, query: int, predicted: Array, covariance: Array) -> Loop | None:
-        """Search a query in a submap.
+        """Search a query in a submap, None where there is nothing to compare.
 
-        Args:
-            predicted: [3] pose of the query's node in the frame of the submap's.
-            covariance: [3, 3] of that, in its frame.
-
-        Returns:
-            None where there is nothing to compare.
+        The query's node is ``predicted`` [3] in the frame of the submap's, with a covariance [3, 3] in its own.
         """
         # a place beyond the ends of the submap could be no rival of a wrong one
         half = WINDOW_DEVIATIONS * np.sqrt(covariance.diagonal())

@@ -13,8 +13,7 @@ from moteslam.robot.se2 import Array
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import prior_spread
 
-CONTRADICTED = 10.0
-"""A path that differs from a step by this many standard deviations is no error of that step but contradicts it."""
+CONTRADICTED = 10.0  # A path so many deviations from a step is no error of that step but contradicts it
 UNKNOWN = 1e6
 """Variance of the step from the last node of a session to the first of the next, which nothing measured [m^2]: so small
 a weight only keeps the equations of a graph whole."""
@@ -25,11 +24,9 @@ class MeasuredChain(NamedTuple):
 
     steps: Array  # [n - 1, 3] in the frames where they begin: by registration, odometry and the filter
     covariance: Array  # [n - 1, 3, 3] of them, in the frames where they end
-    # prior_steps, prior_covariance: the same as a joint registration is to keep them.
-    prior_steps: Array
-    prior_covariance: Array
-    # [n - 1] which of these may be far off: a registration that the odometry contradicts, or none.
-    doubted: NDArray[np.bool_]
+    prior_steps: Array  # the same as a joint registration is to keep them
+    prior_covariance: Array  # likewise
+    doubted: NDArray[np.bool_]  # [n - 1] which of these may be far off: the odometry contradicts it, or there is none
 
     def prior(self, start: Array, config: RegistrationConfig) -> tuple[Array, Array, NDArray[np.bool_]]:
         """The steps for a joint registration that starts at poses [n, 3], their covariance, and which are doubtful.

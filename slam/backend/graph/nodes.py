@@ -15,8 +15,7 @@ from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.inputs.lapses import CLOSED, Open
 from moteslam.slam.inputs.step import thin
 
-LONGEST = 30.0
-"""A step from node to node by longer odometry [m] is the filter's: errors of that many metres are no prior."""
+LONGEST = 30.0  # A step by longer odometry [m] is the filter's: errors of that many metres are no prior
 MAX_RANGE = 30.0
 """Endpoints farther from the sensor are left out [m]: neighbouring beams are half a metre apart there, and the error of
 the heading moves them as far."""
@@ -24,24 +23,16 @@ FEW_POINTS = 20  # A scan of fewer points is not registered, and no node but the
 
 
 class Nodes:
-    """The nodes so far: the first key scan, and each after which the next one would be too far from the node before.
-
-    Args:
-        config: distance and turn between two nodes, where key scans allow, and how scans are thinned.
-
-    Attributes:
-        indices, stamps: of their scans in the recording.
-    """
+    """The nodes so far: the first key scan, and each after which the next one would be too far from the node before."""
 
     def __init__(self, config: GraphConfig) -> None:
         self._config = config
         self.updates: list[int] = []  # which of the key scans they are
-        self.indices: list[int] = []
-        self.stamps: list[float] = []
+        self.indices: list[int] = []  # of their scans in the recording
+        self.stamps: list[float] = []  # likewise
         self.scans: list[ThinnedScan] = []  # theirs, thinned, in the robot's frame
         self.origin = np.zeros(2)  # [2] where the rays start, in that frame [m]
-        # [3] each: motion since the node before by odometry alone, in the frame of the pose there
-        self.odometry: list[Array] = []
+        self.odometry: list[Array] = []  # [3] each: motion since the node before by odometry alone, in the frame there
         self.filtered: list[Array] = []  # [3] each: the same as the filter estimates it
         self.measured: list[bool] = []  # whether odometry measured all of it
         self.left_open: list[Open] = []  # what a lapse of the odometry leaves open of that motion; nothing, of others

@@ -20,7 +20,9 @@ KNOWN, FEWEST = 2.0, 10
 """The noise is measured on steps whose registration has less than the first factor times the odometry's variance, where
 there are more than the second."""
 GAIN_INFORMATION = 200.0
-"""Prior on the gains, of standard deviation 0.07: wheels are off by some percent (docs/theory/default-filter.md)."""
+"""Prior on the gains, of standard deviation 0.07: wheels are off by some percent (docs/theory/default-filter.md),
+or not at all, which is as probable."""
+MOST_ODDS = 20.0  # Of a gain that is 0, and of one that is not [nats]
 LEAST_SCALE = 0.1  # Of the noise, over its shape: no odometry is better
 LEAST_SHARE = 0.1  # Of that noise is the odometry's own, at least
 SAFETY = 2.0  # Factor on the measured standard deviation: errors of neighbouring steps are alike
@@ -65,7 +67,7 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
     errors = se2.between(odometry, registered)
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     gains, scales, true = np.zeros((3, 3)), np.ones(3), odometry + errors
-    measured = np.zeros(3, bool)
+    measured, believed = np.zeros(3, bool), np.ones((3, 3))
     for _ in range(ROUNDS):
         shape = _shape(true)
         noises = np.square(scales * shape)
@@ -77,9 +79,10 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
             total = variance[:, axis] + noise
             weights = 1 / total / (1 + rest * rest / total / TAIL)
             weighted = true * weights[:, None]
-            gains[axis] = np.linalg.solve(
-                weighted.T @ odometry + GAIN_INFORMATION * np.eye(3), weighted.T @ errors[:, axis]
-            )
+            prior = GAIN_INFORMATION / believed[axis]  # of the mixture's variance
+            left = np.linalg.inv(weighted.T @ odometry + np.diag(prior))
+            gains[axis] = left @ (weighted.T @ errors[:, axis])
+            believed[axis] = _belief(gains[axis] / np.diag(left), 1 / np.diag(left) - prior)
             rest = errors[:, axis] - odometry @ gains[axis]
             known = variance[:, axis] < KNOWN * noise
             measured[axis] = known.sum() > FEWEST
@@ -88,6 +91,17 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
         if measured.any():  # along bare walls: no worse than where it can be measured
             scales[~measured] = scales[measured].max()
     return OdometryModel(gains, scales)
+
+
+def _belief(weighted: Array, information: Array) -> Array:
+    """How probable [n] it is that gains are not 0, by the evidence of either (Bayes factor).
+
+    Args:
+        weighted: [n] what the steps alone say, times its information [n].
+    """
+    both = np.maximum(information, 0) + GAIN_INFORMATION
+    odds = np.square(weighted) / both / 2 - np.log(both / GAIN_INFORMATION) / 2
+    return np.asarray(1 / (1 + np.exp(-np.clip(odds, -MOST_ODDS, MOST_ODDS))))
 
 
 def _shape(odometry: Array) -> Array:

@@ -25,19 +25,15 @@ CONVEX = 10.0
 so, since the scales are a factor of three or ten apart."""
 ITERATIONS, CONVERGED = 6, 1e-4  # Gauss-Newton steps on each scale at most; a smaller step [m, rad] ends it
 ANCHOR = 1e9  # Information that holds the first pose where it is [1/m^2, 1/rad^2]
-
-
-DENSE = 150
-"""Systems of up to this many unknowns are solved as full matrices: that is as fast, and SciPy need not be loaded."""
+DENSE = 150  # Systems of so many unknowns are solved as full matrices: as fast, and SciPy need not be loaded
 
 
 @dataclass(frozen=True, eq=False)
 class Edges:
     """Measured relative poses."""
 
-    # first, second: [e] nodes.
-    first: Indices
-    second: Indices
+    first: Indices  # [e] nodes
+    second: Indices  # [e] nodes
     relative: Array  # [e, 3] measured pose of the second in the frame of the first
     information: Array  # [e, 3, 3] of its error, in the frame of the measured pose
     robust: NDArray[np.bool_]  # [e] whether graduated non-convexity may reject it
@@ -117,11 +113,8 @@ def _weights(errors: Array, edges: Edges, scale: float) -> Array:
 class BlockSystem:
     """Sparse symmetric systems of 3 x 3 blocks: the normal equations of n poses and the pairs of them that are bound.
 
-    The places of the blocks are found once for many systems of the same pairs.
-
-    Args:
-        n: number of poses.
-        first, second: [e] the poses that each pair binds; a pair may occur more than once, either way round.
+    The places of the blocks are found once for many systems of the same pairs, ``first`` and ``second`` [e]: a pair may
+    occur more than once, either way round.
     """
 
     def __init__(self, n: int, first: Indices, second: Indices) -> None:

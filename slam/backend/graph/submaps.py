@@ -17,11 +17,9 @@ from moteslam.slam.registration.registrar import subsample
 
 Points = NDArray[np.float32]
 
-MAP_NODES, QUERY_NODES = 12, 6
-"""Nodes of a submap and of a query, at most: where the robot turns on the spot many lie close together."""
+MAP_NODES, QUERY_NODES = 12, 6  # Of a submap and of a query, at most: where the robot turns many lie close together
 SPACING = 0.1  # Endpoints of a query are at least about this far apart [m]
 MAX_POINTS = 400  # Endpoints of a query, at most
-
 BETWEEN = 1e4  # Sessions are this far apart along the path [m]: no submap reaches from one into the next
 CACHED = 64  # TSDFs of submaps that are kept, those used last: about half a megabyte each, those of wide windows more
 

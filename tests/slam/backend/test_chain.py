@@ -84,6 +84,9 @@ def test_where_walls_measure_no_step_the_noise_is_that_of_the_other_axes():
     assert model.scales[0] == model.scales[1:].max() < 0.5
     nothing = fit_odometry(wrong, registered, np.tile(np.eye(3), (n, 1, 1)))
     np.testing.assert_array_equal(nothing.scales, np.ones(3))
+    # nor whether the wheels are off: bare walls pull every step back
+    pulled = fit_odometry(wrong, true * (0.98, 1, 1), np.tile(np.diag((0.5**2, 1e-6, 1e-7)), (n, 1, 1)))
+    assert abs(pulled.gains[0, 0]) < 0.006
 
 
 @pytest.mark.parametrize(("wheels", "scans"), [(0.08, 0.002), (0.05, 0.05), (0.0, 0.0)])
