@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,16 @@ from moteslam.robot.platform import Platform
 from moteslam.robot.recording import Recording
 from moteslam.robot.rgbd import has_images
 from moteslam.robot.values import Issue, expect_type, shortened
+from moteslam.slam.calibration.calibrate import FEW_PAIRS
+from moteslam.slam.calibration.findings import checked
 from moteslam.slam.config import METHODS, SlamConfig
 from moteslam.slam.core import Core, MakeFilter
 from moteslam.slam.estimate import Estimate, with_texture
 from moteslam.slam.inputs.floor_views import FloorViews
+from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.live_camera import BEHIND, DISPARITY, RGB, LiveCamera, checked_image
+from moteslam.slam.inputs.odometry_path import odometry_path
 from moteslam.slam.inputs.step import steps
 from moteslam.slam.inputs.synchronise import synchronise, unknown_mount, warnings
 from moteslam.slam.scan_records import Update
@@ -62,6 +67,7 @@ class OnlineSlam(Core):
         self._platform, self._patience = platform, patience
         self._recording: Recording | None = None
         self._doubts: tuple[Issue, ...] = ()
+        self._about: tuple[int, tuple[Issue, ...]] = 0, ()  # the first messages, and how many scans these were
         self._camera: LiveCamera | None = None
         self._missing = "no camera images" if self._filter.uses_camera else ""
         self._views: FloorViews | None = None
@@ -79,25 +85,30 @@ class OnlineSlam(Core):
         Returns:
             that of the latest scan that is covered now; None if none is.
         """
-        live = self._live("odometry")
-        if (pose is None) is (counts is None) or (pose is not None and live.odometry_in.counted):
+        live = self._live("odometry", stamp)
+        if (pose is None) is (counts is None):
             raise InputError("both or neither, expected poses or counts", field="odometry")
+        if pose is not None and live.odometry_in.counted:
+            raise InputError("poses, expected counts as before", field="odometry")
         stamps = np.array([stamp], np.float64)
         if pose is not None:
             given = _numbers(pose, np.float64, 3, "odometry.pose")[None]
             live.arrives("odometry", stamp)
             live.odometry_in.add_poses(stamps, given)
+            live.beginning.add("odometry", stamp, given[0])
         else:
             given = _numbers(counts, np.int64, 4, "odometry.counts")[None]
             live.arrives("odometry", stamp)
             live.odometry_in.add_counts(stamps, given)
+            live.beginning.add("encoders", stamp, given[0])
         return self._take_in(live)
 
     def add_imu(self, stamp: float, yaw_rate: float) -> Update | None:
         """Take in the gyro's yaw rate [rad/s], counterclockwise positive; see ``add_odometry``."""
-        live, rate = self._live("imu"), _numbers([yaw_rate], np.float64, 1, "imu.yaw_rate")
+        live, rate = self._live("imu", stamp), _numbers([yaw_rate], np.float64, 1, "imu.yaw_rate")
         live.arrives("imu", stamp)
-        live.odometry_in.add_yaw_rates(np.array([stamp]), rate)
+        live.odometry_in.add_yaw_rates(np.array([stamp], np.float64), rate)
+        live.beginning.add("imu", stamp, rate)
         return self._take_in(live)
 
     def add_scan(self, ranges: ArrayLike, stamp: float, odometry: ArrayLike | None = None) -> Update | None:
@@ -111,10 +122,15 @@ class OnlineSlam(Core):
 
         Returns:
             that of the latest scan that is covered now; None while it waits for the odometry after it.
+
+        Raises:
+            InputError: of a ``file``, the name of the result: units in which nothing is left to make a map of.
         """
-        live = self._live("lidar")
+        live = self._live("lidar", stamp)
         pose = None if odometry is None else _numbers(odometry, np.float64, 3, "lidar.odometry")
         live.add_scan(_numbers(ranges, np.float32, None, "lidar.ranges"), stamp, pose)
+        if live.beginning.is_due():
+            _expect_units(live.beginning.recording(self.name, limited=False))
         return self._take_in(live)
 
     def add_image(self, stamp: float, image: ArrayLike) -> Update | None:
@@ -125,7 +141,7 @@ class OnlineSlam(Core):
         Args:
             image: [480, 640, 3] uint8 red, green, blue; or [480, 640] uint16 raw disparities, or depths [m].
         """
-        live, mount, texture = self._live("image"), self._platform.camera, self.config.texture
+        live, mount, texture = self._live("image", stamp), self._platform.camera, self.config.texture
         kind, taken = checked_image(image)
         if mount is None:
             raise ConfigError("none, expected where the camera is", field="platform.camera")
@@ -174,10 +190,7 @@ class OnlineSlam(Core):
         """
         expect_type(recording, Recording, "recording", "open_recording(path) reads one")
         slam = cls(recording.platform, config, seed, method=method, name=recording.name)
-        slam._doubts = tuple(other_units(recording))
-        for doubt in slam._doubts:
-            if doubt.code != "implausible-speed":
-                raise InputError(doubt.message, file=recording.name)
+        slam._doubts = _expect_units(recording)
         slam._taken = inputs = synchronise(recording, slam.config.sync, max_range=slam.config.max_range)
         slam._recording = recording
         if inputs.path is None and METHODS[slam.config.method].needs_odometry:
@@ -210,14 +223,34 @@ class OnlineSlam(Core):
         if self._recording is not None and not isinstance(self._inputs, LiveInputs):
             issues += warnings(self._recording, self._inputs)
         else:
-            issues += unknown_mount(self._platform) + self._inputs.issues
+            issues += self._about_messages(self._inputs)
         if self._missing:
             issues.append(Issue("no-colours", f"colours: {self._missing}: particles are weighed without"))
         if self._views is not None:
             issues += self._views.issues()
         return (*issues, *super()._warnings())
 
-    def _live(self, stream: str) -> LiveInputs:
+    def _about_messages(self, live: Inputs) -> tuple[Issue, ...]:
+        """What is told of a recording, of the first messages, and of all of them what was seen as they came."""
+        own = (*unknown_mount(self._platform), *live.issues)
+        if not isinstance(live, LiveInputs) or not len(beginning := live.beginning):
+            return own
+        if self._about[0] != len(beginning):
+            kept, since = beginning.recording(self.name), f"in the first {len(beginning)} scans: " * beginning.full
+            about = checked(kept, FEW_PAIRS)[1]
+            found = [
+                *other_units(beginning.recording(self.name, limited=False)),
+                *(() if about is None else about.moves),
+            ]
+            path = odometry_path(kept, self.config.sync)
+            found += [one for one in warnings(kept, live, path=path) if one not in own]
+            self._about = len(beginning), tuple(Issue(one.code, since + one.message, one.count) for one in found)
+        return (*self._about[1], *own)
+
+    def _live(self, stream: str, stamp: float) -> LiveInputs:
+        if not isinstance(stamp, Real):
+            kind = "text" if isinstance(stamp, str) else type(stamp).__name__
+            raise InputError(f"{shortened(stamp)}, expected a number, not {kind}", field=f"{stream}.stamp")
         if self._taken is None:
             sync, max_range = self.config.sync, self.config.max_range
             self._taken = LiveInputs(self._platform, sync, max_range=max_range, patience=self._patience)
@@ -228,10 +261,24 @@ class OnlineSlam(Core):
     def _take_in(self, live: LiveInputs, *, finish: bool = False) -> Update | None:
         update = None
         while (index := live.take_next(finish=finish)) is not None:
-            update = self._step(next(steps(live, self._views, thinning=self._filter.thinning, first=index)))
+            step = next(steps(live, self._views, thinning=self._filter.thinning, first=index))
+            try:
+                update = self._step(step)
+            except ConfigError:  # a map that grows too large, for one
+                _expect_units(live.beginning.recording(self.name, limited=False))
+                raise
             if not update.updated:
                 live.scans.forget(index)
         return update
+
+
+def _expect_units(recording: Recording) -> tuple[Issue, ...]:
+    """What is told of units; refused where nothing is left to make a map of."""
+    doubts = tuple(other_units(recording))
+    for doubt in doubts:
+        if doubt.code != "implausible-speed":
+            raise InputError(doubt.message, file=recording.name)
+    return doubts
 
 
 def _numbers(values: Any, dtype: type, count: int | None, field: str) -> NDArray[Any]:

@@ -33,8 +33,6 @@ Calibrate = Annotated[
         "lidar|odometry",
     ),
 ]
-FEW_PAIRS = 150
-"""Of scans: enough to see what moves a result by a tenth of a metre, in half a second."""
 
 
 @options.with_options(run=options.SlamOptions)
@@ -213,7 +211,7 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     Without a side to mend, only that is corrected of which it is known which side is wrong.
     """
     from moteslam.robot.values import Issue
-    from moteslam.slam.calibration.calibrate import PAIRS
+    from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS
     from moteslam.slam.calibration.findings import checked
     from moteslam.slam.calibration.mended import calibrated
 

@@ -63,6 +63,8 @@ def follow(stream: BinaryIO, robot: Path | None, config: SlamConfig, out: Path |
                 hint = ": --platform NAME, or a first line of type platform" if error.field == "platform.lidar" else ""
                 raise ConfigError(error.problem + hint, file=error.file, field=error.field) from error
             except InputError as error:
+                if error.file is not None:  # of all messages
+                    raise
                 bad += 1
                 if bad <= SHOWN:
                     note(f"warning: {InputError(error.problem, file=STDIN, line=number, field=error.field)}; left out")

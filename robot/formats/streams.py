@@ -84,7 +84,7 @@ class Fan(NamedTuple):
         codes = np.abs(ranges - longest) < SAME, ranges < shortest + SAME
         for at, name in zip((ends & each for each in codes), ("max", "min"), strict=True):
             share, beams = at.sum() / count, at.mean(axis=0)
-            stay = len(ranges) < SAMPLE / 2 or (beams[beams > 0] > STAYS).mean() > 0.5
+            stay = len(ranges) < SAMPLE / 2 or not at.any() or (beams[beams > 0] > STAYS).mean() > 0.5
             if not stay and CLIPPED[0] < share < CLIPPED[1] and at.any(axis=1).mean() > 0.5:
                 limit, which = float(ranges[at].min()), "longest usual" if name == "max" else "shortest"
                 text = f"{100 * share:.0f} % of the endpoints are {limit:g} m away, the {which} range: taken for no "

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.robot.formats.streams import CODES, MAX_STAMP
 from moteslam.robot.platform import Platform
-from moteslam.robot.recording import LidarStream, gaps
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, gaps
 from moteslam.robot.values import Issue, given_up, when
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.inputs import Inputs
@@ -31,6 +32,11 @@ FAR_AHEAD = 3600.0
 scans after it would be out of order. After a pause as long the other streams go on too, and the next scan is taken. Of
 the first two messages, so far apart, the first is of another clock."""
 
+FIRST, FIRST_MESSAGES = 2000, 100_000
+"""So many scans, and as many messages of the other streams, are kept to be held against each other: three minutes at
+ten scans a second, in which a robot turns, and some ten megabytes however long it drives."""
+FEW, SOON = 10, 10.0
+"""Units are first looked at after so many scans and seconds: speeds are of a second each, and a single jump is none."""
 NOTHING = np.empty(0, np.float32)
 
 
@@ -54,6 +60,68 @@ class LiveScans(Scans):
         return np.stack(ranges), None if sweeps[0] is None else np.stack(sweeps)
 
 
+class Beginning:
+    """The first messages, kept as they came: they are checked as a recording is.
+
+    Args:
+        lidar: its figures.
+    """
+
+    def __init__(self, platform: Platform, lidar: LidarStream) -> None:
+        self._platform, self._lidar = platform, lidar
+        self._ranges = Rows(lidar.ranges.shape[1], np.float32)
+        self._rows: dict[str, Rows] = {}  # stamp and values, by stream
+        self._messages, self._next = 0, FEW
+
+    def __len__(self) -> int:
+        return len(self._ranges)
+
+    @property
+    def full(self) -> bool:
+        """Whether there is no room for more."""
+        return len(self) >= FIRST or self._messages >= FIRST_MESSAGES
+
+    def add(self, stream: str, stamp: float, values: Array, ranges: NDArray[np.float32] | None = None) -> None:
+        """Keep a message of ``lidar``, with the pose logged with it [3], ``odometry``, ``encoders`` or ``imu``."""
+        if self.full:
+            return
+        if ranges is None:
+            self._messages += 1
+        else:
+            self._ranges.add(ranges[None])
+        self._rows.setdefault(stream, Rows(1 + len(values))).add([stamp], values[None])
+
+    def is_due(self) -> bool:
+        """Whether units are to be looked at: now and then, each time with twice as many scans."""
+        stamps = self._rows["lidar"].values[:, 0]
+        if len(self) < self._next or stamps[-1] - stamps[0] < SOON:
+            return False
+        self._next = min(2 * len(self), FIRST) if len(self) < FIRST else FIRST + 1
+        return True
+
+    def recording(self, name: str, *, limited: bool = True) -> Recording:
+        """All of them; ranges beyond the lidar's limit are no return, unless they are all that there is and no codes,
+        and it need not be ``limited``.
+        """
+        given, ranges = {each: rows.values for each, rows in self._rows.items()}, self._ranges.values
+        streams: dict[str, Any] = {}
+        if len(self):
+            beyond = np.isfinite(ranges) & (ranges > np.float32(self._lidar.range_max))
+            if limited or (np.isfinite(ranges) & ~beyond).any() or len(np.unique(ranges[beyond])) <= CODES:
+                ranges = np.where(beyond, np.float32(np.inf), ranges)
+            stamps, logged = given["lidar"][:, 0], given["lidar"][:, 1:]
+            odometry = None if np.isnan(logged).any() else logged
+            streams["lidar"] = replace(self._lidar, stamps=stamps, ranges=ranges, odometry=odometry)
+        if (rows := given.get("odometry")) is not None:
+            streams["odometry"] = OdometryStream(rows[:, 0], rows[:, 1:])
+        if (rows := given.get("encoders")) is not None:
+            streams["encoders"] = EncoderStream(rows[:, 0], rows[:, 1:].astype(np.int64))
+        if (rows := given.get("imu")) is not None:
+            rates = rows[:, 1:] * (0.0, 0.0, 1.0)
+            streams["imu"] = ImuStream(rows[:, 0], rates, np.zeros_like(rates))
+        return Recording(name, self._platform, **streams)
+
+
 class Waiting(NamedTuple):
     """A scan that has arrived: ``Scan`` of a ``LidarStream``, its odometry pose [3] where the driver gives one."""
 
@@ -71,6 +139,7 @@ class LiveInputs(Inputs):
 
     Attributes:
         odometry_in: takes in the odometry's messages.
+        beginning: the first messages.
         waiting: scans that are not taken in yet.
         awaited: streams that a scan waits for besides, as long: until they have come to its stamp.
     """
@@ -85,7 +154,7 @@ class LiveInputs(Inputs):
         super().__init__(platform, config, self._lidar)
         self._patience = patience
         self.scans = LiveScans(self._lidar, platform, max_range)
-        self.odometry_in = OdometryReadings(platform, config)
+        self.odometry_in, self.beginning = OdometryReadings(platform, config), Beginning(platform, self._lidar)
         self.waiting: deque[Waiting] = deque()
         self.awaited: tuple[str, ...] = ()
         self._newest, self.messages = -np.inf, 0  # of all messages
@@ -98,13 +167,16 @@ class LiveInputs(Inputs):
 
     def arrives(self, stream: str, stamp: float) -> None:
         """Note a message of a stream; its stamps do not fall."""
+        if not abs(stamp) <= MAX_STAMP:
+            raise InputError(f"{stamp:.6g}, expected seconds below {MAX_STAMP:g}", field=f"{stream}.stamp")
         if self.messages == 1 and abs(stamp - self._newest) > FAR_AHEAD:
             text = f"the first message, at {self._newest} s, is left out: the next is at {stamp} s, by another clock"
             self._other_clock = (Issue("other-clock", text),)
             self.waiting.clear()
             self.odometry_in, self._latest = OdometryReadings(self._platform, self._config), {}
+            self.beginning = Beginning(self._platform, self._lidar)
             self._newest, self.messages = -np.inf, 0
-        if not np.isfinite(stamp) or stamp < self._latest.get(stream, -np.inf):
+        if stamp < self._latest.get(stream, -np.inf):
             raise InputError(f"{stamp} s, expected rising seconds", field=f"{stream}.stamp")
         self._latest[stream] = stamp
         self._newest = max(self._newest, stamp)
@@ -119,9 +191,11 @@ class LiveInputs(Inputs):
             text = f"{stamp} s, {stamp - self._newest:.0f} s after the newest message, expected the clock of the others"
             raise InputError(text, field="lidar.stamp")
         self.arrives("lidar", stamp)
-        beyond = (row > lidar.range_max) | np.isin(row, np.array(self._platform.lidar.no_return, np.float32))
+        none = np.isin(row, np.array(self._platform.lidar.no_return, np.float32))
         row[row < lidar.range_min] = np.nan
-        row[beyond] = np.inf
+        row[none] = np.inf
+        self.beginning.add("lidar", stamp, np.full(3, np.nan) if odometry is None else odometry, row)
+        row[row > lidar.range_max] = np.inf
         self.waiting.append(Waiting(stamp, given_up(row), odometry))
 
     def take_next(self, *, finish: bool = False) -> int | None:

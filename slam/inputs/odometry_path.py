@@ -184,7 +184,7 @@ class OdometryReadings:
         if self._wheels is None:
             raise InputError("wheel counts, expected a platform with [wheels]", field="counts")
         if len(self._rows) and not self.counted:
-            raise InputError("after poses, expected poses or counts", field="odometry")
+            raise InputError("counts, expected poses as before", field="odometry")
         self.counted = True
         self._waiting.add(stamps, *wheel_motion(counts, self._wheels))
 

@@ -177,13 +177,24 @@ GYRO_MARGIN = 3.0
 """Encoder readings this far outside the gyro's time count as covered [s]: a real robot's encoders run on for 1.5 s."""
 
 
-def warnings(recording: Recording, inputs: Inputs, *, read_ranges: bool = True) -> tuple[Issue, ...]:
-    """What SLAM has to do without, or takes as something else; blind scans only where all ranges may be read."""
+def warnings(
+    recording: Recording, inputs: Inputs, *, path: OdometryPath | None = None, read_ranges: bool = True
+) -> tuple[Issue, ...]:
+    """What SLAM has to do without, or takes as something else; blind scans only where all ranges may be read.
+
+    ``path``: by odometry, of inputs that forget it.
+    """
     lidar, encoders, imu = recording.lidar, recording.encoders, recording.imu
     assert lidar is not None
-    n, told = len(lidar), []
-    parts = chunks(lidar.ranges) if read_ranges else ()
-    blind = sum(int((~np.isfinite(scans).any(axis=1)).sum()) for scans in parts)
+    n, told, own, path = len(lidar), [], inputs.issues, path or inputs.path
+    parts, limit = chunks(lidar.ranges) if read_ranges else (), np.float32(lidar.range_max)
+    blind = beyond = 0
+    for some in parts:
+        ends = np.isfinite(some)
+        blind += int((none := ~ends.any(axis=1)).sum())
+        beyond += int((~(none | (ends & (some <= limit)).any(axis=1))).sum())
+    text = f"{beyond} of {n} scans with all ranges beyond their limit of {lidar.range_max:g} m: are they in m?"
+    told.append(("blind-scans", beyond, text))
     text = f"{blind} of {n} scans without an endpoint: odometry alone there"
     if blind > n / 2:
         text += f": are its ranges in m, and do its limits of {lidar.range_min:g} and {lidar.range_max:g} m hold?"
@@ -195,19 +206,20 @@ def warnings(recording: Recording, inputs: Inputs, *, read_ranges: bool = True) 
             without = int(((encoders.stamps <= early) | (encoders.stamps >= late)).sum())
         text = f"{without} of {len(encoders)} encoder readings without a gyro: turns from the wheels alone there"
         told.append(("no-gyro", without, text))
-    if inputs.path is None:
+    if path is None:
         text = f"no odometry: constant velocity over {n} scans; dead reckoning stands still"
         told.append(("no-odometry", n, text))
-    elif lidar.odometry is None and (count := int(_without(recording, inputs.path).sum())):
+    elif lidar.odometry is None and (count := int(_without(recording, path).sum())):
         text = (
             f"{count} of {n} scans before or after all odometry: constant velocity there, dead reckoning stands still"
         )
         told.append(("no-odometry", count, text))
-    if inputs.path is not None and not inputs.moves:
+    if path is not None and not inputs.moves:
         scans = int((~inputs.measured).sum())
         told.append(("still-odometry", scans, f"odometry that never moves: constant velocity over {scans} scans"))
-    issues = (Issue(code, text, count) for code, count, text in told if count)
-    return (*unknown_mount(recording.platform), *doubtful_stamps(recording, inputs.path), *issues, *inputs.issues)
+    codes = {issue.code for issue in own}
+    issues = (Issue(code, text, count) for code, count, text in told if count and code not in codes)
+    return (*unknown_mount(recording.platform), *doubtful_stamps(recording, path), *issues, *own)
 
 
 def unknown_mount(platform: Platform) -> tuple[Issue, ...]:
