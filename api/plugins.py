@@ -55,7 +55,7 @@ class Plugins(Generic[T]):
         """The plug-in of that name."""
         entry = self._bundled.get(name) or self._others.get(name)
         if entry is None:
-            raise ConfigError(f"{name!r}, expected one of {', '.join(self.names())}")
+            raise ConfigError(f"{name!r}, expected one of {', '.join(each for each, _ in self.items())}")
         self._load(entry)
         if name in self._problems:
             raise ConfigError(f"{name!r} of package {_package(entry)} cannot be loaded: {self._problems[name]}")
@@ -105,10 +105,25 @@ def _installed() -> Any:
     return entry_points()
 
 
+def blamed(error: BaseException) -> str | None:
+    """The plug-in of another package in whose code an error was raised, in words; None if in none's."""
+    frames, found = error.__traceback__, None
+    entries = [entry for entry in _installed() if entry.group.startswith("moteslam.")]
+    while frames is not None:
+        module = str(frames.tb_frame.f_globals.get("__name__"))
+        of = [entry for entry in entries if f"{module}.".startswith(f"{entry.module.split('.')[0]}.")]
+        found = next((entry for entry in of if entry.module == module), of[0] if of else found)
+        frames = frames.tb_next
+    return None if found is None else _named(found)
+
+
+def _named(entry: EntryPoint) -> str:
+    return f"plug-in {entry.name!r} of package {_package(entry)} ({entry.group})"
+
+
 def _package(entry: EntryPoint) -> str:
     return entry.dist.name if entry.dist is not None else "unknown"
 
 
 def _warn(entry: EntryPoint, problem: str) -> None:
-    message = f"plug-in {entry.name!r} of package {_package(entry)} ({entry.group}) is left out: {problem}"
-    warnings.warn(message, PluginWarning, stacklevel=4)
+    warnings.warn(f"{_named(entry)} is left out: {problem}", PluginWarning, stacklevel=4)

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
 from moteslam.robot.noise import Surroundings
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, RgbdStream
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import expect_type
+from moteslam.robot.values import expect_type, shortened
 from moteslam.sim.actors.actors import TRUTH_RATE
 from moteslam.sim.robot.drive import CONTROL_STEPS
 from moteslam.sim.robot.mishaps import Carried
@@ -92,10 +93,12 @@ class Simulator:
         They follow as fast as the scenario's ``drive`` lets them accelerate, up to its speed and turn rate.
 
         Raises:
-            ConfigError: no finite numbers, or the scenario's duration is over.
+            InputError: no finite numbers.
+            ConfigError: the scenario's duration is over.
         """
-        if not (math.isfinite(speed) and math.isfinite(turn_rate)):
-            raise ConfigError(f"{speed}, {turn_rate}, expected finite numbers", field="speed")
+        for field, asked in (("speed", speed), ("turn_rate", turn_rate)):
+            if not (isinstance(asked, Real) and math.isfinite(asked)):
+                raise InputError(f"{shortened(asked)}, expected a finite number", field=field)
         if self.done:
             raise ConfigError(f"{self.scenario.duration:g} s are over, expected a longer one", field="duration")
         limits = self.scenario.drive

@@ -61,6 +61,9 @@ class Update(Summarised):
         """The probability ``wrong`` in a word."""
         return state_of(self.wrong)
 
+    def _summary(self) -> str:
+        return f"{super()._summary()}, state={self.state.name}"
+
 
 class ScanRecords:
     """A row a scan, in the order of the scans.

@@ -18,6 +18,7 @@ from moteslam.eval.cli import catalogue, compare, convert, evaluate, inspect, re
 from moteslam.eval.cli.interrupt import MESSAGE, Interrupted, leave_with, on_interrupt, was_asked
 from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import STDOUT, note, say, stdout_named
+from moteslam.plugins import blamed
 
 BAD_INPUT, INTERNAL_ERROR, CLOSED_PIPE = 2, 1, 141
 
@@ -151,7 +152,11 @@ def _failed(error: Any) -> int:
         kind = f"{type(error).__module__}.{type(error).__qualname__}".removeprefix("builtins.")
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"in {last.filename}, line {last.lineno}"
-        note(f"internal error: {kind}: {error} {place}; MOTESLAM_TRACEBACK=1 shows more, please report it")
+        whose = blamed(error)
+        note(
+            f"{f'{whose} failed' if whose else 'internal error'}: {kind}: {error} {place}; "
+            f"MOTESLAM_TRACEBACK=1 shows more{', please report it' * (not whose)}"
+        )
         return INTERNAL_ERROR
     return BAD_INPUT
 

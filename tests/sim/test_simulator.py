@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from closed_loop import WANTED, controller
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, InputError
 from moteslam.robot.recording import EncoderStream, LidarStream, Recording
 from moteslam.sim.robot.driver import driver_for
 from moteslam.sim.scenario import Scenario, load_scenario, with_camera
@@ -188,9 +188,10 @@ def test_being_carried_along_a_route_is_refused():
 
 def test_commands_that_are_no_numbers_and_steps_after_the_end_are_refused():
     simulator = Simulator(short(12.0))
-    with pytest.raises(ConfigError) as caught:
-        simulator.step(np.nan, 0.0)
-    assert caught.value.field == "speed"
+    for asked, field in (((np.nan, 0.0), "speed"), (("a", 1), "speed"), ((0.1, None), "turn_rate")):
+        with pytest.raises(InputError) as caught:
+            simulator.step(*asked)
+        assert caught.value.field == field
     while not simulator.done:
         simulator._run.step()
     with pytest.raises(ConfigError) as caught:
