@@ -221,11 +221,11 @@ def other_units(recording: Recording) -> list[Issue]:
 
 
 def _speed(stamps: Array, poses: Array) -> float | None:
-    """The median speed [m/s] over the seconds in which the robot moves; None if it never does."""
+    """The median speed [m/s] over the seconds in which the robot moves; None if these are fewer than 3: it jumps."""
     span = float(stamps[-1] - stamps[0])
     if not span > 0:
         return None
     at = np.unique(np.searchsorted(stamps, np.linspace(stamps[0], stamps[-1], 2 + int(min(span, WINDOWS)))))
     elapsed, driven = np.diff(stamps[at]), np.hypot(*np.diff(poses[at, :2], axis=0).T)
     moving = (elapsed > 0) & (driven > 0)
-    return float(np.median(driven[moving] / elapsed[moving])) if moving.any() else None
+    return float(np.median(driven[moving] / elapsed[moving])) if moving.sum() > 2 else None

@@ -1,7 +1,9 @@
 """Messages as they come give the bytes of the recording; odometry that lags or fails is never a robot that stands."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from slam_rooms import circled_room
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.formats import open_recording
 from moteslam.robot.platform import Platform
-from moteslam.robot.recording import Recording
+from moteslam.robot.recording import OdometryStream, Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.estimate import Estimate
@@ -19,6 +21,7 @@ from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.odometry_path import KEPT, MOST_KEPT
+from moteslam.slam.odometry.dead_reckoning import dead_reckon
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
@@ -202,3 +205,122 @@ def test_ranges_that_drivers_report_where_there_is_no_endpoint_are_none():
     taken = live.waiting[0].ranges
     np.testing.assert_array_equal(taken[:5], (np.inf, np.inf, np.inf, np.inf, np.nan))
     assert (taken[5:] == 1).all()
+
+
+@pytest.fixture(scope="module")
+def office() -> Recording:
+    """A minute in the office at five scans a second, with odometry poses: it turns enough to be checked."""
+    scenario = load_scenario("office").with_(platform="turtlebot3", duration=60.0)
+    recording = simulate(scenario, seed=0).recording
+    path = dead_reckon(recording)
+    return recording.replace(encoders=None, odometry=OdometryStream(path.stamps, path.poses))
+
+
+def wrong(
+    recording: Recording, *, ranges: float = 1.0, poses: tuple[float, ...] = (1, 1, 1), rates: float = 1.0, **how: float
+) -> Recording:
+    """Figures multiplied, the beams in the other order, the stamps from 0 and multiplied."""
+    lidar, odometry, imu = recording.lidar, recording.odometry, recording.imu
+    assert lidar is not None
+    assert odometry is not None
+    assert imu is not None
+    beams = slice(None, None, -1 if "turned" in how else 1)
+
+    def at(stamps: np.ndarray) -> np.ndarray:
+        return (stamps - lidar.stamps[0] + 1) * how["stamps"] if "stamps" in how else stamps
+
+    return recording.replace(
+        lidar=replace(lidar, stamps=at(lidar.stamps), ranges=lidar.ranges[:, beams] * np.float32(ranges)),
+        odometry=OdometryStream(at(odometry.stamps), odometry.poses * poses),
+        imu=replace(imu, stamps=at(imu.stamps), angular_velocity=imu.angular_velocity * rates),
+    )
+
+
+CHEAP = ["particles=2"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [
+        ({}, None),
+        ({"ranges": 100.0}, "blind-scans"),
+        ({"poses": (1, 1, 57.3)}, "odometry-headings"),
+        ({"poses": (1, -1, -1)}, "mirrored"),
+        ({"turned": True}, "mirrored"),
+        ({"stamps": 1e3}, "implausible-speed"),
+    ],
+    ids=lambda value: str(value) if isinstance(value, dict) else "",
+)
+def test_at_the_end_messages_are_told_what_a_recording_is(office: Recording, fault: dict[str, Any], code: str | None):
+    recording = wrong(office, **fault)
+    slam = OnlineSlam(platform_of(office), resolve_config("paper", CHEAP), name="base")
+    list(fed(slam, recording))
+    found = {issue.code: issue for issue in slam.estimate().warnings}
+    assert code in found if code else not found.keys() - {"lidar-mount", "no-mount"}, found
+
+
+@pytest.mark.parametrize(
+    ("fault", "stream"),
+    [
+        ({"ranges": 1000.0}, "lidar: the median of its ranges is"),
+        ({"poses": (1e3, 1e3, 1)}, "odometry: moves at"),
+        ({"rates": 180 / np.pi}, "imu: turns at"),
+    ],
+    ids=["mm", "mm-poses", "deg-s"],
+)
+def test_units_in_which_nothing_is_left_end_a_run_at_once_as_they_do_a_recordings(
+    office: Recording, fault: dict[str, Any], stream: str
+):
+    recording = wrong(office, **fault)
+    slam = OnlineSlam(platform_of(office), resolve_config("paper", CHEAP), name="base")
+    with pytest.raises(InputError, match=f"^base: {stream}") as caught:
+        list(fed(slam, recording))
+    assert caught.value.file == "base"
+    assert len(slam) < len(office.lidar)
+    with pytest.raises(InputError, match=stream):
+        run_slam(recording, resolve_config("paper", CHEAP))
+
+
+def test_a_single_jump_and_codes_of_no_return_are_no_other_units(office: Recording):
+    poses, ranges = np.zeros_like(office.odometry.poses), np.full_like(office.lidar.ranges, 1000.0)
+    poses[1:] += (300.0, 0.0, 0.0)  # and then it stands
+    recording = office.replace(
+        odometry=OdometryStream(office.odometry.stamps, poses), lidar=replace(office.lidar, ranges=ranges)
+    )
+    slam = OnlineSlam(platform_of(office), resolve_config("paper", CHEAP))
+    list(fed(slam, cut(recording, 120)))
+    assert {"blind-scans"} <= {issue.code for issue in slam.estimate().warnings}
+
+
+def test_of_a_long_run_the_first_messages_are_kept(office: Recording, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("moteslam.slam.inputs.live.FIRST", 100)
+    slam = OnlineSlam(platform_of(office), resolve_config("paper", CHEAP))
+    list(fed(slam, wrong(office, ranges=100.0)))
+    assert len(slam._live("lidar", 0.0).beginning) == 100
+    (issue,) = [issue for issue in slam.estimate().warnings if issue.code == "blind-scans"]
+    assert issue.count == 100
+    assert "in the first 100 scans" in issue.message
+
+
+@pytest.mark.parametrize(
+    ("give", "field", "expected"),
+    [
+        (lambda slam: slam.add_imu("x", 0), "imu.stamp", "a number, not text"),
+        (lambda slam: slam.add_scan(np.ones(360), "12"), "lidar.stamp", "a number, not text"),
+        (lambda slam: slam.add_odometry(None, (0, 0, 0)), "odometry.stamp", "a number, not NoneType"),
+        (lambda slam: slam.add_odometry(1.3e12, (0, 0, 0)), "odometry.stamp", "seconds below 1e+11"),
+        (lambda slam: (slam.add_odometry(1, counts=(0,) * 4), slam.add_odometry(2, (0,) * 3)), "odometry", "counts as"),
+        (lambda slam: (slam.add_odometry(1, (0,) * 3), slam.add_odometry(2, counts=(0,) * 4)), "odometry", "poses as"),
+    ],
+)
+def test_a_message_that_cannot_be_is_refused_in_one_line(
+    corridor: Recording, give: Callable[[OnlineSlam], object], field: str, expected: str
+):
+    with pytest.raises(InputError, match=f"expected {expected}".replace("+", r"\+")) as caught:
+        give(OnlineSlam(platform_of(corridor).model_copy(update={"imu": None})))
+    assert caught.value.field == field
+
+
+def test_an_update_shows_its_state(corridor: Recording):
+    slam = OnlineSlam(platform_of(corridor), resolve_config("paper", CHEAP))
+    assert "state=SURE" in repr(next(fed(slam, corridor)))
