@@ -323,7 +323,7 @@ def _at(path: OdometryPath) -> Path:
     return lambda times: np.stack([np.interp(times, path.stamps, column) for column in columns], axis=-1)
 
 
-def _rates(scans: RegisteredPairs, at: Path, offset: float, drift: float, turns: float = 1) -> tuple[Array, Array]:
+def _rates(scans: RegisteredPairs, at: Path, offset: float, drift: float, *, turns: float = 1) -> tuple[Array, Array]:
     """The odometry's turns, over a scale, while former scans of pairs [k] were taken, and the latter ones [rad/s]."""
     middle = scans.pairs.middle
     begins, ends = (time + offset + drift * (time - middle) for time in (scans.first, scans.last))

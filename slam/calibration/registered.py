@@ -280,7 +280,7 @@ def best_scale(recording: Recording, lidar: LidarStream, before: Indices, after:
         scaled = replace(lidar, angle_increment=scale * lidar.angle_increment)
         return float(RegisteredPairs(recording, scaled, before[some], after[some]).costs.mean())
 
-    return min(SCALES[(SCALES * whole < 2 * np.pi) | (SCALES == 1)].tolist(), key=cost_at)
+    return float(min(SCALES[(SCALES * whole < 2 * np.pi) | (SCALES == 1)].tolist(), key=cost_at))
 
 
 def choose_pairs(lidar: LidarStream, odometry: Array, count: int, far: float = 1.0) -> tuple[Indices, Indices]:
