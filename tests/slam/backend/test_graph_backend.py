@@ -194,13 +194,16 @@ def test_after_an_outage_a_second_hypothesis_finds_the_way():
 @pytest.mark.slow
 def test_a_loop_closes_at_the_right_one_of_equal_openings():
     """And the bare corridors of the loop keep their lengths."""
-    case = wheels_case("lookalikes", 205, platform="urg04lx", step_noise=(0.1, 0.1))
-    found = estimate(case)
-    assert case.reference is not None
-    scores = score_loops(found.loops, case.reference, case.recording)
-    assert scores.pairs >= 5
-    assert scores.false == 0
-    assert error(found.trajectory_final, case) < 0.35
+    errors = []
+    for seed in (205, 210):
+        case = wheels_case("lookalikes", seed, platform="urg04lx", step_noise=(0.1, 0.1))
+        found = estimate(case)
+        assert case.reference is not None
+        scores = score_loops(found.loops, case.reference, case.recording)
+        assert scores.pairs >= 5
+        assert scores.false == 0
+        errors.append(error(found.trajectory_final, case))
+    assert np.mean(errors) < 0.35
 
 
 @pytest.mark.slow
