@@ -115,14 +115,9 @@ class Calibration:
 
 
 def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None:
-    """Estimate what a recording shows of its sensors, from scans alone and from scans and odometry.
+    """What a recording shows of its sensors, from scans alone and from scans and odometry, by so many pairs of scans.
 
-    Args:
-        recording: any.
-        pairs: of scans that are registered: the more, the longer it takes, and the smaller the deviations.
-
-    Returns:
-        None if too few scans fit each other, the robot hardly turns, or there is no odometry.
+    None if too few scans fit each other, the robot hardly turns, or there is no odometry.
     """
     try:
         return estimate(recording, pairs)
@@ -343,11 +338,10 @@ def _read(
         offset, drift, correlation = clock(scans.pairs, read.stamps, headings, shared=logged)
         if abs(correlation) < (AGREES_LOGGED if logged else AGREES):
             continue
-        pairs, mirrored = scans.pairs, correlation < 0
+        pairs, mirrored, signs = scans.pairs, correlation < 0, np.array((1, -1, -1))
         if mirrored:
-            pairs = pairs._replace(
-                motions=pairs.motions * (1, -1, -1), covariances=pairs.covariances * np.outer((1, -1, -1), (1, -1, -1))
-            )
+            covariances = pairs.covariances * np.outer(signs, signs)
+            pairs = pairs._replace(motions=pairs.motions * signs, covariances=covariances)
         cost = fit(pairs, _at(read), (offset, drift), shared=logged).cost
         if cost < BETTER * least and (least - cost) * len(pairs.first) > EVIDENCE:
             best, least = (form, mirrored, correlation, (offset, drift)), cost
