@@ -16,6 +16,7 @@ from typing import Any, Generic, TypeVar
 from moteslam.errors import ConfigError, MoteslamWarning
 
 T = TypeVar("T")
+GROUPS = ("filters", "backends", "formats", "metrics")
 
 
 class PluginWarning(MoteslamWarning):
@@ -108,7 +109,7 @@ def _installed() -> Any:
 def blamed(error: BaseException) -> str | None:
     """The plug-in of another package in whose code an error was raised, in words; None if in none's."""
     frames, found = error.__traceback__, None
-    entries = [entry for entry in _installed() if entry.group.startswith("moteslam.")]
+    entries = [entry for group in GROUPS for entry in _installed().select(group=f"moteslam.{group}")]
     while frames is not None:
         module = str(frames.tb_frame.f_globals.get("__name__"))
         of = [entry for entry in entries if f"{module}.".startswith(f"{entry.module.split('.')[0]}.")]

@@ -367,3 +367,11 @@ def test_it_is_said_that_flaser_lines_state_no_angles(tmp_path: Path, beams: int
     found = [issue.message for issue in recording.warnings if issue.code == "assumed-angles"]
     assert len(found) == expected
     assert all("228 beams are assumed to span 180 degrees" in each for each in found)
+
+
+def test_a_log_in_mm_has_no_endpoint_and_is_told(tmp_path: Path) -> None:
+    scans = [np.random.default_rng(k).uniform(500, 3000, 60).tolist() for k in range(40)]
+    given = [robotlaser(ranges, stamp=float(k), limit=3.5) for k, ranges in enumerate(scans)]
+    recording = read_carmen(write_log(tmp_path / "mm.log", given))  # a warning of NumPy would be an error here
+    assert np.isposinf(recording.lidar.ranges).all()
+    assert "range-max" in [issue.code for issue in recording.warnings]

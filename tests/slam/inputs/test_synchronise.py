@@ -257,3 +257,11 @@ def test_stamps_that_jitter_are_told(change, told: bool):
     assert codes == ["stamps-jitter"] * told
     logged = replace(lidar, odometry=np.zeros((len(stamps), 3)))  # motion does not depend on stamps
     assert not doubtful_stamps(Recording("drive", UCSD, lidar=logged), None)
+
+
+def test_ranges_of_a_recording_in_memory_that_are_all_beyond_the_limit_are_told():
+    recording, _ = circled_room(scans=20)
+    lidar = replace(recording.lidar, ranges=recording.lidar.ranges * np.float32(100), range_max=30.0)
+    changed = recording.replace(lidar=lidar)
+    (issue,) = [one for one in warnings(changed, synchronise(changed)) if one.code == "blind-scans"]
+    assert (issue.count, "30 m" in issue.message) == (20, True)
