@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from issues import messages
+from slam_rooms import circled_room
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
