@@ -204,7 +204,9 @@ def _run_over(
             onto=onto,
         )
     found = {"out": str(out), **found}
-    answer(found, run_lines(found, f"{recording.name}: {found['distance_m']:.1f} m"), as_json=run.as_json)
+    answer(
+        found, run_lines(found, f"{recording.name}: {found['distance_m']:.1f} m by SLAM's path"), as_json=run.as_json
+    )
 
 
 def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) -> tuple[Recording, tuple[Issue, ...]]:

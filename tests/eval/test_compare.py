@@ -46,7 +46,7 @@ def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFix
     assert better["p"] == pytest.approx(22 / 1024)
     assert better["high"] < 0
     text = printed(capsys, "compare", file, "--baseline", "better")
-    assert text.startswith("final ATE [cm], against better\n")
+    assert text.startswith("final ATE [m], against better\n")
     assert text.splitlines()[2].split()[:4] == ["plain", "10", "1", "9"]
 
 
