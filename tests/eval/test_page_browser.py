@@ -122,6 +122,8 @@ def test_charts_are_drawn(browser: Browser, pages: dict[str, Path]) -> None:
 def test_slider_and_keyboard_move_the_robot(browser: Browser, pages: dict[str, Path]) -> None:
     opened(browser, pages["runs"])
     WebDriverWait(browser, 20).until(lambda _: "s of" in browser.find_element(By.ID, "now").text)
+    unit = WebDriverWait(browser, 20).until(lambda _: browser.find_element(By.CSS_SELECTOR, "#error .ytitle").text)
+    assert f" {unit.partition('[')[2][:-1]} " in browser.find_element(By.ID, "now").text  # one unit in both
     slider, button, canvas = (browser.find_element(By.ID, name) for name in ("time", "play", "map"))
     last = robot(browser)
     slider.send_keys(Keys.HOME)
