@@ -191,16 +191,15 @@ def page(
         name = f"{runs.name_of(run, keys or runs.SETTINGS)}, seed {run.run.seed}"
         players.append((name, data_block(playable(folder, budget_of(len(played))))))
         progress(len(players))
-    # each scenario has a row, and a colour in the columns of charts: several have no common median
-    rows, groups = (
-        runs.grouped(made, lambda run, some=some: runs.name_of(run, some) or run.run.configured)
-        for some in (keys, runs.apart(made, "scenario"))
-    )
+
+    def grouped(some: Sequence[str]) -> dict[str, list[Row]]:
+        return runs.grouped(made, lambda run: runs.name_of(run, some) or run.run.configured)
+
     several = {key: len({runs.name_of(run, [key]) for run in made}) for key in keys}
     varied = list(dict.fromkeys(key for run in made for key, _ in run.run.varied))
     drawn = [
         {
-            "spread": charts.spread(groups, one),
+            "spread": charts.spread(grouped(runs.apart(made, "scenario")), one),
             "curves": [curve for key in varied if (curve := charts.curves(made, key, one)) is not None],
         }
         for one in shown.values()
@@ -222,7 +221,7 @@ def page(
             "meanings": {name: runs.known_metric(name).meaning for name in names},
             "runs": made,
             "axis": runs.key_words(axis),
-            "groups": rows,
+            "groups": grouped(keys),  # each scenario has a row: several have no common median
             "group": " and ".join(keys) or axis,
             "about": [key for key in runs.SETTINGS if any(run.about[key] for run in made)],
             "several": {**several, "seed": len({run.run.seed for run in made})},

@@ -22,7 +22,10 @@ from moteslam.eval.tables import fitting, literal, number
 
 Array = NDArray[np.float64]
 Errors = AteResult | None
-Line = tuple[str, AteResult, dict[str, Any]]
+Look = dict[str, Any]
+Shown = tuple[str, str, float]
+"""A metric, with its words and the factor to their unit."""
+Line = tuple[str, AteResult, Look]
 """Label, to which its RMSE is added, errors and look of a curve."""
 
 RUG = 1.05
@@ -218,7 +221,7 @@ def draw_sweep(
     with style.saved_figure(path, size=(1.0 + 5.2 * len(metrics), 4.6)) as figure:
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axes, name in zip(panels, metrics, strict=True):
-            _draw_medians(axes, lines, looks, name, titles[name], places)
+            _draw_medians(axes, lines, looks, (name, *titles[name]), places)
             axes.set_xlabel(literal(key_words(column) if label is None else label), parse_math=False)
         if max(len(runs) for line in lines for runs in line.groups.values()) >= FEWEST:
             panels[0].errorbar([], [], yerr=[], color="0.4", ls="", capsize=3.5, label="95 % interval of the median")
@@ -245,14 +248,9 @@ def far_apart(values: Sequence[float], factor: float = LOG_Y) -> bool:
 
 
 def _draw_medians(
-    axes: style.Axes,
-    lines: Sequence[SweptLine],
-    looks: Sequence[dict[str, Any]],
-    name: str,
-    heading: tuple[str, float],
-    places: dict[Any, float],
+    axes: style.Axes, lines: Sequence[SweptLine], looks: Sequence[Look], shown: Shown, places: dict[Any, float]
 ) -> None:
-    title, factor = heading
+    name, title, factor = shown
     summed = [{value: summary_of(rows, name) for value, rows in line.groups.items()} for line in lines]
     alone = [row.known[name] for line in lines for rows in line.groups.values() for row in rows if name in row.known]
     ends = [end for line in summed for one in line.values() for end in (one.median, one.low, one.high)]
@@ -268,8 +266,10 @@ def _draw_medians(
         axes.set_xscale("log")
     aside = 0.2 * words
     axes.plot([first - aside, last + aside], [high, high], ls="")  # every panel has all places
-    for x in (x for value, x in places.items() if all(value not in one or one[value].median is None for one in summed)):
-        axes.text(x, 0.02, "-", transform=axes.get_xaxis_transform(), ha="center", size="x-large")
+    for place in (
+        x for value, x in places.items() if all(value not in one or one[value].median is None for one in summed)
+    ):
+        axes.text(place, 0.02, "-", transform=axes.get_xaxis_transform(), ha="center", size="x-large")
     for index, (line, groups) in enumerate(zip(lines, summed, strict=True)):
         having = [(value, x, groups[value]) for value, x in places.items() if value in groups]
         having = [(value, x, one) for value, x, one in having if one.median is not None]
@@ -277,8 +277,8 @@ def _draw_medians(
         x = np.array([x for _, x, _ in having])
         x = x * (last / first) ** shift if axes.get_xscale() == "log" else x + shift * (last - first)
         ranges = [(one.median, one.low, one.high) if one.low is not None else (one.median,) * 3 for *_, one in having]
-        shown = factor * np.array(ranges, np.float64).reshape(-1, 3).T
-        y, bottom, top = np.clip(shown, low, high)
+        ranged = factor * np.array(ranges, np.float64).reshape(-1, 3).T
+        y, bottom, top = np.clip(ranged, low, high)
         bars = np.array([one.low is not None for _, _, one in having], np.bool_)
         look = {"lw": 1.4, **looks[index], **({"ls": ""} if words else {})}
         axes.plot(x, y, ms=5.5, label=line.label or "median", **look)
@@ -286,7 +286,7 @@ def _draw_medians(
         for at, (value, _, _) in zip(x, having, strict=True) if few else ():  # no interval: every run
             each = [factor * row.known[name] for row in line.groups[value] if name in row.known]
             axes.plot([at] * len(each), each, ".", color=looks[index]["color"], ms=4, alpha=0.5)
-        failed = ~np.isfinite(shown[0])
+        failed = ~np.isfinite(ranged[0])
         if failed.any():
             axes.plot(x[failed], y[failed], "o", clip_on=False, mec=looks[index]["color"], mfc="white", ms=9, zorder=5)
             axes.plot([], [], "o", mec="0.4", mfc="white", ms=9, label="half of the runs or more failed")

@@ -33,16 +33,13 @@ Scalar = bool | int | float | str
 RecordingFormat = Literal["carmen", "ucsd"]
 
 
-def _word(longest: int) -> AfterValidator:
-    def checked(text: str) -> str:
-        if not re.fullmatch(rf"[\w.+-]{{1,{longest}}}", text):
-            raise ValueError(f"{shortened(text, 90)!r}, expected letters, digits, _ . + -, at most {longest}")
-        return text
-
-    return AfterValidator(checked)
+def _named(text: str) -> str:
+    if not re.fullmatch(r"[\w.+-]{1,80}", text):
+        raise ValueError(f"{shortened(text, 90)!r}, expected letters, digits, _ . + -, at most 80")
+    return text
 
 
-Name, FileName = Annotated[str, _word(80)], Annotated[str, _word(200)]
+Name = Annotated[str, AfterValidator(_named)]
 
 
 class Range(Section):
@@ -100,9 +97,9 @@ class Configuration(Section):
     """Of the command: a text, or a program and its arguments, the first line of which is recorded."""
     format: RecordingFormat = "carmen"
     """In which the command is given the recording."""
-    trajectory: FileName = "trajectory.tum"
+    trajectory: Name = "trajectory.tum"
     """Which file in `{out}` is the command's trajectory."""
-    map: FileName = "map.yaml"
+    map: Name = "map.yaml"
     """Which file in `{out}` is its map, if it writes one."""
     set: Annotated[dict[str, Any], BeforeValidator(_dotted)] = Field(default_factory=dict)
     """Keys over it: `slam.` of the preset, `scenario.` of the scenario, `platform.` of its robot."""
