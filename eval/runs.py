@@ -320,7 +320,9 @@ def columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
 def as_csv(rows: Sequence[Row]) -> str:
     """The columns as CSV: numbers with the fewest digits that read back the same, empty for None."""
     table = columns(rows)
-    return comma_separated([list(table), *(list(map(_text, row)) for row in zip(*table.values(), strict=True))]) + "\n"
+    made = zip(*table.values(), strict=True)
+    cells = ([repr(one) if isinstance(one, float) else "" if one is None else str(one) for one in row] for row in made)
+    return comma_separated([list(table), *cells]) + "\n"
 
 
 def write_parquet(path: Path, rows: Sequence[Row]) -> None:
@@ -333,7 +335,3 @@ def write_parquet(path: Path, rows: Sequence[Row]) -> None:
     table = pyarrow.BufferOutputStream()
     parquet.write_table(pyarrow.table(columns(rows)), table)
     write_atomically(path, table.getvalue().to_pybytes())
-
-
-def _text(value: object) -> str:
-    return "" if value is None else repr(value) if isinstance(value, float) else str(value)

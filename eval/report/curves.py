@@ -205,7 +205,7 @@ def draw_sweep(
     """Medians over a column of ``Row.about`` with bars for their 95 % bootstrap intervals, or of few runs each of them
     as a point; a panel a metric.
 
-    A colour stands for a scenario, robot and noise, or in one alone for a configuration; so do dashes. A median that is
+    A colour stands for a scenario, robot and noise, or in one alone for a configuration, as dashes do. A median that is
     infinite, since half of the runs failed, is an open marker beyond the others, a dash stands where there is none.
     Bars end at the edge where they go on to infinity.
     """
