@@ -13,9 +13,8 @@ SPACING, MOST = 0.5, 256  # A scan is kept each so much path [m]; of so many eve
 POINTS = 128  # of a scan, evenly chosen
 LEAST = 10  # Scans, at least; they are in as many parts of the path, as scans of one place err alike, ...
 PARTS = 20  # ... at most in so many
-NEAREST = 0.3  # An endpoint farther from a wall, or beside its end, is not of it: people, moved furniture [m]
-SCALES = np.geomspace(0.1, 0.03, 12)
-"""Cauchy's of the residuals [m], by iterations: a wrong scale displaces walls at first; a cell of the map at last."""
+SCALES = np.geomspace(0.5, 0.03, 20)
+"""Cauchy's of the residuals [m], by iterations: a wrong scale displaces walls at first, cells at last; not people."""
 SIGMAS, WRONG = 5.0, 0.01
 """A strain is a map's fault at so many standard deviations, and where it is more than this: lidars err by less."""
 ALONG = 15.0  # A direction within as much of an axis is called that [degrees]
@@ -59,7 +58,7 @@ class MapScale:
             at_x = poses[of, 0] + x + xx * x + xy * y + offset * u
             at_y = poses[of, 1] + y + xy * x + yy * y + offset * v
             residual, along, (n, m), known = self._maps.surface.lines(at_x, at_y)
-            known &= (np.abs(along) < cells.cell_size) & (np.abs(residual) < NEAREST)
+            known &= np.abs(along) < cells.cell_size  # not beside a wall's end
             weight = known / (1 + np.square(residual / scale))
             row = np.stack((n, m, m * x - n * y, n * x, m * y, n * y + m * x, n * u + m * v, residual), axis=1)
             sums = np.add.reduceat(weight[:, None, None] * row[:, :7, None] * row[:, None], begin, axis=0)
@@ -95,10 +94,10 @@ class MapScale:
                 text = f"along {'x than along y' if abs(turned) < 45 else 'y than along x'}: stretched"
             text = f"the map is {100 * apart:.1f} % longer {text}, by what the lidar measures, and poses in it with it"
             return Issue("map-scale", text)
-        off = np.abs(strain[:2]) - np.maximum(WRONG, SIGMAS * np.sqrt(covariance.diagonal()[:2]))
-        if off.max() <= 0:
+        weight = np.linalg.inv(covariance[:2, :2]).sum(axis=0)  # of each direction in the scale of both
+        percent = 100 * float(weight @ strain[:2] / weight.sum())
+        if abs(percent) < 100 * max(WRONG, SIGMAS * float(weight.sum() ** -0.5)):
             return None
-        percent = 100 * float(strain[off.argmax()])
         text = f"the map is {abs(percent):.1f} % {'larger' if percent > 0 else 'smaller'} than the lidar measures: its "
         text += "resolution is not as stated, and poses are wrong by as much, or the lidar's ranges are"
         return Issue("map-scale", text)

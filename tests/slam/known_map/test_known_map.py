@@ -144,7 +144,7 @@ def test_the_search_finds_what_an_exhaustive_one_finds() -> None:
     [
         ((0.0, 0.0, 0.0), 0.0, ()),
         ((0.0, 0.0, 0.0), 0.03, ()),  # walls are drawn thick
-        ((0.016, 0.016, 0.0), 0.0, ("1.6 % larger",)),
+        ((0.016, 0.016, 0.0), 0.0, ("% larger",)),
         ((-0.03, -0.03, 0.0), 0.03, ("% smaller",)),
         ((0.04, 0.04, 0.0), 0.0, ("% larger",)),
         ((0.05, 0.0, 0.0), 0.0, ("longer along x", "stretched")),
