@@ -26,20 +26,16 @@ from moteslam.robot.values import Summarised, expect_type, given_up
 
 Array = NDArray[np.float64]
 
-MAX_BYTES = 1 << 30
-"""Of all arrays of a file: 1 GiB, of log-odds in cells of 5 cm the square of 800 m."""
-MAX_PLACE = 1e6
-"""No map lies farther from its frame's origin [m]."""
+MAX_BYTES = 1 << 30  # Of all arrays of a file: 1 GiB, of log-odds in cells of 5 cm the square of 800 m
+MAX_PLACE = 1e6  # No map lies farther from its frame's origin [m]
 
 GRIDS = 4
 """Directions of the grid: a wall along the edges of the cells of one alone would count once or twice by chance."""
-LARGEST_GRID = 1 << 27
-"""Cells of larger grids, 580 m square in cells of 5 cm, are counted by sorting."""
+LARGEST_GRID = 1 << 27  # Cells of larger grids, 580 m square in cells of 5 cm, are counted by sorting
 
 PNG = b"\x89PNG\r\n\x1a\n"
 """What a PNG begins with."""
-FULL = 65535
-"""What the largest value of a channel becomes."""
+FULL = 65535  # What the largest value of a channel becomes
 
 _GAP = rb"(?:[ \t\n\v\f\r]|#[^\n\r]*[\n\r])+"
 _NETPBM = re.compile(rb"P[2356]" + 3 * (_GAP + rb"(\d{1,9})"))

@@ -44,10 +44,8 @@ STREAMS = ("lidar", "odometry", "encoders", "imu")
 """The tables of a description that are streams."""
 RUNNING, FASTEST, JITTER = "encoders.running", 20.0, 4
 """A robot drives no faster [m/s]; totals of one that stands may go to and fro by as many ticks."""
-MAX_COUNT = 2**53
-"""Ticks stay below it: whole numbers up to there are exact."""
-AT_REST = (0.0, 0.0, 1.0)
-"""What an accelerometer says of a robot at rest [g]."""
+MAX_COUNT = 2**53  # Ticks stay below it: whole numbers up to there are exact
+AT_REST = (0.0, 0.0, 1.0)  # What an accelerometer says of a robot at rest [g]
 
 
 def _column(value: Any) -> Any:
@@ -198,7 +196,7 @@ def read_csv_log(path: str | PathLike[str], sequence: str | int | None = None, p
         elif name == "encoders":
             if (values != np.round(values)).any() or (np.abs(values) >= MAX_COUNT).any():
                 raise InputError("not whole numbers, or beyond 2^53, expected ticks", file=file, field=name)
-            counts = _counts(path, stamps, values, robot, running=table.running)
+            counts = _counts(path, stamps, values, robot, issues, running=table.running)
             if len(values.T) == len(TWO_WHEELS):
                 counts = counts[:, [1, 0, 1, 0]]  # right and left, in front and behind
             streams[name] = sensors.encoders(file, (at, at), stamps, counts)
@@ -210,7 +208,9 @@ def read_csv_log(path: str | PathLike[str], sequence: str | int | None = None, p
     return Recording(description.name or path.stem, robot, warnings=tuple(issues), **streams)
 
 
-def _counts(path: Path, stamps: Array, ticks: Array, robot: Platform, *, running: bool) -> NDArray[np.int64]:
+def _counts(
+    path: Path, stamps: Array, ticks: Array, robot: Platform, issues: list[Issue], *, running: bool
+) -> NDArray[np.int64]:
     """The counts [n, k] since the line before of ticks [n, k]; refused where those of the other kind are given.
 
     Totals go on and on, in steps that are much like the one before; ticks of lines stay within a range, and as steps of
@@ -218,6 +218,12 @@ def _counts(path: Path, stamps: Array, ticks: Array, robot: Platform, *, running
     """
     counts = ticks.astype(np.int64)
     steps = np.diff(counts, axis=0, prepend=counts[:1])
+    for half in (2**15, 2**31):  # a counter of 16 or 32 bits that is full begins again
+        near = (steps + half) % (2 * half) - half
+        if running and np.ptp(counts, axis=0).max() < 2 * half and np.abs(near).sum() < 0.75 * np.abs(steps).sum():
+            text = f"{path.name}: counters begin again after {2 * half} ticks: taken as ones that go on"
+            issues.append(Issue("counters-wrap", text, int((near != steps).any(axis=1).sum())))
+            steps = near
     way, unlike, within = np.abs(steps).sum(), np.abs(np.diff(steps, axis=0)).sum(), np.ptp(counts, axis=0)
     if running and within.sum() < way / 10 and unlike > way / 2 and within.max() > JITTER:
         raise ConfigError("true, but the ticks stay within a range: expected false", file=path, field=RUNNING)
@@ -232,11 +238,7 @@ def _counts(path: Path, stamps: Array, ticks: Array, robot: Platform, *, running
 def _platform(path: Path, description: CsvDescription) -> Platform:
     if isinstance(description.platform, str):
         return read_platform(file_within(path.resolve().parent, description.platform, file=path, field="platform"))
-    try:
-        return platform_of(description.platform, file=path)
-    except ConfigError as error:
-        field = f"platform.{error.field}" if error.field else "platform"
-        raise ConfigError(error.problem, file=path, field=field) from error
+    return platform_of(description.platform, file=path, above="platform")
 
 
 def _fan(path: Path, table: LidarTable, robot: Platform) -> Fan:

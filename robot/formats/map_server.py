@@ -23,13 +23,11 @@ from moteslam.files import read_bytes, read_yaml, write_atomically
 from moteslam.robot.raster import FULL, MAX_PLACE, Raster, decode_channels, encode_png, picture_size
 from moteslam.robot.values import expect_type, first_complaint, given_up
 
-FREE, OCCUPIED, UNKNOWN = 0, 1, -1
-"""The values of a trinary map, int8."""
+FREE, OCCUPIED, UNKNOWN = 0, 1, -1  # The values of a trinary map, int8
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 """map_saver's own: above the one a cell is occupied, below the other free. A grey of 205 is just not free."""
 UNKNOWN_PERCENT, FREE_PERCENT, OCCUPIED_PERCENT = -1, 0, 100
-FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY = 254, 0, 205
-"""The greys that map_saver writes for them in the mode trinary."""
+FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY = 254, 0, 205  # The greys that map_saver writes for them in the mode trinary
 BLACK, WHITE, BLUR, MANY = 26, 229, 10, 0.01
 """Greys beyond the first two are meant to be known; a lossy picture changes greys by less than the third; and a larger
 share of the cells than the last may not be read otherwise than they were meant."""
@@ -37,10 +35,8 @@ share of the cells than the last may not be read otherwise than they were meant.
 MAX_IMAGE_BYTES = 256_000_000
 MAX_YAML_BYTES = 100_000
 MAX_PIXELS = 64_000_000
-MAX_EXTENT = 2000.0
-"""Of a map's longer side [m]."""
-_BAND = 1 << 20
-"""Pixels that are worked on at once."""
+MAX_EXTENT = 2000.0  # Of a map's longer side [m]
+_BAND = 1 << 20  # Pixels that are worked on at once
 
 Percent = NDArray[np.int8]
 

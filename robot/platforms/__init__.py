@@ -86,19 +86,21 @@ def read_platform(path: str | PathLike[str], *, base: Platform | None = None) ->
     return platform_of(read_toml(Path(path), "a platform.toml"), file=path, base=base)
 
 
-def platform_of(table: Table, *, file: str | PathLike[str], base: Platform | None = None) -> Platform:
-    """The robot of the table in a ``platform.toml``; arguments as of ``read_platform``."""
-    table = _over_its_base(table, file)
-    return validated(Platform, table if base is None else merged(base.model_dump(), table), file=file)
+def platform_of(table: Table, *, file: str | PathLike[str], base: Platform | None = None, above: str = "") -> Platform:
+    """The robot of the table ``above`` in a file; else as ``read_platform``."""
+    table = _over_its_base(table, file, above)
+    return validated(Platform, table if base is None else merged(base.model_dump(), table), file=file, above=above)
 
 
-def _over_its_base(table: Table, file: str | PathLike[str] | None) -> Table:
+def _over_its_base(table: Table, file: str | PathLike[str] | None, above: str = "") -> Table:
     """The table over the bundled robot that it names, if it names one."""
     if BASE not in table:
         return table
     name, changes = table[BASE], {key: value for key, value in table.items() if key != BASE}
     if name not in _names():
-        raise ConfigError(f"{name!r}, expected one of {', '.join(_names())}", file=file, field=BASE)
+        raise ConfigError(
+            f"{name!r}, expected one of {', '.join(_names())}", file=file, field=".".join(filter(None, (above, BASE)))
+        )
     return merged(platform_table(bundled_platform(name)), changes)
 
 

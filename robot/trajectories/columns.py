@@ -21,12 +21,10 @@ from moteslam.files import read_bytes
 from moteslam.robot.formats.streams import MAX_STAMP
 from moteslam.robot.values import Issue, counted
 
-MAX_BYTES = 500_000_000
-"""Of a file: some five million poses."""
+MAX_BYTES = 500_000_000  # Of a file: some five million poses
 UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9}
 """Of stamps, with the power of ten that a second has of them."""
-LATEST = 1e10
-"""Stamps without a stated unit are not farther from 1970 [s]: 20261126142000 is a date."""
+LATEST = 1e10  # Stamps without a stated unit are not farther from 1970 [s]: 20261126142000 is a date
 LEAST_STEP, MAX_STEP = 1e-5, 1e4
 """Stamps typically nearer or further apart than this [s] are hardly in the unit that they were taken for."""
 
@@ -60,8 +58,7 @@ ROLES = (
     (rf"(?:(?:.* )?{_PLACE}(?: .*)? )?([xyz])", r"\1"),
 )
 """What the words of a name say: the first pattern that fits them all."""
-LONGEST_NAME, MOST_NAMES = 200, 1000
-"""Characters of a name, and names of columns, that are looked at."""
+LONGEST_NAME, MOST_NAMES = 200, 1000  # Characters of a name, and names of columns, that are looked at
 SECONDS = {"sec": "s", "secs": "s", "seconds": "s", "nsecs": "ns", "nanosec": "ns", **{unit: unit for unit in UNITS}}
 SECONDS |= {"msec": "ms", "milliseconds": "ms", "usec": "us", "microseconds": "us", "nsec": "ns", "nanoseconds": "ns"}
 METRES, RADIANS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}, {"rad": 1.0, "deg": np.pi / 180}

@@ -40,8 +40,7 @@ from moteslam.robot.trajectory import UNIT, Array, PoseGraph, Trajectory, quater
 from moteslam.robot.values import Issue, counted, expect_type
 
 EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
-MAX_TURN = 6.3
-"""Angles beyond this must have a unit."""
+MAX_TURN = 6.3  # Angles beyond this must have a unit
 KITTI = "r11 r12 r13 x r21 r22 r23 y r31 r32 r33 z"
 G2O, LARGEST_ID = {"VERTEX_SE2": (1, 3), "EDGE_SE2": (2, 9), "# STAMP": (1, 1)}, 2**63 - 1
 """How many ids and then numbers follow; some programs keep a robot's letter in the upper of the 63 bits of an id."""

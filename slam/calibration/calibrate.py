@@ -90,7 +90,7 @@ class Calibration:
         shared_clock: the clocks do not differ clearly, or the scans fit no better with two.
         late: ``gyro`` where its stamps alone are off, and not those of the wheels; else empty.
         reversed: mirrored beams are in the wrong order in time, too; None where scans do not show it.
-        faster: the scans fit clearly better if a sweep takes half as long as stated.
+        sweep: the share of the stated sweep at which the scans fit best where that clearly is less; else 1.
         fits: the odometry measures the motion of the scans; else nothing but the angles is known.
         step: of a clock in mid recording, or bundles of scans; all else is of the recording without it.
     """
@@ -110,19 +110,14 @@ class Calibration:
     late: Literal["", "gyro"]
     fits: bool
     reversed: bool | None
-    faster: bool
+    sweep: float
     step: ClockStep | Bundles | None = None
 
 
 def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None:
-    """Estimate what a recording shows of its sensors, from scans alone and from scans and odometry.
+    """What a recording shows of its sensors, from scans alone and from scans and odometry, by so many pairs of scans.
 
-    Args:
-        recording: any.
-        pairs: of scans that are registered: the more, the longer it takes, and the smaller the deviations.
-
-    Returns:
-        None if too few scans fit each other, the robot hardly turns, or there is no odometry.
+    None if too few scans fit each other, the robot hardly turns, or there is no odometry.
     """
     try:
         return estimate(recording, pairs)
@@ -278,6 +273,7 @@ def _calibrate(
     lengths, about = (float(each[Parameter.LENGTHS]) for each in (best.values, best.deviations))
     stands = lengths < SIGMAS * about < 1 - lengths  # by the scans, as of a lidar that sees the floor: no scale is 0
     fits = read is not None and min(best.cost, clocks.cost) < UNFIT and not stands
+    rates = _rates(scans, at, *best.values[CLOCKS], turns=best.values[Parameter.TURNS])
     return Calibration(
         angle_scale=angle_scale,
         angle_deviation=deviation,
@@ -294,7 +290,7 @@ def _calibrate(
         late=late,
         fits=fits,
         reversed=is_reversed,
-        faster=fits and not mirrored and scans.is_faster(_rates(scans, at, *best.values[CLOCKS])),
+        sweep=scans.shorter_sweep(recording, lidar, rates) if fits and not mirrored else 1.0,
     )
 
 
@@ -324,11 +320,11 @@ def _at(path: OdometryPath) -> Path:
     return lambda times: np.stack([np.interp(times, path.stamps, column) for column in columns], axis=-1)
 
 
-def _rates(scans: RegisteredPairs, at: Path, offset: float, drift: float) -> tuple[Array, Array]:
-    """The odometry's turns while the former scans of pairs [k] were taken, and the latter ones [rad/s]."""
+def _rates(scans: RegisteredPairs, at: Path, offset: float, drift: float, *, turns: float = 1) -> tuple[Array, Array]:
+    """The odometry's turns, over a scale, while former scans of pairs [k] were taken, and the latter ones [rad/s]."""
     middle = scans.pairs.middle
     begins, ends = (time + offset + drift * (time - middle) for time in (scans.first, scans.last))
-    former, latter = ((at(time + RATE / 2) - at(time - RATE / 2))[:, 2] / RATE for time in (begins, ends))
+    former, latter = ((at(time + RATE / 2) - at(time - RATE / 2))[:, 2] / (RATE * turns) for time in (begins, ends))
     return former, latter
 
 
@@ -344,11 +340,10 @@ def _read(
         offset, drift, correlation = clock(scans.pairs, read.stamps, headings, shared=logged)
         if abs(correlation) < (AGREES_LOGGED if logged else AGREES):
             continue
-        pairs, mirrored = scans.pairs, correlation < 0
+        pairs, mirrored, signs = scans.pairs, correlation < 0, np.array((1, -1, -1))
         if mirrored:
-            pairs = pairs._replace(
-                motions=pairs.motions * (1, -1, -1), covariances=pairs.covariances * np.outer((1, -1, -1), (1, -1, -1))
-            )
+            covariances = pairs.covariances * np.outer(signs, signs)
+            pairs = pairs._replace(motions=pairs.motions * signs, covariances=covariances)
         cost = fit(pairs, _at(read), (offset, drift), shared=logged).cost
         if cost < BETTER * least and (least - cost) * len(pairs.first) > EVIDENCE:
             best, least = (form, mirrored, correlation, (offset, drift)), cost

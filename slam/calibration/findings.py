@@ -132,8 +132,9 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         by = f"{abs(excess.value):.2f} m ({_interval(_size(excess))}) too {'long' if excess.value > 0 else 'short'}"
         text = f"lidar: all ranges are {by}, by scans from other places: subtract {excess.value:.3f} m from them"
         told.append(("range-offset", text))
-    if c.faster:
-        text = f"lidar: scans fit better if a sweep takes half of the {sweep_seconds(recording, lidar):.3g} s stated: "
+    if c.sweep < 1:
+        taken, stated = (share * sweep_seconds(recording, lidar) for share in (c.sweep, 1))
+        text = f"lidar: scans fit best if a sweep takes {taken:.2g} s and not the {stated:.3g} s stated: "
         told.append(("time-increment", f"{text}turns are smeared; give [lidar] time_increment by --platform"))
     if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
         backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4

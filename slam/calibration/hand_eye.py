@@ -212,7 +212,7 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, 
             sharp, *_ = step(sharp, apart, noise * np.maximum(np.take(worth, (0, 0, 1)), 0.02))
         p[Parameter.DRIFT] = sharp[Parameter.DRIFT]
     inverse = np.linalg.inv(normal)
-    parts = _parts(gradient)
+    parts = parts_of(gradient)
     spread = inverse @ (parts.T @ parts) @ inverse
     deviations = np.hypot(np.sqrt(np.maximum(np.diag(spread), np.diag(inverse))), FLOOR)
     late = FLOOR[Parameter.OFFSET] / max(float(np.ptp(pairs.first)) / 2, 1.0)  # between the middle and the ends
@@ -288,7 +288,7 @@ def _ratio_of_lengths(pairs: Pairs, expected: Array, robust: Array) -> tuple[flo
         if not 0.5 < ratio < 2:  # lengths are hardly measured
             return 1.0, 1.0
         apart = by_scans - ratio * by_odometry
-        deviation = float(np.sqrt((_parts(weight * apart) ** 2).sum())) / total
+        deviation = float(np.sqrt((parts_of(weight * apart) ** 2).sum())) / total
         size = np.abs(apart) * np.sqrt(whole)
         weight = whole * np.maximum(1 - (size / max(5 * float(np.median(size[counts])), 1e-9)) ** 2, 0) ** 2
     usual = measured & (np.abs(by_odometry) > LONG_ENOUGH) & (turns < NEARLY)
@@ -298,6 +298,6 @@ def _ratio_of_lengths(pairs: Pairs, expected: Array, robust: Array) -> tuple[flo
     return ratio, deviation
 
 
-def _parts(values: Array) -> Array:
+def parts_of(values: Array) -> Array:
     """The sums [BLOCKS, ...] over parts of a recording of values [k, ...]."""
     return np.array([part.sum(axis=0) for part in np.array_split(values, min(BLOCKS, len(values)))])

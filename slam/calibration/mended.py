@@ -57,9 +57,8 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
     lidar = mended.lidar
     assert lidar is not None
     lidar = lidar_of(lidar, c, certain)
-    if c.faster and side is not None:
-        step = sweep_seconds(recording, lidar) / 2 / (lidar.ranges.shape[1] - 1)
-        lidar = replace(lidar, time_increment=step)
+    if c.sweep < 1 and side is not None:
+        lidar = replace(lidar, time_increment=c.sweep * sweep_seconds(recording, lidar) / (lidar.ranges.shape[1] - 1))
     mended = mended.replace(lidar=lidar)
     if mirror in ("odometry", "gyro"):
         mended = _mirror_image(mended, gyro=mirror == "gyro" or not c.wrong, poses=mirror == "odometry")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
-from moteslam.slam.calibration.hand_eye import Change, Pairs, clearest_change, covariances
+from moteslam.slam.calibration.hand_eye import Change, Pairs, clearest_change, covariances, parts_of
 from moteslam.slam.calibration.scan_pairs import LEAST_FIT, Beams, cost, refine, register
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
@@ -34,8 +34,11 @@ ANGLE_FLOOR, OFFSET_FLOOR, NOISY = 0.0015, 0.004, 1.5
 the usual residual: noise that grows with the range biases it, by 0.015 m of ranges that are off by 0.1 m at 1 %."""
 ORDER = 5.0
 """Standard errors by which scans fit better in one reading, of the beams in one order in time, say: then that is it."""
-SWEEP = 0.02
-"""A sweep that is shorter by less moves no result by a tenth of a metre [s]."""
+SWEEP, SHORTER = 0.02, 0.75
+"""A sweep that is shorter by less moves no result by a tenth of a metre [s]; a larger share of the stated may be one of
+the odometry's turns."""
+LEAST_DEVIATION = 0.003
+"""Pairs do not count more than those of residuals of this size [m]."""
 LEAST_COST = 1e-4
 """A pair costs no less [m]: all endpoints in one place fit, too."""
 SCALES = 1.1 ** np.arange(-8, 9)
@@ -44,8 +47,6 @@ SOME = 60
 """... with as many pairs."""
 TURNING = 0.05
 """Scans whose turns deviate by less show nothing of odometry [rad]."""
-
-
 BESIDE, MOSTLY = 0.26, 0.5
 """A side of the robot is seen within this angle of the side on [rad], as a fan of 180 degrees may be wrong by as much,
 in more than this share of the scans."""
@@ -103,6 +104,7 @@ class RegisteredPairs:
         total, sweep = lidar.ranges.shape[1], sweep_seconds(recording, lidar)
         self.first, self.last = lidar.stamps[before] + sweep / 2, lidar.stamps[after] + sweep / 2
         self._seconds = self.last - self.first
+        self._scans = before, after
         beams = np.arange(0, total, max(1, round(total / BEAMS)))
         self._beams = Beams(lidar.angles[beams], beams / max(total - 1, 1), sweep)
         scans = np.unique(np.concatenate((before, after)))
@@ -141,7 +143,6 @@ class RegisteredPairs:
 
     def stated(self) -> RegisteredPairs:
         """The same with the angles as they were before ``scale_angles``."""
-        assert self._found is not None
         other = copy(self)
         other._beams = self._stated
         other.refine(self._found.motions, anew=True)
@@ -166,21 +167,46 @@ class RegisteredPairs:
         beams, motions = self._beams, self._found.motions * (1, -1, -1)
         turned = beams._replace(angles=-beams.angles)
         backwards = beams._replace(angles=lidar.angles[0] + lidar.angles[-1] - beams.angles, shares=1 - beams.shares)
-        is_reversed = self._fits_better(turned, backwards, motions, rates) if beams.sweep > 0 else False
+        is_reversed: bool | None = False
+        if beams.sweep > 0:
+            readings = turned, backwards
+            as_is, new = (refine(*self._ranges, each, self._seconds, motions, rates=rates) for each in readings)
+            both = as_is.good & new.good
+            is_reversed = _clearly_above_zero(np.log(cost(as_is)[both] / cost(new)[both]))
         self._beams = backwards if is_reversed else turned
         self.refine(motions, anew=True)
         return is_reversed
 
-    def is_faster(self, rates: tuple[Array, Array]) -> bool:
-        """Whether the scans clearly fit better if a sweep takes half as long as stated; ``rates`` as of ``mirror``."""
-        half = self._beams._replace(sweep=self._beams.sweep / 2)
-        return half.sweep > SWEEP and bool(self._fits_better(self._beams, half, self._found.motions, rates))
+    def shorter_sweep(self, recording: Recording, lidar: LidarStream, rates: tuple[Array, Array]) -> float:
+        """The share of the stated sweep at which scans fit each other best where that clearly is less; else 1.
 
-    def _fits_better(self, one: Beams, other: Beams, motions: Array, rates: tuple[Array, Array]) -> bool | None:
-        """Whether the other beams clearly fit better, each scan straightened by its own turn; None if neither."""
-        as_is, new = (refine(*self._ranges, each, self._seconds, motions, rates=rates) for each in (one, other))
-        both = as_is.good & new.good
-        return _clearly_above_zero(np.log(cost(as_is)[both] / cost(new)[both]))
+        By how much more the lidar turns in the latter sweep of a pair than in the former bends their scans apart. It is
+        regressed on ``rates`` as of ``mirror``, whose errors would pass for a shorter sweep: those by the scans beside
+        each, with errors of their own, are the instrument.
+        """
+        share, deviation, sweep = 1.0, 0.0, self._beams.sweep
+        if sweep < SWEEP:
+            return share
+        beside = [np.clip(scans, 1, len(lidar) - 2) for scans in self._scans]
+        own = [RegisteredPairs(recording, lidar, scans - 1, scans + 1) for scans in beside]
+        known = own[0]._found.good & own[1]._found.good
+        former, latter = (each._found.motions[:, 2] / each._seconds for each in own)
+        for _ in range(ROUNDS):
+            beams = self._beams._replace(sweep=share * sweep)
+            found = refine(*self._ranges, beams, self._seconds, self._found.motions, rates=rates)
+            use = known & found.good
+            if use.sum() < FEWEST:
+                return 1.0
+            by = (latter - former)[use] / np.maximum(found.deviation[use], LEAST_DEVIATION) ** 2
+            slope = by * found.gradients[use, -1]
+            about = by * found.about_warps[use, -1, -1] * sweep * (rates[1] - rates[0])[use]
+            step = -float(slope.sum() / about.sum())
+            deviation = float(np.linalg.norm(parts_of(slope + step * about)) / abs(about.sum()))
+            share = float(np.clip(share + step, 0.0, 1.5))
+            if abs(step) < 0.02:
+                break
+        clearly = share < SHORTER and share + ORDER * deviation < 1 and (1 - share) * sweep > SWEEP
+        return share if clearly else 1.0
 
     def scale_angles(self) -> tuple[float, float, tuple[float, float]]:
         """The scale of the angles between beams at which the scans fit each other best, and its deviation.
@@ -194,9 +220,9 @@ class RegisteredPairs:
         scale, offset, deviation, stated = 1.0, 0.0, 1.0, self._beams.angles
         for _ in range(ROUNDS):
             good = self._found.good
-            weight = 1 / np.maximum(self._found.deviation[good], 0.003) ** 2
-            gradient = self._found.gradients[good] * weight[:, None]
-            about = np.einsum("kvw,k->vw", self._found.about_warps[good], weight)
+            weight = 1 / np.maximum(self._found.deviation[good], LEAST_DEVIATION) ** 2
+            gradient = self._found.gradients[good][:, :-1] * weight[:, None]
+            about = np.einsum("kvw,k->vw", self._found.about_warps[good][:, :-1, :-1], weight)
             about[0, 0] += 1 / OFFSET**2
             slope = gradient.sum(axis=0)
             slope[0] += offset / OFFSET**2
@@ -204,7 +230,7 @@ class RegisteredPairs:
             both[0, 0], both[1:, 1] = 1.0, 1.0
             inverse = np.linalg.inv(both.T @ about @ both + 1e-6 * np.eye(2))
             shift, step = np.clip(-inverse @ (slope @ both), -0.1, 0.1)
-            parts = np.array([part.sum(axis=0) for part in np.array_split(gradient @ both, 25)])
+            parts = parts_of(gradient @ both)
             sectors = -np.linalg.solve(about + 1e-6 * np.eye(len(about)), slope)[1:]
             about_offset, spread = np.sqrt((inverse @ (parts.T @ parts) @ inverse).diagonal())
             deviation = float(np.linalg.norm((spread, sectors.std() / np.sqrt(len(sectors)), ANGLE_FLOOR)))
@@ -224,14 +250,13 @@ class RegisteredPairs:
         a part.
         """
         good = self._found.good
-        weight = 1 / np.maximum(self._found.deviation[good], 0.003) ** 2
+        weight = 1 / np.maximum(self._found.deviation[good], LEAST_DEVIATION) ** 2
         slope, about = self._found.gradients[good][:, 0] * weight, self._found.about_warps[good][:, 0, 0] * weight
 
         def excess(some: Array) -> tuple[float, float]:
             total = max(float(about[some].sum()), 1e-9)
             mean = float(slope[some].sum()) / total
-            apart = np.array_split(slope[some] - mean * about[some], 25)
-            spread = float(np.linalg.norm([part.sum() for part in apart])) / total
+            spread = float(np.linalg.norm(parts_of(slope[some] - mean * about[some]))) / total
             return mean, float(np.hypot(spread, deviation / 2 / np.sqrt(some.mean())))
 
         return clearest_change(self.first[good], excess)
@@ -250,11 +275,12 @@ def best_scale(recording: Recording, lidar: LidarStream, before: Indices, after:
     """
     some = np.unique(np.linspace(0, len(before) - 1, SOME).astype(np.intp))
     whole = abs(lidar.angle_increment) * (lidar.ranges.shape[1] - 1.5)  # round once at most
-    costs: dict[float, float] = {}
-    for scale in SCALES[(SCALES * whole < 2 * np.pi) | (SCALES == 1)].tolist():
+
+    def cost_at(scale: float) -> float:
         scaled = replace(lidar, angle_increment=scale * lidar.angle_increment)
-        costs[scale] = RegisteredPairs(recording, scaled, before[some], after[some]).costs.mean()
-    return min(costs, key=lambda scale: costs[scale])
+        return float(RegisteredPairs(recording, scaled, before[some], after[some]).costs.mean())
+
+    return float(min(SCALES[(SCALES * whole < 2 * np.pi) | (SCALES == 1)].tolist(), key=cost_at))
 
 
 def choose_pairs(lidar: LidarStream, odometry: Array, count: int, far: float = 1.0) -> tuple[Indices, Indices]:

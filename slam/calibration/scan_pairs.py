@@ -58,7 +58,8 @@ class Motions:
         fit: [k] share of the endpoints that fit.
         good: [k] which pairs are registered.
         gradients: [k, w] of half the squared residuals of each pair by what all pairs have in common, an offset of all
-            ranges [m] and a scale of the angles in each of `SECTORS` sectors; its motion is eliminated.
+            ranges [m], a scale of the angles in each of `SECTORS` sectors, and, last, by how much more the lidar turns
+            in the latter's sweep than in the former's [rad]; its motion is eliminated.
         about_warps: [k, w, w] the information of these, for residuals of unit variance.
     """
 
@@ -179,7 +180,7 @@ def _register(
     deviation = np.sqrt((weight * residual**2).sum(axis=1) / total)
     good = (fits.sum(axis=1) >= LEAST_BEAMS) & (fit > LEAST_FIT) & (count > 0.3 * np.isfinite(latter).sum(axis=1))
     good &= _turns_known(information, np.where(held[..., None], arm, 0.0), weight, deviation)
-    bend = np.where(held[..., None], _warps(own, end, normal, beams, index, cos, sin), 0.0)
+    bend = np.where(held[..., None], _warps(arm, end, normal, beams, index), 0.0)
     across = weighted @ bend
     solved = np.linalg.solve(damped, np.concatenate((across, gradient[..., None]), axis=-1))
     by_warp = np.einsum("kbw,kb->kw", bend, weight * residual) - np.einsum("kiw,ki->kw", across, solved[..., -1])
@@ -198,20 +199,19 @@ def _turns_known(information: Array, arm: Array, weight: Array, deviation: Array
     return np.asarray(bound > 0.5)
 
 
-def _warps(
-    own: Array, end: Array, normal: Array, beams: Beams, index: NDArray[np.intp], cos: Array, sin: Array
-) -> Array:
-    """The derivatives of residuals [k, b, 1 + SECTORS] by an offset of ranges and a scale of each sector's angles."""
+def _warps(arm: Array, end: Array, normal: Array, beams: Beams, index: NDArray[np.intp]) -> Array:
+    """The derivatives of residuals [k, b, w] by what all pairs have in common, as of `Motions`."""
     edges = np.linspace(beams.angles[0], beams.angles[-1], SECTORS + 1)
     wide = np.abs(edges[1] - edges[0])
     sign = np.sign(edges[1] - edges[0])
     angles = sign * np.clip(sign * (beams.angles[:, None] - edges[:-1]), 0.0, wide)  # [b, s]
-    size, other = (np.maximum(np.hypot(each[..., 0], each[..., 1]), 1e-6)[..., None] for each in (own, end))
-    turned = np.stack((cos * own[..., 0] - sin * own[..., 1], sin * own[..., 0] + cos * own[..., 1]), axis=-1)
-    facing = (normal * turned).sum(axis=-1)[..., None] / size - (normal * end).sum(axis=-1)[..., None] / other
-    mine = normal[..., 1] * turned[..., 0] - normal[..., 0] * turned[..., 1]
-    their = normal[..., 1] * end[..., 0] - normal[..., 0] * end[..., 1]
-    return np.asarray(np.concatenate((facing, mine[..., None] * angles - their[..., None] * angles[index]), axis=-1))
+    times = beams.shares[:, None] - 0.5
+    both, nx, ny = (arm, end), normal[..., 0, None], normal[..., 1, None]
+    sizes = (np.maximum(np.hypot(each[..., 0], each[..., 1]), 1e-6) for each in both)
+    facing, faced = ((normal * each).sum(axis=-1) / size for each, size in zip(both, sizes, strict=True))
+    mine, their = (ny * each[..., 0, None] - nx * each[..., 1, None] for each in both)
+    bent = (mine * times + their * times[index]) / 2
+    return np.concatenate(((facing - faced)[..., None], mine * angles - their * angles[index], bent), axis=-1)
 
 
 def _points(ranges: Array, beams: Beams, velocity: Array, rate: Array) -> Array:
@@ -263,9 +263,5 @@ def _lines(points: Array, ranges: Array) -> tuple[Array, Array, Flags]:
 
 def _beside(values: Any, offset: int) -> Any:
     """The values of the beam that is ``offset`` farther; zeros beyond the ends."""
-    shifted = np.zeros_like(values)
-    if offset > 0:
-        shifted[:, :-offset] = values[:, offset:]
-    else:
-        shifted[:, -offset:] = values[:, :offset]
-    return shifted
+    wide = np.pad(values, ((0, 0), (LINE_BEAMS, LINE_BEAMS)))
+    return wide[:, LINE_BEAMS + offset : wide.shape[1] - LINE_BEAMS + offset]

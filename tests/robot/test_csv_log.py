@@ -178,6 +178,18 @@ def test_ticks_of_the_other_kind_are_refused(given: bool, tmp_path: Path) -> Non
     assert refused.value.field == "encoders.running"
 
 
+@pytest.mark.parametrize(("bits", "least"), [(16, -(2**15)), (16, 0), (32, -(2**31))])
+def test_a_counter_that_is_full_begins_again(tmp_path: Path, bits: int, least: int) -> None:
+    ticks = np.random.default_rng(0).integers(500, 900, 60)
+    values = np.mod(np.cumsum(ticks) - 20_000, 2**bits) + least
+    lines = "\n".join(f"{k / 20},{value}" for k, value in enumerate(values.tolist()))
+    wheels = "metres_per_count = 0.00002\ndiameter = 0.1\nwheel_base = 0\ntrack = 0.3\neffective_track = 0.3\n"
+    description = f'{ENCODERS}left = "a"\nright = "a"\n[platform.wheels]\n{wheels}'
+    recording = open_recording(write(tmp_path, description, scans=f"t,a\n{lines}\n"))
+    np.testing.assert_array_equal(recording.encoders.counts[1:, 0], ticks[1:])
+    assert [issue.code for issue in recording.warnings] == ["counters-wrap"]
+
+
 def test_the_longest_range_of_many_beams_is_no_return(tmp_path: Path) -> None:
     near = np.random.default_rng(0).uniform(0.5, 2.9, (40, 4))
     near[np.arange(40), np.arange(40) % 4] = 3.0

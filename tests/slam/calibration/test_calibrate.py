@@ -15,6 +15,7 @@ from moteslam.robot import se2
 from moteslam.robot.formats import Cut, cut
 from moteslam.robot.recording import ChunkedRanges, LidarStream, OdometryStream, Recording
 from moteslam.robot.values import Issue
+from moteslam.sim.logged import with_odometry
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.calibration.calibrate import Calibration, calibrate
@@ -409,13 +410,21 @@ def test_scans_stamped_at_the_end_of_their_sweep_are_put_back(seconds: float, at
 
 
 @pytest.mark.slow
-def test_a_sweep_that_is_stated_far_too_long_is_told_and_halved() -> None:
-    slow = lidar(time_increment=lambda s: 0.1 / s.ranges.shape[1])
-    assert codes(found_in(slow(driven("lms200")))[1].moves) == ["time-increment"]
-    recording = slow(driven("lms200"))
-    mended = calibrated(recording, calibrate(recording), "lidar")
-    assert mended.lidar.time_increment == pytest.approx(recording.lidar.time_increment / 2)
-    assert "time-increment" not in codes(found_in(driven("rplidar_a1"))[1].issues)
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+@pytest.mark.parametrize(("platform", "times"), [("lms200", 15), ("rplidar_a1", 2)])
+def test_a_sweep_that_is_stated_too_long_is_told_and_mended_be_turns_of_odometry_ever_so_poor(
+    platform: str, times: int, noise: float
+) -> None:
+    true = with_odometry(driven(platform)).replace(encoders=None, imu=None)
+    increment, wrong = true.platform.lidar.time_increment, np.random.default_rng(0).normal(0, noise, len(true.lidar))
+    true = lidar(odometry=lambda s: s.odometry + np.outer(wrong, (0, 0, 1)))(true)
+    assert found_in(true)[1].issues == ()
+    recording = lidar(time_increment=lambda _: times * increment)(true)
+    found, about = found_in(recording)
+    assert codes(about.moves) == ["time-increment"]
+    beams = recording.lidar.ranges.shape[1]
+    mended = calibrated(recording, found, "lidar").lidar.time_increment
+    assert mended * beams == pytest.approx(increment * beams, abs=0.03)
 
 
 def test_stamps_of_whole_seconds_are_not_taken_for_another_clock() -> None:
