@@ -270,9 +270,7 @@ def _calibrate(
         if alone.cost < EXPLAINED * min(one.cost, clocks.cost):
             shared, late, best = False, "gyro", alone
             best.values[Parameter.OFFSET] = offset
-    lengths, about = (float(each[Parameter.LENGTHS]) for each in (best.values, best.deviations))
-    stands = lengths < SIGMAS * about < 1 - lengths  # by the scans, as of a lidar that sees the floor: no scale is 0
-    fits = read is not None and min(best.cost, clocks.cost) < UNFIT and not stands
+    fits = read is not None and min(best.cost, clocks.cost) < UNFIT and not best.stands(SIGMAS)
     rates = _rates(scans, at, *best.values[CLOCKS], turns=best.values[Parameter.TURNS])
     return Calibration(
         angle_scale=angle_scale,
