@@ -367,3 +367,15 @@ def test_it_is_said_that_flaser_lines_state_no_angles(tmp_path: Path, beams: int
     found = [issue.message for issue in recording.warnings if issue.code == "assumed-angles"]
     assert len(found) == expected
     assert all("228 beams are assumed to span 180 degrees" in each for each in found)
+
+
+@pytest.mark.parametrize(("beams", "turn", "expected"), [(360, 1, True), (361, 1, True), (361, 0.5, False)])
+def test_scans_that_close_are_told_to_be_of_a_full_circle(
+    tmp_path: Path, beams: int, turn: float, expected: bool
+) -> None:
+    bearings = 2 * np.pi * turn * np.arange(beams) / 360
+    scans = [(4 + 2 * np.sin(bearings + 0.3 * k) + 0.5 * np.sin(3 * bearings)).tolist() for k in range(40)]
+    path = write_log(tmp_path / "x.log", [flaser(scan, stamp=float(k)) for k, scan in enumerate(scans)])
+    found = [issue.message for issue in read_carmen(path).warnings if issue.code == "assumed-angles"]
+    assert len(found) == expected
+    assert all("full circle, -3.14159 and 0.0174533" in each for each in found)
