@@ -129,7 +129,8 @@ class Fit(NamedTuple):
 
     def stands(self, sigmas: float) -> bool:
         """Whether the lidar does not move by its scans, as one that sees the floor: lengths of 0 are no scale."""
-        return bool(self.values[Parameter.LENGTHS] < sigmas * self.deviations[Parameter.LENGTHS] < 1 / 2)
+        lengths, about, floor = (float(of[Parameter.LENGTHS]) for of in (self.values, self.deviations, FLOOR))
+        return lengths < sigmas * max(about**2 - floor**2, 0.0) ** 0.5 < 1 / 2  # millimetres are one
 
 
 def covariances(information: Array, deviation: Array) -> Array:
