@@ -130,7 +130,8 @@ class Fit(NamedTuple):
     def stands(self, sigmas: float) -> bool:
         """Whether the lidar does not move by its scans, as one that sees the floor: lengths of 0 are no scale."""
         lengths, about, floor = (float(of[Parameter.LENGTHS]) for of in (self.values, self.deviations, FLOOR))
-        return lengths < sigmas * max(about**2 - floor**2, 0.0) ** 0.5 < 1 / 2  # millimetres are one
+        about = float(np.sqrt(max(about * about - floor * floor, 0.0)))
+        return lengths < sigmas * about < 1 / 2  # odometry in millimetres has a scale
 
 
 def covariances(information: Array, deviation: Array) -> Array:
