@@ -57,12 +57,8 @@ def write_result_bag(path: str | PathLike[str], estimate: Estimate, recording: R
     if odometry[0] is not None:
         at_scans = se2.interpolate(odometry[0].stamps, odometry[0].poses, stamps)
         frame, poses = ODOM, se2.compose(poses, se2.inverse(at_scans))
-    events = heapq.merge(
-        events_of(recording, odometry, []),
-        _drawn(estimate),
-        _transforms(stamps, frame, poses),
-        key=lambda event: event.time,
-    )
+    sources = events_of(recording, odometry, []), _drawn(estimate), _transforms(stamps, frame, poses)
+    events = heapq.merge(*sources, key=lambda event: event.time)
     try:
         write_ros2(path, "mcap", events)
     except (OSError, sqlite3.Error) as error:

@@ -169,7 +169,7 @@ def draw_figures(
     online, final, odometry = estimate.trajectory, estimate.trajectory_final, estimate.dead_reckoning
     truth, diagnostics = run.truth, estimate.diagnostics
     true, true_odometry = (None if truth is None else from_same_start(truth, one) for one in (final, odometry))
-    text, paths = "the map and the paths, all from its start", {"slam": final, "truth": true}
+    text, paths = "the map and the paths, all from the start", {"slam": final, "truth": true}
     begun = _begun_at(final.poses[0], odometry)
     drawn(maps.draw_trajectories, "trajectories", text, estimate.map, dead_reckoning=begun, **paths)
     if snapshots:

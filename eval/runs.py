@@ -180,18 +180,19 @@ def better(name: str) -> Better:
 
 
 def headings(
-    values: Mapping[str, Iterable[float | None]], units: Mapping[str, str] | None = None
+    rows: Sequence[Row], names: Sequence[str], units: Mapping[str, str] | None = None
 ) -> dict[str, tuple[str, float]]:
-    """Metrics in words with the unit that their values are read best in, ``final ATE [mm]``, and the factor to that.
+    """Metrics in words with their unit, ``final ATE [mm]``, and the factor to that, in every table of the same runs.
 
-    One metric of several trajectories has one unit. ``units`` are those of metrics of plug-ins that are not here.
+    It is what the medians of runs that differ by seed alone are read best in; one metric of several trajectories has
+    one. ``units`` are those of metrics of plug-ins that are not here.
     """
-    alike: dict[str, list[float | None]] = {}
-    for name, some in values.items():
-        alike.setdefault(split(name)[1], []).extend(some)
-    found = {}
-    for name in values:
-        unit, factor = fitting((units or {}).get(name) or known_metric(name).unit, alike[split(name)[1]])
+    groups = list(grouped(rows, lambda row: tuple(row.about.items())).values())
+    there, found = dict.fromkeys((*names, *(name for row in rows for name in row.scores))), {}
+    for name in names:
+        alike = [one for one in there if split(one)[1] == split(name)[1]]
+        medians = [summary_of(some, one).median for one in alike for some in groups]
+        unit, factor = fitting((units or {}).get(name) or known_metric(name).unit, medians)
         found[name] = f"{title_of(name)} [{unit}]" if unit else title_of(name), factor
     return found
 
@@ -319,7 +320,9 @@ def columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
 def as_csv(rows: Sequence[Row]) -> str:
     """The columns as CSV: numbers with the fewest digits that read back the same, empty for None."""
     table = columns(rows)
-    return comma_separated([list(table), *(list(map(_text, row)) for row in zip(*table.values(), strict=True))]) + "\n"
+    made = zip(*table.values(), strict=True)
+    cells = ([repr(one) if isinstance(one, float) else "" if one is None else str(one) for one in row] for row in made)
+    return comma_separated([list(table), *cells]) + "\n"
 
 
 def write_parquet(path: Path, rows: Sequence[Row]) -> None:
@@ -332,7 +335,3 @@ def write_parquet(path: Path, rows: Sequence[Row]) -> None:
     table = pyarrow.BufferOutputStream()
     parquet.write_table(pyarrow.table(columns(rows)), table)
     write_atomically(path, table.getvalue().to_pybytes())
-
-
-def _text(value: object) -> str:
-    return "" if value is None else repr(value) if isinstance(value, float) else str(value)

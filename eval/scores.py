@@ -206,16 +206,9 @@ def against(
         if error.field != "pairs":
             raise
         issues += (Issue("no-relative-error", f"no relative error: {error.problem}"),)
-    figures = {
-        "kind": "trajectory",
-        "aligned": align,
-        "scaled": align and scale,
-        "nearest": nearest,
-        "oriented": ate.rotation is not None,
-        "ate": ate.as_dict(),
-        "rpe": rpe,
-        "warnings": [issue.as_dict() for issue in issues],
-    }
+    figures = {"kind": "trajectory", "aligned": align, "scaled": align and scale, "nearest": nearest}
+    figures |= {"oriented": ate.rotation is not None, "ate": ate.as_dict(), "rpe": rpe}
+    figures |= {"warnings": [issue.as_dict() for issue in issues]}
     return ate, figures, _by_stamp(ate)
 
 

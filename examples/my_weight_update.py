@@ -37,7 +37,7 @@ def main(folder: Path) -> float:
         updated = found.diagnostics["updated"] > 0
         number = found.diagnostics["n_eff"][updated]
         stamps = found.trajectory.stamps[updated] - found.trajectory.stamps[0]
-        axes.plot(stamps, number, label=f"{name}: online ATE {100 * error:.1f} cm")
+        axes.step(stamps, number, where="post", label=f"{name}: online ATE {100 * error:.1f} cm")
     axes.set(xlabel="time [s]", ylabel="effective number of 100 particles", ylim=(0, 105))
     axes.legend(loc="lower left")
     figure.savefig(folder / "my_weight_update.png", dpi=100)

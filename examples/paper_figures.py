@@ -64,7 +64,7 @@ def picture(folder: Path, number: int, count: int = 1):
     figure, panels = plt.subplots(1, count, figsize=size, sharex=True, sharey=True, squeeze=False)
     yield from panels[0]
     panels[0, 0].set_ylabel("y [m]")
-    figure.savefig(folder / f"paper_figures_{number}.png", dpi=80, bbox_inches="tight")
+    figure.savefig(folder / f"paper_figures_{number}.png", dpi=150, bbox_inches="tight")
     plt.close(figure)
 
 
@@ -79,27 +79,27 @@ def endpoints(recording: moteslam.Recording, trajectory: moteslam.Trajectory) ->
 
 
 def main(folder: Path, ucsd: Path | None = None) -> float:
-    """Draw all eight, and return how far apart the paths of figure 8 end, in y [m]."""
+    """Draw all eight, and return how far apart the paths of all particles of figure 8 end, in y [m]."""
     folder.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as made:
         source = ucsd or simulated(Path(made))
         for row, sequence in enumerate((20, 21)):
             recording = moteslam.open_recording(source, sequence=sequence)
             found, maps, floors = run(recording)
-            stamps = recording.lidar.stamps
             for number, rasters in ((1 + row, maps), (3 + row, floors)):
                 for axes, raster, share in zip(picture(folder, number, len(STAGES)), rasters, STAGES, strict=True):
-                    show(axes, raster, found.trajectory.poses[: int(share * len(stamps))])
-                    axes.set_title(f"{share * np.ptp(stamps):.0f} s")
+                    show(axes, raster, found.trajectory.poses[: int(share * len(found.trajectory))])
+                    axes.set_title(f"{share * np.ptp(recording.lidar.stamps):.0f} s")
             for axes in picture(folder, 6 - row):
-                axes.plot(*endpoints(recording, found.dead_reckoning).T, ",", color="0.6")
-                show(axes, None, found.dead_reckoning.poses, color="tab:orange")
+                axes.plot(*endpoints(recording, found.dead_reckoning).T, ".", ms=0.8, mew=0, c="0.6", label="endpoints")
+                show(axes, None, found.dead_reckoning.poses, color="tab:orange", label="path")
+                axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, markerscale=10, frameon=False)
             if sequence == 20:
                 begin = moteslam.cut(recording, moteslam.Cut(end=50.0))
                 spoilt, bad, _ = run(begin, *NO_SEARCH, "motion.yaw_rate=3.0")
                 for axes, raster, share in zip(picture(folder, 7, len(STAGES)), bad, STAGES, strict=True):
                     show(axes, raster, spoilt.trajectory.poses[: int(share * len(spoilt.trajectory))])
-                    axes.set_title(f"{50 * share:.0f} s")
+                    axes.set_title(f"{50 * share:g} s")
                 apart, *_ = run(begin, *NO_SEARCH, "resample_below=0.0")
                 for axes in picture(folder, 8):
                     show(axes, None, *apart.particle_paths[::10])
@@ -107,4 +107,4 @@ def main(folder: Path, ucsd: Path | None = None) -> float:
 
 
 if __name__ == "__main__":
-    print(f"eight pictures; the paths of the last end up to {main(*map(Path, sys.argv[1:] or ['.'])):.1f} m apart")
+    print(f"eight pictures; all particles of the last end up to {main(*map(Path, sys.argv[1:] or ['.'])):.1f} m apart")

@@ -47,7 +47,7 @@ def draw(plan, near, grid: moteslam.Raster, update: moteslam.Update, ends: np.nd
     toward = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     look = {"cmap": "Blues", "clim": (0, weights.max()), "scale": 12, "edgecolor": "0.4", "linewidth": 0.3}
     near.quiver(*poses[:, :2].T, *toward, weights, **look)
-    near.set(xlim=(x - 0.15, x + 0.15), ylim=(y - 0.15, y + 0.15))
+    near.set(xlim=(x - 0.15, x + 0.15), ylim=(y - 0.15, y + 0.15), ylabel="y [m]")
     near.set_title(f"{update.n_eff:.0f} of 100{' effective: drawn anew' if update.resampled else ' effective'}")
 
 

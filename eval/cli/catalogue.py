@@ -84,11 +84,7 @@ def metrics(as_json: options.Json = False) -> None:
     found: dict[str, dict[str, Any]] = {
         name: {
             "of": "run" if one.of_trajectory is None else "trajectory",
-            "unit": one.unit,
-            "better": one.better,
-            "costly": one.costly,
-            "meaning": one.meaning,
-            "source": one.source,
+            **{key: getattr(one, key) for key in ("unit", "better", "costly", "meaning", "source")},
         }
         for name, one in METRICS.items()
     }

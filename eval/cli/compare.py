@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from moteslam.eval.sweep.store import Row, Store
 
 COUNTS = ("pairs", "wins", "losses", "ties")
+Titles = Mapping[str, tuple[str, float]]
+"""Of metrics, as of ``headings``."""
 HEAD = ("pairs", "better", "worse", "equal", "median difference", "95 %", "p", "failed", "failed, first")
 
 
@@ -72,21 +74,21 @@ def compare(
     }
     if not any(each for pairs in compared.values() for each in pairs.values()):
         raise InputError(f"no run in common with {first} that has {', '.join(names)}", file=paths[-1])
-    lines = _lines(axis, first, compared, form, runs.also_of(found, axis))
+    titles = runs.headings(rows, list(compared))
+    lines = _lines(axis, first, compared, titles, form, runs.also_of(found, axis))
     answer({"by": axis, "baseline": first, "metrics": compared}, lines, as_json=as_json)
 
 
-def _lines(axis: str, first: str, compared: dict[str, dict[str, Any]], form: str, also: str) -> Iterator[str]:
+def _lines(
+    axis: str, first: str, compared: dict[str, dict[str, Any]], titles: Titles, form: str, also: str
+) -> Iterator[str]:
     """A table a metric, or of them all: a row a place of each configuration; and, as text, what else differs."""
-    from moteslam.eval.runs import headings
     from moteslam.eval.statistics import FEWEST
 
     several = any(len(each) > 1 for pairs in compared.values() for each in pairs.values())
     head = (axis, *(["where"] if several else []), *HEAD)
-    alone = {name: [one for each in pairs.values() for one in each.values()] for name, pairs in compared.items()}
-    medians = {name: [one["median"] for one in each] for name, each in alone.items()}
     tables: dict[str, list[tuple[str, ...]]] = {}
-    for name, (title, factor) in headings(medians).items():
+    for name, (title, factor) in titles.items():
         cells = tables[title] = []
         for other, place, one in ((other, *item) for other, each in compared[name].items() for item in each.items()):
             counts = [str(count) for count in (*(one[count] for count in COUNTS), *one["failed"][::-1])]
@@ -99,7 +101,7 @@ def _lines(axis: str, first: str, compared: dict[str, dict[str, Any]], form: str
         yield f"{title}, against {literal(first)}"
         empty = [k for k in (-1, -2, -4) if all(cell[k] in ("0", "-") for cell in cells)]
         yield aligned([[one for k, one in enumerate(row, -len(row)) if k not in empty] for row in (head, *cells)])
-    if any(one["pairs"] < FEWEST for each in alone.values() for one in each):
+    if any(one["pairs"] < FEWEST for pairs in compared.values() for each in pairs.values() for one in each.values()):
         yield f"fewer than {FEWEST} pairs have no 95 % interval"
     if also:
         yield also
@@ -114,9 +116,9 @@ def median_cells(one: Mapping[str, Any], factor: float, *, sign: bool = False) -
     return median, interval(low, high)
 
 
-def summed_up(store: Store, wanted: list[str] | None) -> dict[str, Any]:
-    """A sweep's hash, its numbers of runs by status, and its groups: what they have in common, successes, summaries."""
-    from moteslam.eval.runs import grouped, success_of, summary_of
+def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], Titles]:
+    """A sweep's hash, its runs by status, and its groups with successes and summaries; how its metrics are shown."""
+    from moteslam.eval.runs import grouped, headings, success_of, summary_of
 
     rows = [row for row in store.rows() if row.status]
     names = _measured(rows, wanted, store)
@@ -130,7 +132,8 @@ def summed_up(store: Store, wanted: list[str] | None) -> dict[str, Any]:
         for about, members in grouped(rows, lambda row: tuple(row.about.items())).items()
     ]
     counts = {name or "pending": count for name, count in store.counts().items()}
-    return {"hash": store.digest, "runs": counts, "success": store.success, "groups": groups}
+    found = {"hash": store.digest, "runs": counts, "success": store.success, "groups": groups}
+    return found, headings(rows, names)
 
 
 def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[str]:
@@ -150,14 +153,14 @@ def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[s
     return wanted
 
 
-def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
+def summary_lines(found: dict[str, Any], titles: Titles, form: str) -> Iterator[str]:
     """A row a group: of each metric the median with its interval."""
-    from moteslam.eval.runs import headings, success_words, varying
+    from moteslam.eval.runs import success_words, varying
     from moteslam.eval.statistics import FEWEST
 
     groups = found["groups"]
     if groups:
-        about, names = varying([each["group"] for each in groups]), list(groups[0]["metrics"])
+        about = varying([each["group"] for each in groups])
         alike = [key for key in about if len({str(each["group"].get(key, "")) for each in groups}) == 1]
         if form == "text" and len(groups) > 1:
             about = [key for key in about if key not in alike]
@@ -166,8 +169,7 @@ def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
             one = each["success"]
             success = "-" if one is None else f"{one['count']} ({100 * one['low']:.0f} to {100 * one['high']:.0f} %)"
             rows.append([*(str(each["group"].get(key, "")) for key in about), str(each["runs"]), success])
-        medians = {name: [each["metrics"][name]["median"] for each in groups] for name in names}
-        for name, (title, factor) in headings(medians).items():
+        for name, (title, factor) in titles.items():
             rows[0] += [title, "95 %"]
             for row, each in zip(rows[1:], groups, strict=True):
                 row += median_cells(each["metrics"][name], factor)

@@ -202,7 +202,8 @@ def _run_over(
             onto=onto,
         )
     found = {"out": str(out), **found}
-    answer(found, run_lines(found, f"{recording.name}: {found['distance_m']:.1f} m"), as_json=run.as_json)
+    driven = f"{recording.name}: {found['distance_m']:.1f} m by SLAM's path"
+    answer(found, run_lines(found, driven), as_json=run.as_json)
 
 
 def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) -> tuple[Recording, tuple[Issue, ...]]:
@@ -273,12 +274,8 @@ def _dead_reckon(
                 draw_dead_reckoning(file, trajectory, recording=recording, truth=truth, title=title)
     x, y, theta = trajectory.poses[-1].tolist()
     duration = float(trajectory.stamps[-1] - trajectory.stamps[0])
-    found: dict[str, object] = {
-        "out": None if out is None else str(out),
-        "recording": recording.name,
-        "poses": len(trajectory),
-    }
-    found |= {"distance_m": trajectory.length, "duration_s": duration}
+    found: dict[str, object] = {"out": None if out is None else str(out), "recording": recording.name}
+    found |= {"poses": len(trajectory), "distance_m": trajectory.length, "duration_s": duration}
     found |= {"end": {"x_m": x, "y_m": y, "heading_deg": degrees(theta)}}
     found |= {"warnings": [issue.as_dict() for issue in recording.warnings]}
     lines = [

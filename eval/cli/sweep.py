@@ -113,8 +113,8 @@ def run(
             except (Interrupted, KeyboardInterrupt) as error:
                 error.add_note(f"interrupted, {counted(done, 'run')} in {target}: the same command goes on")
                 raise
-        found = summed_up(store, None)
-    lines = chain(summary_lines(found, "text"), [f"recorded in {literal(target)}"])
+        found, titles = summed_up(store, None)
+    lines = chain(summary_lines(found, titles, "text"), [f"recorded in {literal(target)}"])
     answer(found, lines, as_json=as_json)
     if found["runs"].keys() - {"ok", "pending"} and "ok" not in found["runs"]:
         raise typer.Exit(NOTHING)
@@ -167,8 +167,8 @@ def show(
 
     metric_names(metrics)
     with opened(file) as store:
-        found = summed_up(store, metrics)
-    answer(found, summary_lines(found, form), as_json=as_json)
+        found, titles = summed_up(store, metrics)
+    answer(found, summary_lines(found, titles, form), as_json=as_json)
     if not as_json and form != "text" and set(found["runs"]) != {"ok"}:
         note(f"warning: {file}: {total(found)}")
 

@@ -75,10 +75,8 @@ def curves(runs: Sequence[Row], key: str, metric: Shown) -> Figure | None:
             if (some := line.groups.get(value))
         ]
         dash = DASHES[(index // len(COLOURS)) % len(DASHES)]
-        look = {
-            "line": {"color": COLOURS[index % len(COLOURS)], "width": 2, "dash": dash},
-            "marker": {"color": COLOURS[index % len(COLOURS)], "size": 8, "symbol": SYMBOLS[index % len(SYMBOLS)]},
-        }
+        colour, symbol = {"color": COLOURS[index % len(COLOURS)]}, SYMBOLS[index % len(SYMBOLS)]
+        look = {"line": {**colour, "width": 2, "dash": dash}, "marker": {**colour, "size": 8, "symbol": symbol}}
         traces.append({**_medians(points, metric, mode="lines+markers", thickness=1.5), "name": label(title), **look})
     if len(values) < 2 or not any(trace["y"] for trace in traces):
         return None
@@ -112,13 +110,8 @@ def spread(columns: Mapping[str, Sequence[Row]], metric: Shown) -> Figure | None
         traces.append({**_medians(medians, metric, mode="markers", thickness=2.0), **legend, **look})
     if sum(len(trace["y"]) for trace in traces[::2]) < 2:
         return None
-    x_axis = {
-        "tickvals": list(range(len(names))),
-        "ticktext": list(map(_lines, names)),
-        "automargin": True,
-        "ticklabeloverflow": "allow",
-        "range": [-0.6, len(names) - 0.4],
-    }
+    x_axis = {"tickvals": list(range(len(names))), "ticktext": list(map(_lines, names)), "automargin": True}
+    x_axis |= {"ticklabeloverflow": "allow", "range": [-0.6, len(names) - 0.4]}
     traces = [{**trace, "showlegend": several and trace.get("showlegend", True)} for trace in traces]
     return _figure(traces, x_axis, _y(metric, traces), len(columns), "configurations")
 

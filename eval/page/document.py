@@ -126,12 +126,9 @@ def _config(row: Row) -> Path:
 
 def _names(texts: dict[str, list[Row]]) -> dict[str, str]:
     """A name for each configuration: what it sets otherwise than the first one, else the folder of its runs."""
-    if len(texts) < 2:
-        return dict.fromkeys(texts, "configuration")
     tables = {text: _flat(read_toml(_config(rows[0]), "a config.toml")) for text, rows in texts.items()}
     keys = dict.fromkeys(key for table in tables.values() for key in table)
-    first, *others = tables.values()
-    changed = [key for key in keys if any(table.get(key) != first.get(key) for table in others)]
+    changed = [key for key in keys if len({repr(table.get(key)) for table in tables.values()}) > 1]
     names: dict[str, str] = {}
     for text, rows in texts.items():
         folders = [_config(row).parent for row in rows]
@@ -186,21 +183,23 @@ def page(
     first = baseline or next(iter(columns))
     # with the units that were recorded: a plug-in's metric may not be here
     measured = {name: unit for run in made for name, one in run.scores.items() if (unit := one.get("unit"))}
-    known = {name: [run.known.get(name) for run in made] for name in names}
-    shown = {name: charts.Shown(name, *heading) for name, heading in runs.headings(known, measured).items()}
+    shown = {name: charts.Shown(name, *each) for name, each in runs.headings(made, names, measured).items()}
+    keys = runs.apart(made)
     played = [(run, run.folder) for run in made if run.folder is not None]
     players: list[tuple[str, Markup]] = []
     for run, folder in played:
-        name = f"{runs.name_of(run, runs.apart(made)) or run.name}, seed {run.run.seed}"
+        name = f"{runs.name_of(run, keys or runs.SETTINGS)}, seed {run.run.seed}"
         players.append((name, data_block(playable(folder, budget_of(len(played))))))
         progress(len(players))
-    keys = runs.apart(made, "scenario")
-    groups = runs.grouped(made, lambda run: runs.name_of(run, keys) or run.run.configured)
-    several = {key: len({runs.name_of(run, [key]) for run in made}) for key in runs.apart(made)}
+
+    def grouped(some: Sequence[str]) -> dict[str, list[Row]]:
+        return runs.grouped(made, lambda run: runs.name_of(run, some) or run.run.configured)
+
+    several = {key: len({runs.name_of(run, [key]) for run in made}) for key in keys}
     varied = list(dict.fromkeys(key for run in made for key, _ in run.run.varied))
     drawn = [
         {
-            "spread": charts.spread(groups, one),
+            "spread": charts.spread(grouped(runs.apart(made, "scenario")), one),
             "curves": [curve for key in varied if (curve := charts.curves(made, key, one)) is not None],
         }
         for one in shown.values()
@@ -222,10 +221,10 @@ def page(
             "meanings": {name: runs.known_metric(name).meaning for name in names},
             "runs": made,
             "axis": runs.key_words(axis),
-            "groups": groups,
+            "groups": grouped(keys),  # each scenario has a row: several have no common median
             "group": " and ".join(keys) or axis,
+            "about": [key for key in runs.SETTINGS if any(run.about[key] for run in made)],
             "several": {**several, "seed": len({run.run.seed for run in made})},
-            "places": runs.grouped(made, lambda run: run.about["scenario"]),
             "baseline": first,
             "also": runs.also_of(columns, axis),
             "pairs": {name: runs.comparisons(made, name, axis, first) for name in names} if len(columns) > 1 else {},
@@ -300,10 +299,12 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
         if missing := [name for name in wanted if name not in having]:
             raise ConfigError(f"{missing[0]!r}, which no run has; expected {', '.join(having[:8])}", field="--metric")
         return list(wanted)
-    found = [name for name in (*material.wanted, *USUAL) if name in having]
-    return list(dict.fromkeys(found or having or material.wanted or ["final.ate"]))[
-        : max(MOST_METRICS, len(set(material.wanted)))
-    ]
+    found = [name for name in (*material.wanted, *USUAL) if name in having] or having or material.wanted
+    found = list(dict.fromkeys(found or ["final.ate"]))[: max(MOST_METRICS, len(set(material.wanted)))]
+    each = runs.compared(material.runs).values()
+    # first one that all configurations have: an external command has no online path
+    full = (name for name in found if all(any(name in run.known for run in some) for some in each))
+    return sorted(found, key=next(full, found[0]).__ne__)
 
 
 def _share(one: Proportion | None) -> str:

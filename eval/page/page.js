@@ -58,13 +58,12 @@
     const known = names.filter(([name]) => run.errors[name]);
     place.parentElement.hidden = !known.length;
     if (!known.length) return;
-    const all = known.flatMap(([name]) => [Math.min(...run.errors[name].filter((e) => e > 0)), Math.max(...run.errors[name])]);
-    const largest = Math.max(...all), [unit, factor] = largest < 0.02 ? ["mm", 1000] : largest < 1 ? ["cm", 100] : ["m", 1];
+    const [unit, factor] = run.unit, largest = run.largest;
     const traces = known.map(([name, title, colour, dash]) => ({
       type: "scatter", mode: "lines", name: title, x: Array.from(run.t), y: Array.from(run.errors[name], (e) => factor * e),
       line: { color: variable(colour), dash, width: 1.5 }, hovertemplate: `%{x:.1f} s: %{y:.3~g} ${unit}<extra></extra>`,
     }));
-    const least = Math.min(...all), scale = largest < 20 * least ? {} : logTicks(factor * least, factor * largest);
+    const least = Math.min(...known.flatMap(([name]) => [...run.errors[name].filter((e) => e > 0)])), scale = largest < 20 * least ? {} : logTicks(factor * least, factor * largest);
     Plotly.react(place, traces, layout({
       xaxis: { title: { text: "time [s]" } }, yaxis: { title: { text: `position error [${unit}]` }, ...scale },
       shapes: [cursor(player.time)],

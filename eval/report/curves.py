@@ -22,13 +22,16 @@ from moteslam.eval.tables import fitting, literal, number
 
 Array = NDArray[np.float64]
 Errors = AteResult | None
-Line = tuple[str, AteResult, dict[str, Any]]
+Look = dict[str, Any]
+Shown = tuple[str, str, float]
+"""A metric, with its words and the factor to their unit."""
+Line = tuple[str, AteResult, Look]
 """Label, to which its RMSE is added, errors and look of a curve."""
 
 RUG = 1.05
 """Where the marks of resampling stand, as a share of the particles."""
-FAR_APART, LEAST_SHOWN = 20, 0.01
-"""Errors of which one is this many times another are drawn on logarithmic axes, from there on, whatever the unit."""
+FAR_APART, BELOW = 20, 0.05
+"""Errors of which one is this many times another are drawn on logarithmic axes, of each all but this lowest share."""
 
 
 def draw_error(
@@ -54,22 +57,23 @@ def _draw_errors(
 ) -> None:
     start = min(float(errors.stamps[0]) for _, errors, _ in lines)
     unit, factor = fitting("m", [float(errors.errors.max()) for _, errors, _ in lines])
-    largest = [factor * max(float(errors.errors.max()) for _, errors, _ in lines), 0.0]
+    far, turned = [factor * errors.errors for _, errors, _ in lines], []
     for label, errors, look in lines:
         time = errors.stamps - start
         label = f"{label} {number(factor * errors.rmse)} {unit}"
         style.draw_curve(distance, time, factor * errors.errors, label=label, **look)
         if angle is not None and errors.rotation_errors is not None:
-            turns = np.rad2deg(errors.rotation_errors)
-            largest[1] = max(largest[1], float(turns.max()))
-            style.draw_curve(angle, time, turns, **look)
+            turned.append(np.rad2deg(errors.rotation_errors))
+            style.draw_curve(angle, time, turned[-1], **look)
     named = (distance, f"position error [{unit}]"), (angle, "heading error [deg]")
-    for (axes, label), most in zip(named, largest, strict=True):
+    for (axes, label), values in zip(named, (far, turned), strict=True):
         if axes is None:
             continue
         curve_axes(axes, label)
-        if logarithmic and most > LEAST_SHOWN:
-            style.log_axis(axes, LEAST_SHOWN, 1.2 * most)
+        above = [some[some > 0] for some in values if (some > 0).any()]
+        if logarithmic and above:
+            low = min(float(np.quantile(some, BELOW)) for some in above)
+            style.log_axis(axes, low, 1.2 * max(float(some.max()) for some in above))
         else:
             axes.set_ylim(bottom=0)
     (angle or distance).set_xlabel("time [s]")
@@ -201,21 +205,23 @@ def draw_sweep(
     """Medians over a column of ``Row.about`` with bars for their 95 % bootstrap intervals, or of few runs each of them
     as a point; a panel a metric.
 
-    A colour stands for a scenario, robot and noise, dashes for a configuration. A median that is infinite, since half
-    of the runs failed, is an open marker beyond the others. Bars end at the edge where they go on to infinity.
+    A colour stands for a scenario, robot and noise, or in one alone for a configuration, as dashes do. A median that is
+    infinite, since half of the runs failed, is an open marker beyond the others, a dash stands where there is none.
+    Bars end at the edge where they go on to infinity.
     """
-    lines = lines_over(rows, column)
+    lines, titles = lines_over(rows, column), headings(rows, metrics)
     places = places_of([value for line in lines for value in line.groups])
     wheres, hows = list(dict.fromkeys(line.where for line in lines)), list(dict.fromkeys(line.how for line in lines))
     looks = []
     for first, second in ((wheres.index(line.where), hows.index(line.how)) for line in lines):
         marker = MARKERS[(second if len(hows) > 1 else first) % len(MARKERS)]
-        look = {"color": style.COLOURS[first % len(style.COLOURS)], "marker": marker}
+        colour = first if len(wheres) > 1 else second
+        look = {"color": style.COLOURS[colour % len(style.COLOURS)], "marker": marker}
         looks.append(look | {"ls": style.DASHES[second % len(style.DASHES)]})
     with style.saved_figure(path, size=(1.0 + 5.2 * len(metrics), 4.6)) as figure:
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axes, name in zip(panels, metrics, strict=True):
-            _draw_medians(axes, lines, looks, name, places)
+            _draw_medians(axes, lines, looks, (name, *titles[name]), places)
             axes.set_xlabel(literal(key_words(column) if label is None else label), parse_math=False)
         if max(len(runs) for line in lines for runs in line.groups.values()) >= FEWEST:
             panels[0].errorbar([], [], yerr=[], color="0.4", ls="", capsize=3.5, label="95 % interval of the median")
@@ -242,14 +248,14 @@ def far_apart(values: Sequence[float], factor: float = LOG_Y) -> bool:
 
 
 def _draw_medians(
-    axes: style.Axes, lines: Sequence[SweptLine], looks: Sequence[dict[str, Any]], name: str, places: dict[Any, float]
+    axes: style.Axes, lines: Sequence[SweptLine], looks: Sequence[Look], shown: Shown, places: dict[Any, float]
 ) -> None:
+    name, title, factor = shown
     summed = [{value: summary_of(rows, name) for value, rows in line.groups.items()} for line in lines]
     alone = [row.known[name] for line in lines for rows in line.groups.values() for row in rows if name in row.known]
     ends = [end for line in summed for one in line.values() for end in (one.median, one.low, one.high)]
     few = all(len(rows) < FEWEST for line in lines for rows in line.groups.values())
     finite = [value for value in (*ends, *(alone if few else ())) if value is not None and isfinite(value)]
-    title, factor = headings({name: finite})[name]
     finite = [factor * value for value in finite]
     low, high = _limits(finite, logarithmic=far_apart(finite), from_zero=better(name) == "lower")
     first, last = min(places.values()), max(places.values())
@@ -258,6 +264,12 @@ def _draw_medians(
     words = [*places.values()] == [*range(len(places))]  # a line from one to the next would mean nothing
     if not words and far_apart(list(places.values()), LOG_X):
         axes.set_xscale("log")
+    aside = 0.2 * words
+    axes.plot([first - aside, last + aside], [high, high], ls="")  # every panel has all places
+    for place in (
+        x for value, x in places.items() if all(value not in one or one[value].median is None for one in summed)
+    ):
+        axes.text(place, 0.02, "-", transform=axes.get_xaxis_transform(), ha="center", size="x-large")
     for index, (line, groups) in enumerate(zip(lines, summed, strict=True)):
         having = [(value, x, groups[value]) for value, x in places.items() if value in groups]
         having = [(value, x, one) for value, x, one in having if one.median is not None]
@@ -265,8 +277,8 @@ def _draw_medians(
         x = np.array([x for _, x, _ in having])
         x = x * (last / first) ** shift if axes.get_xscale() == "log" else x + shift * (last - first)
         ranges = [(one.median, one.low, one.high) if one.low is not None else (one.median,) * 3 for *_, one in having]
-        shown = factor * np.array(ranges, np.float64).reshape(-1, 3).T
-        y, bottom, top = np.clip(shown, low, high)
+        ranged = factor * np.array(ranges, np.float64).reshape(-1, 3).T
+        y, bottom, top = np.clip(ranged, low, high)
         bars = np.array([one.low is not None for _, _, one in having], np.bool_)
         look = {"lw": 1.4, **looks[index], **({"ls": ""} if words else {})}
         axes.plot(x, y, ms=5.5, label=line.label or "median", **look)
@@ -274,7 +286,7 @@ def _draw_medians(
         for at, (value, _, _) in zip(x, having, strict=True) if few else ():  # no interval: every run
             each = [factor * row.known[name] for row in line.groups[value] if name in row.known]
             axes.plot([at] * len(each), each, ".", color=looks[index]["color"], ms=4, alpha=0.5)
-        failed = ~np.isfinite(shown[0])
+        failed = ~np.isfinite(ranged[0])
         if failed.any():
             axes.plot(x[failed], y[failed], "o", clip_on=False, mec=looks[index]["color"], mfc="white", ms=9, zorder=5)
             axes.plot([], [], "o", mec="0.4", mfc="white", ms=9, label="half of the runs or more failed")

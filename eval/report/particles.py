@@ -112,7 +112,8 @@ def _draw_plan(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None
     axes.plot(*mean[cloud.partings, :2].T, "d", color=style.DEAD_RECKONING, ms=5, mew=0)
     style.mark_start(axes, mean)
     style.mark_ends(axes, (mean, "black"))
-    axes.set_title(f"deviations magnified {factor} times; ellipses: 2 standard deviations")
+    magnified = f"deviations magnified {factor} times; " * (factor > 1)
+    axes.set_title(f"{magnified}ellipses: 2 standard deviations")
     style.plan(axes)
     reach = factor * spread[places].max(axis=1, keepdims=True)
     around = [mean[places, :2] - reach, mean[places, :2] + reach]
@@ -145,7 +146,7 @@ def _draw_deviations(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64], c
 def _draw_ancestors(axes: style.Axes, cloud: Cloud) -> None:
     counts, partings, count = cloud.ancestor_counts, cloud.partings, len(cloud.paths)
     axes.plot(cloud.time, counts, color="black", lw=1.0, drawstyle="steps-post")
-    label = f"lineages part ({len(partings)} times)"
+    label = f"lineages part{f' ({len(partings)} times)' * (len(partings) > 1)}"
     axes.plot(cloud.time[partings], counts[partings], "d", color=style.DEAD_RECKONING, ms=5, mew=0, label=label)
     style.log_axis(axes, 0.8, 1.25 * count)
     style.curve_axes(axes, "ancestors")

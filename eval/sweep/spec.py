@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.evidence import TRACKS
 from moteslam.eval.metrics.registry import chosen, split
+from moteslam.eval.tables import shortened
 from moteslam.robot.values import NotNegative, Number, Positive, Section, Whole, read_toml, validated
 from moteslam.slam.settings import DEFAULT_PRESET
 
@@ -25,13 +26,20 @@ TAIL, LONGEST_VERSION = 300, 200
 """Characters of the last line that a program printed that go into the error, and of a version."""
 PREFIXES = ("slam.", "scenario.", "platform.")
 """What a key that varies, or that a configuration sets, begins with: whose key it is."""
-NAME = r"^[\w.+-]{1,80}$"
 SUCCESS = {"final.ate": 0.5}
 """A run succeeds, where nothing else is said, with a final ATE of at most this [m]."""
 
 Scalar = bool | int | float | str
 RecordingFormat = Literal["carmen", "ucsd"]
-FileName = Annotated[str, Field(pattern=r"^[\w.+-]{1,200}$")]
+
+
+def _named(text: str) -> str:
+    if not re.fullmatch(r"[\w.+-]{1,80}", text):
+        raise ValueError(f"{shortened(text, 90)!r}, expected letters, digits, _ . + -, at most 80")
+    return text
+
+
+Name = Annotated[str, AfterValidator(_named)]
 
 
 class Range(Section):
@@ -89,9 +97,9 @@ class Configuration(Section):
     """Of the command: a text, or a program and its arguments, the first line of which is recorded."""
     format: RecordingFormat = "carmen"
     """In which the command is given the recording."""
-    trajectory: FileName = "trajectory.tum"
+    trajectory: Name = "trajectory.tum"
     """Which file in `{out}` is the command's trajectory."""
-    map: FileName = "map.yaml"
+    map: Name = "map.yaml"
     """Which file in `{out}` is its map, if it writes one."""
     set: Annotated[dict[str, Any], BeforeValidator(_dotted)] = Field(default_factory=dict)
     """Keys over it: `slam.` of the preset, `scenario.` of the scenario, `platform.` of its robot."""
@@ -121,7 +129,7 @@ def _counted(seeds: Any) -> str:
 class SweepSpec(Section):
     """A sweep: every configuration, with every combination of what varies, on every case and every seed."""
 
-    name: Annotated[str, Field(pattern=NAME)] = "sweep"
+    name: Name = "sweep"
     """Of the sweep."""
     description: str = ""
     """What it is for, one sentence; no run follows from it."""
@@ -140,7 +148,7 @@ class SweepSpec(Section):
     """The drives end after this time, if not before [s]."""
     seeds: Annotated[str, BeforeValidator(_counted)] = "0-9"
     """Of the simulation and of SLAM: `0-9`, `3,5,10-19`, or a list."""
-    configurations: dict[Annotated[str, Field(pattern=NAME)], Configuration] = Field(
+    configurations: dict[Name, Configuration] = Field(
         default_factory=lambda: {"default": Configuration()}, min_length=1
     )
     """By name."""

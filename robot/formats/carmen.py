@@ -39,6 +39,8 @@ MAX_INTERLACE = 8
 """Bearings of the grid in a step between beams, at most; a SICK LMS has 2 or 4."""
 SAME_ANGLE = 1e-4
 """First angles are taken for those of the grid when they are this near [rad]; logs have six digits."""
+FULL, FEWEST = 360, 20
+"""Beams of a lidar that may see a full circle, at least, and scans to tell it by."""
 FAN = ("beams", "angle_min", "step")
 ROW = np.dtype(
     [(name, "f8") for name in ("number", *FAN, "stated")]
@@ -104,9 +106,14 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
         poses = rows["robot"] if has_poses else None
         lidar = sensors.lidar(path, laser.line, rows[clock], ranges, fan, poses, laser.interlace)
         beams = ranges.shape[1]
-        if laser.line == "FLASER" and beams not in CLASSIC_STEPS and "angle_increment" not in given.lidar_figures:
+        circle = beams >= FULL and _closes(ranges)
+        usual = beams in CLASSIC_STEPS and not circle
+        if laser.line == "FLASER" and not usual and "angle_increment" not in given.lidar_figures:
             text = f"{path.name}: FLASER lines state no angles: {beams} beams are assumed to span 180 degrees. Of "
             text += "another lidar the map is wrong: give [lidar] angle_min and angle_increment by --platform"
+            if circle:
+                step = 2 * math.pi / (beams // 2 * 2)
+                text += f", as the first and last beam agree those of a full circle, -3.14159 and {step:.7f}"
             issues.append(Issue("assumed-angles", text, len(lidar)))
     name = re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name
     moves = sensors.odometry(path, "ODOM", moved, odometry[:, :3])
@@ -294,6 +301,16 @@ def _chosen(path: Path, log: _Lines, issues: list[Issue]) -> _Laser | None:
 
 def _words(head: np.void) -> str:
     return f"{counted(int(head['beams']), 'beam')} every {head['step']:.4f} rad from {head['angle_min']:.4f} rad"
+
+
+def _closes(ranges: NDArray[np.float32]) -> bool:
+    """Whether the first and the last beam of scans [m, beams] see the same: a circle, not the two sides of a robot."""
+    ends = ranges[:, [0, 1, -1]].astype(float)
+    first, beside, last = ends[np.isfinite(ends).all(axis=1) & (ends > 0).all(axis=1)].T
+    if len(first) < FEWEST:
+        return False
+    varies, apart, differ = (np.median(np.abs(first - other)) for other in (np.median(first), beside, last))
+    return bool(differ < varies / 6 and differ < 6 * apart)
 
 
 def _exchanged(rows: Rows, odometry: NDArray[np.float64], stamps: NDArray[np.float64], clock: str) -> bool:

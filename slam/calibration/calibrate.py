@@ -270,7 +270,7 @@ def _calibrate(
         if alone.cost < EXPLAINED * min(one.cost, clocks.cost):
             shared, late, best = False, "gyro", alone
             best.values[Parameter.OFFSET] = offset
-    fits = read is not None and min(best.cost, clocks.cost) < UNFIT
+    fits = read is not None and min(best.cost, clocks.cost) < UNFIT and not best.stands(SIGMAS)
     rates = _rates(scans, at, *best.values[CLOCKS], turns=best.values[Parameter.TURNS])
     return Calibration(
         angle_scale=angle_scale,

@@ -115,10 +115,9 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     if not c.correlation:
         told.append(("odometry-unfit", "odometry: it turns at no offset of its clock as the scans do: left out"))
     elif not c.fits:
-        text = (
-            f"odometry: it turns as the scans do (correlation {c.correlation:.2f}), but the motions do not fit: stamps "
-        )
-        text += "of either are rounded or out of order, its lengths or turns are in other units, or its wheels slip"
+        text = f"odometry: it turns as the scans do (correlation {c.correlation:.2f}), but the motions do not fit: "
+        text += "stamps of either are rounded or out of order, its lengths or turns are in other units, its wheels "
+        text += "slip, or the lidar sees the floor"
         told.append(("odometry-unfit", text))
     x, y, yaw = mount_of(c, recording, certain)
     toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"

@@ -127,6 +127,10 @@ class Fit(NamedTuple):
         """The lidar's motions [k, 3] between times [k]."""
         return _expected(self.values, first, last, self.middle, path)
 
+    def stands(self, sigmas: float) -> bool:
+        """Whether the lidar does not move by its scans, as one that sees the floor: lengths of 0 are no scale."""
+        return bool(self.values[Parameter.LENGTHS] < sigmas * self.deviations[Parameter.LENGTHS] < 1 / 2)
+
 
 def covariances(information: Array, deviation: Array) -> Array:
     """Of motions [k, 3] by scans, from their information for unit variance; along what they do not measure, huge."""

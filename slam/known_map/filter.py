@@ -125,7 +125,7 @@ class KnownMapFilter(TsdfFilter):
         self._unweighed = 0.0  # path since the hypotheses were weighed [m]
         self._begin = 0  # the first update since which the robot is searched for
         self._was_sure = False  # that the robot is in the map
-        self._scale = MapScale()
+        self._scale = MapScale(maps)
         self._losses: list[tuple[float, float | None, float]] = []  # from when to when [s], how far off [m]
 
     @property
@@ -177,7 +177,7 @@ class KnownMapFilter(TsdfFilter):
             sure = self._doubt.state is LocalisationState.SURE and self._doubt.proved
             self._was_sure |= sure
             result = super().step(step)
-            self._scale.add(result.pose, as_pose(step.motion), known=sure and step.measured)
+            self._scale.add(result.pose, step.points, step.origin, float(np.hypot(*step.motion[:2])), known=sure)
             return result
         return self._look(step, step.scan or thin(step.points, step.origin, self._config.thinning), self._search)
 

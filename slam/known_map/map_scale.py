@@ -1,81 +1,103 @@
-"""Whether a map is as large as the odometry says, and as large in all directions."""
+"""Whether a map is as large as the lidar measures, and as large in all directions."""
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
+from numpy.typing import NDArray
 
-from moteslam.robot.se2 import Array, Pose, compose_one
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue
+from moteslam.slam.known_map.maps import KnownMaps
 
-SEGMENT, SEGMENTS = 1.0, 8
-"""Distances in the map and by the odometry are compared over this way [m], and up to as many times it."""
-LEAST = 5.0  # Driven along an axis, at least, in SEGMENT [m]
-STRETCHED, SCALED = 0.025, 0.04
-"""Two directions that differ by so much in scale are a map's fault; from odometry any map differs by less than the
-second: wheels wear, ``findings.SCALE``."""
-SIGMAS = 4.0
-"""Standard deviations that a difference must have, too: ways overlap, and wheels without a gyro turn poorly."""
+SPACING, MOST = 0.5, 256  # A scan is kept each so much path [m]; of so many every second, and the spacing doubles
+POINTS = 128  # of a scan, evenly chosen
+LEAST = 10  # Scans, at least; they are in as many parts of the path, as scans of one place err alike, ...
+PARTS = 20  # ... at most in so many
+SCALES = np.geomspace(0.5, 0.03, 20)
+"""Cauchy's of the residuals [m], by iterations: a wrong scale displaces walls at first, cells at last; not people."""
+SIGMAS, WRONG = 5.0, 0.01
+"""A strain is a map's fault at so many standard deviations, and where it is more than this: lidars err by less."""
 ALONG = 15.0  # A direction within as much of an axis is called that [degrees]
 
 
 class MapScale:
-    """The distances that a robot goes that is sure of its pose, in the map and by its odometry.
+    """The strain between a known map and the scans of a robot that is sure of its pose, by least squares.
 
-    The map's are longer by a symmetric strain of the plane, of which a stretch and a skew are cases: by its product
-    with the squares and twice the product of the direction's components. It needs no headings, which a skewed map
-    bends.
+    Endpoints lie ``(1 + strain) (p + offset u)`` from the robot's place, p being where the lidar says and u along the
+    ray: the strain is symmetric, of which a stretch, a skew and a scale are cases; the offset is the thickness of walls
+    as they are drawn. The poses of all scans are eliminated (Schur complement).
     """
 
-    def __init__(self) -> None:
-        self._odometry: Pose = (0.0, 0.0, 0.0)
-        self._places: deque[tuple[Array, Array]] = deque(maxlen=SEGMENTS)  # latest in the map and by odometry [m]
-        self._normal, self._right, self._square, self._count = np.zeros((3, 3)), np.zeros(3), 0.0, 0
+    def __init__(self, maps: KnownMaps) -> None:
+        self._maps, self._spacing, self._driven = maps, SPACING, SPACING
+        self._scans: list[tuple[Array, Array, Array]] = []  # pose [3], endpoints and directions of their rays [k, 2]
 
-    def add(self, pose: Array, motion: Pose, *, known: bool) -> None:
-        """A step that led to a pose [3] in the map; ``known`` if that is sure and the odometry measured the step."""
-        if not known:
-            self._places.clear()
+    def add(self, pose: Array, points: NDArray[np.float32], origin: Array, driven: float, *, known: bool) -> None:
+        """A scan [k, 2] whose rays start at an origin [2], from a pose [3] in the map; ``known`` if that is sure."""
+        self._driven += driven
+        if not known or self._driven < self._spacing or not len(points):
             return
-        self._odometry = compose_one(self._odometry, motion)
-        place, driven = pose[:2].copy(), np.array(self._odometry[:2])
-        if self._places and np.hypot(*(driven - self._places[-1][1])) < SEGMENT:
-            return
-        for there, then in self._places:
-            length, mapped = float(np.hypot(*(driven - then))), place - there
-            distance = float(np.hypot(*mapped))
-            if min(length, distance) > SEGMENT / 2:
-                cos, sin = mapped / distance
-                row, more = length * np.array((cos * cos, sin * sin, 2 * cos * sin)), distance - length
-                self._normal += np.outer(row, row)
-                self._right += more * row
-                self._square, self._count = self._square + more * more, self._count + 1
-        self._places.append((place, driven))
+        some = points[:: -(-len(points) // POINTS)].astype(float)
+        rays = some - origin
+        self._scans.append((pose.copy(), some, rays / np.maximum(np.hypot(*rays.T), 1e-6)[:, None]))
+        self._driven = 0.0
+        if len(self._scans) == MOST:
+            self._scans, self._spacing = self._scans[::2], 2 * self._spacing
+
+    def fit(self) -> tuple[Array, Array]:
+        """The strain xx, yy, xy, the offset [m], and their covariance [4, 4]."""
+        poses = np.array([scan[0] for scan in self._scans])
+        points, rays = (np.concatenate([scan[k] for scan in self._scans]) for k in (1, 2))
+        lengths = [len(scan[1]) for scan in self._scans]
+        of, begin = np.repeat(np.arange(len(poses)), lengths), np.cumsum([0, *lengths[:-1]])
+        strain, cells = np.zeros(4), self._maps.occupancy
+        for scale in (*SCALES, SCALES[-1]):
+            c, s = np.cos(poses[of, 2]), np.sin(poses[of, 2])
+            (x, y), (u, v) = ((c * a - s * b, s * a + c * b) for a, b in (points.T, rays.T))
+            xx, yy, xy, offset = strain
+            at_x = poses[of, 0] + x + xx * x + xy * y + offset * u
+            at_y = poses[of, 1] + y + xy * x + yy * y + offset * v
+            residual, along, (n, m), known = self._maps.surface.lines(at_x, at_y)
+            known &= np.abs(along) < cells.cell_size  # not beside a wall's end
+            weight = known / (1 + np.square(residual / scale))
+            row = np.stack((n, m, m * x - n * y, n * x, m * y, n * y + m * x, n * u + m * v, residual), axis=1)
+            sums = np.add.reduceat(weight[:, None, None] * row[:, :7, None] * row[:, None], begin, axis=0)
+            moved = np.linalg.solve(sums[:, :3, :3] + 1e-2 * np.eye(3), sums[:, :3, 3:])
+            left = sums[:, 3:, 3:] - sums[:, :3, 3:7].swapaxes(1, 2) @ moved
+            inverse = np.linalg.inv(left[..., :4].sum(axis=0) + 1e-6 * np.eye(4))
+            change = -inverse @ left[..., 4].sum(axis=0)
+            strain = strain + change
+            poses = poses - moved[..., 4] - moved[..., :4] @ change
+        parts = np.array([part.sum(axis=0) for part in np.array_split(left[..., 4], min(PARTS, len(left)))])
+        spread = inverse @ parts.T
+        covariance = spread @ spread.T * len(parts) / (len(parts) - 4)
+        # Walls lie anywhere in their rows or columns of cells, each displaced as a whole
+        steep = np.abs(n) >= np.abs(m)
+        foot = np.where(steep, at_x - n * residual - cells.origin[0], at_y - m * residual - cells.origin[1])
+        _, wall = np.unique(2 * np.floor(foot / cells.cell_size) + steep, return_inverse=True)
+        force = weight[:, None] * (row[:, 3:7] - np.einsum("kp,kpg->kg", row[:, :3], moved[of, :, :4]))
+        forces = np.array([np.bincount(wall, of_one) for of_one in force.T])
+        spread = cells.cell_size / np.sqrt(12) * inverse @ forces
+        return strain, covariance + spread @ spread.T
 
     def issue(self) -> Issue | None:
         """What is wrong with the map's scale, if it is certain."""
-        inverse = np.linalg.inv(self._normal + 1e-9 * np.eye(3))
-        strain = inverse @ self._right
-        left = max(float(self._square - strain @ self._right), 0.0)  # below 0 by rounding where the fit is exact
-        variance = left / max(self._count, 1) * SEGMENTS / 2  # each way is in several
-        along = self._normal[[0, 1], [0, 1]] > LEAST * SEGMENT
+        if len(self._scans) < LEAST:
+            return None
+        strain, covariance = self.fit()
         stretch, skew = (strain[0] - strain[1]) / 2, strain[2]
         apart, turned = 2 * float(np.hypot(stretch, skew)), float(np.degrees(np.arctan2(skew, stretch)) / 2)
-        of = np.array((stretch, -stretch, 2 * skew)) / max(apart / 2, 1e-9)
-        if along.all() and apart > max(STRETCHED, SIGMAS * float(np.sqrt(variance * (of @ inverse @ of)))):
-            text = (
-                f"the map is {100 * apart:.1f} % longer along {turned:.0f} degrees to its x than across: skewed or bent"
-            )
+        of = np.array((stretch, -stretch, 2 * skew, 0.0)) / max(apart / 2, 1e-9)
+        if apart > max(WRONG, SIGMAS * float(np.sqrt(of @ covariance @ of))):
+            text = f"along {turned:.0f} degrees to its x than across: skewed or bent"
             if min(abs(turned), 90 - abs(turned)) < ALONG:
-                longer = "longer" if abs(turned) < 45 else "shorter"
-                text = f"the map is {100 * apart:.1f} % {longer} along x than along y: stretched"
-            return Issue("map-scale", f"{text}, by distances of the odometry, and poses in it with it")
-        bar = np.maximum(SCALED, SIGMAS * np.sqrt(variance * inverse.diagonal()[:2]))
-        off = np.where(along, np.abs(strain[:2]) - bar, -1.0)
-        if not (off > 0).any():
+                text = f"along {'x than along y' if abs(turned) < 45 else 'y than along x'}: stretched"
+            text = f"the map is {100 * apart:.1f} % longer {text}, by what the lidar measures, and poses in it with it"
+            return Issue("map-scale", text)
+        weight = np.linalg.inv(covariance[:2, :2]).sum(axis=0)  # of each direction in the scale of both
+        percent = 100 * float(weight @ strain[:2] / weight.sum())
+        if abs(percent) < 100 * max(WRONG, SIGMAS * float(weight.sum() ** -0.5)):
             return None
-        percent = 100 * float(strain[off.argmax()])
-        text = f"ways in the map are {abs(percent):.1f} % {'longer' if percent > 0 else 'shorter'} than by the "
-        text += "odometry: the map's resolution, or the odometry's unit of length, is not as stated"
+        text = f"the map is {abs(percent):.1f} % {'larger' if percent > 0 else 'smaller'} than the lidar measures: its "
+        text += "resolution is not as stated, and poses are wrong by as much, or the lidar's ranges are"
         return Issue("map-scale", text)

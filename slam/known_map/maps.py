@@ -31,7 +31,7 @@ class KnownMaps(TsdfMaps):
     def __init__(self, occupancy: Raster, config: TsdfConfig) -> None:
         super().__init__(config)
         self.occupancy = occupancy = upright(occupancy)
-        self._surface = _Surface(occupancy)
+        self.surface = Surface(occupancy)
         self._fill(config)
 
     def _write(self, poses: Array, scans: object) -> None:
@@ -64,7 +64,7 @@ class KnownMaps(TsdfMaps):
         words = np.empty((rows * side, columns * side), np.int16)
         for row in range(rows * side):
             y = corner[1] + (row + 0.5) * size
-            distance, known = self._surface.at(x, np.full_like(x, y))
+            distance, known = self.surface.at(x, np.full_like(x, y))
             steps = np.rint(np.clip(distance / truncation, -1.0, 1.0) * STEPS).astype(np.int16)
             words[row] = np.where(known | (np.abs(distance) < truncation), (steps << WEIGHT_BITS) + MAX_WEIGHT, 0)
         tiles = words.reshape(rows, side, columns, side).swapaxes(1, 2)
@@ -84,8 +84,8 @@ class KnownMaps(TsdfMaps):
             corner + step * index.ravel()
             for corner, index in zip(low, np.meshgrid(np.arange(columns), np.arange(rows)), strict=True)
         )
-        distance, _ = self._surface.at(x, y)
-        free = self._surface.is_free(x, y) & (np.abs(distance) > CLEARANCE)
+        distance, _ = self.surface.at(x, y)
+        free = self.surface.is_free(x, y) & (np.abs(distance) > CLEARANCE)
         if not free.any():
             raise InputError("no free cell, expected a map in which a robot can stand")
         fours = free.reshape(rows // 2, 2, columns // 2, 2).swapaxes(1, 2).reshape(-1, 4)
@@ -94,7 +94,7 @@ class KnownMaps(TsdfMaps):
         return low + 2 * step * np.stack((column, row), axis=1)[order], fours[fours.any(axis=1)][order]
 
 
-class _Surface:
+class Surface:
     """Where the surfaces of a map are: the middles of occupied cells that have a neighbour which is not occupied."""
 
     def __init__(self, occupancy: Raster) -> None:
@@ -121,15 +121,22 @@ class _Surface:
         within = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
         return np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1), within
 
-    def at(self, x: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """The distances [n] from places to the surface [m], negative on one side of it, and whether they are known."""
+    def lines(self, x: Array, y: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """The distances [n] from places to the line along which the nearest wall runs [m], how far along it from the
+        nearest cell's middle [m], the direction [2, n] across it, in which the first grow, and which are in the map.
+        """
         row, column, within = self._index(x, y)
         near_row, near_column = self._nearest[:, row, column]
         left, below = self._corner
         dx, dy = x - left - (near_column + 0.5) * self._size, y - below - (near_row + 0.5) * self._size
-        distance = np.hypot(dx, dy)
-        across = self._normals[:, near_row, near_column]
-        return np.where(dx * across[0] + dy * across[1] < 0, -distance, distance), within & self._known[row, column]
+        across = self._normals[:, near_row, near_column].astype(float)
+        return dx * across[0] + dy * across[1], dx * across[1] - dy * across[0], across, within
+
+    def at(self, x: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """The distances [n] from places to the surface [m], negative on one side of it, and whether they are known."""
+        row, column, _ = self._index(x, y)
+        off, along, _, within = self.lines(x, y)
+        return np.where(off < 0, -1, 1) * np.hypot(off, along), within & self._known[row, column]
 
     def is_free(self, x: Array, y: Array) -> NDArray[np.bool_]:
         """Which places [n] are free."""

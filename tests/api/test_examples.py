@@ -54,6 +54,17 @@ def test_a_script_draws_its_picture(name: str, tmp_path: Path):
     assert all(least < each < most for each in (found.values() if isinstance(found, dict) else [found]))
 
 
+def test_a_drive_of_a_few_metres_is_scored_without_what_needs_more(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    stamps = np.arange(44) / 10
+    drive = moteslam.Trajectory(stamps, np.column_stack((stamps, 0.2 * np.sin(stamps), np.zeros(44))))
+    moteslam.write_tum(tmp_path / "a.tum", drive)
+    import_module("score_my_trajectory").main(tmp_path, *[str(tmp_path / "a.tum")] * 2)
+    text = capsys.readouterr().out
+    assert "RPE over 1 m" in text
+    assert "left out: " in text
+    assert "RPE over 5 m" not in text
+
+
 def test_the_filter_of_ones_own_is_a_method():
     method = import_module("my_filter").METHOD
     config = method.config.model_validate({"method": "icp"})

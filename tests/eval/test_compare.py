@@ -46,8 +46,22 @@ def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFix
     assert better["p"] == pytest.approx(22 / 1024)
     assert better["high"] < 0
     text = printed(capsys, "compare", file, "--baseline", "better")
-    assert text.startswith("final ATE [cm], against better\n")
+    assert text.startswith("final ATE [m], against better\n")
     assert text.splitlines()[2].split()[:4] == ["plain", "10", "1", "9"]
+
+
+def test_a_metric_has_one_unit_in_every_table_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    medians = {"plain": 0.012, "better": 0.03}  # apart by 18 mm, and the best run is off by 2 mm
+
+    def result(run: PlannedRun) -> Values | str:
+        return {"final.ate": (medians[run.configuration] + 0.01 * (run.seed - 1), "m")}
+
+    file = recorded(tmp_path / "a.sweep", f'seeds = "0-2"\n{TWO}', result)
+    assert "final ATE [cm]" in printed(capsys, "sweep", "show", file)
+    assert "final ATE [cm], against plain" in printed(capsys, "compare", file)
+    assert '<option value="0">final ATE [cm]' in page(gather([file]))
+    failed = recorded(tmp_path / "b.sweep", TWO, lambda run: "stuck" if run.configuration == "better" else result(run))
+    assert "[cm], against plain" in printed(capsys, "compare", failed)  # all differences are infinite
 
 
 def test_two_sweeps_are_matched_by_scenario_platform_and_seed(

@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 from base64 import b64decode, b64encode
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -236,6 +237,36 @@ def test_robots_have_rows_of_their_own_and_the_title_says_what_was_asked() -> No
     assert "4 runs: 2 platforms, 2 seeds;" in text
     assert "Each platform against <strong><bdi>ucsd</bdi></strong>" in text
     assert text.count('<tr><th scope="row"><bdi>turtlebot3</bdi></th>') == 2  # in the summary and among the pairs
+
+
+def test_a_scenario_has_a_row_of_its_own_in_the_summary() -> None:
+    errors = {"corridor": 0.012, "office": 0.018}  # whose common median would be 1.5 cm
+    runs = [run_of(name, ate=ate, scenario=place) for name in "ab" for place, ate in errors.items()]
+    text = page(Material(runs=runs))
+    summary = text[text.index('id="summary"') : text.index('id="pairs"')]
+    assert re.findall(r'row"><bdi>([^<]*)<.*?median">([^<]*)<', summary, flags=re.S) == [
+        *(("corridor, a", "12.0"), ("office, a", "18.0"), ("corridor, b", "12.0"), ("office, b", "18.0"))
+    ]
+
+
+def test_columns_that_are_empty_everywhere_are_left_out() -> None:
+    text = page(Material(runs=[run_of()]))
+    heads = re.findall("<button[^>]*>([^<]*)<", text[text.index('id="all"') :])
+    assert heads[:4] == ["scenario", "seed", "configuration", "status"]
+
+
+def test_the_first_metric_is_one_that_all_configurations_have() -> None:
+    scores = {"online.ate": {"value": 0.1}, "final.ate": {"value": 0.2}}
+    ours, theirs = replace(run_of("ours"), scores=scores), run_of("theirs")
+    text = page(Material(runs=[ours, theirs], wanted=["online.ate", "final.ate"]))
+    assert re.findall(r'<option value="[01]">([^<]*)<', text) == ["final ATE [cm]", "online ATE [cm]"]
+
+
+def test_a_run_alone_is_named_by_its_folder_and_its_seed_once(result: Path) -> None:
+    material = gather([result])
+    assert [run.run.configuration for run in material.runs] == ["result"]
+    (name,) = re.findall('<select id="run">\n<option[^>]*>([^<]*)<', page(material))
+    assert name.count("seed") == 1
 
 
 def test_the_title_names_what_varies(tmp_path: Path) -> None:

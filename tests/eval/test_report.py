@@ -189,6 +189,24 @@ def test_the_factor_is_printed_and_the_deviations_are_magnified_by_it(figure: Fi
     np.testing.assert_allclose([line[-1, 1] for line in lines], 100 * (true - true.mean()), atol=1e-9)
 
 
+def test_what_is_not_magnified_says_nothing_of_it(cloud: Cloud, tmp_path: Path, drawn: list[Figure]) -> None:
+    draw_particles(tmp_path / "a.png", replace(cloud, paths=cloud.paths * (1, 300, 1), spread=300 * cloud.spread))
+    assert drawn[0].axes[0].get_title() == "ellipses: 2 standard deviations"
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3])  # dead reckoning is off by metres, or by millimetres
+def test_the_floor_of_a_logarithmic_axis_follows_the_errors(scale: float, tmp_path: Path, drawn: list[Figure]) -> None:
+    stamps = np.arange(100.0)
+    true = Trajectory(stamps, np.column_stack((stamps, np.zeros(100), np.zeros(100))))
+    wave = np.sin(stamps) * [[0.0], [1.0], [0.0]]
+    near, far = (Trajectory(stamps, true.poses + (most * wave).T) for most in (0.001 * scale, 3.0 * scale))
+    ate = [absolute_trajectory_error(one, true, align=False) for one in (near, far)]
+    curves.draw_error(tmp_path / "a.png", slam=ate[0], dead_reckoning=ate[1])
+    (axes, _), (_, slam) = drawn[0].axes, drawn[0].axes[0].lines[:2]
+    assert axes.get_yscale() == "log"
+    assert np.mean(slam.get_ydata() > axes.get_ylim()[0]) == pytest.approx(0.95, abs=0.02)
+
+
 def test_ancestors_and_partings_are_drawn(figure: Figure) -> None:
     panel = figure.axes[-1]
     counts, partings = panel.lines
@@ -233,6 +251,23 @@ def test_a_colour_a_scenario_and_dashes_a_configuration(tmp_path: Path, drawn: l
     assert dashes[0] == dashes[2] != dashes[1]
     np.testing.assert_allclose(lines[0].get_xdata(), [3, 10], rtol=0.05)
     np.testing.assert_allclose(lines[0].get_ydata(), [20, 10])  # [cm]
+
+
+def test_in_one_scenario_colours_tell_configurations_apart(tmp_path: Path, drawn: list[Figure]) -> None:
+    rows = [made("corridor", name, 0.1 * k, **{"slam.particles": k}) for name in ("a", "b") for k in (1, 2)]
+    draw_sweep(tmp_path / "a.png", rows, ["final.ate"], column="slam.particles")
+    first, second = [line.get_color() for line in drawn[0].axes[0].lines if line.get_label() in ("a", "b")]
+    assert first != second
+
+
+def test_panels_have_the_same_places_and_a_dash_where_nothing_was_measured(tmp_path: Path, drawn: list[Figure]) -> None:
+    ours, theirs = made("corridor", "ours", 0.1), made("corridor", "theirs", 0.2)
+    ours = replace(ours, scores={**ours.scores, "online.ate": {"value": 0.3}})
+    draw_sweep(tmp_path / "a.png", [ours, theirs], ["online.ate", "final.ate"], column="configuration")
+    online, final = drawn[0].axes
+    assert online.get_xlim() == final.get_xlim()
+    assert [(text.get_text(), text.get_position()[0]) for text in online.texts] == [("-", 1.0)]
+    assert not final.texts
 
 
 def test_commands_are_one_series_and_a_failed_one_is_a_whole_marker(tmp_path: Path, drawn: list[Figure]) -> None:

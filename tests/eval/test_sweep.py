@@ -159,7 +159,7 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
         (HERE + "[vary]\nslam.particles = { first = 1, last = 9, steps = 0 }", "vary.slam.particles.range.steps: "),
         (HERE + "[vary]\nscenario.speeed = [1]", "vary.scenario.speeed: "),
         (HERE + "seeds = '0'\n[vary]\nslam.particles = [2, 2]", "(corridor, seed 0, default, slam.particles=2)"),
-        (HERE + "[configurations.'a b']", "configurations.a b.[key]: "),
+        (HERE + "[configurations.'a b']", "configurations.a b.[key]: 'a b', expected letters, digits, _ . + -"),
         (HERE + "[configurations.a]\npreset = 'b'", "configurations.a, b: no such preset"),
         (HERE + "[configurations.a]\nset = { slam.backend.method = 'no' }", "configurations.a, backend.method: "),
         (HERE + "[configurations.a]\ntrajectory = 'x'\n", "configurations.a: trajectory without a command"),

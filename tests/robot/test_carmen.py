@@ -375,3 +375,15 @@ def test_a_log_in_mm_has_no_endpoint_and_is_told(tmp_path: Path) -> None:
     recording = read_carmen(write_log(tmp_path / "mm.log", given))  # a warning of NumPy would be an error here
     assert np.isposinf(recording.lidar.ranges).all()
     assert "range-max" in [issue.code for issue in recording.warnings]
+
+
+@pytest.mark.parametrize(("beams", "turn", "expected"), [(360, 1, True), (361, 1, True), (361, 0.5, False)])
+def test_scans_that_close_are_told_to_be_of_a_full_circle(
+    tmp_path: Path, beams: int, turn: float, expected: bool
+) -> None:
+    bearings = 2 * np.pi * turn * np.arange(beams) / 360
+    scans = [(4 + 2 * np.sin(bearings + 0.3 * k) + 0.5 * np.sin(3 * bearings)).tolist() for k in range(40)]
+    path = write_log(tmp_path / "x.log", [flaser(scan, stamp=float(k)) for k, scan in enumerate(scans)])
+    found = [issue.message for issue in read_carmen(path).warnings if issue.code == "assumed-angles"]
+    assert len(found) == expected
+    assert all("full circle, -3.14159 and 0.0174533" in each for each in found)

@@ -280,6 +280,18 @@ def test_ranges_in_feet_do_not_move_the_mount() -> None:
     assert mended.platform.lidar == recording.platform.lidar
 
 
+def test_a_lidar_that_sees_the_floor_has_no_scale() -> None:
+    def tilted(s: LidarStream) -> np.ndarray:
+        down = 0.07 * np.cos(s.angles)
+        return np.where(down > 1e-3, np.minimum(s.ranges, 0.2 / np.maximum(down, 1e-3)), s.ranges).astype(np.float32)
+
+    recording = cut(simulate(load_scenario("loop", platform="rplidar_a1"), 12).recording, Cut(0.0, 75.0))
+    calibration, found = found_in(lidar(ranges=tilted)(recording))
+    assert calibration.fit.values[Parameter.LENGTHS] < 0.1
+    assert "odometry-unfit" in codes(found.issues)
+    assert "range-scale" not in codes(found.issues)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("platform", ["lms200", "ucsd"])
 def test_a_clock_that_drifts_is_known_to_some_milliseconds_over_the_drive(platform: str) -> None:
