@@ -56,7 +56,8 @@ def test_a_recording_with_a_camera_gives_the_same_bytes(name: str, late: float):
     assert there.texture is not None
     assert here.texture.values.tobytes() == there.texture.values.tobytes()
     assert here.texture.frames == there.texture.frames > 15
-    assert [one.code for one in here.warnings] == [one.code for one in there.warnings]
+    told = [one.code for one in here.warnings if one.code != "not-calibrated"]  # run_slam holds no scans against others
+    assert told == [one.code for one in there.warnings]
     if name == "colours":
         assert slam._views is not None
         assert slam._views.count.used > 10
