@@ -184,7 +184,7 @@ class RegisteredPairs:
         regressed on ``rates`` as of ``mirror``, whose errors would pass for a shorter sweep: those by the scans beside
         each, with errors of their own, are the instrument.
         """
-        share, deviation, sweep = 1.0, 0.0, self._beams.sweep
+        share, deviation, sweep, as_is = 1.0, 0.0, self._beams.sweep, self._found
         if sweep < SWEEP:
             return share
         beside = [np.clip(scans, 1, len(lidar) - 2) for scans in self._scans]
@@ -194,6 +194,7 @@ class RegisteredPairs:
         for _ in range(ROUNDS):
             beams = self._beams._replace(sweep=share * sweep)
             found = refine(*self._ranges, beams, self._seconds, self._found.motions, rates=rates)
+            as_is = found if share == 1 else as_is
             use = known & found.good
             if use.sum() < FEWEST:
                 return 1.0
@@ -205,8 +206,10 @@ class RegisteredPairs:
             share = float(np.clip(share + step, 0.0, 1.5))
             if abs(step) < 0.02:
                 break
+        both = as_is.good & found.good
+        better = _clearly_above_zero(np.log(cost(as_is)[both] / cost(found)[both]))
         clearly = share < SHORTER and share + ORDER * deviation < 1 and (1 - share) * sweep > SWEEP
-        return share if clearly else 1.0
+        return share if clearly and better else 1.0
 
     def scale_angles(self) -> tuple[float, float, tuple[float, float]]:
         """The scale of the angles between beams at which the scans fit each other best, and its deviation.
