@@ -36,14 +36,7 @@ from moteslam.robot.formats import write_recording
 from moteslam.robot.inspection import inspect_recording
 from moteslam.robot.platform import Platform
 from moteslam.robot.raster import Raster, read_map_arrays
-from moteslam.robot.recording import (
-    EncoderStream,
-    ImuStream,
-    LidarStream,
-    OdometryStream,
-    Recording,
-    RgbdStream,
-)
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import given_up
 from moteslam.sim.logged import with_odometry

@@ -16,14 +16,7 @@ from moteslam.robot.formats import format_of, open_recording
 from moteslam.robot.formats.csv_log import is_csv_log, read_csv_log
 from moteslam.robot.formats.written import write_csv
 from moteslam.robot.platforms import UCSD
-from moteslam.robot.recording import (
-    EncoderStream,
-    ImuStream,
-    LidarStream,
-    OdometryStream,
-    Recording,
-    RgbdStream,
-)
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
 
 GUIDE = Path(__file__).parents[2] / "docs" / "guide" / "own-logs.md"
 

@@ -10,14 +10,7 @@ import pytest
 
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.raster import Raster
-from moteslam.robot.recording import (
-    EncoderStream,
-    ImuStream,
-    LidarStream,
-    OdometryStream,
-    Recording,
-    RgbdStream,
-)
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, Summarised
 

@@ -9,14 +9,7 @@ from issues import messages
 
 from moteslam.robot.formats import FORMATS, open_recording
 from moteslam.robot.platforms import UCSD
-from moteslam.robot.recording import (
-    EncoderStream,
-    ImuStream,
-    LidarStream,
-    OdometryStream,
-    Recording,
-    RgbdStream,
-)
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
 from moteslam.robot.wheel_odometry import wheel_path
 
 STAMPS = np.arange(4.0)
