@@ -150,7 +150,8 @@ def latex(rows: Rows) -> str:
     columns = "".join("r" if index in right else "l" for index in range(len(rows[0])))
 
     def written(cell: str) -> str:
-        return LIGATURES.sub(r"\1{}", "".join(LATEX.get(character, character) for character in " ".join(cell.split())))
+        text = "".join(LATEX.get(character, character) for character in " ".join(cell.split()))
+        return LIGATURES.sub(r"\1{}", text).replace("+-", r"$\pm$")
 
     head, *lines = [f"{' & '.join(map(written, row))} \\\\" for row in rows]
     begin, end = f"\\begin{{tabular}}{{{columns}}}", "\\end{tabular}"

@@ -54,7 +54,7 @@ class Summarised:
     """Base of a dataclass (made with ``repr=False``) whose ``repr`` is its name and one line about what it holds."""
 
     def _summary(self) -> str:
-        """Every field, arrays as their type and shape; fields that are None are left out."""
+        """Every field, arrays but poses as their type and shape; fields that are None are left out."""
         named = [(field.name, getattr(self, field.name)) for field in fields(self)]  # type: ignore[arg-type]
         return ", ".join(f"{name}={_brief(value)}" for name, value in named if value is not None)
 
@@ -64,7 +64,7 @@ class Summarised:
 
 def _brief(value: Any) -> str:
     if isinstance(value, np.ndarray):
-        return f"{value.dtype}{list(value.shape)}"
+        return str(value.round(4).tolist()) if value.shape == (3,) else f"{value.dtype}{list(value.shape)}"
     if isinstance(value, tuple | list | dict):
         return counted(len(value), "item")
     return repr(value) if isinstance(value, str | int | float | Summarised) else type(value).__name__

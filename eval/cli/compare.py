@@ -60,8 +60,9 @@ def compare(
     if first not in found:
         raise ConfigError(f"{first!r}, expected one of {', '.join(map(repr, found))}", field="--baseline")
     for other in (other for other in found if other != first and axis == runs.CONFIGURATION):
-        if len({row.about["platform"] for row in (*found[first], *found[other])}) > 1:
-            continue  # of other lidars
+        both = (*found[first], *found[other])
+        if len({row.about["platform"] for row in both}) > 1 or any(row.run.command for row in both):
+            continue  # of other lidars; or poses of another program, which need not be one a scan
         of, counts = (runs.values_of(found[one], "scans") for one in (first, other))
         if unlike := [case for case in of if of[case] and (counts.get(case) or of[case]) != of[case]]:
             text = f"warning: {other}: other numbers of scans in {len(unlike)} of its runs"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -190,8 +189,9 @@ def evaluate(
         for doubt in _doubts(rows):
             note(f"warning: {doubt}")
     one_or_all = rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}
-    parts = [part for part in _parts(rows, found) if form == "text" or not isinstance(part, str)]
-    lines = (part if isinstance(part, str) else FORMATS[form](part) for part in parts)
+    mark = {"text": "", "markdown": "", "latex": "% "}.get(form)  # of the lines between tables; CSV has none
+    parts = [part for part in _parts(rows, found) if mark is not None or not isinstance(part, str)]
+    lines = (f"{mark}{part}" if isinstance(part, str) else FORMATS[form](part) for part in parts)
     answer(one_or_all | found, lines, as_json=as_json)
 
 
@@ -310,5 +310,4 @@ def _relations(row: Row) -> Iterator[str | Table]:
         values = [[size * one[part] for part in ("mean", "std")] for one, size in ((along, factor), (turn, 1.0))]
         table.append([name, str(along["count"]), *(" +- ".join(map(number, pair)) for pair in values)])
     yield table
-    used = f"{row['used']} of {row['total']} relations used, {row['interpolated']} of them between poses"
-    yield f"\x1b[1m{used}\x1b[0m" if sys.stdout.isatty() else used
+    yield f"{row['used']} of {row['total']} relations used, {row['interpolated']} of them between poses"

@@ -287,7 +287,8 @@ def doubtful_stamps(recording: Recording, path: OdometryPath | None) -> list[Iss
         if name in STREAMS[:4] and is_coarse(stamps):
             equal = int((np.diff(stamps) == 0).sum())
             text = f"{name}: {equal} of {len(stamps)} readings share the stamp of the one before: their clock "
-            text += "counts whole seconds" if (stamps == np.rint(stamps)).all() else "is too coarse"
+            whole = "counts whole seconds" if np.ptp(stamps) else f"stands at {stamps[0]:g} s, as without stamps"
+            text += whole if (stamps == np.rint(stamps)).all() else "is too coarse"
             issues.append(Issue("equal-stamps", f"{text}, so that speeds and turns by it are wrong", equal))
         elif name in STREAMS[:4] and len(stamps) > 200 and not logged and (noise := jitter(stamps)) > JITTERS:
             text = f"{name}: stamps jitter by {noise:.2f} s: what is driven meanwhile is missing from motions, "

@@ -158,9 +158,11 @@ class KnownMapFilter(TsdfFilter):
             if end is not None:
                 text = f"from {begin:.2f} to {end:.2f} s the robot was searched for in the whole map"
             if off > LOST_DISTANCE:
-                text += f", and found {off:.1f} m from where the path until then led: it was carried, or poses before "
-                text += "that were said to be sure are wrong"
-            issues.append(Issue("searched-for", text))
+                text += f", and found {off:.1f} m from where the path until then led: it was carried, "
+                text += "or the start that was given is wrong, " * bool(self._known.start)
+                text += "or poses before that were said to be sure are wrong"
+            if end != begin or off:  # it was not found at the first scan
+                issues.append(Issue("searched-for", text))
         scale = self._scale.issue()
         return (*issues, *([scale] if scale else []))
 
@@ -299,7 +301,7 @@ class KnownMapFilter(TsdfFilter):
         self._relocated = self.history.path(0)
         self._tracker.pose = as_pose(places[0])
         self._covariance, self._doubt = PoseCovariance(self._config.registration), Presence(self._given_up)
-        off = float(np.hypot(*(places[0] - pose)[:2])) if self._was_sure else 0.0
+        off = float(np.hypot(*(places[0] - pose)[:2])) if self._was_sure or self._known.start else 0.0
         self._losses[-1] = (self._losses[-1][0], stamp, off)
         self._search, self._divided = None, True
 

@@ -5,6 +5,7 @@ value is what it is.
 from __future__ import annotations
 
 from itertools import pairwise
+from math import pi
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
@@ -43,6 +44,13 @@ class MatchConfig(Section):
     def _rising_through_zero(cls, offsets: tuple[float, ...]) -> tuple[float, ...]:
         if 0.0 not in offsets or any(a >= b for a, b in pairwise(offsets)):
             raise ValueError("expected rising offsets, zero among them")
+        return offsets
+
+    @field_validator("offsets_theta")
+    @classmethod
+    def _are_turns(cls, offsets: tuple[float, ...]) -> tuple[float, ...]:
+        if max(map(abs, offsets)) > pi:
+            raise ValueError(f"{max(offsets, key=abs):g}, expected radians, at most half a turn")
         return offsets
 
 

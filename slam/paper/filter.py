@@ -58,7 +58,7 @@ class PaperFilter(FilterDefaults):
         if len(self.history):
             self._predict(step)
             scores = self._match(step)
-            self.weights = self.weights.times(self._checked(self.likelihood(scores), scores))
+            self.weights = self.weights.times(self._checked(self.likelihood(scores.astype(np.float64)), scores))
             self.best_particle = self.weights.best
             score = int(scores[self.best_particle])
             self._misfit.observe(driven, score / len(step.points) if len(step.points) else None)
@@ -70,14 +70,14 @@ class PaperFilter(FilterDefaults):
         self._map(self._best, step.points, step.origin)
         return StepResult(self._best, step.motion, n_eff, score, True, resampled, self._certainty())
 
-    def likelihood(self, scores: NDArray[np.int32]) -> NDArray[Any]:
+    def likelihood(self, scores: Array) -> Array:
         """What the weights [N] are multiplied by: the scores [N] themselves (II.7). Write another in a subclass.
 
         Returns:
             [N] finite likelihoods (no logarithms), none below 0; above 0 for one particle at least where a score is.
         """
         exponent = self._config.score_exponent
-        return scores if exponent == 1 else np.power(scores / max(scores.max(), 1), exponent)
+        return scores if exponent == 1 else np.asarray(np.power(scores / max(scores.max(), 1), exponent))
 
     def _checked(self, likelihood: Any, scores: NDArray[np.int32]) -> Array:
         """What ``likelihood`` returned, which may be that of a subclass."""

@@ -200,7 +200,7 @@ def test_the_commands_of_the_tutorial_run(tmp_path: Path, monkeypatch: pytest.Mo
     assert len(commands) >= 10
     for line in commands:
         assert main.run(shlex.split(line)) == 0, line
-    assert Path("noise.html").exists()
+    assert Path("luck.html").exists()
 
 
 @pytest.mark.slow

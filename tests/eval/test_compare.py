@@ -174,6 +174,15 @@ def test_two_recordings_of_one_name_are_told_but_not_of_two_robots(
     assert ("another recording of that name" in told(capsys, "compare", *both)) == doubted
 
 
+def test_another_program_may_write_another_number_of_poses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    spec = 'scenarios = ["corridor"]\n[configurations.ours]\n[configurations.theirs]\ncommand = ["slam", "{seed}"]\n'
+    scans = {"ours": 9.0, "theirs": 6.0}
+    file = recorded(
+        tmp_path / "both.sweep", spec, lambda run: {"final.ate": (1.0, "m"), "scans": (scans[run.configuration], "")}
+    )
+    assert "another recording" not in told(capsys, "compare", file)
+
+
 def test_where_two_sweeps_differ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = recorded(tmp_path / "other.sweep", OTHER, lambda _: {"final.ate": (1.0, "m")})
     first, second, table = (

@@ -157,7 +157,10 @@ def test_a_way_that_is_driven_without_scans_is_told(first: int, last: int, told:
     assert doubtful_stamps(recording, None) == []
 
 
-@pytest.mark.parametrize(("step", "words"), [(1.0, "whole seconds"), (0.5, "too coarse"), (0.1, "")])
+CLOCKS = [(1.0, "whole seconds"), (0.5, "too coarse"), (0.1, ""), (100.0, "stands at 0 s")]
+
+
+@pytest.mark.parametrize(("step", "words"), CLOCKS)
 def test_a_clock_that_is_too_coarse_is_named(step: float, words: str):
     stamps = np.floor(np.arange(100) / 10 / step) * step
     scans = LidarStream(stamps, np.ones((100, 4), np.float32), -1.5, 1.0, 0.1, 30.0)

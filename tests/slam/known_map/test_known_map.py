@@ -316,6 +316,16 @@ def test_a_known_start_needs_no_search(tmp_path: Path, monkeypatch: pytest.Monke
     assert np.hypot(off[5:, 0], off[5:, 1]).max() < CELL
 
 
+def test_a_start_that_is_far_off_is_told(tmp_path: Path) -> None:
+    recording, true = circled_room()
+    walls = [((x + 20, y), (u + 20, v)) for (x, y), (u, v) in OTHER_ROOM]
+    both = drawn([*WALLS, *BOX, *walls], low=(-5, -6), high=(25, 7))
+    estimate = localized(tmp_path, recording, both, "start=[20.0, 0.0, 0.0, 0.5]")
+    off = se2.between(true, estimate.trajectory.poses)
+    assert np.hypot(off[-5:, 0], off[-5:, 1]).max() < CELL
+    assert any("the start that was given is wrong" in issue.message for issue in estimate.warnings)
+
+
 @pytest.mark.parametrize("larger", [1.0, 1.03, 0.97])
 def test_a_map_whose_resolution_is_off_is_told(tmp_path: Path, larger: float) -> None:
     recording, _ = circled_room()
@@ -346,9 +356,9 @@ def test_how_far_off_a_robot_is_found_again_is_told(tmp_path: Path) -> None:
     both = drawn([*WALLS, *BOX, *beside], low=(-5, -6), high=(25, 7))
     estimate = localized(tmp_path, carried_into_another_room(), both)
     searched = [issue.message for issue in estimate.warnings if issue.code == "searched-for"]
-    assert len(searched) == 2
-    assert "found 20.0 m from where the path until then led" in searched[1]
-    assert "led" not in searched[0]
+    assert len(searched) == 1  # not that it was found at the first scan
+    assert "found 20.0 m from where the path until then led" in searched[0]
+    assert "start" not in searched[0]
 
 
 def test_places_that_were_given_up_one_after_the_other_are_told(tmp_path: Path) -> None:
