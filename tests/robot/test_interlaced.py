@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from converted import assert_held
 from issues import messages
 from robot_logs import flaser, robotlaser, write_log
 
@@ -114,9 +115,7 @@ def test_what_is_written_reads_back_the_same(tmp_path: Path, scans: int) -> None
     write_carmen(tmp_path / "y.log", recording)
     again = open_recording(tmp_path / "y.log")
     assert messages(again.warnings) == ()
-    for key, value in vars(recording.lidar).items():
-        other = getattr(again.lidar, key)
-        assert value.tobytes() == other.tobytes() if isinstance(value, np.ndarray) else value == other, key
+    assert_held("carmen", recording, again)
 
 
 @pytest.mark.parametrize("interlace", [0, -1])
