@@ -11,7 +11,7 @@ from robot_logs import flaser, robotlaser, write_log
 from moteslam.errors import InputError
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.written import write_carmen
-from moteslam.robot.recording import LidarStream, measured, phases
+from moteslam.robot.recording import measured, phases
 from moteslam.robot.sensor_reports import lidar_report
 from moteslam.slam.inputs.scans import Scans
 
@@ -116,12 +116,6 @@ def test_what_is_written_reads_back_the_same(tmp_path: Path, scans: int) -> None
     again = open_recording(tmp_path / "y.log")
     assert messages(again.warnings) == ()
     assert_held("carmen", recording, again)
-
-
-@pytest.mark.parametrize("interlace", [0, -1])
-def test_an_interlace_that_is_none_is_refused(interlace: int) -> None:
-    with pytest.raises(InputError, match=r"interlace: .* expected a whole number of 1 or more"):
-        LidarStream(np.zeros(1), np.ones((1, 4), np.float32), 0.0, 0.1, 0.0, 9.0, interlace=interlace)
 
 
 def test_the_clinic(data_folder: Path) -> None:
