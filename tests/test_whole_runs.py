@@ -29,8 +29,7 @@ def moteslam(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize(
     ("preset", "scenario", "seed", "most"),
-    [("paper", "corridor", seed, 0.20) for seed in range(3)]
-    + [("default", scenario, 0, 0.08) for scenario in ("corridor", "office")],
+    [("paper", "corridor", 0, 0.20), ("default", "office", 0, 0.08)],
 )
 def test_a_preset_drives_a_scenario_without_diverging(preset: str, scenario: str, seed: int, most: float):
     simulation = simulate(load_scenario(scenario), seed=seed)
@@ -39,10 +38,9 @@ def test_a_preset_drives_a_scenario_without_diverging(preset: str, scenario: str
         assert ate(trajectory, simulation.truth) < most
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_the_paper_preset_holds_the_intel_building(data_folder: Path, seed: int):
+def test_the_paper_preset_holds_the_intel_building(data_folder: Path):
     recording = open_recording(data_folder / "intel" / "intel_raw_part.log.gz")
-    estimate = run_slam(recording, load_preset("paper"), seed=seed)
+    estimate = run_slam(recording, load_preset("paper"), seed=0)
     files = (data_folder / "intel" / name for name in ("intel_raw_part.relations", "intel.relations"))
     clear, every = (evaluate_relations(estimate.trajectory, read_relations(file), interpolate=False) for file in files)
     assert clear.translation.mean < 0.06

@@ -289,7 +289,7 @@ def draw_reliability(
             half = 2 * np.sqrt(middle * (1 - middle) / (n + 4))
             bars = np.maximum((y - middle + half, middle + half - y), 0)
             axes.errorbar(x, y, bars, color=f"C{k}", linewidth=1)
-        look = {"facecolors": "none", "edgecolors": f"C{k}", "linewidths": 1.5, "marker": marker}
+        look: dict[str, Any] = {"facecolors": "none", "edgecolors": f"C{k}", "linewidths": 1.5, "marker": marker}
         axes.scatter(x, y, 30 + 200 * n / scans.sum(), label=name, **look)
     axes.set(ylim=(-0.03, 1.03), xlabel=labels[0], ylabel=labels[1])
     axes.legend(loc="lower right", fontsize="small", markerscale=0.5)

@@ -59,14 +59,11 @@ variables = dict(os.environ)
 """
 
 
-def test_a_first_kernel_asks_no_network_and_leaves_the_environment_as_it_was(tmp_path: Path) -> None:
-    asked = {"TI_ARCH": "vulkan", "TI_SKIP_VERSION_CHECK": "OFF", "ENABLE_TAICHI_HEADER_PRINT": "0"}
-    assert run(OFFLINE + KERNEL + "assert os.environ == variables", tmp_path, **asked) == ""
-
-
-def test_a_first_kernel_prints_nothing_and_fills_the_cache_alone(tmp_path: Path) -> None:
+def test_a_first_kernel_asks_no_network_prints_nothing_and_fills_the_cache_alone(tmp_path: Path) -> None:
+    """And leaves the environment as it was."""
     (tmp_path / "home").mkdir()
-    assert run(KERNEL, tmp_path, ENABLE_TAICHI_HEADER_PRINT="1") == ""
+    asked = {"TI_ARCH": "vulkan", "TI_SKIP_VERSION_CHECK": "OFF", "ENABLE_TAICHI_HEADER_PRINT": "1"}
+    assert run(OFFLINE + KERNEL + "assert os.environ == variables", tmp_path, **asked) == ""
     kept = sorted(path.name for path in cache_of(tmp_path).glob("*.tic"))
     assert kept
     assert run(KERNEL, tmp_path) == ""  # and the same answer from the cache, nothing compiled again
@@ -85,6 +82,7 @@ def test_the_cache_folder_is_its_owners_alone_whatever_the_mask_and_whatever_it_
     assert cache.stat().st_mode & 0o777 == 0o700
 
 
+@pytest.mark.slow
 def test_where_no_cache_can_be_had_kernels_run_without(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     code = KERNEL + "from moteslam.kernels.runtime import runtime; print(runtime().cache)"
@@ -106,6 +104,7 @@ def test_the_lock_of_a_killed_process_is_removed_and_kernels_are_kept_again(tmp_
     assert list(cache.glob("*.tic"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("home", [None, "/proc/none", "a home with spaces"])
 def test_kernels_run_wherever_home_is(home: str | None, tmp_path: Path) -> None:
     home = str(tmp_path / home) if home else home  # an absolute one stays as it is
@@ -149,6 +148,7 @@ print(sorted({{tuple(sorted(mask)) for mask in masks[-{threads}:]}}) == {expecte
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="Linux alone reports and sets where threads run")
 @pytest.mark.parametrize(
     ("threads", "expected"),
@@ -164,6 +164,7 @@ def test_as_many_threads_as_processors_have_one_each_and_others_are_free(
     assert run(MASKS.format(threads=threads, expected=expected) + KERNEL, tmp_path) == "True\n"
 
 
+@pytest.mark.slow
 def test_a_system_that_does_not_place_threads_computes_all_the_same(tmp_path: Path) -> None:
     code = "import os\nfor name in ('sched_getaffinity', 'sched_setaffinity'):\n    vars(os).pop(name, None)\n"
     assert run(code + KERNEL, tmp_path) == ""
@@ -262,6 +263,7 @@ print("launched by Taichi itself")
 """
 
 
+@pytest.mark.slow
 def test_with_another_release_taichi_itself_loads_and_launches(tmp_path: Path) -> None:
     (tmp_path / "home").mkdir()  # which Taichi itself needs
     assert run(ANOTHER_RELEASE, tmp_path, ENABLE_TAICHI_HEADER_PRINT="0") == "launched by Taichi itself\n"
