@@ -266,7 +266,7 @@ def test_three_shards_come_to_the_same(whole: Path, tmp_path: Path, capsys: pyte
     parts = []
     for number in (1, 2, 3):
         parts.append(str(tmp_path / f"{number}.sweep"))
-        assert main.run(["sweep", str(spec), "--shard", f"{number}/3", "--out", parts[-1], "--workers", "2"]) == 0
+        assert main.run(["sweep", str(spec), "--shard", f"{number}/3", "--out", parts[-1], "--workers", "1"]) == 0
     assert "12 runs in" in printed(capsys, "sweep", "merge", *parts, "--out", tmp_path / "all.sweep")
     assert results(tmp_path / "all.sweep") == results(whole)
     other = written(tmp_path, SPEC.replace("[1, 3, 5]", "[1, 3]"), "other.toml")
@@ -503,20 +503,22 @@ def test_a_version_that_cannot_be_had_is_refused(words: list[str], tmp_path: Pat
 
 @pytest.mark.slow
 def test_a_cluster_comes_to_the_same_though_a_worker_dies(whole: Path, tmp_path: Path) -> None:
-    """Its worker is killed while it makes the second run or so; the nanny starts another one."""
+    """Its worker is killed while it makes the second of three runs or so; the nanny starts another one."""
     distributed = pytest.importorskip("distributed")
-    create(tmp_path / "a.sweep", "{}", [run for run in planned(tmp_path) if run.seed == 0])
+    create(
+        tmp_path / "a.sweep", "{}", [run for run in planned(tmp_path) if (run.seed, run.configuration) == (0, "alone")]
+    )
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True) as cluster,
         opened(tmp_path / "a.sweep", write=True) as store,
     ):
         for count, outcome in enumerate(make_all_on(cluster.scheduler_address, store.pending(), timeout=120.0)):
             store.record(outcome)
-            if count == 1:
+            if count == 0:
                 os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
-    head, *made = results(whole)
-    first = [head, *(row for row in made if row[head.index("seed")] == "0")]
-    assert sorted(results(tmp_path / "a.sweep")) == sorted(first)
+    made = results(tmp_path / "a.sweep")
+    assert len(made) == 4
+    assert all(row in results(whole) for row in made)
 
 
 def test_a_cluster_that_is_not_there(
