@@ -73,6 +73,7 @@ def test_map_server_files_read_back(occupancy: Raster, tmp_path: Path) -> None:
 
 def test_figures_are_white_outside_and_drawn_inside(run, simulation, tmp_path: Path) -> None:
     estimate, snapshots = run
+    assert [snapshot.index + 1 for snapshot in snapshots] == [len(estimate.trajectory) * k // 6 for k in range(1, 7)]
     truth = simulation.truth
     ate = absolute_trajectory_error(estimate.trajectory, truth)
     name = r"[bold]$\frac{1}$ 東京" * 10 + "\udce9"  # a recording may be called anything
@@ -108,6 +109,18 @@ def test_a_robot_that_never_moved_can_be_drawn(occupancy: Raster, tmp_path: Path
     curves.draw_error(tmp_path / "d.png", slam=absolute_trajectory_error(still, still))
     curves.draw_effective_particles(tmp_path / "e.png", still.stamps, np.ones(2), np.zeros(2), particles=np.ones(2))
     assert len(list(tmp_path.glob("*.png"))) == 5
+
+
+@pytest.mark.parametrize(
+    ("names", "short"),
+    [
+        (["good.tum", "a/poor.tum"], ["good", "poor"]),
+        (["a/good.tum", "b/good.tum"], ["a", "b"]),
+        (["a/good.tum", "b/good.tum", "poor.tum"], ["a/good.tum", "b/good.tum", "poor.tum"]),
+    ],
+)
+def test_files_are_named_as_shortly_as_tells_them_apart(names: list[str], short: list[str]) -> None:
+    assert curves._short(names) == short
 
 
 def test_curves_are_broken_where_nothing_was_measured() -> None:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from command_lines import printed, refused, shown
+from figures import legend_of
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -45,6 +46,19 @@ def test_free_space_is_white_and_the_rest_grey(tmp_path: Path, drawn: list[Figur
     assert not grey_at(*scenario.start[:2])
     assert not grey_at(11.0, 17.0)  # a room behind an open door, at the top
     assert grey_at(11.0, 7.0)  # inside the loop
+
+
+def test_the_legend_names_what_is_there(tmp_path: Path, drawn: list[Figure]) -> None:
+    draw_scenario(tmp_path / "a.png", load_scenario("lab"))
+    draw_scenario(tmp_path / "b.png", load_scenario("people"))
+    draw_scenario(tmp_path / "c.png", load_scenario("doors"))
+    lab, people, doors = map(legend_of, drawn)
+    assert lab == [
+        *("free space", "shelf (3)", "table (7)", "chair (8)", "box (6)", "wall", "black", "shiny"),
+        *("start", "route, 80 m", "goal"),
+    ]
+    assert people[-2:] == ["person, there and back", "person, strolls about"]
+    assert doors[-2:] == ["door, shut", "door, as it opens"]
 
 
 SHADES = (20, 120, 240)
