@@ -29,7 +29,7 @@ def moteslam(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize(
     ("preset", "scenario", "seed", "most"),
-    [("paper", "corridor", 0, 0.20), ("default", "office", 0, 0.08)],
+    [("paper", "corridor", 0, 0.20), ("default", "corridor", 0, 0.08), ("default", "office", 0, 0.08)],
 )
 def test_a_preset_drives_a_scenario_without_diverging(preset: str, scenario: str, seed: int, most: float):
     simulation = simulate(load_scenario(scenario), seed=seed)
