@@ -82,7 +82,6 @@ def test_the_cache_folder_is_its_owners_alone_whatever_the_mask_and_whatever_it_
     assert cache.stat().st_mode & 0o777 == 0o700
 
 
-@pytest.mark.slow
 def test_where_no_cache_can_be_had_kernels_run_without(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     code = KERNEL + "from moteslam.kernels.runtime import runtime; print(runtime().cache)"
@@ -104,7 +103,6 @@ def test_the_lock_of_a_killed_process_is_removed_and_kernels_are_kept_again(tmp_
     assert list(cache.glob("*.tic"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("home", [None, "/proc/none", "a home with spaces"])
 def test_kernels_run_wherever_home_is(home: str | None, tmp_path: Path) -> None:
     home = str(tmp_path / home) if home else home  # an absolute one stays as it is
@@ -148,7 +146,6 @@ print(sorted({{tuple(sorted(mask)) for mask in masks[-{threads}:]}}) == {expecte
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="Linux alone reports and sets where threads run")
 @pytest.mark.parametrize(
     ("threads", "expected"),
@@ -164,7 +161,6 @@ def test_as_many_threads_as_processors_have_one_each_and_others_are_free(
     assert run(MASKS.format(threads=threads, expected=expected) + KERNEL, tmp_path) == "True\n"
 
 
-@pytest.mark.slow
 def test_a_system_that_does_not_place_threads_computes_all_the_same(tmp_path: Path) -> None:
     code = "import os\nfor name in ('sched_getaffinity', 'sched_setaffinity'):\n    vars(os).pop(name, None)\n"
     assert run(code + KERNEL, tmp_path) == ""
@@ -263,7 +259,6 @@ print("launched by Taichi itself")
 """
 
 
-@pytest.mark.slow
 def test_with_another_release_taichi_itself_loads_and_launches(tmp_path: Path) -> None:
     (tmp_path / "home").mkdir()  # which Taichi itself needs
     assert run(ANOTHER_RELEASE, tmp_path, ENABLE_TAICHI_HEADER_PRINT="0") == "launched by Taichi itself\n"
