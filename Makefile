@@ -57,7 +57,7 @@ examples: .venv/.stamp ## run every script of examples/: pictures in build/examp
 
 test: .venv/.stamp ## every test, then the kernels once more with bounds checks
 	$(PYTEST) -n $(WORKERS) --dist worksteal
-	MOTESLAM_TEST_DEBUG=1 $(PYTEST) tests/kernels
+	MOTESLAM_TEST_DEBUG=1 $(PYTEST) -n $(WORKERS) --dist worksteal --ignore tests/kernels/test_runtime.py tests/kernels
 
 test-fast: .venv/.stamp ## the tests that take no whole run, in under two minutes
 	$(PYTEST) -n $(WORKERS) --dist worksteal -m "not slow"

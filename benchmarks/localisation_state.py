@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from parts.harness import Row, arguments, benchmark, by_run, expect_known, status
+from parts.harness import Row, arguments, benchmark, by_run, draw_reliability, expect_known, status
 from parts.runs import STEP_NOISE, simulate_case, wheels_case
 
 from moteslam.eval.tables import aligned
@@ -116,28 +116,6 @@ def summary(rows: Sequence[Row]) -> str:
     return aligned(lines)
 
 
-def draw(path: Path, rows: Sequence[Row]) -> None:
-    """The reliability diagram of each setup, said against true; the larger a mark, the more scans."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6, 5), constrained_layout=True)
-    axes.plot((0, 1), (0, 1), color="0.6", label="said is true")
-    for k, ((run, mine), marker) in enumerate(zip(by_run(rows).items(), "osD^vP*X", strict=False)):
-        keys = ("in_bin", "said", "wrong_in_bin")
-        scans, said, wrong = (np.mean([row[key] for row in mine if "error" not in row], axis=0) for key in keys)
-        some = scans > 0
-        axes.scatter(
-            said[some] / scans[some], wrong[some] / scans[some], 30 + 200 * scans[some],
-            facecolors="none", edgecolors=f"C{k}", linewidths=1.5, marker=marker, label=run,
-        )  # fmt: skip
-    axes.set(xlabel="probability of a wrong pose, as said", ylabel="share of the poses that are wrong")
-    axes.legend(loc="lower right", fontsize="small", markerscale=0.5)
-    figure.savefig(path, dpi=150)
-
-
 def main() -> int:
     """Run, print a table, and draw; 1 where a run crashed."""
     parser = arguments(__doc__)
@@ -155,7 +133,9 @@ def main() -> int:
     ]
     rows = benchmark(measure, cases, options, summary=summary)
     if options.draw:
-        draw(options.draw, rows)
+        groups = by_run(row for row in rows if "error" not in row)
+        labels = "probability of a wrong pose, as said", "share of the poses that are wrong"
+        draw_reliability(options.draw, groups, ("in_bin", "said", "wrong_in_bin"), labels)
     return status(rows)
 
 

@@ -27,11 +27,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from parts.harness import Row, arguments, benchmark, by_run, expect_known, status
+from parts.harness import Row, arguments, benchmark, by_run, draw_reliability, expect_known, status
+from parts.runs import is_right, true_poses
 
 from moteslam.eval.cli.simulate import scenario_of
 from moteslam.eval.tables import aligned
-from moteslam.robot import se2
 from moteslam.robot.formats import Cut, cut
 from moteslam.robot.formats.map_server import FREE, write_map
 from moteslam.robot.noise import Surroundings
@@ -58,18 +58,6 @@ PLATFORMS = ("ucsd", "rplidar_a1", "turtlebot3")
 OTHER = {"office": "warehouse", "warehouse": "lab", "lab": "corridor"}
 CARRIED = 'faults=[{kind="carried", start=40, duration=20, along=6, lidar="off"}]'
 Array = NDArray[np.float64]
-
-
-def is_right(true: Array, poses: Array) -> NDArray[np.bool_]:
-    """Which poses [..., 3] are those of a robot at the true one."""
-    off = se2.between(true, poses)
-    return np.asarray((np.hypot(off[..., 0], off[..., 1]) < 0.3) & (np.abs(off[..., 2]) < np.radians(5)))
-
-
-def true_at(simulation: Simulation, stamps: Array) -> Array:
-    """The true poses [n, 3] at stamps, of the nearest of 100 a second."""
-    truth = simulation.truth
-    return np.asarray(truth.poses[np.searchsorted(truth.stamps, stamps - 0.005).clip(max=len(truth) - 1)])
 
 
 def drives(recording: Recording, occupancy: Raster, seed: int) -> Iterator[Any]:
@@ -143,7 +131,7 @@ def _followed(simulation: Simulation, updates: Iterator[Any], *, after: float = 
     """Path until the pose is rightly ``sure``, and the share of the sure scans that are wrong."""
     found, driven, last, states, errors = np.nan, 0.0, None, [], []
     for update in updates:
-        true = true_at(simulation, np.array([update.stamp]))[0]
+        true = true_poses(simulation.truth, np.array([update.stamp]))[0]
         if update.stamp - simulation.truth.stamps[0] < after:
             continue
         driven += 0.0 if last is None else float(np.hypot(*(true - last)[:2]))
@@ -244,36 +232,6 @@ def summary(rows: Sequence[Row]) -> str:
     return aligned(lines)
 
 
-def draw(path: Path, rows: Sequence[Row]) -> None:
-    """The reliability diagram of single scans, a line a robot; the larger a mark, the more scans."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6, 5), constrained_layout=True)
-    axes.plot((0, 1), (0, 1), color="0.6", label="said is true")
-    for k, platform in enumerate(dict.fromkeys(str(row["platform"]) for row in rows)):
-        mine = [row for row in rows if row["platform"] == platform and "in_bins" in row]
-        said, right, scans = (
-            np.sum([row[key] for row in mine], axis=0) for key in ("said_in_bins", "right_in_bins", "in_bins")
-        )
-        some = scans > 0
-        n, x, y = scans[some], said[some] / scans[some], right[some] / scans[some]
-        middle, share = (right[some] + 2) / (n + 4), n / scans.sum()  # Agresti and Coull 1998, 95 %
-        half = 2 * np.sqrt(middle * (1 - middle) / (n + 4))
-        bars = np.maximum((y - middle + half, middle + half - y), 0)
-        axes.errorbar(x, y, bars, color=f"C{k}", linewidth=1)
-        axes.scatter(x, y, 30 + 200 * share, facecolors="none", edgecolors=f"C{k}", linewidths=1.5, label=platform)
-    axes.set(
-        ylim=(-0.03, 1.03),
-        xlabel="probability of the most probable place, as said",
-        ylabel="share of the scans where it is right",
-    )
-    axes.legend(loc="lower right", fontsize="small", markerscale=0.5)
-    figure.savefig(path, dpi=150)
-
-
 def main() -> int:
     """Run and print a table; 1 where a run crashed."""
     parser = arguments(__doc__)
@@ -298,7 +256,10 @@ def main() -> int:
     ]
     rows = benchmark(measure, cases, options, summary=summary)
     if options.draw:
-        draw(options.draw, rows)
+        groups = by_run({**row, "run": row["platform"]} for row in rows if "in_bins" in row)
+        keys = ("in_bins", "said_in_bins", "right_in_bins")
+        labels = "probability of the most probable place, as said", "share of the scans where it is right"
+        draw_reliability(options.draw, groups, keys, labels, intervals=True)
     return status(rows)
 
 

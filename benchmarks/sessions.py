@@ -21,6 +21,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 from parts.harness import Case, Row, arguments, benchmark, expect_known, status
+from parts.runs import is_right, true_poses
 from scipy.ndimage import binary_dilation
 
 from moteslam.eval.cli.simulate import scenario_of
@@ -66,19 +67,13 @@ def together(estimates: Sequence[Estimate], order: Sequence[int]) -> tuple[Estim
     return found, building
 
 
-def true_poses(truth: Trajectory, stamps: Array) -> Array:
-    """The true poses [n, 3], of the nearest of 100 a second."""
-    return np.asarray(truth.poses[np.searchsorted(truth.stamps, stamps - 0.005).clip(max=len(truth) - 1)])
-
-
 def false_loops(building: Building, truths: Sequence[Trajectory]) -> tuple[int, int]:
     """How many loops bind two sessions, and how many of these are false."""
     each = zip(truths, building.sessions, strict=False)
     true = np.concatenate([true_poses(truth, one.stamps[one.nodes]) for truth, one in each])
     loops, between = building.loops, building.between
-    off = se2.between(loops.relative, se2.between(true[loops.first], true[loops.second]))[between]
-    wrong = (np.hypot(off[:, 0], off[:, 1]) > 0.3) | (np.abs(off[:, 2]) > np.radians(5))
-    return int(between.sum()), int(wrong.sum())
+    right = is_right(loops.relative, se2.between(true[loops.first], true[loops.second]))[between]
+    return int(between.sum()), int((~right).sum())
 
 
 def f1(occupancy: Raster, path: Trajectory, simulation: Simulation) -> float:

@@ -97,6 +97,12 @@ def seen_from(poses: np.ndarray, walls: list[tuple[tuple[float, float], tuple[fl
     return ranges
 
 
+def endpoints(pose: np.ndarray, walls: list) -> np.ndarray:
+    """The endpoints [k, 2] that a robot at a pose sees."""
+    ranges = seen_from(pose[None], walls)[0]
+    return np.stack((ranges * np.cos(ANGLES), ranges * np.sin(ANGLES)), axis=1)[np.isfinite(ranges)].astype(np.float32)
+
+
 def recorded(ranges: np.ndarray, odometry: np.ndarray) -> Recording:
     """The recording of ranges [n, beams] and of the odometry's poses [n, 3], ten scans a second."""
     stamps = np.arange(len(ranges)) * 0.1

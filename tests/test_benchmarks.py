@@ -12,10 +12,10 @@ import speed
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = {
-    "accuracy.py": ("scenarios", "--runs", "lab", "--seeds", "1", "--set", "particles=1"),
+    "accuracy.py": ("key-scans", "--runs", "lab", "--seeds", "100-100"),
     "cost.py": ("--quick", "--cases", "every_scan_1", "solver", "--seeds", "1"),
-    "not_as_stated.py": ("--platforms", "rplidar_a1", "--worlds", "office", "--faults", "narrow", "--seeds", "100-100"),
-    "soak.py": ("--hours", "0.02"),
+    "not_as_stated.py": ("--platforms", "lms200", "--worlds", "office", "--faults", "narrow", "--seeds", "100-100"),
+    "soak.py": ("--hours", "0.005"),
 }
 
 

@@ -255,6 +255,47 @@ def summary_lines(rows: Sequence[Row], bars: Bars) -> list[tuple[str, ...]]:
     return lines
 
 
+def draw_reliability(
+    path: Path,
+    groups: Mapping[str, Sequence[Row]],
+    keys: tuple[str, str, str],
+    labels: tuple[str, str],
+    *,
+    intervals: bool = False,
+) -> None:
+    """The reliability diagram of some rows each, said against true; the larger a mark, the more scans.
+
+    Args:
+        path: of the PNG.
+        groups: by the name in the legend.
+        keys: of each bin's scans, of the sum of what was said of them, and of how many it was true.
+        labels: of both axes.
+        intervals: draw those of 95 %; the bins are counts.
+    """
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import numpy as np
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6, 5), constrained_layout=True)
+    axes.plot((0, 1), (0, 1), color="0.6", label="said is true")
+    for k, ((name, rows), marker) in enumerate(zip(groups.items(), "osD^vP*X", strict=False)):
+        scans, said, true = (np.sum([row[key] for row in rows], axis=0) for key in keys)
+        some = scans > 0
+        n, x, y = scans[some], said[some] / scans[some], true[some] / scans[some]
+        if intervals:
+            middle = (true[some] + 2) / (n + 4)  # Agresti and Coull 1998
+            half = 2 * np.sqrt(middle * (1 - middle) / (n + 4))
+            bars = np.maximum((y - middle + half, middle + half - y), 0)
+            axes.errorbar(x, y, bars, color=f"C{k}", linewidth=1)
+        look: dict[str, Any] = {"facecolors": "none", "edgecolors": f"C{k}", "linewidths": 1.5, "marker": marker}
+        axes.scatter(x, y, 30 + 200 * n / scans.sum(), label=name, **look)
+    axes.set(ylim=(-0.03, 1.03), xlabel=labels[0], ylabel=labels[1])
+    axes.legend(loc="lower right", fontsize="small", markerscale=0.5)
+    figure.savefig(path, dpi=150)
+
+
 def status(rows: Sequence[Row], bars: Bars | None = None) -> int:
     """The exit code: 1 where a run crashed or a bar does not hold."""
     groups = by_run(rows)

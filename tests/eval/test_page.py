@@ -269,12 +269,6 @@ def test_a_run_alone_is_named_by_its_folder_and_its_seed_once(result: Path) -> N
     assert name.count("seed") == 1
 
 
-def test_the_title_names_what_varies(tmp_path: Path) -> None:
-    assert "<title>final ATE by particles: default, paper</title>" in page(gather([sweep(tmp_path / "s.sweep")]))
-    alike = Material(runs=[run_of(seed=seed) for seed in range(2)])
-    assert "<title>final ATE of 2 runs</title>" in page(alike)
-
-
 def test_failed_runs_count_as_the_worst() -> None:
     material = Material(runs=[run_of("a", k) for k in range(3)] + [run_of("a", 9, "crashed")] * 4)
     text = page(material, title="t")

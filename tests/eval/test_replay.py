@@ -224,11 +224,7 @@ def reversed_beams(office: Simulation, tmp_path_factory: pytest.TempPathFactory)
     return folder / "drive.log"
 
 
-def test_inspect_prints_estimates_and_what_is_certain(reversed_beams: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = printed(capsys, "inspect", reversed_beams)
-    assert "angles between beams, over the stated" in out
-    assert "nothing measured" not in out
-    assert "problem: scans and odometry turn in opposite directions" in out
+def test_inspect_gives_estimates_and_what_is_certain(reversed_beams: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = shown(capsys, "inspect", reversed_beams)
     assert "mirrored" in [problem["code"] for problem in found["problems"]]
     assert {"name", "value", "deviation", "stated", "certain"} == found["calibration"][0].keys()
@@ -257,19 +253,10 @@ def test_inspect_says_all_that_replay_says_of_a_bag(tmp_path: Path, capsys: pyte
     poses[frozen] = poses[frozen][0]
     bag = tmp_path / "drive.mcap"
     write_recording(bag, recording.replace(odometry=replace(odometry, poses=poses)))
-    warnings = codes(capsys, "replay", bag, "--out", tmp_path / "out", "--no-figures")
+    cheap = ("--preset", "paper", "--set", "particles=3", "--no-figures")
+    warnings = codes(capsys, "replay", bag, "--out", tmp_path / "out", *cheap)
     assert "stale-odometry" in warnings
     assert set(warnings) <= set(codes(capsys, "inspect", bag))
-
-
-def test_scans_that_do_not_fit_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    recording = with_odometry(winding(seconds=12.0))
-    lidar = recording.lidar
-    far = replace(lidar, ranges=lidar.ranges[:] * np.float32(30), range_max=lidar.range_max * 30)
-    write_recording(tmp_path / "drive.mcap", recording.replace(lidar=far))
-    out = printed(capsys, "inspect", tmp_path / "drive.mcap")
-    assert "pairs of scans fit each other" in out
-    assert "replay --calibrate" not in out
 
 
 @pytest.mark.slow

@@ -16,7 +16,6 @@ from loop_candidates import candidate
 from matplotlib.figure import Figure
 from rosbags.highlevel import AnyReader
 
-import moteslam
 from moteslam.errors import InputError
 from moteslam.eval.cli import main
 from moteslam.eval.cli.running import described, run_lines, score_lines
@@ -239,13 +238,8 @@ def test_states_in_the_figures_and_in_a_line(lost: Estimate, run, simulation, tm
     assert found["first_lost_stamp"] == lost.trajectory.stamps[5]
     assert found["compared"]["wrong"] == 0
     assert figures["metrics"]["lost_precision"]["value"] == 0
-    seconds = lost.trajectory.stamps[5] - lost.trajectory.stamps[0]
-    lines = list(run_lines({"out": "x", **described(lost, figures)}, "room"))
-    assert lines[1] == (
-        f"doubtful at 1, lost at 2 of {len(lost.trajectory)} scans, first after {seconds:.1f} s: diagnostics.csv"
-    )
-    found = {"out": "x", **described(run[0], score_estimate(run[0]))}
-    assert not any("lost" in line for line in run_lines(found, "room"))
+    said = [list(run_lines({"out": "x", **described(one, score_estimate(one))}, "room")) for one in (lost, run[0])]
+    assert [any("lost at 2" in line for line in lines) for lines in said] == [True, False]
 
 
 def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Path) -> None:
@@ -320,19 +314,6 @@ def test_replay_writes_it_where_it_is_asked_for(simulated_folder: Path, tmp_path
     assert not (out / "result.mcap").exists()
 
 
-def test_results_are_shown_in_one_line(run, simulation) -> None:
-    estimate, _ = run
-    assert repr(estimate).startswith(f"Estimate({estimate.name!r}, method {estimate.config.method}, seed ")
-    ate = moteslam.absolute_trajectory_error(estimate.trajectory, simulation.truth)
-    rpe = moteslam.relative_pose_error(estimate.trajectory, simulation.truth)
-    assert repr(ate) == (
-        f"AteResult({ate.pairs} poses, RMSE {ate.rmse:.3f} m and {np.rad2deg(ate.rotation.rmse):.2f} deg)"
-    )
-    for value in (estimate, simulation, rpe):
-        assert len(repr(value)) < 200
-        assert "array" not in repr(value)
-
-
 def test_an_estimate_is_shown_as_its_map_and_path(run) -> None:
     estimate, _ = run
     image = cv2.imdecode(np.frombuffer(estimate._repr_png_(), np.uint8), cv2.IMREAD_COLOR)
@@ -348,12 +329,10 @@ Arrays = dict[str, np.ndarray[Any, Any]]
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A drive, and the result of its beginning."""
-    from moteslam.eval.cli import main
-
     folder = tmp_path_factory.mktemp("sessions")
     write_simulation(folder / "log", simulate(scenario_of("office", 310, duration=40.0), 310))
     words = ["replay", str(folder / "log"), "--end", "25", "--out", str(folder / "result"), "--no-figures"]
-    assert main.run(words) == 0
+    assert main.run([*words, "--set", "particles=5"]) == 0
     return folder
 
 

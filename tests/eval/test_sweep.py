@@ -217,12 +217,12 @@ def test_all_runs_are_made_summed_up_and_exported(
 
 
 @pytest.mark.slow
-def test_killed_three_times_it_comes_to_the_same(whole: Path, tmp_path: Path) -> None:
+def test_killed_twice_it_comes_to_the_same(whole: Path, tmp_path: Path) -> None:
     """The command and whatever it has begun, by SIGKILL, at moments between runs and within them."""
     spec, target = written(tmp_path), tmp_path / "spec.sweep"
     command = [sys.executable, "-m", "moteslam", "sweep", str(spec), "--workers", "2"]
     made = 0
-    for least in (1, 4, 8):
+    for least in (1, 6):
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         while process.poll() is None and made < least:
             time.sleep(0.05)
@@ -266,7 +266,7 @@ def test_three_shards_come_to_the_same(whole: Path, tmp_path: Path, capsys: pyte
     parts = []
     for number in (1, 2, 3):
         parts.append(str(tmp_path / f"{number}.sweep"))
-        assert main.run(["sweep", str(spec), "--shard", f"{number}/3", "--out", parts[-1], "--workers", "2"]) == 0
+        assert main.run(["sweep", str(spec), "--shard", f"{number}/3", "--out", parts[-1], "--workers", "1"]) == 0
     assert "12 runs in" in printed(capsys, "sweep", "merge", *parts, "--out", tmp_path / "all.sweep")
     assert results(tmp_path / "all.sweep") == results(whole)
     other = written(tmp_path, SPEC.replace("[1, 3, 5]", "[1, 3]"), "other.toml")
@@ -446,33 +446,33 @@ def external(folder: Path, mode: str, more: str = "") -> Path:
 
 
 @pytest.mark.slow
-def test_anyones_slam_is_a_configuration_like_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_anyones_slam_is_a_configuration_like_ours_and_where_it_fails_a_row_with_its_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """It is run once, not once for each value of a key of ours; dead reckoning is worse than SLAM."""
-    printed(capsys, "sweep", external(tmp_path, "works"), "--workers", "1")
-    rows = rows_of(tmp_path / "works.sweep")
-    assert [(row.run.configuration, row.status) for row in rows] == [("ours", "ok"), ("ours", "ok"), ("theirs", "ok")]
-    ours, _, theirs = (row.values["final.ate"] or 0.0 for row in rows)
+    errors = {
+        "fails": "ended with exit code 7: no map yet",
+        "nothing": "wrote no path.tum, expected its trajectory in {out}",
+        "damaged": "path.tum: not a line of a trajectory",
+    }
+    text = external(tmp_path, "works").read_text(encoding="utf-8")
+    for mode in errors:
+        words = json.dumps(["sh", "-c", ANYONES[mode]])
+        text += f'[configurations.{mode}]\ncommand = {words}\ntrajectory = "path.tum"\n'
+    printed(capsys, "sweep", written(tmp_path, text), "--workers", "1")
+    rows = rows_of(tmp_path / "spec.sweep")
+    found = {row.run.configuration: row for row in rows}
+    assert sorted((row.run.configuration, row.status) for row in rows) == [
+        *((mode, "failed") for mode in sorted(errors)), ("ours", "ok"), ("ours", "ok"), ("theirs", "ok")
+    ]  # fmt: skip
+    for mode, error in errors.items():
+        assert error in found[mode].error
+        assert "moteslam-" not in found[mode].error  # the temporary folder
+    ours, theirs = (found[name].values["final.ate"] or 0.0 for name in ("ours", "theirs"))
     assert 0 < ours < theirs < 0.2
-    assert rows[2].scores["map_f1"] == {"absent": "no map"}
-    assert "slam.particles" in printed(capsys, "sweep", "show", tmp_path / "works.sweep").splitlines()[0]
-    assert (rows[2].values["final.map_near"] or 0) > 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("mode", "error"),
-    [
-        ("fails", "ended with exit code 7: no map yet"),
-        ("nothing", "wrote no path.tum, expected its trajectory in {out}"),
-        ("damaged", "path.tum: not a line of a trajectory"),
-    ],
-)
-def test_anyones_slam_that_fails_is_a_row_with_its_error(mode: str, error: str, tmp_path: Path) -> None:
-    assert main.run(["sweep", str(external(tmp_path, mode)), "--workers", "1"]) == 0
-    rows = rows_of(tmp_path / f"{mode}.sweep")
-    assert [row.status for row in rows] == ["ok", "ok", "failed"]
-    assert error in rows[2].error
-    assert "moteslam-" not in rows[2].error  # the temporary folder
+    assert found["theirs"].scores["map_f1"] == {"absent": "no map"}
+    assert "slam.particles" in printed(capsys, "sweep", "show", tmp_path / "spec.sweep").splitlines()[0]
+    assert (found["theirs"].values["final.map_near"] or 0) > 0
 
 
 def test_a_commands_version_and_folder_are_those_of_this_computer(
@@ -503,19 +503,22 @@ def test_a_version_that_cannot_be_had_is_refused(words: list[str], tmp_path: Pat
 
 @pytest.mark.slow
 def test_a_cluster_comes_to_the_same_though_a_worker_dies(whole: Path, tmp_path: Path) -> None:
-    """Its worker is killed while it makes the third run or so; the nanny starts another one."""
+    """Its worker is killed while it makes the second of three runs or so; the nanny starts another one."""
     distributed = pytest.importorskip("distributed")
-    runs = planned(tmp_path)
-    create(tmp_path / "a.sweep", "{}", runs)
+    create(
+        tmp_path / "a.sweep", "{}", [run for run in planned(tmp_path) if (run.seed, run.configuration) == (0, "alone")]
+    )
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True) as cluster,
         opened(tmp_path / "a.sweep", write=True) as store,
     ):
         for count, outcome in enumerate(make_all_on(cluster.scheduler_address, store.pending(), timeout=120.0)):
             store.record(outcome)
-            if count == 2:
+            if count == 0:
                 os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
-    assert sorted(results(tmp_path / "a.sweep")) == sorted(results(whole))
+    made = results(tmp_path / "a.sweep")
+    assert len(made) == 4
+    assert all(row in results(whole) for row in made)
 
 
 def test_a_cluster_that_is_not_there(
@@ -534,10 +537,8 @@ def test_interrupted_it_says_how_to_go_on(tmp_path: Path) -> None:
     while process.poll() is None and not (target.exists() and any(row.status for row in rows_of(target))):
         time.sleep(0.05)
     process.send_signal(signal.SIGTERM)  # a job in the background ignores Ctrl-C
-    said = process.communicate()[1].splitlines()[-1]
-    made = sum(1 for row in rows_of(target) if row.status)
+    assert f"in {target}: the same command goes on" in process.communicate()[1].splitlines()[-1]
     assert process.returncode == 143
-    assert said == f"moteslam: interrupted, {made} run{'s' if made > 1 else ''} in {target}: the same command goes on"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["spec.sweep", "spec.toml"]
     assert main.run(["sweep", "show", str(target)]) == 0
 

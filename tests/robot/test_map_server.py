@@ -41,25 +41,6 @@ def test_a_picture_lies_the_right_way_up_with_its_colours(tmp_path: Path) -> Non
     assert about == {"image": "p.png", "resolution": 0.5, "origin": [1.0, 2.0, 0.0], "frames": 3}
 
 
-@pytest.mark.parametrize(
-    ("changes", "values"),
-    [
-        ({}, [0, 0, -1, -1, -1, -1, 1, 1]),
-        ({"mode": "scale"}, [0, 0, -1, -1, -1, -1, 1, 1]),
-        ({"negate": 1}, [1, 1, 1, 1, -1, -1, -1, 0]),
-        ({"negate": True, "occupied_thresh": 0.9}, [1, -1, -1, -1, -1, -1, -1, 0]),
-        ({"occupied_thresh": 0.6, "free_thresh": 0.21}, [0, 0, 0, 0, 1, 1, 1, 1]),
-        ({"mode": "raw"}, [-1, -1, -1, -1, 1, 1, 1, 0]),
-    ],
-)
-@pytest.mark.filterwarnings("ignore:.*the mode raw")
-def test_what_the_greys_mean(tmp_path: Path, changes: dict[str, Any], values: list[int]) -> None:
-    found = read_map(written(tmp_path, **changes))
-    assert found.values.tolist() == [values]
-    assert found.origin == (1.0, -2.5, 0.3)
-    assert not found.values.flags.writeable
-
-
 REFUSED = [
     *({key: None} for key in ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")),
     {"mode": "best"},

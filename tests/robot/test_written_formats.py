@@ -84,10 +84,3 @@ def test_a_ucsd_folder(tmp_path: Path) -> None:
     assert back.platform == UCSD
     assert back.imu is not None
     np.testing.assert_array_equal(back.encoders.counts, np.ones((4, 4)))
-
-
-def test_which_formats_are_written() -> None:
-    kinds = {name: (kind.endings, kind.is_folder) for name, kind in FORMATS.items() if kind.write is not None}
-    assert kinds["carmen"] == ((".log", ".log.gz", ".clf", ".clf.gz"), False)
-    assert kinds["csv"] == ((".toml",), False)
-    assert kinds["ucsd"] == ((), True)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from slam_rooms import ANGLES, ate, run, seen_from
+from slam_rooms import ate, endpoints, run
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli.simulate import scenario_of
@@ -30,11 +30,6 @@ def box(x: float, y: float) -> list:
     """The walls of a box of 0.8 m around a place."""
     corners = [(x - 0.4, y - 0.4), (x + 0.4, y - 0.4), (x + 0.4, y + 0.4), (x - 0.4, y + 0.4)]
     return list(zip(corners, corners[1:] + corners[:1], strict=True))
-
-
-def endpoints(pose: np.ndarray, walls: list) -> np.ndarray:
-    ranges = seen_from(pose[None], walls)[0]
-    return np.stack((ranges * np.cos(ANGLES), ranges * np.sin(ANGLES)), axis=1)[np.isfinite(ranges)].astype(np.float32)
 
 
 def seen(walls: list, *, begins: float, scans: int = 12, across: float = 2.0) -> Building:

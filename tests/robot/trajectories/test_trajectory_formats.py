@@ -139,14 +139,6 @@ def test_a_tilted_pose_is_projected_and_equal_stamps_are_kept(tmp_path: Path) ->
     np.testing.assert_allclose(read_tum(path).poses, [[1, 2, 2 * np.arctan2(0.6, 0.8)], [1, 2, 0]], atol=1e-15)
 
 
-def test_a_line_of_the_data_set_is_read(tmp_path: Path) -> None:
-    header = "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []\n"
-    (tmp_path / "data.csv").write_text(header + EUROC.replace(",", ", "))
-    found = read_tum(tmp_path / "data.csv")
-    assert found.stamps.tolist() == [1403636580.838555648]
-    np.testing.assert_allclose(found.poses, [[4.5, -1.5, 2 * np.arctan2(0.8, 0.6)]])
-
-
 def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OutputError):
         write_trajectory(tmp_path / "t.txt", made())

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from moteslam.robot.values import Issue
 from moteslam.sim.logged import with_odometry
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
-from moteslam.slam.calibration.calibrate import Calibration, calibrate
+from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS, Calibration, calibrate
 from moteslam.slam.calibration.clock_step import with_stamps
 from moteslam.slam.calibration.findings import WITHIN, Findings, checked, findings
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
@@ -38,8 +38,8 @@ PLATFORMS = ["lms200", slow("rplidar_a1"), slow("ucsd")]
 
 
 @cache
-def driven(platform: str) -> Recording:
-    return simulate(load_scenario(WORLDS[platform], platform=platform), 200).recording
+def driven(platform: str, world: str = "", seed: int = 200) -> Recording:
+    return simulate(load_scenario(world or WORLDS[platform], platform=platform), seed).recording
 
 
 def poses_of(recording: Recording) -> Recording:
@@ -83,8 +83,8 @@ def corrected(recording: Recording, found: Calibration) -> Recording:
     return calibrated(recording, found, None)
 
 
-def found_in(recording: Recording) -> tuple[Calibration, Findings]:
-    found = calibrate(recording)
+def found_in(recording: Recording, pairs: int = PAIRS) -> tuple[Calibration, Findings]:
+    found = calibrate(recording, pairs=pairs)
     assert found is not None
     return found, findings(found, recording)
 
@@ -93,12 +93,13 @@ def codes(issues: Iterable[Issue]) -> list[str]:
     return [issue.code for issue in issues]
 
 
-def mended_by(fault: Fault, platform: str, which: Literal["lidar", "odometry"]) -> tuple[Recording, Recording]:
-    """A recording with a fault, and as it is calibrated; nothing is found in that any more."""
+def mended_by(fault: Fault, platform: str, side: str) -> tuple[Recording, Recording, Findings]:
+    """A recording with a fault, as it is calibrated, and what is found; nothing is found in the second any more."""
     recording = fault(driven(platform))
-    mended = calibrated(recording, calibrate(recording), which)
+    calibration, found = found_in(recording)
+    mended = calibrated(recording, calibration, side)
     assert found_in(mended)[1].issues == ()
-    return recording, mended
+    return recording, mended, found
 
 
 NARROW = lidar(angle_increment=lambda s: s.angle_increment * 0.95)
@@ -120,12 +121,19 @@ FAULTS: dict[str, tuple[Fault, str, str, float, float]] = {
 """Faults of a lidar: what is done, the code, the figure that shows it, its true difference, and a fifth of that."""
 
 
-@pytest.mark.parametrize("platform", PLATFORMS[:2])
-@pytest.mark.parametrize("name", [slow(name) if name == "narrow" else name for name in FAULTS])
+TOO = ("narrow", "farther", "ahead", "turned", "drifts")
+"""These are measured by a lidar that sees all round, too."""
+
+
+@pytest.mark.parametrize(
+    ("name", "platform"),
+    [
+        *((slow if name == "narrow" else pytest.param)(name, "lms200") for name in FAULTS),
+        *(slow(name, "rplidar_a1") for name in TOO),
+    ],
+)
 def test_a_lidar_that_is_not_as_stated_is_measured_to_a_fifth(name: str, platform: str) -> None:
     fault, code, shows, size, within = FAULTS[name]
-    if name == "wide" and platform == "rplidar_a1":
-        pytest.skip("more than a turn")
     _, found = found_in(fault(driven(platform)))
     assert codes(found.issues) == [code]
     figure = next(one for one in found.figures if one.name.startswith(shows))
@@ -143,18 +151,17 @@ def stepped(streams: tuple[str, ...], seconds: float, share: float) -> Fault:
     return changed
 
 
-@pytest.mark.parametrize("platform", PLATFORMS)
 @pytest.mark.parametrize(
-    ("streams", "seconds", "share"),
+    ("streams", "seconds", "share", "platform"),
     [
-        (("lidar",), 0.9, 0.5),
-        slow(("lidar",), 4.0, 0.8),
-        slow(("odometry",), 0.6, 0.3),
-        slow(("encoders", "imu"), 1.5, 0.6),
+        (("lidar",), 0.9, 0.5, "lms200"),
+        slow(("lidar",), 4.0, 0.8, "ucsd"),
+        slow(("odometry",), 0.6, 0.3, "rplidar_a1"),
+        slow(("encoders", "imu"), 1.5, 0.6, "ucsd"),
     ],
 )
 def test_a_clock_that_steps_is_told_and_corrected(
-    platform: str, streams: tuple[str, ...], seconds: float, share: float
+    streams: tuple[str, ...], seconds: float, share: float, platform: str
 ) -> None:
     recording = stepped(streams, seconds, share)(driven(platform))
     calibration, found = found_in(recording)
@@ -169,7 +176,7 @@ def test_a_clock_that_steps_is_told_and_corrected(
     assert codes(found_in(corrected(recording, calibration))[1].issues) == []
 
 
-@pytest.mark.parametrize("platform", PLATFORMS)
+@pytest.mark.parametrize("platform", ["lms200", slow("ucsd")])
 def test_scans_that_are_missing_are_no_step_of_a_clock(platform: str) -> None:
     scans = driven(platform).lidar
     keep = np.abs(np.arange(len(scans)) - len(scans) // 2) > 6
@@ -194,14 +201,7 @@ def test_a_mount_that_is_off_by_less_than_0_15_metres_moves_the_result() -> None
 
 @pytest.mark.parametrize(
     ("platform", "factor"),
-    [
-        slow("lms200", 0.5),
-        slow("lms200", 2 / 3),
-        slow("lms200", 1.5),
-        ("lms200", 2.0),
-        slow("rplidar_a1", 0.5),
-        slow("rplidar_a1", 0.75),
-    ],
+    [slow("lms200", 0.5), ("lms200", 2.0), slow("rplidar_a1", 0.75)],
 )
 def test_angles_that_are_off_by_a_factor_are_found(platform: str, factor: float) -> None:
     calibration, found = found_in(lidar(angle_increment=lambda s: s.angle_increment * factor)(driven(platform)))
@@ -210,26 +210,25 @@ def test_angles_that_are_off_by_a_factor_are_found(platform: str, factor: float)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("factor", [1.0, 1.06, 0.9])
+@pytest.mark.parametrize("factor", [1.06, 0.9])
 def test_ranges_that_change_in_mid_drive_are_told(factor: float) -> None:
     recording = driven("lms200")
     stamps = recording.lidar.stamps
     later = np.where(stamps > stamps.mean(), factor, 1.0).astype(np.float32)
     found, about = found_in(lidar(ranges=lambda s: s.ranges * later[:, None])(recording))
-    assert codes(about.moves) == (["range-change"] if factor != 1 else [])
-    assert factor == 1 or np.expm1(found.fit.change.amount) == pytest.approx(factor - 1, rel=0.25)
+    assert codes(about.moves) == ["range-change"]
+    assert np.expm1(found.fit.change.amount) == pytest.approx(factor - 1, rel=0.25)
 
 
-@pytest.mark.parametrize("longer", [0.25, slow(-0.1), slow(0.0)])
-@pytest.mark.parametrize("share", [0.5, slow(0.3)])
+@pytest.mark.parametrize(("longer", "share"), [(0.25, 0.5), slow(-0.1, 0.3)])
 def test_ranges_that_are_all_longer_from_the_middle_on_are_told(longer: float, share: float) -> None:
     recording = driven("lms200")
     stamps = recording.lidar.stamps
     later = np.where(stamps > stamps[0] + share * np.ptp(stamps), longer, 0.0).astype(np.float32)
     found, about = found_in(lidar(ranges=lambda s: s.ranges + later[:, None])(recording))
-    assert codes(about.moves) == (["range-change"] if longer else [])
+    assert codes(about.moves) == ["range-change"]
     assert found.longer.amount == pytest.approx(longer, abs=0.04)
-    assert not longer or found.longer.time == pytest.approx(stamps[0] + share * np.ptp(stamps), abs=20)
+    assert found.longer.time == pytest.approx(stamps[0] + share * np.ptp(stamps), abs=20)
 
 
 def test_scans_stamped_as_they_arrive_in_bundles_are_told_and_spread() -> None:
@@ -260,26 +259,24 @@ def test_odometry_logged_late_with_scans_is_told_and_put_right(late: float) -> N
 
 @pytest.mark.slow
 def test_a_few_scans_of_one_place_show_no_other_angles() -> None:
-    recording = simulate(load_scenario("lab", platform="turtlebot3"), 204).recording
-    part = cut(recording, Cut(24.0, 56.0))
+    part = cut(driven("turtlebot3", "lab", 204), Cut(24.0, 56.0))
     assert "lidar-angles" not in codes(found_in(part)[1].issues)
 
 
-@pytest.mark.parametrize("platform", ["lms200", "rplidar_a1"])
-def test_scans_that_fit_each_other_in_no_reading_are_told(platform: str) -> None:
-    recording = lidar(ranges=lambda s: s.ranges * np.float32(100))(driven(platform))
-    calibration, found = checked(recording)
+@pytest.mark.slow
+def test_scans_that_fit_each_other_in_no_reading_are_told() -> None:
+    calibration, found = checked(lidar(ranges=lambda s: s.ranges * np.float32(100))(driven("lms200")))
     assert calibration is None
-    assert calibrate(recording) is None
     assert codes(found.issues) == codes(found.moves) == ["scans-unfit"]
 
 
 def test_ranges_in_feet_do_not_move_the_mount() -> None:
-    recording, mended = mended_by(lidar(ranges=lambda s: s.ranges * np.float32(3.28)), "lms200", "lidar")
-    assert codes(found_in(recording)[1].issues) == ["range-scale"]
+    recording, mended, found = mended_by(lidar(ranges=lambda s: s.ranges * np.float32(3.28)), "lms200", "lidar")
+    assert codes(found.issues) == ["range-scale"]
     assert mended.platform.lidar == recording.platform.lidar
 
 
+@pytest.mark.slow
 def test_a_lidar_that_sees_the_floor_has_no_scale() -> None:
     def tilted(s: LidarStream) -> np.ndarray:
         down = 0.07 * np.cos(s.angles)
@@ -293,11 +290,9 @@ def test_a_lidar_that_sees_the_floor_has_no_scale() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("platform", ["lms200", "ucsd"])
-def test_a_clock_that_drifts_is_known_to_some_milliseconds_over_the_drive(platform: str) -> None:
-    sensors = ("lidar", "encoders") if platform == "lms200" else ("lidar", "encoders", "imu")
-    settings = [f"platform.noise.{name}.clock.rate_error=0" for name in sensors]
-    true = simulate(load_scenario("office", platform=platform, settings=settings), 100).recording
+def test_a_clock_that_drifts_is_known_to_some_milliseconds_over_the_drive() -> None:
+    settings = [f"platform.noise.{name}.clock.rate_error=0" for name in ("lidar", "encoders")]
+    true = simulate(load_scenario("office", platform="lms200", settings=settings), 100).recording
     recording = DRIFTS(true)
     stamps = calibrated(recording, calibrate(recording), "lidar").lidar.stamps
     assert np.ptp(stamps - true.lidar.stamps) < 0.007
@@ -306,84 +301,109 @@ def test_a_clock_that_drifts_is_known_to_some_milliseconds_over_the_drive(platfo
 @pytest.mark.parametrize("form", [lambda r: r, poses_of], ids=["sensors", "poses"])
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_nothing_is_found_where_nothing_is_wrong(platform: str, form: Fault) -> None:
-    _, found = found_in(form(driven(platform)))
+    calibration, found = found_in(form(driven(platform)))
     assert found.issues == found.moves == ()
     assert not found.decided
+    assert calibration.longer.amount == pytest.approx(0, abs=0.04)
 
 
-@pytest.mark.parametrize("platform", PLATFORMS)
-def test_beams_the_other_way_round_are_a_mirror_image(platform: str) -> None:
-    calibration, found = found_in(REVERSED(driven(platform)))
-    assert calibration.mirrored
-    assert codes(found.moves) == ["mirrored"]
+CLOCKWISE = lidar(angle_min=lambda s: -s.angle_min, angle_increment=lambda s: -s.angle_increment)
 
 
 @pytest.mark.parametrize(
-    ("fault", "is_reversed"),
+    ("fault", "platform"),
     [
-        slow(REVERSED, True),
-        (lidar(angle_min=lambda s: -s.angle_min, angle_increment=lambda s: -s.angle_increment), False),
+        (REVERSED, "lms200"),
+        slow(REVERSED, "rplidar_a1"),
+        (CLOCKWISE, "lms200"),
+        slow(CLOCKWISE, "rplidar_a1"),
     ],
-    ids=["array", "angles"],
 )
-@pytest.mark.parametrize("platform", PLATFORMS)
-def test_a_sweep_shows_whether_the_order_or_the_angles_are_wrong(
-    fault: Fault, is_reversed: bool, platform: str
+def test_beams_the_other_way_round_are_a_mirror_image_and_a_sweep_shows_whether_order_or_angles_are_wrong(
+    fault: Fault, platform: str
 ) -> None:
     """Of 7 ms as of 180 ms."""
-    true = driven(platform)
-    recording, mended = mended_by(fault, platform, "lidar")
-    assert found_in(recording)[0].reversed == is_reversed
+    true, recording = driven(platform), fault(driven(platform))
+    calibration, found = found_in(recording, FEW_PAIRS)
+    assert calibration.mirrored
+    assert calibration.reversed == (fault is REVERSED)
+    assert codes(found.moves) == ["mirrored"]
+    mended = calibrated(recording, calibration, "lidar")
+    assert found_in(mended, FEW_PAIRS)[1].issues == ()
     assert mended.lidar.angle_increment == true.lidar.angle_increment
     assert (mended.lidar.ranges == true.lidar.ranges)[np.isfinite(true.lidar.ranges)].all()
 
 
-@pytest.mark.slow
-def test_a_lidar_mounted_backwards_is_said_to_be() -> None:
-    recording, mended = mended_by(mount(yaw=np.pi), "ucsd", "lidar")
-    (issue,) = found_in(recording)[1].moves
-    assert issue.code == "lidar-mount"
-    assert "backwards" in issue.message
-    assert mended.platform.lidar.yaw == pytest.approx(0, abs=0.02)
+def with_gyro(fault: Fault) -> Fault:
+    """The fault of odometry poses, with the gyro beside them."""
+    return lambda r: fault(r).replace(imu=r.imu)
 
 
-IN_DEGREES = ("stated", "odometry-turn-scale")
+def gyro(by: float | tuple[float, ...]) -> Fault:
+    return lambda r: r.replace(imu=replace(r.imu, angular_velocity=r.imu.angular_velocity * by))
 
 
-@pytest.mark.parametrize(
-    ("fault", "form", "code"),
-    [
-        (poses(lambda p: p * (1, 1, -1)), "turns", "odometry-signs"),
-        (poses(lambda p: p * (1, -1, 1)), "y", "odometry-signs"),
-        slow(poses(lambda p: p * (1, 1, 0)), "path", "odometry-headings"),
-        (poses(lambda p: p * (1, -1, -1)), "stated", "mirrored"),
-        slow(poses(lambda p: p * (1.1, 1.1, 1)), "stated", "range-scale"),
-        slow(poses(lambda p: p * (1000, 1000, 1)), "stated", "range-scale"),
-        slow(poses(lambda p: p * (0.1, 0.1, 1)), "stated", "range-scale"),
-        slow(lambda r: r.replace(imu=replace(r.imu, angular_velocity=r.imu.angular_velocity / 57.3)), *IN_DEGREES),
-        (late(0.2), "stated", "clock-offset"),
-        slow(late(-5), "stated", "clock-offset"),
-    ],
-    ids=["turns", "y", "headings", "mirrored", "scaled", "millimetres", "decimetres", "gyro", "late", "early"],
-)
-def test_odometry_that_cannot_be_right(fault: Fault, form: str, code: str) -> None:
-    calibration, found = found_in(fault(driven("ucsd")))
+MIRRORED, SCALED = poses(lambda p: p * (1, -1, -1)), poses(lambda p: p * (1.1, 1.1, 1))
+SIDES: dict[str, tuple[Fault, str, str, str]] = {
+    "turns": (poses(lambda p: p * (1, 1, -1)), "turns", "odometry-signs", "odometry"),
+    "y": (poses(lambda p: p * (1, -1, 1)), "y", "odometry-signs", "odometry"),
+    "x and y": (poses(lambda p: p[:, [1, 0, 2]]), "y", "odometry-signs", "odometry"),
+    "compass": (poses(lambda p: (0, 0, np.pi / 2) + p * (1, 1, -1)), "turns", "odometry-headings", "odometry"),
+    "none": (poses(lambda p: p * (1, 1, 0)), "path", "odometry-headings", "odometry"),
+    "quarter": (poses(lambda p: p + np.array((0, 0, np.pi / 2))), "stated", "odometry-headings", "odometry"),
+    "mirrored, gyro": (with_gyro(MIRRORED), "stated", "mirrored", "odometry"),
+    "beams": (REVERSED, "stated", "mirrored", "lidar"),
+    "beams, poses": (with_gyro(lambda r: REVERSED(poses_of(r))), "stated", "mirrored", "lidar"),
+    "gyro": (gyro((1, 1, -1)), "stated", "mirrored", "imu"),
+    "late gyro": (lambda r: r.replace(imu=replace(r.imu, stamps=r.imu.stamps + 0.3)), "stated", "clock-offset", "imu"),
+    "late": (late(0.3), "stated", "clock-offset", "lidar"),
+    "early": (late(-5), "stated", "clock-offset", "lidar"),
+    "mirrored": (MIRRORED, "stated", "mirrored", ""),
+    "scaled": (SCALED, "stated", "range-scale", ""),
+    "millimetres": (poses(lambda p: p * (1000, 1000, 1)), "stated", "range-scale", ""),
+    "decimetres": (poses(lambda p: p * (0.1, 0.1, 1)), "stated", "range-scale", ""),
+    "degrees": (gyro(1 / 57.3), "stated", "odometry-turn-scale", ""),
+    "backwards": (mount(yaw=np.pi), "stated", "lidar-mount", ""),
+}
+"""What is done, the form that the odometry then fits in, the code, and which side is wrong where that is known."""
+FAST = ("turns", "beams", "late")
+ALONE = ("mirrored", "scaled", "turns", "late", "backwards")
+"""Mended by one side, the other is as it was."""
+
+
+@pytest.mark.parametrize("name", [name if name in FAST else slow(name) for name in SIDES])
+def test_which_side_is_wrong_is_known_or_else_nothing_is_corrected(name: str) -> None:
+    fault, form, code, side = SIDES[name]
+    recording = fault(driven("ucsd"))
+    calibration, found = found_in(recording, FEW_PAIRS)
     assert calibration.form == form
-    assert codes(found.moves) == [code]
+    assert codes(found.issues) == codes(found.moves) == [code]
+    assert found.decided == ({code} if side else set())
+    assert ("backwards" in found.issues[0].message) == (name == "backwards")
+    assert "may drift" not in found.issues[0].message
+    as_known = corrected(recording, calibration)
+    if side:
+        assert found.issues[0].message.startswith(f"{side}: ")
+        assert found_in(as_known, FEW_PAIRS)[1].issues == ()
+    else:
+        assert as_known.lidar.ranges is recording.lidar.ranges
+    if name in ALONE:
+        mended = calibrated(recording, calibration, "lidar" if name == "backwards" else "odometry")
+        assert found_in(mended, FEW_PAIRS)[1].issues == ()
+        assert mended.lidar.angle_increment == recording.lidar.angle_increment
+        assert mended.lidar.ranges is recording.lidar.ranges
+        assert mended.platform.lidar.yaw == pytest.approx(0, abs=0.02)
 
 
 @pytest.mark.slow
 def test_odometry_of_another_drive_fits_in_no_way() -> None:
     recording = poses_of(driven("ucsd"))
-    other = poses_of(simulate(load_scenario("office", platform="ucsd"), 201).recording).odometry
+    other = poses_of(driven("ucsd", "office", 201)).odometry
     shifted = replace(other, stamps=other.stamps + (recording.odometry.stamps[0] - other.stamps[0]))
     recording = recording.replace(odometry=shifted)
-    found = calibrate(recording)
-    assert found is not None
-    (issue,) = findings(found, recording).issues
-    assert issue.code == "odometry-unfit"
-    assert "left out" in issue.message
-    assert corrected(recording, found).odometry is None
+    calibration, found = found_in(recording)
+    assert codes(found.issues) == ["odometry-unfit"]
+    assert corrected(recording, calibration).odometry is None
 
 
 @pytest.mark.parametrize("apart", [3600, -3600])
@@ -393,7 +413,8 @@ def test_odometry_on_another_clock_is_not_calibrated(apart: float) -> None:
     assert checked(recording.replace(odometry=odometry)) == (None, None)  # and SLAM refuses it
 
 
-@pytest.mark.parametrize(("seconds", "at_end"), [(0.18, True), slow(0.4, False)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("seconds", "at_end"), [(0.18, True), (0.4, False)])
 def test_scans_stamped_at_the_end_of_their_sweep_are_put_back(seconds: float, at_end: bool) -> None:
     true = poses_of(driven("rplidar_a1"))
     recording = lidar(stamps=lambda s: s.stamps + seconds)(true)
@@ -410,8 +431,7 @@ def test_scans_stamped_at_the_end_of_their_sweep_are_put_back(seconds: float, at
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("noise", [0.0, 0.05])
-@pytest.mark.parametrize(("platform", "times"), [("lms200", 15), ("rplidar_a1", 2)])
+@pytest.mark.parametrize(("platform", "times", "noise"), [("lms200", 15, 0.0), ("rplidar_a1", 2, 0.05)])
 def test_a_sweep_that_is_stated_too_long_is_told_and_mended_be_turns_of_odometry_ever_so_poor(
     platform: str, times: int, noise: float
 ) -> None:
@@ -434,91 +454,31 @@ def test_stamps_of_whole_seconds_are_not_taken_for_another_clock() -> None:
     assert calibrate(recording) is None
 
 
-@pytest.mark.parametrize("fault", [LONG, *map(slow, (NARROW, REVERSED, DRIFTS, mount(x=0.2, y=0.2, yaw=0.2)))])
+@pytest.mark.parametrize("fault", [LONG, *map(slow, (NARROW, DRIFTS, mount(x=0.2, y=0.2, yaw=0.2)))])
 def test_a_recording_that_is_mended_is_right(fault: Fault) -> None:
-    true, (_, mended) = driven("ucsd"), mended_by(fault, "ucsd", "lidar")
-    assert mended.lidar.angle_increment == pytest.approx(true.lidar.angle_increment, rel=0.005) or fault is REVERSED
+    true, (_, mended, _) = driven("ucsd"), mended_by(fault, "ucsd", "lidar")
+    assert mended.lidar.angle_increment == pytest.approx(true.lidar.angle_increment, rel=0.005)
     assert mended.platform.lidar.pose == pytest.approx(true.platform.lidar.pose, abs=0.04)
-
-
-@pytest.mark.parametrize(
-    "fault",
-    [poses(lambda p: p * (1, -1, -1)), poses(lambda p: p * (1.1, 1.1, 1)), poses(lambda p: p * (1, 1, -1)), late(0.3)],
-)
-@pytest.mark.slow
-def test_odometry_that_is_mended_leaves_the_lidar_as_it_is(fault: Fault) -> None:
-    recording, mended = mended_by(fault, "ucsd", "odometry")
-    assert mended.lidar.angle_increment == recording.lidar.angle_increment
-    assert mended.lidar.ranges is recording.lidar.ranges
 
 
 @pytest.mark.slow
 def test_wheels_and_gyro_are_mended_too() -> None:
     """Of wheels without a gyro scans cannot say whether they or the beams are the mirror image."""
-    recording, mended = mended_by(lambda r: LONG(REVERSED(r)), "lms200", "odometry")
+    recording, mended, _ = mended_by(lambda r: LONG(REVERSED(r)), "lms200", "odometry")
     longer = 1.1 * recording.platform.wheels.metres_per_count
     assert mended.platform.wheels.metres_per_count == pytest.approx(longer, rel=0.02)
     assert (mended.encoders.counts == recording.encoders.counts[:, [1, 0, 3, 2]]).all()
 
 
-def with_gyro(fault: Fault) -> Fault:
-    """The fault of odometry poses, with the gyro beside them."""
-    return lambda r: fault(r).replace(imu=r.imu)
-
-
-def gyro_turned(r: Recording) -> Recording:
-    return r.replace(imu=replace(r.imu, angular_velocity=r.imu.angular_velocity * (1, 1, -1)))
-
-
-MIRRORED = poses(lambda p: p * (1, -1, -1))
-
-
-@pytest.mark.parametrize(
-    ("fault", "code", "begins"),
-    [
-        slow(with_gyro(MIRRORED), "mirrored", "odometry:"),
-        (REVERSED, "mirrored", "lidar:"),
-        slow(lambda r: REVERSED(poses_of(r).replace(imu=r.imu)), "mirrored", "lidar:"),
-        slow(gyro_turned, "mirrored", "imu:"),
-        (poses(lambda p: np.column_stack((p[:, :2], np.pi / 2 - p[:, 2]))), "odometry-headings", "odometry: its head"),
-        slow(poses(lambda p: p[:, [1, 0, 2]]), "odometry-signs", "odometry: its x and y are swapped"),
-        slow(
-            poses(lambda p: p + np.array((0, 0, np.pi / 2))),
-            "odometry-headings",
-            "odometry: its headings are a quarter",
-        ),
-        slow(poses(lambda p: p * (1, 1, -1)), "odometry-signs", "odometry: its headings turn"),
-        slow(late(-5), "clock-offset", "lidar:"),
-        (lambda r: r.replace(imu=replace(r.imu, stamps=r.imu.stamps + 0.3)), "clock-offset", "imu:"),
-    ],
-    ids=["odometry", "beams", "beams, poses", "gyro", "compass", "x and y", "quarter", "turns", "early", "late gyro"],
-)
-def test_of_what_it_is_known_which_side_is_wrong_is_corrected(fault: Fault, code: str, begins: str) -> None:
-    recording = fault(driven("ucsd"))
-    found = calibrate(recording)
-    about = findings(found, recording)
-    assert about.decided == {code}
-    assert [issue.code for issue in about.issues] == [code]
-    assert about.issues[0].message.startswith(begins)
-    mended = corrected(recording, found)
-    assert findings(calibrate(mended), mended).issues == ()
-
-
-@pytest.mark.parametrize("fault", [MIRRORED, *map(slow, (poses(lambda p: p * (1.1, 1.1, 1)), mount(yaw=np.pi), LONG))])
-def test_what_may_be_wrong_on_either_side_is_left(fault: Fault) -> None:
-    recording = fault(driven("ucsd"))
-    found = calibrate(recording)
-    about = findings(found, recording)
-    assert about.moves
-    assert not about.decided
-    assert corrected(recording, found).lidar.ranges is recording.lidar.ranges
-
-
-def test_ranges_in_their_file_are_scaled_when_they_are_read() -> None:
+def test_ranges_in_their_file_are_never_held_at_once_and_scaled_when_they_are_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     recording = LONG(driven("lms200"))
     ranges = recording.lidar.ranges
     lazy = ChunkedRanges(lambda first, last: ranges[first:last].copy(), *ranges.shape)
-    mended = calibrated(lidar(ranges=lambda _: lazy)(recording), calibrate(recording), "lidar")
+    monkeypatch.setattr(ChunkedRanges, "__array__", None)
+    recording = lidar(ranges=lambda _: lazy)(recording)
+    mended = calibrated(recording, calibrate(recording), "lidar")
     assert isinstance(mended.lidar.ranges, ChunkedRanges)
     shown = np.isfinite(ranges[5])
     assert mended.lidar.ranges[5][shown] == pytest.approx(ranges[5][shown] / 1.1, rel=0.02)
@@ -531,31 +491,30 @@ def test_ranges_in_their_file_are_scaled_when_they_are_read() -> None:
 )
 def test_half_of_a_fan_along_a_wall(platform: str, scale: float, told: list[str]) -> None:
     """By its scans alone one would be 7 % wider than it is; the odometry must fit far better with it."""
-    recording = simulate(load_scenario("loop", platform=platform), 101).recording
+    recording = driven(platform, "loop", 101)
     half = {"ranges": lambda s: np.ascontiguousarray(s.ranges[:, 180:]), "angle_min": lambda s: s.angles[180]}
     scaled = lidar(**half, angle_increment=lambda s: scale * s.angle_increment)(recording)
-    assert codes(checked(scaled, 150)[1].issues) == told
+    assert codes(checked(scaled, FEW_PAIRS)[1].issues) == told
 
 
 @pytest.mark.slow
 def test_angles_that_are_not_certain_do_not_turn_the_mount() -> None:
     """Where a lidar of a short range hardly sees anything, its angles would be 3 % off, and its mount 7 degrees."""
-    recording = simulate(load_scenario("lab", platform="turtlebot3"), 204).recording
+    recording = driven("turtlebot3", "lab", 204)
     since = recording.lidar.stamps - recording.lidar.stamps[0]
     some = (since >= 20) & (since < 52)
     cut = lidar(stamps=lambda s: s.stamps[some], ranges=lambda s: s.ranges[some])(recording)
-    calibration, found = checked(cut, 150)
+    calibration, found = checked(cut, FEW_PAIRS)
     assert abs(calibration.angle_scale - 1) > 0.012
     assert codes(found.issues) == []
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("excess", [0.1, -0.15])
-def test_ranges_of_much_noise_leave_their_excess_open(excess: float) -> None:
-    recording = simulate(load_scenario("office", platform="turtlebot3"), 100).recording
-    calibration, found = found_in(lidar(ranges=lambda s: s.ranges + np.float32(excess))(recording))
+def test_ranges_of_much_noise_leave_their_excess_open() -> None:
+    recording = driven("turtlebot3", "office", 100)
+    calibration, found = found_in(lidar(ranges=lambda s: s.ranges + np.float32(0.1))(recording))
     assert codes(found.issues) == ["range-offset"]
-    assert calibration.excess[0] == pytest.approx(excess, abs=WITHIN * calibration.excess[1])
+    assert calibration.excess[0] == pytest.approx(0.1, abs=WITHIN * calibration.excess[1])
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
@@ -589,31 +548,27 @@ def test_poses_of_the_lidar_itself_are_said_to_be() -> None:
     assert "exchanged" not in found_in(mount(x=0.2)(recording))[1].moves[0].message
 
 
-@pytest.mark.parametrize(("duration", "doubtful"), [(32.0, True), slow(200.0, False)])
-def test_an_offset_that_may_be_a_drift_is_said_to_be(duration: float, doubtful: bool) -> None:
+def test_an_offset_that_may_be_a_drift_is_said_to_be() -> None:
     """In the first half minute of the loop the robot turns once."""
     recording = driven("ucsd")
-    some = recording.lidar.stamps < recording.lidar.stamps[0] + duration
+    some = recording.lidar.stamps < recording.lidar.stamps[0] + 32.0
     late = lidar(stamps=lambda s: s.stamps[some] + 0.3, ranges=lambda s: s.ranges[some])(recording)
-    (issue,) = checked(late, 150)[1].issues
+    (issue,) = checked(late, FEW_PAIRS)[1].issues
     assert issue.code == "clock-offset"
-    assert ("may drift" in issue.message) == doubtful
-
-
-def straight() -> Recording:
-    scenario = load_scenario("corridor", platform="lms200", settings=["route.waypoints=[[3.5, 0.0], [16.0, 0.0]]"])
-    return simulate(scenario, 200).recording
+    assert "may drift" in issue.message
 
 
 def test_a_drive_without_turns_is_said_to_show_nothing() -> None:
-    recording = straight()
+    scenario = load_scenario("corridor", platform="lms200", settings=["route.waypoints=[[3.5, 0.0], [16.0, 0.0]]"])
+    recording = simulate(scenario, 200).recording
     calibration, found = checked(recording)
-    assert calibration is None
+    assert calibration is calibrate(recording) is None
     assert codes(found.issues) == codes(found.moves) == ["not-calibrated"]
     keep = slice(0, 60)  # of hardly any drive nothing is said
     assert checked(lidar(stamps=lambda s: s.stamps[keep], ranges=lambda s: s.ranges[keep])(recording)) == (None, None)
 
 
+@pytest.mark.slow
 def test_too_little_is_not_calibrated() -> None:
     recording = driven("ucsd")
     few = lidar(ranges=lambda s: s.ranges[:20], stamps=lambda s: s.stamps[:20])(recording)
@@ -687,10 +642,3 @@ def test_wheels_that_slip_aside_in_turns_do_not_move_the_mount() -> None:
     found = fitted(slip=0.1)
     assert found.values[Parameter.SLIP] == pytest.approx(0.1, rel=0.05)
     assert found.values[: Parameter.LENGTHS] == pytest.approx(MOUNT, abs=0.002)
-
-
-def test_all_ranges_of_a_long_recording_are_never_held_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    r = driven("lms200")
-    lazy = ChunkedRanges(lambda first, last: r.lidar.ranges[first:last].copy(), *r.lidar.ranges.shape)
-    monkeypatch.setattr(ChunkedRanges, "__array__", None)
-    assert calibrate(r.replace(lidar=replace(r.lidar, ranges=lazy))) is not None

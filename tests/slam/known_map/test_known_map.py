@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from slam_rooms import ANGLES, OTHER_ROOM, carried_into_another_room, circled_room, seen_from
+from slam_rooms import OTHER_ROOM, carried_into_another_room, circled_room, endpoints
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
@@ -46,12 +46,6 @@ def drawn(
         column, row = np.floor((along - low + 1e-6) / cell).astype(int).T
         values[row, column] = OCCUPIED
     return Raster(values, cell, (*low, 0.0))
-
-
-def endpoints(pose: np.ndarray, walls: list) -> np.ndarray:
-    """The endpoints [k, 2] that a robot at a pose sees."""
-    ranges = seen_from(pose[None], walls)[0]
-    return np.stack((ranges * np.cos(ANGLES), ranges * np.sin(ANGLES)), axis=1)[np.isfinite(ranges)].astype(np.float32)
 
 
 def sight(points: np.ndarray, silent: np.ndarray | None = None) -> Sight:
