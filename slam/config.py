@@ -16,8 +16,7 @@ from pydantic import Field, SerializeAsAny, field_validator, model_validator
 from moteslam.errors import ConfigError
 from moteslam.plugins import Plugins
 from moteslam.robot.values import Positive, Section, Share, Whole, validated
-from moteslam.slam.backend.kinds import BACKENDS, NoBackendConfig
-from moteslam.slam.backend.protocol import BackendConfig
+from moteslam.slam.backend.protocol import BACKENDS, BackendConfig, NoBackendConfig
 from moteslam.slam.filter.resampling import KldConfig
 from moteslam.slam.filter.update_policy import UpdateConfig
 from moteslam.slam.inputs.config import SyncConfig

@@ -19,9 +19,8 @@ from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import BoundGraph, LoopGraph, checked
 from moteslam.slam.backend.graph.measured_chain import CONTRADICTED
 from moteslam.slam.backend.graph.nodes import Nodes
-from moteslam.slam.backend.kinds import BackendKind
 from moteslam.slam.backend.ledger import LoopCandidate
-from moteslam.slam.backend.protocol import KeyScan
+from moteslam.slam.backend.protocol import BackendKind, KeyScan
 from moteslam.slam.inputs.odometry_path import between_known
 
 OFF, WELL_GROWN = 0.05, 1.25
