@@ -29,7 +29,7 @@ from moteslam.sim.sensors.clock import Outage
 from moteslam.sim.sensors.faults import Cart, Gap, OdometryJump, RepeatedScans, StaleOdometry, Tilt
 from moteslam.sim.sensors.lidar import check_sensors
 from moteslam.sim.sensors.rgbd import check_camera
-from moteslam.sim.world.floor import FloorSettings
+from moteslam.sim.world.floor import FloorSettings, read_picture
 from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 from moteslam.sim.world.random_corridors import random_corridors
@@ -131,8 +131,8 @@ class Scenario(Section):
         check_body(platform)
         if self.camera is not None:
             check_camera(platform.camera)
-        if self.floor is not None:
-            self.floor.check_picture()
+        if self.floor is not None and self.floor.image is not None:
+            read_picture(self.floor.image)
         try:
             world = World.of(self.standing)
         except InputError as error:
@@ -191,11 +191,6 @@ class Scenario(Section):
     def start(self) -> Array:
         """The pose [3] that the robot starts at: x [m], y [m], theta [rad]."""
         return self.task.start_pose
-
-    @property
-    def has_actors(self) -> bool:
-        """Whether people or doors are in it."""
-        return bool(self.people or self.crowd is not None or self.doors)
 
 
 def with_camera(scenario: Scenario) -> Scenario:

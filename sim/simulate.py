@@ -155,8 +155,9 @@ def run_of(scenario: Scenario, world: World, rngs: Rngs, met: World | None = Non
     """The robot at its start among the people and doors of a scenario; what it runs into may be more (``met``)."""
     vehicle = Vehicle(scenario.platform, scenario.start, met or world, scenario.noise.drive)
     actors = None
-    if scenario.has_actors:
-        moving, start, space = (scenario.people, scenario.crowd, scenario.doors), scenario.start[:2], vehicle.space
+    moving = scenario.people, scenario.crowd, scenario.doors
+    if any(moving):
+        start, space = scenario.start[:2], vehicle.space
         rng, duration = rngs["actors"], scenario.duration
         actors = Actors(*moving, world=world, space=space, start=start, duration=duration, rng=rng)
     return Run(vehicle, actors, scenario.faults)

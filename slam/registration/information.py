@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from moteslam.kernels.gauss_newton import LEAST_INFORMATION, LEAST_RATIO, MOST_NOISE, NOISE_RATIO, RIDGE
+from moteslam.kernels.gauss_newton import LEAST_INFORMATION, LEAST_RATIO, MOST_NOISE, NOISE_RATIO, RIDGE, Kept
 from moteslam.kernels.gauss_newton import keep_predictions as kept
 from moteslam.kernels.registration import LIKELIHOODS
 from moteslam.robot.se2 import Array
 from moteslam.slam.registration.config import RegistrationConfig
-from moteslam.slam.registration.registrar import FULL, Registration, kept_by
+from moteslam.slam.registration.registrar import FULL, Registration
 
 UPPER = [0, 1, 2, 4, 5, 8]  # The upper triangle of a 3 x 3 matrix, of its elements row by row
 
@@ -82,7 +82,7 @@ def keep_odometry(found: Registration, spread: Array, config: RegistrationConfig
     See ``keep_predictions``.
     """
     upper = found.information.reshape(-1, 9)[:, UPPER]
-    offsets, information = kept(found.offsets, upper, found.means, kept_by(float(spread[0]), config))
+    offsets, information = kept(found.offsets, upper, found.means, Kept(float(spread[0]), config.degenerate))
     return found._replace(offsets=offsets, information=information[:, FULL].reshape(-1, 3, 3))
 
 
