@@ -13,9 +13,8 @@ from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.sensor_reports import turns
 from moteslam.robot.values import expect_type
-from moteslam.slam.calibration.clock_step import ClockStep, clock_steps, with_stamps
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Change, Fit, Pairs, Parameter, Path, clock, fit
-from moteslam.slam.calibration.odometry_forms import FORMS, in_form, quarter_turn
+from moteslam.slam.calibration.readings import FORMS, ClockStep, clock_steps, in_form, quarter_turn, with_stamps
 from moteslam.slam.calibration.registered import (
     FEWEST,
     GOOD,

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.slam.calibration.calibrate import Calibration
-from moteslam.slam.calibration.clock_step import with_poses, with_stamps
 from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar_of, mount_of, stamped_at_end
 from moteslam.slam.calibration.hand_eye import CLOCKS, Parameter
-from moteslam.slam.calibration.odometry_forms import in_form
+from moteslam.slam.calibration.readings import in_form, with_poses, with_stamps
 from moteslam.slam.inputs.odometry_path import OdometryPath
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
