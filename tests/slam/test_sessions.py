@@ -17,8 +17,9 @@ from moteslam.slam.backend.building import Building, Session
 from moteslam.slam.backend.graph.measured_chain import MeasuredChain
 from moteslam.slam.backend.graph.pose_graph import Edges
 from moteslam.slam.estimate import Estimate
+from moteslam.slam.known_map.path_search import find_path
 from moteslam.slam.mapping.config import MapConfig
-from moteslam.slam.sessions import find_path, go_on
+from moteslam.slam.sessions import go_on
 from moteslam.slam.settings import resolve_config
 
 ROOM = [((-4, -3), (4, -3)), ((4, -3), (4, 3)), ((4, 3), (-4, 3)), ((-4, 3), (-4, -3)), ((-4, -1), (-3, -1))]
