@@ -56,27 +56,16 @@ _CONCERNS = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Simulation(Summarised):
-    """What the sensors recorded, and the truth.
+    """What the sensors recorded, and the truth."""
 
-    Attributes:
-        recording: the sensors' streams; nothing of the truth is in it.
-        truth: the robot's true poses in the world at 100 Hz, over all that the sensors recorded.
-        scenario: what was simulated, with the seed that was used.
-        world: its standing parts as the lidar saw them: the plan's, and what noise ``as_recorded`` adds to them.
-        end: why the drive ended: ``arrived``, ``stuck`` or ``out of time``.
-        base: what the robot's own base integrates: without gaps and faults of the odometry.
-        tracks: where people and doors were, from the first true pose on.
-        frames: the camera's, drawn when they are asked for.
-    """
-
-    recording: Recording
-    truth: Trajectory
-    scenario: Scenario
-    world: World
-    end: str
-    base: Recording
-    tracks: Tracks | None = None
-    frames: CameraFrames | None = None
+    recording: Recording  # the sensors' streams; nothing of the truth is in it
+    truth: Trajectory  # the robot's true poses in the world at 100 Hz, over all that the sensors recorded
+    scenario: Scenario  # what was simulated, with the seed that was used
+    world: World  # its standing parts as the lidar saw them: the plan's, and what noise ``as_recorded`` adds to them
+    end: str  # why the drive ended: ``arrived``, ``stuck`` or ``out of time``
+    base: Recording  # what the robot's own base integrates: without gaps and faults of the odometry
+    tracks: Tracks | None = None  # where people and doors were, from the first true pose on
+    frames: CameraFrames | None = None  # the camera's, drawn when they are asked for
 
     def true_map(self, resolution: float) -> Raster:
         """The true occupancy, cells of a side [m], of what can be reached from the robot's start; see `true_map`."""

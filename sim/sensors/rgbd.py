@@ -42,8 +42,6 @@ def optical_rays(*, colour: bool) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Shots(Summarised):
-    """What one camera takes."""
-
     stamps: Array  # [n] as the host stamps them [s]
     poses: Array  # [n, 3] the robot's true poses when they are taken
     times: Array  # [n] when they are taken, from the drive's first moment [s]

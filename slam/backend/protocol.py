@@ -80,8 +80,6 @@ class Backend(Protocol):
 
 @dataclass(frozen=True)
 class BackendKind:
-    """A kind of back end."""
-
     config: type[BackendConfig]  # the model of its section ``[backend]``; its `method` is the entry point's
     make: Callable[[Any], Backend]  # makes one for a run, of its configuration
 

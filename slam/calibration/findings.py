@@ -57,37 +57,23 @@ WRONG = {
 
 @dataclass(frozen=True)
 class Figure:
-    """One estimate beside what is stated.
+    """One estimate beside what is stated."""
 
-    Attributes:
-        name: with the unit.
-        value, deviation: of the estimate.
-        stated: by the recording and its platform.
-        certain: that it differs, by enough to matter.
-    """
-
-    name: str
-    value: float
-    deviation: float
-    stated: float
-    certain: bool
+    name: str  # with the unit
+    value: float  # of the estimate
+    deviation: float  # likewise
+    stated: float  # by the recording and its platform
+    certain: bool  # that it differs, by enough to matter
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What is estimated of a recording, and what of it is certain.
+    """What is estimated of a recording, and what of it is certain."""
 
-    Attributes:
-        figures: all estimates.
-        issues: what is certain.
-        moves: those that move the result of SLAM by more than a tenth of a metre.
-        decided: codes of those of which it is known which side is wrong: ``mended.calibrated`` mends them.
-    """
-
-    figures: tuple[Figure, ...]
-    issues: tuple[Issue, ...]
-    moves: tuple[Issue, ...]
-    decided: frozenset[str]
+    figures: tuple[Figure, ...]  # all estimates
+    issues: tuple[Issue, ...]  # what is certain
+    moves: tuple[Issue, ...]  # those that move the result of SLAM by more than a tenth of a metre
+    decided: frozenset[str]  # codes of those of which it is known which side is wrong: ``mended.calibrated`` mends them
 
 
 def checked(recording: Recording, pairs: int = PAIRS) -> tuple[Calibration | None, Findings | None]:

@@ -70,7 +70,6 @@ class ClockStep(NamedTuple):
         return "clock-step", f"{text}is recorded and the robot does not drive"
 
     def undone(self, recording: Recording) -> Recording:
-        """The recording without it."""
         gap = self.stamp + self.seconds / 2  # streams of one clock have their last readings at other stamps
         return with_stamps(recording, self.streams, lambda stamps: stamps - self.seconds * (stamps > gap))
 

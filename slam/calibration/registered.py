@@ -130,7 +130,6 @@ class RegisteredPairs:
 
     @property
     def pairs(self) -> Pairs:
-        """Those that are."""
         good = self._found.good
         about = covariances(self._found.information[good], self._found.deviation[good])
         return Pairs(self.first[good], self.last[good], self._found.motions[good], about)

@@ -71,8 +71,6 @@ class _Drop:
 
 
 class Misfit:
-    """Watches the match scores of one run."""
-
     def __init__(self) -> None:
         self._scores = Scores()
         self._places: list[tuple[float, float]] = []  # of the updates
@@ -81,7 +79,6 @@ class Misfit:
 
     @property
     def state(self) -> LocalisationState:
-        """As the scans until now have it."""
         if self._lost is not None:
             return LocalisationState.LOST
         return LocalisationState.SURE if self._doubtful is None else LocalisationState.DOUBTFUL
@@ -106,7 +103,6 @@ class Misfit:
             self._compare(driven, score)
 
     def update(self, pose: Pose) -> None:
-        """Take in the pose of an update."""
         x, y, _ = pose
         self._places.append((x, y))
         if self._lost is not None and self._lost.over(x, y):

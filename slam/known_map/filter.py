@@ -89,7 +89,6 @@ class Presence(Doubt):
         return max(super().probability, 1 / (1 + float(np.exp(self._here))))
 
     def observe(self, driven: float, scan: ScanFit | None, *, carried: bool = False) -> None:
-        """Take in a scan: see ``Doubt``."""
         super().observe(driven, scan, carried=carried)
         self.driven += driven
         if scan is None:
@@ -165,7 +164,6 @@ class KnownMapFilter(TsdfFilter):
         return (*issues, *([scale] if scale else []))
 
     def occupancy(self) -> Raster:
-        """The map, as it was given."""
         return as_log_odds(self._maps.occupancy, self._config.map)
 
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:

@@ -58,8 +58,6 @@ IN_MAP = 0.5  # The robot is in the map, at one of the places found, from this p
 
 
 class Sight(NamedTuple):
-    """A scan of a robot."""
-
     pose: Array  # [3] of the robot by its odometry
     points: Points  # [k, 2] the scan's endpoints [m]
     origin: Array  # [2] where its rays start [m]
@@ -142,11 +140,9 @@ class WholeMapSearch:
         self._seen: list[Sight] = []
 
     def begin(self) -> None:
-        """Begin anew, in the same map."""
         self._seen = []
 
     def see(self, sight: Sight) -> None:
-        """Take in a scan."""
         if not self._seen or self._seen[-1].apart(sight.pose) >= 1:
             self._seen = [*self._seen, sight][-int(WINDOW / APART) :]
 

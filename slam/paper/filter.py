@@ -93,7 +93,6 @@ class PaperFilter(FilterDefaults):
         return found
 
     def occupancy(self) -> Raster:
-        """The shared map."""
         return self.grid.snapshot()
 
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
@@ -133,7 +132,6 @@ class PaperFilter(FilterDefaults):
         return True
 
     def _certainty(self) -> Certainty:
-        """How sure the pose is."""
         return certainty_of(self._covariance.value, math.nan, self._misfit.probability)
 
     def _map(self, pose: Array, points: NDArray[np.float32], origin: Array) -> None:

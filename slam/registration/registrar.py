@@ -35,7 +35,6 @@ class Registration(NamedTuple):
     means: Array  # [N, 3] of the fine level's endpoints: x, y, x^2 + y^2 from the robot, in the axes of the offset
 
     def of(self, which: int) -> Fitted:
-        """One of them."""
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.information[which].tolist()
         known, likelihood, crossed = (float(a[which]) for a in (self.known, self.likelihoods, self.crossed))
         offset, information = as_pose(self.offsets[which]), (xx, xy, xt, yy, yt, tt)

@@ -52,12 +52,10 @@ class TsdfFilter(FilterDefaults):
 
     @property
     def weights(self) -> Weights:
-        """Of the particles at the last update."""
         return self._particles.weights
 
     @property
     def history(self) -> History:
-        """The particles' poses at every update."""
         return self._particles.history
 
     @property
@@ -111,7 +109,6 @@ class TsdfFilter(FilterDefaults):
         return self._relocation is not None or self._relocated is not None
 
     def relocated(self) -> Array | None:
-        """See ``Filter``."""
         relocated, self._relocated = self._relocated, None
         return relocated
 
@@ -145,7 +142,6 @@ class TsdfFilter(FilterDefaults):
         return self._unweighed_result(motion.corrected, updated=not self._unseen)
 
     def _unweighed_result(self, motion: Pose, *, updated: bool) -> StepResult:
-        """Of a scan that weighed no particles."""
         n_eff = self.weights.effective_number
         return StepResult(self._pose(), np.array(motion), n_eff, 0.0, updated, False, self._certainty())
 
@@ -243,7 +239,6 @@ class TsdfFilter(FilterDefaults):
         )
 
     def _certainty(self) -> Certainty:
-        """How sure the online pose is."""
         wrong = max(self._doubt.probability, WRONG_WHILE_LOST if self.lost else 0.0)
         return certainty_of(self._covariance.value, self._covariance.degenerate, wrong)
 

@@ -33,8 +33,6 @@ for so long [s]: to lift it and to set it down takes that, else the odometry has
 
 
 class Tracked(NamedTuple):
-    """A step as tracked."""
-
     motion: Pose  # since the scan before, in the frame of the pose there
     slipped: bool  # the odometry was off by more than it usually is
     lost: bool  # the scan contradicts the map: it is left out

@@ -61,7 +61,6 @@ class GraphBackend:
         return self._closing.graph.ledger if self._closing is not None and not self._loops else self._loops
 
     def add(self, key: KeyScan) -> Array | None:
-        """See ``Backend``."""
         self._path.append(key.pose)
         self._nearest.append(-1)
         if not self._nodes.add(key, self._crowded):
@@ -77,7 +76,6 @@ class GraphBackend:
         return self._correction(self._closing)
 
     def relocated(self, path: Array) -> None:
-        """See ``Backend``."""
         updates = np.array(self._nodes.updates, np.intp)
         self._path, self._placed = list(path), path[updates]
         if self._closing is not None:
@@ -145,7 +143,6 @@ class GraphBackend:
         return register_jointly(endpoints, poses, graph.measured, self._config, free, rounds=ROUNDS)
 
     def finish(self, path: Array) -> Array | None:
-        """See ``Backend``."""
         if self._closing is None:
             return None
         self._closing.graph.submaps.forget()

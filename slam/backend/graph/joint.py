@@ -170,8 +170,6 @@ class _Problem:
 
 
 class _Steps(NamedTuple):
-    """Steps of the chain."""
-
     before: Indices  # [s] the scans that each leads from
     after: Indices  # [s] and to
     measured: Array  # [s, 3]

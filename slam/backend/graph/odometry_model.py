@@ -30,8 +30,6 @@ NORMAL_MAD = 1.4826  # A normal distribution's standard deviation over its media
 
 
 class OdometryModel(NamedTuple):
-    """What odometry is off by."""
-
     gains: Array  # [3, 3] of forward, left and turning error for forward, left and turning motion
     scales: Array  # [3] of the noise that is left, over its shape
 
