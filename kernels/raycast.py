@@ -221,8 +221,7 @@ def cast_movers(
         times: [n] of the rays [s]; before the first pose and after the last the movers stand still.
         ranges: float32 [n] of the rays to the walls [m], shortened in place.
 
-    Returns:
-        int32 [n]: index of the disc that each ray meets, or k + index of the line, or -1.
+    Returns int32 [n]: index of the disc that each ray meets, or k + index of the line, or -1.
     """
     origins = as_finite("origins", origins, np.float64, (None, 2))
     angles = as_finite("angles", angles, np.float64, (len(origins),))

@@ -183,8 +183,7 @@ def thin_scans(
         gap, gap_from_range: neighbours up to ``gap + gap_from_range * range`` apart lie on the same surface [m], [m/m];
             the range is that of the farther one.
 
-    Returns:
-        the m scans, views of two arrays that they share.
+    Returns the m scans, views of two arrays that they share.
     """
     ends = check_array("points", np.ascontiguousarray(points, np.float32), np.float32, (None, 2))
     firsts = check_array("begins", np.ascontiguousarray(begins, np.int32), np.int32, (None,))

@@ -86,8 +86,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
         seed: of all that is random, the scenario's own by default; the same seed gives the same bytes.
         progress: called now and then.
 
-    Raises:
-        ConfigError: a negative seed, or a robot that gets stuck on its route.
+    Raises ``ConfigError``: a negative seed, or a robot that gets stuck on its route.
     """
     expect_type(scenario, Scenario, "scenario", "load_scenario(name) reads one")
     scenario = seeded(scenario, seed)
@@ -155,8 +154,7 @@ def run_of(scenario: Scenario, world: World, rngs: Rngs, met: World | None = Non
 class Sensors:
     """Lidar, encoders, IMU and camera of a robot, faults included; what is random of their clocks is drawn beforehand.
 
-    Args:
-        seconds: what they record lies within so many of the drive's start.
+    ``seconds``: what they record lies within so many of the drive's start.
     """
 
     def __init__(self, scenario: Scenario, seconds: float, rngs: Rngs) -> None:

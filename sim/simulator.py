@@ -48,15 +48,13 @@ class Simulator:
     same seed and commands give the same bytes. What noise adds to the walls is what it adds there, where the scenario's
     own driver does not run into it; here the robot may.
 
-    Args:
-        seed: of all that is random, the scenario's own by default.
+    ``seed``: of all that is random, the scenario's own by default.
 
     Attributes:
         interval: of a step [s].
         world: the building.
 
-    Raises:
-        ConfigError: the robot is to be carried along a route, which it does not have here.
+    Raises ``ConfigError``: the robot is to be carried along a route, which it does not have here.
     """
 
     interval = CONTROL_STEPS / PHYSICS_RATE

@@ -203,8 +203,7 @@ class Camera:
     Both tick at the same rate, out of phase by up to half a period, and each loses other frames. The camera's random
     numbers are apart, so that it does not change the other sensors.
 
-    Args:
-        seconds: its frames lie within so many of the drive's start.
+    ``seconds``: its frames lie within so many of the drive's start.
     """
 
     def __init__(

@@ -99,8 +99,7 @@ def refine(
 ) -> Motions:
     """The same from motions [k, 3] that are nearly right; where another registration fits better, that one.
 
-    Args:
-        rates: [k] at which the lidar turns during the former sweeps and during the latter ones [rad/s].
+    ``rates``: [k] at which the lidar turns during the former sweeps and during the latter ones [rad/s].
     """
     found = _register(former, latter, beams, seconds, motions, REFINING, rates)
     if other is not None:

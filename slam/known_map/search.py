@@ -101,8 +101,7 @@ def contradictions(
 ) -> tuple[Registration, Array]:
     """A scan's registrations near poses [n, 3], and what contradicts each place as if every ray erred by itself [nats].
 
-    Args:
-        spread, config: as of ``register``; at most ``POINTS`` endpoints are registered.
+    ``spread``, ``config``: as of ``register``; at most ``POINTS`` endpoints are registered.
     """
     some = subsample(sight.points, POINTS)
     found = register(maps.of(0), poses, spread, some, sight.origin, np.zeros_like(poses), config, coarse=False)

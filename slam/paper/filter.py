@@ -73,8 +73,8 @@ class PaperFilter(FilterDefaults):
     def likelihood(self, scores: NDArray[np.int32]) -> NDArray[Any]:
         """What the weights [N] are multiplied by: the scores [N] themselves (II.7). Write another in a subclass.
 
-        Returns:
-            [N] finite likelihoods (no logarithms), none below 0; above 0 for one particle at least where a score is.
+        Returns [N] finite likelihoods (no logarithms), none below 0; above 0 for one particle at least where a score
+        is.
         """
         exponent = self._config.score_exponent
         return scores if exponent == 1 else np.power(scores / max(scores.max(), 1), exponent)

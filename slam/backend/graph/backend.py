@@ -178,8 +178,7 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
         graph: of n nodes, as it was solved last; solved as measured afterwards.
         filtered: [n, 3] by the filter, with the corrections while it drove.
 
-    Returns:
-        [n, 3] poses, and whether the graph's measurements led there rather than the filter's path.
+    Returns [n, 3] poses, and whether the graph's measurements led there rather than the filter's path.
     """
     endpoints = Endpoints.of(graph.nodes.scans)
     if not len(endpoints.points):

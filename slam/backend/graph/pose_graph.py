@@ -55,8 +55,7 @@ def relative_jacobians(first: Array, second: Array, heading: Array) -> tuple[Arr
     """Of the poses [e, 3] of ``second`` in the frames of ``first``, turned back by the headings [e] of the measured
     ones.
 
-    Returns:
-        [e, 3, 3] by (x, y, theta) of the first pose, and by those of the second.
+    Returns [e, 3, 3] by (x, y, theta) of the first pose, and by those of the second.
     """
     off = second - first
     turn = first[:, 2] + heading

@@ -48,8 +48,7 @@ class RegisteredStep(NamedTuple):
 class StepRegistration:
     """Registers nodes one after the other, each to the TSDF of the latest ones before it.
 
-    Args:
-        scan: of the first node; origin: [2] where its rays start, in the robot's frame.
+    ``scan``: of the first node; origin: [2] where its rays start, in the robot's frame.
     """
 
     def __init__(self, scan: ThinnedScan, origin: Array, config: GraphConfig) -> None:
