@@ -33,18 +33,7 @@ def smooth_noise(u: Array, v: Array, seed: int, layer: int) -> Array:
 
 
 def cell_noise(i: Array, j: Array, seed: int, layer: int) -> Array:
-    """Independent numbers in [0, 1) of the lattice cells (i, j) [n]."""
-    low_i, low_j, across = i.min(), j.min(), int(np.ptp(i)) + 1
-    if across * (np.ptp(j) + 1) > len(i) / 2:
-        return _hash(i, j, seed, layer)
-    # many points lie in the same cells: hash each cell once
-    rows, columns = np.mgrid[0 : int(np.ptp(j)) + 1, 0:across].astype(np.float64)
-    table = _hash(columns.reshape(-1) + low_i, rows.reshape(-1) + low_j, seed, layer)
-    return np.asarray(table[((j - low_j) * across + (i - low_i)).astype(np.int64)])
-
-
-def _hash(i: Array, j: Array, seed: int, layer: int) -> Array:
-    """A number in [0, 1) for each lattice cell (i, j), layer and seed: a multiply-xor-shift hash of 64 bits."""
+    """Independent numbers in [0, 1) of the lattice cells (i, j) [n]: a multiply-xor-shift hash of 64 bits."""
     key = np.uint64((seed * 0x9E3779B97F4A7C15 + layer * 0xD1B54A32D192ED03 + 0x8CB92BA72F3D8DD7) % 2**64)
     h = i.astype(np.int64).view(np.uint64) * np.uint64(0xBF58476D1CE4E5B9)
     h ^= j.astype(np.int64).view(np.uint64) * np.uint64(0x94D049BB133111EB) + key
