@@ -55,7 +55,7 @@ REFUSED = {
     "paper": (
         "particle=30", "map.cells=1", "particles=0", "particles=nan", "particles=true", "particles='30'",
         "map.cell_size=nan", "map.hit_probability=0.5", "search.offsets_xy=[0.1, 0.2]", "method=mine", "map=3",
-        "colours.enabled=true", "backend.loops=true", "backend.nothing=1", "resampling=branching",
+        "colours.enabled=true", "backend.loops=true", "backend.nothing=1",
     ),
     "default": (
         "registration.rotation=1e6", "tracking.accept_likelihood=2", "backend.method=mine", "backend.method=3",
