@@ -1,6 +1,7 @@
 """The chain: the steps from node to node, by registration, odometry and the filter together.
 
-Every node is registered twice: with the recorded odometry, to learn the odometry's errors, and with the corrected one.
+Every node is registered twice: with the recorded odometry, to learn the odometry's errors, and with the corrected
+odometry, which only evidence overrules.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Chain:
     def __init__(self, nodes: Nodes, config: GraphConfig) -> None:
         self._nodes, self._config = nodes, config
         self._plain: list[RegisteredStep] = []  # with the recorded odometry, the first
-        self._registered: list[RegisteredStep] = []  # with the corrected one
+        self._proved: list[RegisteredStep] = []  # with the corrected one
         self._raw: list[Prediction] = []
         self._predicted: list[Prediction] = []
         self._model: OdometryModel | None = None
@@ -69,13 +70,13 @@ class Chain:
         steps, covariance = self.steps, self.covariance
         predicted = np.array([each.step for each in self._predicted]).reshape(-1, 3)
         spread = np.array([each.spread for each in self._predicted]).reshape(-1, 3)
-        found = np.array([each.step for each in self._registered]).reshape(-1, 3)
+        found = np.array([each.step for each in self._proved]).reshape(-1, 3)
         off = se2.wrap(found[:, 2] - predicted[:, 2])
         turned = se2.compose(np.column_stack((np.zeros((len(off), 2)), off / 2)), predicted)
         predicted = np.column_stack((turned[:, :2], found[:, 2]))
-        known = np.array([_deviations(each.information) for each in self._registered]).reshape(-1, 3)
+        known = np.array([_deviations(each.information) for each in self._proved]).reshape(-1, 3)
         doubted = np.asarray(_differs(found, predicted, DOUBTED * np.hypot(spread, known)).any(axis=1))
-        unregistered = np.array([not each.information.any() for each in self._registered], bool)
+        unregistered = np.array([not each.information.any() for each in self._proved], bool)
         steps[doubted], covariance[doubted] = predicted[doubted], np.square(spread[doubted])[:, None] * np.eye(3)
         return MeasuredChain(self.steps, self.covariance, steps, covariance, doubted | unregistered)
 
@@ -91,7 +92,7 @@ class Chain:
             self._plain.append(self._plainly.add(self._nodes.scans[k], self._raw[-1]))
         if len(self) in FITS:
             self.fit()
-        if len(self._registered) < len(self):
+        if len(self._proved) < len(self):
             self._register(k)
 
     def settle(self) -> None:
@@ -113,7 +114,7 @@ class Chain:
         covariance = np.asarray(np.linalg.inv(information + LEAST_INFORMATION * np.eye(3)))
         self._model = fit_odometry(np.array([raw.step for raw in self._raw[: len(plain)]]), plain, covariance)
         predicted = [self._corrected(raw) for raw in self._raw]
-        if self._registered and not anew and _same(self._predicted, predicted[: len(self._predicted)]):
+        if self._proved and not anew and _same(self._predicted, predicted[: len(self._predicted)]):
             return
         self._begin(plainly=False)
         for k in range(1, len(self) + 1):
@@ -123,9 +124,9 @@ class Chain:
     def _begin(self, *, plainly: bool = True) -> None:
         scan, origin = self._nodes.scans[0], self._nodes.origin
         if plainly:
-            self._plainly = StepRegistration(scan, origin, self._config)
-        self._correctly = StepRegistration(scan, origin, self._config)
-        self._registered, self._predicted, self._fused = [], [], _Fused([], [])
+            self._plainly = StepRegistration(scan, origin, self._config, proved=False)
+        self._provenly = StepRegistration(scan, origin, self._config, proved=True)
+        self._proved, self._predicted, self._fused = [], [], _Fused([], [])
 
     def _unregistered(self, k: int) -> Prediction:
         """A step by the recorded odometry; what it leaves open is taken from the filter, loosely."""
@@ -152,10 +153,10 @@ class Chain:
     def _register(self, k: int) -> None:
         """Register a node with the corrected odometry, and put all that is known of its step together."""
         predicted = self._corrected(self._raw[k - 1])
-        found = self._correctly.add(self._nodes.scans[k], predicted)
+        found = self._provenly.add(self._nodes.scans[k], predicted)
         between = self._nodes.updates[k] - self._nodes.updates[k - 1] - 1
         self._predicted.append(predicted)
-        self._registered.append(found)
+        self._proved.append(found)
         for values, value in zip(self._fused, _fuse(found, predicted, between), strict=True):
             values.append(value)
 
@@ -205,4 +206,4 @@ def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[A
     excess = agree * between * found.information
     covariance = np.linalg.inv(np.linalg.inv(covariance) + excess)
     step = se2.compose(step, covariance @ excess @ off)
-    return step, covariance + FLOOR
+    return step, covariance + FLOOR + np.outer(found.doubt, found.doubt)

@@ -156,7 +156,7 @@ def scan(pose: np.ndarray) -> ThinnedScan:
 
 def registered(off: np.ndarray, spread: np.ndarray) -> np.ndarray:
     """The error [3] of a step whose odometry is off, registered after one scan."""
-    steps = StepRegistration(scan(np.zeros(3)), np.zeros(2), GraphConfig())
+    steps = StepRegistration(scan(np.zeros(3)), np.zeros(2), GraphConfig(), proved=True)
     odometry = np.asarray(se2.compose(TRUE_STEP, off))
     found = steps.add(scan(TRUE_STEP), Prediction(odometry, spread, True, odometry))
     return np.asarray(se2.between(TRUE_STEP, found.step))
@@ -171,7 +171,7 @@ def test_a_heading_is_found_as_far_off_as_the_odometry_may_be(turn: float):
 
 def test_where_several_places_are_open_the_filters_choice_stands():
     """The local map shows a part of them at most, and a registration to it is as sure of itself at a wrong one."""
-    steps = StepRegistration(scan(np.zeros(3)), np.zeros(2), GraphConfig())
+    steps = StepRegistration(scan(np.zeros(3)), np.zeros(2), GraphConfig(), proved=True)
     chosen = np.asarray(se2.compose(TRUE_STEP, (0.1, -0.1, 0.05)))
     found = steps.add(scan(TRUE_STEP), Prediction(chosen, np.array((1.0, 1.0, 0.2)), False, chosen, open=True))
     np.testing.assert_array_equal(found.step, chosen)
