@@ -13,8 +13,7 @@ from moteslam.robot.se2 import Array, umeyama
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.backend.building import Measured
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, sharpness
-from moteslam.slam.backend.graph.joint import register_jointly
+from moteslam.slam.backend.graph.joint import Endpoints, cells_along, register_jointly, sharpness
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import BoundGraph, LoopGraph, checked
 from moteslam.slam.backend.graph.measured_chain import CONTRADICTED
