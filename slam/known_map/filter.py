@@ -134,7 +134,6 @@ class KnownMapFilter(TsdfFilter):
 
     @property
     def settled(self) -> bool:
-        """Whether it is at one place of the map."""
         return self._search is None and super().settled
 
     @property
@@ -170,7 +169,6 @@ class KnownMapFilter(TsdfFilter):
         """The history was revised when the robot was found."""
 
     def step(self, step: Step) -> StepResult:
-        """Take in one scan and the motion since the scan before."""
         if self._search is None:
             sure = self._doubt.state is LocalisationState.SURE and self._doubt.proved
             self._was_sure |= sure

@@ -46,7 +46,6 @@ class PaperFilter(FilterDefaults):
         self._covariance, self._misfit = ParticleCovariance(config.motion, config.search), Misfit()
 
     def step(self, step: Step) -> StepResult:
-        """Take in one scan and the motion since the scan before."""
         self._motion = se2.compose(self._motion, step.motion)
         motion = se2.as_pose(step.motion)
         self._travelled = self._travelled.plus(*magnitude(motion), step.dt)

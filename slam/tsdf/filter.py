@@ -60,26 +60,21 @@ class TsdfFilter(FilterDefaults):
 
     @property
     def best_particle(self) -> int:
-        """Index of the best particle at the last update."""
         return self._particles.best
 
     @property
     def settled(self) -> bool:
-        """Whether the particles are of one hypothesis."""
         return self._particles.settled
 
     @property
     def uses_camera(self) -> bool:
-        """Whether the floor's colours weigh the particles."""
         return self._config.colours.enabled
 
     @property
     def thinning(self) -> ThinningConfig:
-        """How scans are thinned before they are registered."""
         return self._config.thinning
 
     def step(self, step: Step) -> StepResult:
-        """Take in one scan and the motion since the scan before."""
         scan = step.scan or thin(step.points, step.origin, self._config.thinning)
         if not len(self.history):
             return self._start(scan)
