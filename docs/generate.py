@@ -21,7 +21,7 @@ import moteslam
 from moteslam.robot.platforms import bundled_platform, bundled_platforms
 from moteslam.robot.values import LARGEST, SMALLEST
 from moteslam.sim.scenario import bundled_scenarios, load_scenario
-from moteslam.slam.backend.kinds import BACKENDS
+from moteslam.slam.backend.protocol import BACKENDS
 from moteslam.slam.config import METHODS, ParticleFilterConfig, SlamConfig
 
 DOCS = Path(__file__).parent

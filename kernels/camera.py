@@ -200,8 +200,7 @@ def render_colour(
             image rows more.
         starts: [n] of each frame in the noise.
 
-    Returns:
-        int32 [n, pixels]: red + 256 green + 65536 blue.
+    Returns int32 [n, pixels]: red + 256 green + 65536 blue.
     """
     cameras = as_finite("poses", poses, np.float64, (None, 3))
     fan, first = _prepared(view, len(cameras), reaches, noise, starts, 2 * view.run)
@@ -230,8 +229,7 @@ def render_disparity(
             ``starts[f]`` to ``starts[f] + pixels``.
         starts: [n] of each frame in the noise.
 
-    Returns:
-        uint16 [n, pixels].
+    Returns uint16 [n, pixels].
     """
     view = depth.view
     fan, first = _prepared(view, len(reaches), reaches, noise, starts, 0)

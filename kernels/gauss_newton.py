@@ -238,11 +238,9 @@ def keep_predictions(
         means: [n, 3] of the endpoints' x, y, x^2 + y^2 from the robot, in the axes of the offsets.
         kept: how, where residuals have the variance of standard ones.
 
-    Returns:
-        offsets and information likewise.
+    Returns offsets and information likewise.
 
-    Raises:
-        InputError: arrays that do not fit together, or numbers that are not finite.
+    Raises ``InputError``: arrays that do not fit together, or numbers that are not finite.
     """
     shifts = as_finite("offsets", offsets, np.float64, (None, 3))
     found = np.hstack((shifts, as_finite("information", information, np.float64, (len(shifts), 6))))

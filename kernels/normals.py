@@ -104,8 +104,7 @@ def scan_normals(
         noise: standard deviation of a point across the line, at least [m].
         largest: standard deviation of the normal's direction beyond which it is unknown [rad].
 
-    Returns:
-        float32 [p, 2]; zeros where the direction is not known.
+    Returns float32 [p, 2]; zeros where the direction is not known.
     """
     ends = as_finite("points", points, np.float32, (None, 2))
     linked = as_finite("joined", joined, np.int32, (len(ends),))

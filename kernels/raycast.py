@@ -25,42 +25,6 @@ from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_1D, F64_2D, I32
 
 __all__ = ["SegmentBuckets", "build_buckets", "cast_movers", "cast_rays", "cast_surfaces"]
 
-QUARTER, REST = 1.5707963267341256, 6.077100506506192e-11  # Of a turn [rad]: pi/2 to 33 bits, and what is missing
-WHOLE = 1.5 * 2.0**52  # Added to a float64 and taken away again, it rounds to the nearest integer
-SINES = [(-1) ** k / math.factorial(2 * k + 1) for k in range(9)]
-COSINES = [(-1) ** k / math.factorial(2 * k) for k in range(10)]
-
-
-@func
-def cos_sin(angle: F64):
-    """The cosine and the sine of an angle [rad] in float64, in a third of the C library's time.
-
-    An angle within 1e5 rad is reduced to [-pi/4, pi/4] by a multiple of pi/2 that stands in two parts (Cody and Waite);
-    there Taylor's series are summed to the last bit. Both are within 2e-16 of the C library's, which computes them
-    beyond. Rounded to float32 they are the same but near multiples of pi/2, where one is off by up to 6e-22.
-    """
-    quarters = (angle * ti.f64(2 / math.pi) + ti.f64(WHOLE)) - ti.f64(WHOLE)
-    rest = (angle - quarters * ti.f64(QUARTER)) - quarters * ti.f64(REST)
-    squared = rest * rest
-    sine = ti.f64(SINES[8])
-    for k in ti.static(range(7, 0, -1)):
-        sine = sine * squared + ti.f64(SINES[k])
-    sine = rest + rest * (squared * sine)
-    cosine = ti.f64(COSINES[9])
-    for k in ti.static(range(8, 1, -1)):
-        cosine = cosine * squared + ti.f64(COSINES[k])
-    cosine = ti.f64(1.0) - (ti.f64(0.5) * squared - squared * squared * cosine)
-    quarter = ti.cast(quarters, ti.i32)
-    odd = (quarter & 1) != 0
-    x, y = sine if odd else cosine, cosine if odd else sine
-    if ((quarter + 1) & 2) != 0:
-        x = -x
-    if (quarter & 2) != 0:
-        y = -y
-    if not abs(angle) < ti.f64(1e5):
-        x, y = ti.cos(angle), ti.sin(angle)
-    return x, y
-
 
 @func
 def _wall_range(x0: F32, y0: F32, x1: F32, y1: F32, c: F32, s: F32, slack: F32):
@@ -150,8 +114,7 @@ def _cast_all(
 ):  # fmt: skip
     ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(out.shape[0]):
-        c, s = cos_sin(angles[i])
-        directions[0, i], directions[1, i] = ti.cast(c, ti.f32), ti.cast(s, ti.f32)
+        directions[0, i], directions[1, i] = ti.cast(ti.cos(angles[i]), ti.f32), ti.cast(ti.sin(angles[i]), ti.f32)
     ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(out.shape[0]):
         distance, wall = _cast(
@@ -202,8 +165,7 @@ def _cast_movers(
         row = ti.min(ti.cast(at, ti.i32), last - 1)
         share = ti.cast(at - ti.cast(row, ti.f64), ti.f32)
         ox, oy = ti.cast(origins[i, 0], ti.f32), ti.cast(origins[i, 1], ti.f32)
-        cosine, sine = cos_sin(angles[i])
-        c, s = ti.cast(cosine, ti.f32), ti.cast(sine, ti.f32)
+        c, s = ti.cast(ti.cos(angles[i]), ti.f32), ti.cast(ti.sin(angles[i]), ti.f32)
         found = out[i]
         nearest = -1
         for k in range(disc_count):
@@ -259,8 +221,7 @@ def cast_movers(
         times: [n] of the rays [s]; before the first pose and after the last the movers stand still.
         ranges: float32 [n] of the rays to the walls [m], shortened in place.
 
-    Returns:
-        int32 [n]: index of the disc that each ray meets, or k + index of the line, or -1.
+    Returns int32 [n]: index of the disc that each ray meets, or k + index of the line, or -1.
     """
     origins = as_finite("origins", origins, np.float64, (None, 2))
     angles = as_finite("angles", angles, np.float64, (len(origins),))

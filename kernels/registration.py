@@ -4,7 +4,6 @@ An endpoint's residual is its distance in the map, in standard deviations: on th
 seen, on the coarse one. To the residuals comes a prior on the offset from the predicted pose.
 """
 
-import threading
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -29,7 +28,6 @@ QUERY = 13
 PRIOR_MEAN = slice(10, 13)
 
 LIKELIHOODS = (0.2, 0.98)  # Mean likelihoods that residuals are estimated from: beyond these they say nothing
-FIRST_POINTS = 1024  # Of a scan, to begin with: there is room for more where one has more
 
 OFFSET = slice(0, 3)
 INFORMATION = slice(3, 9)
@@ -190,24 +188,6 @@ def _register(
             keep_prediction(found, i, deviation, error, variance, means[0], means[1], means[2])
 
 
-class _Room(threading.local):
-    """Room for the points of a scan, for each thread its own: what stays in its place is not set at every launch."""
-
-    def __init__(self) -> None:
-        self.scan = np.empty((2, FIRST_POINTS), np.float32)  # float32 [2, m] of which the first columns are points
-
-    def put(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The scan, with these points [k, 2] in its first columns."""
-        count = len(points)
-        if count > self.scan.shape[1]:
-            self.scan = np.empty((2, 2 * count), np.float32)
-        self.scan[:, :count] = points.T
-        return self.scan
-
-
-_room = _Room()
-
-
 def register_scans(
     tiles: Tiles,
     queries: NDArray[np.float64],
@@ -246,11 +226,11 @@ def register_scans(
     n = len(queries)
     if maps not in (1, n):
         raise InputError(f"of {maps} particles, expected 1 or one for each of {n} queries", field="tiles")
-    scan, found = np.asarray(points, np.float32), np.empty((n, FOUND))
+    scan, found = np.ascontiguousarray(np.asarray(points, np.float32).T), np.empty((n, FOUND))
     runtime()
     if n:
         _register(
-            pool, table, begin, columns * rows if maps > 1 else 0, columns, rows, queries, _room.put(scan), len(scan),
+            pool, table, begin, columns * rows if maps > 1 else 0, columns, rows, queries, scan, scan.shape[1],
             *origin, options.numbers(), int(coarse), *(kept or NOT_KEPT), found, passes_for(n),
             n == 1 and not one_thread(),
         )  # fmt: skip

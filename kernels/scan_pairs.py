@@ -137,8 +137,7 @@ def match_endpoints(
             after them.
         reach: largest distance of a match [m].
 
-    Returns:
-        int32 [p, k] indices of points, -1 without a match.
+    Returns int32 [p, k] indices of points, -1 without a match.
     """
     ends = as_finite("points", points, np.float64, (None, 2))
     across = as_finite("normals", normals, np.float32, (len(ends), 2))

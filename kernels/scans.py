@@ -81,7 +81,6 @@ def project_scans(
 
 SPACING_GROWTH, LEAST_SPACING = 1.2, 0.001
 """While there are too many points, the spacing is multiplied by the first and is at least the second [m]."""
-SMALLEST = 0x00800000  # The bits of the smallest float32 above 0 that has all its digits
 
 
 class ThinnedScan(NamedTuple):
@@ -92,29 +91,15 @@ class ThinnedScan(NamedTuple):
 
 
 @func
-def _least_square(length: F32):
-    """The smallest number whose square root, as it is rounded, is ``length`` or more: saves a root at each endpoint."""
-    bits = 0
-    if length > 0:
-        # neighbours in the order of numbers are neighbours as integers, too
-        bits = ti.max(ti.bit_cast(length * length, ti.i32), SMALLEST)
-        while bits > SMALLEST and ti.sqrt(ti.bit_cast(bits - 1, ti.f32)) >= length:
-            bits -= 1
-        while ti.sqrt(ti.bit_cast(bits, ti.f32)) < length:
-            bits += 1
-    return ti.bit_cast(bits, ti.f32)
-
-
-@func
-def _end_of_group(ends: template, linked: template, first: I32, end: I32, square: F32):
+def _end_of_group(ends: template, linked: template, first: I32, end: I32, spacing: F32):
     """The endpoint after the last one of the group that begins at ``first``.
 
-    It is not linked to those before, or the square of its distance from the first is ``square`` or more.
+    It is not linked to those before, or ``spacing`` or more from the first.
     """
     x0, y0 = ends[first, 0], ends[first, 1]
     k = first + 1
     while k < end:
-        if linked[k] == 0 or (ends[k, 0] - x0) ** 2 + (ends[k, 1] - y0) ** 2 >= square:
+        if linked[k] == 0 or ti.sqrt((ends[k, 0] - x0) ** 2 + (ends[k, 1] - y0) ** 2) >= spacing:
             break
         k += 1
     return k
@@ -151,16 +136,16 @@ def _thin(
         while widened == 1:
             widened = 0
             if within < max_spacing:
-                groups, first, square = 0, begin, _least_square(within)
+                groups, first = 0, begin
                 while first < end and groups <= max_points:
-                    first = _end_of_group(ends, linked, first, end, square)
+                    first = _end_of_group(ends, linked, first, end, within)
                     groups += 1
                 if groups > max_points:
                     widened = 1
                     within = ti.min(ti.max(within * SPACING_GROWTH, LEAST_SPACING), max_spacing)
-        out, first, square = begin, begin, _least_square(within)
+        out, first = begin, begin
         while first < end:
-            last = _end_of_group(ends, linked, first, end, square)
+            last = _end_of_group(ends, linked, first, end, within)
             sum_x, sum_y = ends[first, 0], ends[first, 1]
             for k in range(first + 1, last):
                 sum_x += ends[k, 0]
@@ -198,8 +183,7 @@ def thin_scans(
         gap, gap_from_range: neighbours up to ``gap + gap_from_range * range`` apart lie on the same surface [m], [m/m];
             the range is that of the farther one.
 
-    Returns:
-        the m scans, views of two arrays that they share.
+    Returns the m scans, views of two arrays that they share.
     """
     ends = check_array("points", np.ascontiguousarray(points, np.float32), np.float32, (None, 2))
     firsts = check_array("begins", np.ascontiguousarray(begins, np.int32), np.int32, (None,))

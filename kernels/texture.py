@@ -150,8 +150,8 @@ def match_colours(
         cell_size: of the map [m].
         limit: largest difference that counts for a point, over its three channels: an outlier counts no more than that.
 
-    Returns:
-        int32 [n, 2]: the sum of the differences over the points that fall on coloured cells, and how many those are.
+    Returns int32 [n, 2]: the sum of the differences over the points that fall on coloured cells, and how many those
+    are.
     """
     patch = as_finite("points", points, np.float32, (None, 2))
     check_array("colours", colours, np.int32, (len(patch),))

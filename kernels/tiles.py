@@ -52,7 +52,6 @@ class Tiles(NamedTuple):
         return self.rows * self.columns
 
     def of(self, particle: int) -> "Tiles":
-        """The map of one of the particles."""
         return Tiles(self.pool, self.table, self.rows, self.columns, 1, self.first + particle * self.size)
 
 
@@ -223,7 +222,6 @@ class TileStore:
         return self._host(self.tiles.table).reshape(self.tiles.maps, -1)
 
     def _host(self, array: Any) -> NDArray[Any]:
-        """An array on the host."""
         here: NDArray[Any] = array.to_numpy() if self._on_device else array
         return here
 

@@ -29,7 +29,7 @@ from moteslam.sim.sensors.clock import Outage
 from moteslam.sim.sensors.faults import Cart, Gap, OdometryJump, RepeatedScans, StaleOdometry, Tilt
 from moteslam.sim.sensors.lidar import check_sensors
 from moteslam.sim.sensors.rgbd import check_camera
-from moteslam.sim.world.floor import FloorSettings
+from moteslam.sim.world.floor import FloorSettings, read_picture
 from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 from moteslam.sim.world.random_corridors import random_corridors
@@ -50,47 +50,34 @@ _KINDS = tuple(fault.model_fields["kind"].default for fault in get_args(get_args
 
 
 class Scenario(Section):
-    """A world and a run in it.
+    """A world and a run in it."""
 
-    Attributes:
-        name: the file's name without ``.toml``, unless the file says otherwise.
-        description, why: what it is, and why it is hard, one sentence each.
-        expect_divergence: whether an estimate that is lost is no surprise here.
-        seed: of all that is random, unless ``simulate`` is given another.
-        duration: of the run at most [s]; longer in proportion for a robot that is slower than ``drive.speed``.
-        visit: what is changed in the world; as it is written if None.
-        route, wander, commands: what the robot does; exactly one of them.
-        drive: the limits it drives within, at most the robot's own.
-        platform: the robot: a bundled one's name, a ``.toml`` file beside the scenario's, or a table of all its keys
-            or of a ``base`` and what differs from it.
-        noise_class: whose figures ``noise`` begins with: the robot's ``datasheet`` or ``as_recorded``.
-        outages, faults: when a sensor is dead, and what else goes wrong.
-        floor: what it looks like; tiles if None.
-        camera: of the robot, which a file changes in single values; no images are recorded if None.
-    """
-
+    # the file's name without ``.toml``, unless the file says otherwise
     name: Annotated[str, Field(min_length=1, max_length=200)] = "scenario"
-    description: str = ""
-    why: str = ""
-    expect_divergence: Truth = False
-    seed: Annotated[Whole, Field(ge=0, lt=2**63)] = 0
+    description: str = ""  # what it is, one sentence
+    why: str = ""  # it is hard, likewise
+    expect_divergence: Truth = False  # whether an estimate that is lost is no surprise here
+    seed: Annotated[Whole, Field(ge=0, lt=2**63)] = 0  # of all that is random, unless ``simulate`` is given another
+    # of the run at most [s]; longer in proportion for a robot that is slower than ``drive.speed``
     duration: Annotated[Number, Field(gt=0, le=MAX_DURATION)] = 600.0
     world: Layout
-    visit: Visit | None = None
+    visit: Visit | None = None  # what is changed in the world; as it is written if None
     people: Annotated[tuple[Person, ...], Field(max_length=MAX_PEOPLE)] = ()
     crowd: Crowd | None = None
     doors: Annotated[tuple[Door, ...], Field(max_length=MAX_DOORS)] = ()
-    route: Route | None = None
+    route: Route | None = None  # what the robot does, as the next two; exactly one of them
     wander: Wander | None = None
     commands: Commands | None = None
-    drive: Limits = Limits()
+    drive: Limits = Limits()  # the limits it drives within, at most the robot's own
+    # the robot: a bundled one's name, a ``.toml`` file beside the scenario's, or a table of all its keys or of a
+    # ``base`` and what differs from it
     platform: Platform = UCSD
-    noise_class: Literal["datasheet", "as_recorded"] = "datasheet"
+    noise_class: Literal["datasheet", "as_recorded"] = "datasheet"  # whose figures of the robot ``noise`` begins with
     noise: Noise = UCSD.noise
-    outages: Annotated[tuple[Outage, ...], Field(max_length=100)] = ()
-    faults: Annotated[tuple[Fault, ...], Field(max_length=100)] = ()
-    floor: FloorSettings | None = None
-    camera: CameraSettings | None = None
+    outages: Annotated[tuple[Outage, ...], Field(max_length=100)] = ()  # when a sensor is dead
+    faults: Annotated[tuple[Fault, ...], Field(max_length=100)] = ()  # what else goes wrong
+    floor: FloorSettings | None = None  # what it looks like; tiles if None
+    camera: CameraSettings | None = None  # of the robot, which a file changes in single values; no images if None
 
     @model_validator(mode="before")
     @classmethod
@@ -131,8 +118,8 @@ class Scenario(Section):
         check_body(platform)
         if self.camera is not None:
             check_camera(platform.camera)
-        if self.floor is not None:
-            self.floor.check_picture()
+        if self.floor is not None and self.floor.image is not None:
+            read_picture(self.floor.image)
         try:
             world = World.of(self.standing)
         except InputError as error:
@@ -182,7 +169,6 @@ class Scenario(Section):
 
     @property
     def task(self) -> Task:
-        """What the robot does."""
         task = self.route or self.wander or self.commands
         assert task is not None  # a scenario without is refused
         return task
@@ -191,11 +177,6 @@ class Scenario(Section):
     def start(self) -> Array:
         """The pose [3] that the robot starts at: x [m], y [m], theta [rad]."""
         return self.task.start_pose
-
-    @property
-    def has_actors(self) -> bool:
-        """Whether people or doors are in it."""
-        return bool(self.people or self.crowd is not None or self.doors)
 
 
 def with_camera(scenario: Scenario) -> Scenario:

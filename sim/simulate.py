@@ -56,27 +56,16 @@ _CONCERNS = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Simulation(Summarised):
-    """What the sensors recorded, and the truth.
+    """What the sensors recorded, and the truth."""
 
-    Attributes:
-        recording: the sensors' streams; nothing of the truth is in it.
-        truth: the robot's true poses in the world at 100 Hz, over all that the sensors recorded.
-        scenario: what was simulated, with the seed that was used.
-        world: its standing parts as the lidar saw them: the plan's, and what noise ``as_recorded`` adds to them.
-        end: why the drive ended: ``arrived``, ``stuck`` or ``out of time``.
-        base: what the robot's own base integrates: without gaps and faults of the odometry.
-        tracks: where people and doors were, from the first true pose on.
-        frames: the camera's, drawn when they are asked for.
-    """
-
-    recording: Recording
-    truth: Trajectory
-    scenario: Scenario
-    world: World
-    end: str
-    base: Recording
-    tracks: Tracks | None = None
-    frames: CameraFrames | None = None
+    recording: Recording  # the sensors' streams; nothing of the truth is in it
+    truth: Trajectory  # the robot's true poses in the world at 100 Hz, over all that the sensors recorded
+    scenario: Scenario  # what was simulated, with the seed that was used
+    world: World  # its standing parts as the lidar saw them: the plan's, and what noise ``as_recorded`` adds to them
+    end: str  # why the drive ended: ``arrived``, ``stuck`` or ``out of time``
+    base: Recording  # what the robot's own base integrates: without gaps and faults of the odometry
+    tracks: Tracks | None = None  # where people and doors were, from the first true pose on
+    frames: CameraFrames | None = None  # the camera's, drawn when they are asked for
 
     def true_map(self, resolution: float) -> Raster:
         """The true occupancy, cells of a side [m], of what can be reached from the robot's start; see `true_map`."""
@@ -97,8 +86,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
         seed: of all that is random, the scenario's own by default; the same seed gives the same bytes.
         progress: called now and then.
 
-    Raises:
-        ConfigError: a negative seed, or a robot that gets stuck on its route.
+    Raises ``ConfigError``: a negative seed, or a robot that gets stuck on its route.
     """
     expect_type(scenario, Scenario, "scenario", "load_scenario(name) reads one")
     scenario = seeded(scenario, seed)
@@ -155,8 +143,9 @@ def run_of(scenario: Scenario, world: World, rngs: Rngs, met: World | None = Non
     """The robot at its start among the people and doors of a scenario; what it runs into may be more (``met``)."""
     vehicle = Vehicle(scenario.platform, scenario.start, met or world, scenario.noise.drive)
     actors = None
-    if scenario.has_actors:
-        moving, start, space = (scenario.people, scenario.crowd, scenario.doors), scenario.start[:2], vehicle.space
+    moving = scenario.people, scenario.crowd, scenario.doors
+    if any(moving):
+        start, space = scenario.start[:2], vehicle.space
         rng, duration = rngs["actors"], scenario.duration
         actors = Actors(*moving, world=world, space=space, start=start, duration=duration, rng=rng)
     return Run(vehicle, actors, scenario.faults)
@@ -165,8 +154,7 @@ def run_of(scenario: Scenario, world: World, rngs: Rngs, met: World | None = Non
 class Sensors:
     """Lidar, encoders, IMU and camera of a robot, faults included; what is random of their clocks is drawn beforehand.
 
-    Args:
-        seconds: what they record lies within so many of the drive's start.
+    ``seconds``: what they record lies within so many of the drive's start.
     """
 
     def __init__(self, scenario: Scenario, seconds: float, rngs: Rngs) -> None:

@@ -32,19 +32,13 @@ LATEST = 5.0
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What has arrived since the step before: streams of a recording, often without a reading.
+    """What has arrived since the step before: streams of a recording, often without a reading."""
 
-    Attributes:
-        stamp: of the moment, by the clock of the stamps [s].
-        lidar, encoders, imu, rgbd: the readings; no ``imu`` of a robot without one, no ``rgbd`` of a scenario without a
-            camera, whose images are drawn when they are asked for.
-    """
-
-    stamp: float
+    stamp: float  # of the moment, by the clock of the stamps [s]
     lidar: LidarStream
     encoders: EncoderStream
-    imu: ImuStream | None
-    rgbd: RgbdStream | None = None
+    imu: ImuStream | None  # None of a robot without one
+    rgbd: RgbdStream | None = None  # None of a scenario without a camera; images are drawn when they are asked for
 
 
 class Simulator:
@@ -54,15 +48,13 @@ class Simulator:
     same seed and commands give the same bytes. What noise adds to the walls is what it adds there, where the scenario's
     own driver does not run into it; here the robot may.
 
-    Args:
-        seed: of all that is random, the scenario's own by default.
+    ``seed``: of all that is random, the scenario's own by default.
 
     Attributes:
         interval: of a step [s].
         world: the building.
 
-    Raises:
-        ConfigError: the robot is to be carried along a route, which it does not have here.
+    Raises ``ConfigError``: the robot is to be carried along a route, which it does not have here.
     """
 
     interval = CONTROL_STEPS / PHYSICS_RATE

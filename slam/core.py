@@ -16,8 +16,7 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, expect_type, shortened
 from moteslam.slam.backend.building import Building
-from moteslam.slam.backend.kinds import BACKENDS
-from moteslam.slam.backend.protocol import KeyScan
+from moteslam.slam.backend.protocol import BACKENDS, KeyScan
 from moteslam.slam.config import METHODS, SlamConfig
 from moteslam.slam.estimate import Correction, Estimate, as_logged
 from moteslam.slam.filter.certainty import certainty_of_particles, spread

@@ -67,7 +67,7 @@ def joint(_seed: int, _settings: list[str], scans: int) -> Row:
     """The first nodes of `campus`, registered jointly twice; the second time counts."""
     from moteslam.slam.backend.graph import joint as registration
     from moteslam.slam.backend.graph.backend import GraphBackend
-    from moteslam.slam.backend.graph.endpoints import Endpoints
+    from moteslam.slam.backend.graph.joint import Endpoints
     from moteslam.slam.backend.graph.measured_chain import MeasuredChain
     from moteslam.slam.online import OnlineSlam
 

@@ -43,7 +43,7 @@ class Run(Protocol):
     """Something to make; a process is given runs of the same case, one after the other, if there are any."""
 
     @property
-    def case(self) -> Any: ...  # noqa: D102
+    def case(self) -> Any: ...
 
 
 R = TypeVar("R", bound=Run)

@@ -126,7 +126,6 @@ class Run:
         return next((fault for steps, (fault, _) in self._mishaps.items() if self.steps in steps), None)
 
     def step(self) -> None:
-        """One physics step."""
         steps = next((steps for steps in self._mishaps if self.steps in steps), None)
         if steps is None:
             self.vehicle.push(self.speed, self.turn_rate)

@@ -39,8 +39,6 @@ class Limits(Section):
 
 
 class Driver(Protocol):
-    """Chooses what to do next."""
-
     looks: bool  # whether it slows down for people and doors, and gives up where it does not get on
     path: Array | None  # the points [n, 2] that it drives along [m]; None without a path
     at: int  # the index of where it is on its path; set where it is to go on from another place
@@ -103,7 +101,6 @@ class PathDriver:
 
     @property
     def done(self) -> float:
-        """See `Driver`."""
         return self.at / (len(self._x) - 1)
 
 
@@ -273,14 +270,12 @@ class BlindDriver:
         self._time = 0.0
 
     def command(self, time: float, x: float, y: float, theta: float) -> tuple[float, float] | None:
-        """See `Driver`."""
         self._time = time
         i = int(np.searchsorted(self._ends, time, "right"))
         return None if i == len(self._steps) else (self._steps[i].speed, self._steps[i].turn_rate)
 
     @property
     def done(self) -> float:
-        """See `Driver`."""
         return min(1.0, self._time / float(self._ends[-1]))
 
 

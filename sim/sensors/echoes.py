@@ -29,8 +29,6 @@ BEYOND = 1e-3  # A beam goes on this far behind a pane or before a mirror [m]: w
 
 
 class Rays(NamedTuple):
-    """Beams as lines."""
-
     origins: Array  # [n, 2] where each begins [m]
     angles: Array  # [n] its direction [rad]
     times: Array  # [n] its moment since the drive's start [s]

@@ -34,7 +34,6 @@ class LidarErrors:
 
     @classmethod
     def drawn(cls, noise: LidarNoise, rng: np.random.Generator) -> LidarErrors:
-        """Those of one recording."""
         x, yaw, tilt = noise.mount_error, noise.mount_yaw_error, noise.mount_tilt_error
         spread = np.array((noise.range_bias, noise.range_scale_error, x, x, yaw, tilt, tilt))
         return cls(*(rng.standard_normal(len(spread)) * spread).tolist())

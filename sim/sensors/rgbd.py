@@ -42,8 +42,6 @@ def optical_rays(*, colour: bool) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Shots(Summarised):
-    """What one camera takes."""
-
     stamps: Array  # [n] as the host stamps them [s]
     poses: Array  # [n, 3] the robot's true poses when they are taken
     times: Array  # [n] when they are taken, from the drive's first moment [s]
@@ -205,8 +203,7 @@ class Camera:
     Both tick at the same rate, out of phase by up to half a period, and each loses other frames. The camera's random
     numbers are apart, so that it does not change the other sensors.
 
-    Args:
-        seconds: its frames lie within so many of the drive's start.
+    ``seconds``: its frames lie within so many of the drive's start.
     """
 
     def __init__(

@@ -33,18 +33,7 @@ def smooth_noise(u: Array, v: Array, seed: int, layer: int) -> Array:
 
 
 def cell_noise(i: Array, j: Array, seed: int, layer: int) -> Array:
-    """Independent numbers in [0, 1) of the lattice cells (i, j) [n]."""
-    low_i, low_j, across = i.min(), j.min(), int(np.ptp(i)) + 1
-    if across * (np.ptp(j) + 1) > len(i) / 2:
-        return _hash(i, j, seed, layer)
-    # many points lie in the same cells: hash each cell once
-    rows, columns = np.mgrid[0 : int(np.ptp(j)) + 1, 0:across].astype(np.float64)
-    table = _hash(columns.reshape(-1) + low_i, rows.reshape(-1) + low_j, seed, layer)
-    return np.asarray(table[((j - low_j) * across + (i - low_i)).astype(np.int64)])
-
-
-def _hash(i: Array, j: Array, seed: int, layer: int) -> Array:
-    """A number in [0, 1) for each lattice cell (i, j), layer and seed: a multiply-xor-shift hash of 64 bits."""
+    """Independent numbers in [0, 1) of the lattice cells (i, j) [n]: a multiply-xor-shift hash of 64 bits."""
     key = np.uint64((seed * 0x9E3779B97F4A7C15 + layer * 0xD1B54A32D192ED03 + 0x8CB92BA72F3D8DD7) % 2**64)
     h = i.astype(np.int64).view(np.uint64) * np.uint64(0xBF58476D1CE4E5B9)
     h ^= j.astype(np.int64).view(np.uint64) * np.uint64(0x94D049BB133111EB) + key
@@ -148,11 +137,6 @@ class FloorSettings(Section):
             raise ValueError('material "image" and an image belong together, expected both or neither')
         return self
 
-    def check_picture(self) -> None:
-        """Refuse a picture that cannot be read."""
-        if self.image is not None:
-            _read_picture(self.image)
-
     def colours_at(self, points: ArrayLike) -> NDArray[np.uint8]:
         """The colours uint8 [..., 3] of the floor at points [..., 2] in the world [m]."""
         points = np.asarray(points, np.float64)
@@ -161,22 +145,16 @@ class FloorSettings(Section):
             return np.empty((*points.shape[:-1], 3), np.uint8)
         x, y = flat.T.copy()
         if self.image is not None:
-            colours = self._picture_at(x, y)
+            picture = read_picture(self.image)
+            height, width = picture.shape[:2]
+            column, row = (np.floor(each * (width / self.image_width)).astype(np.int64) for each in (x, y))
+            colours = np.asarray(picture[row % height, column % width], np.float64)
         else:
             draw, size, palette = PATTERNS[self.material]
             colours = draw(x, y, self.size or size, np.asarray(self.colours or palette, np.float64), self.seed)
         if self.stains > 0:
             colours = colours * stain_shade(x, y, self.stains, self.seed)[:, None]
         return np.rint(np.clip(colours, 0, 255)).astype(np.uint8).reshape(*points.shape[:-1], 3)
-
-    def _picture_at(self, x: Array, y: Array) -> Array:
-        assert self.image is not None
-        picture = _read_picture(self.image)
-        height, width = picture.shape[:2]
-        scale = width / self.image_width  # pixels a metre
-        col = np.floor(x * scale).astype(np.int64) % width
-        row = np.floor(y * scale).astype(np.int64) % height
-        return np.asarray(picture[row, col], np.float64)
 
 
 def rasterise(
@@ -211,7 +189,7 @@ def rasterise(
 
 
 @lru_cache(maxsize=4)
-def _read_picture(path: str) -> NDArray[np.uint8]:
+def read_picture(path: str) -> NDArray[np.uint8]:
     """A picture as uint8 [H, W, 3] red, green, blue, row 0 the lowest."""
     import cv2
 

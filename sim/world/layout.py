@@ -245,7 +245,6 @@ class Room(Section):
         return self
 
     def sides(self) -> list[Wall]:
-        """The four walls."""
         (x, y), (w, h) = self.corner, self.size
         sides = {
             "south": ((x, y), (x + w, y)),

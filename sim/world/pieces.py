@@ -125,7 +125,6 @@ class Table(Rectangle):
     material: str = PLAIN
 
     def solids(self) -> list[Polygon]:
-        """The legs."""
         wide, deep = (max(side - self.leg, 0.0) for side in self.size)
         corners = rectangle(self.centre, (wide, deep), self.angle)
         return [rectangle((x, y), (self.leg, self.leg), self.angle) for x, y in corners]
@@ -153,7 +152,6 @@ class Shelf(Rectangle):
         return []
 
     def segments(self) -> Segments:
-        """The back and the uprights."""
         a, b, c, d = self.polygon()
         count = max(1, math.ceil(self.size[0] / self.bay - 1e-9))
         share = np.linspace(0.0, 1.0, count + 1)[:, None]

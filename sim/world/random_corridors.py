@@ -34,8 +34,6 @@ Edge = tuple[Node, Node]
 
 @dataclass
 class _Building:
-    """A building while it is designed."""
-
     x: Array  # of the lattice's columns [m]
     y: Array  # of its rows [m]
     edges: dict[Edge, float] = field(default_factory=dict)  # corridors between neighbouring nodes and their widths [m]

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class World(Summarised):
-    """The standing parts of a scenario."""
-
     segments: Segments  # [m, 4] x0, y0, x1, y1 [m]: walls and the outlines of the solids
     solids: tuple[Polygon, ...] = ()  # polygons [k, 2] [m] of boxes, pillars and furniture
     surfaces: NDArray[np.int16] | None = None  # [m] of each segment the material, an index into palette; None if plain
@@ -42,7 +40,6 @@ class World(Summarised):
 
     @classmethod
     def of(cls, layout: Layout) -> World:
-        """The world that a layout describes."""
         pieces = [piece for kind in layout.pieces.values() for piece in kind]
         parts = [(piece.segments(), piece.material) for piece in pieces]
         solids = [solid for piece in pieces if isinstance(piece, Block) for solid in piece.solids()]

@@ -101,7 +101,6 @@ class Building(Summarised):
 
     @property
     def chain(self) -> MeasuredChain:
-        """The steps between all nodes."""
         ends, poses = self.firsts[1:-1], self.poses
         gaps = se2.between(poses[ends - 1], poses[ends]).reshape(-1, 3)
         return MeasuredChain.of_sessions([session.chain for session in self.sessions], gaps)
@@ -114,7 +113,6 @@ class Building(Summarised):
 
     @property
     def graph(self) -> PoseGraph:
-        """All nodes, steps and loops."""
         inner = np.delete(np.arange(self.firsts[-1] - 1), self.firsts[1:-1] - 1)
         chain, loops = self.chain, self.loops
         information = np.concatenate((np.linalg.inv(chain.covariance[inner]), loops.information))

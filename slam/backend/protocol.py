@@ -1,13 +1,18 @@
-"""What a back end is: it is given key scans as the filter places them, and may correct the path they lie on."""
+"""What a back end is: it is given key scans as the filter places them, and may correct the path they lie on.
+
+And the back ends there are: the bundled ones, and those of other packages (entry points ``moteslam.backends``).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.plugins import Plugins
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, Section, Summarised
 from moteslam.slam.backend.building import Measured
@@ -71,3 +76,45 @@ class Backend(Protocol):
         particle's; where the filter was corrected, with these corrections. In the middle of a run its last ones may be
         of key scans that wait.
         """
+
+
+@dataclass(frozen=True)
+class BackendKind:
+    config: type[BackendConfig]  # the model of its section ``[backend]``; its `method` is the entry point's
+    make: Callable[[Any], Backend]  # makes one for a run, of its configuration
+
+
+class NoBackendConfig(BackendConfig):
+    """No back end: what the filter finds is final."""
+
+    # The back end behind the filter: `none`, `graph`, or one that another package brings
+    method: Literal["none"] = "none"
+
+
+class NoBackend:
+    """Corrects nothing."""
+
+    loops: tuple[LoopCandidate, ...] = ()
+    measured: None = None
+    issues: tuple[Issue, ...] = ()
+
+    def __init__(self, config: NoBackendConfig) -> None:
+        del config
+
+    def add(self, key: KeyScan) -> None:
+        """See ``Backend``."""
+
+    def finish(self, path: Array) -> None:
+        """See ``Backend``."""
+
+    relocated = finish
+
+
+NONE = BackendKind(NoBackendConfig, NoBackend)
+
+BACKENDS: Plugins[BackendKind] = Plugins(
+    "moteslam.backends",
+    BackendKind,
+    bundled={"none": "moteslam.slam.backend.protocol:NONE", "graph": "moteslam.slam.backend.graph.backend:GRAPH"},
+)
+"""By name; the configuration key ``backend.method`` chooses one."""

@@ -13,9 +13,8 @@ from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.sensor_reports import turns
 from moteslam.robot.values import expect_type
-from moteslam.slam.calibration.clock_step import ClockStep, clock_steps, with_stamps
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Change, Fit, Pairs, Parameter, Path, clock, fit
-from moteslam.slam.calibration.odometry_forms import FORMS, in_form, quarter_turn
+from moteslam.slam.calibration.readings import FORMS, ClockStep, clock_steps, in_form, quarter_turn, with_stamps
 from moteslam.slam.calibration.registered import (
     FEWEST,
     GOOD,
@@ -74,44 +73,28 @@ FEW_FIT = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What scans show of their lidar and of the odometry.
+    """What scans show of their lidar and of the odometry."""
 
-    Attributes:
-        angle_scale, angle_deviation, excess: of the angles, over the stated; by how much ranges are too long [m].
-        longer: where that changes most clearly.
-        mirrored: the beams, or the odometry, go the other way round.
-        form: of `FORMS`, the one that odometry poses fit the scans in.
-        quarter: what is to be added to the headings in that form [rad]: a quarter turn to either side where they point
-            aside of their own path and of the lidar as it is stated, else 0.
-        wrong: which one turns the wrong way by a third witness, the gyro, or wheels beside it; empty without.
-        fit: the mount and the rest; its clocks are one where they do not differ clearly.
-        correlation: of the turns of scans and odometry.
-        clocks: a fit with the difference of the clocks; None if the odometry is logged with the scans.
-        shared_clock: the clocks do not differ clearly, or the scans fit no better with two.
-        late: ``gyro`` where its stamps alone are off, and not those of the wheels; else empty.
-        reversed: mirrored beams are in the wrong order in time, too; None where scans do not show it.
-        sweep: the share of the stated sweep at which the scans fit best where that clearly is less; else 1.
-        fits: the odometry measures the motion of the scans; else nothing but the angles is known.
-        step: of a clock in mid recording, or bundles of scans; all else is of the recording without it.
-    """
-
-    angle_scale: float
-    angle_deviation: float
-    excess: tuple[float, float]
-    longer: Change
-    mirrored: bool
+    angle_scale: float  # of the angles, over the stated
+    angle_deviation: float  # of that
+    excess: tuple[float, float]  # by how much ranges are too long, and the deviation of that [m]
+    longer: Change  # where that changes most clearly
+    mirrored: bool  # the beams, or the odometry, go the other way round
+    # which one turns the wrong way by a third witness, the gyro, or wheels beside it; empty without
     wrong: Literal["", "lidar", "odometry", "gyro"]
-    form: str
+    form: str  # of `FORMS`, the one that odometry poses fit the scans in
+    # what is to be added to the headings in that form [rad]: a quarter turn to either side where they point aside of
+    # their own path and of the lidar as it is stated, else 0
     quarter: float
-    fit: Fit
-    correlation: float
-    clocks: Fit | None
-    shared_clock: bool
-    late: Literal["", "gyro"]
-    fits: bool
-    reversed: bool | None
-    sweep: float
-    step: ClockStep | Bundles | None = None
+    fit: Fit  # the mount and the rest; its clocks are one where they do not differ clearly
+    correlation: float  # of the turns of scans and odometry
+    clocks: Fit | None  # a fit with the difference of the clocks; None if the odometry is logged with the scans
+    shared_clock: bool  # the clocks do not differ clearly, or the scans fit no better with two
+    late: Literal["", "gyro"]  # ``gyro`` where its stamps alone are off, and not those of the wheels; else empty
+    fits: bool  # the odometry measures the motion of the scans; else nothing but the angles is known
+    reversed: bool | None  # mirrored beams are in the wrong order in time, too; None where scans do not show it
+    sweep: float  # the share of the stated sweep at which the scans fit best where that clearly is less; else 1
+    step: ClockStep | Bundles | None = None  # of a clock, or bundles of scans; all else is of the recording without it
 
 
 def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None:

@@ -57,37 +57,23 @@ WRONG = {
 
 @dataclass(frozen=True)
 class Figure:
-    """One estimate beside what is stated.
+    """One estimate beside what is stated."""
 
-    Attributes:
-        name: with the unit.
-        value, deviation: of the estimate.
-        stated: by the recording and its platform.
-        certain: that it differs, by enough to matter.
-    """
-
-    name: str
-    value: float
-    deviation: float
-    stated: float
-    certain: bool
+    name: str  # with the unit
+    value: float  # of the estimate
+    deviation: float  # likewise
+    stated: float  # by the recording and its platform
+    certain: bool  # that it differs, by enough to matter
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What is estimated of a recording, and what of it is certain.
+    """What is estimated of a recording, and what of it is certain."""
 
-    Attributes:
-        figures: all estimates.
-        issues: what is certain.
-        moves: those that move the result of SLAM by more than a tenth of a metre.
-        decided: codes of those of which it is known which side is wrong: ``mended.calibrated`` mends them.
-    """
-
-    figures: tuple[Figure, ...]
-    issues: tuple[Issue, ...]
-    moves: tuple[Issue, ...]
-    decided: frozenset[str]
+    figures: tuple[Figure, ...]  # all estimates
+    issues: tuple[Issue, ...]  # what is certain
+    moves: tuple[Issue, ...]  # those that move the result of SLAM by more than a tenth of a metre
+    decided: frozenset[str]  # codes of those of which it is known which side is wrong: ``mended.calibrated`` mends them
 
 
 def checked(recording: Recording, pairs: int = PAIRS) -> tuple[Calibration | None, Findings | None]:
@@ -129,9 +115,9 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"lidar: angles between beams are {_percent(angles)} stated: walls come out bent, turns wrong. "
         told.append(("lidar-angles", f"{text}In platform.toml: [lidar] {toml}"))
     if (excess := certain.get("excess")) is not None:
-        by = f"{abs(excess.value):.2f} m ({_interval(_size(excess))}) too {'long' if excess.value > 0 else 'short'}"
-        text = f"lidar: all ranges are {by}, by scans from other places: subtract {excess.value:.3f} m from them"
-        told.append(("range-offset", text))
+        by, side = _interval(abs(excess.value), excess.deviation), "long" if excess.value > 0 else "short"
+        text = f"lidar: all ranges are {abs(excess.value):.2f} m ({by}) too {side}, by scans from other places: "
+        told.append(("range-offset", f"{text}subtract {excess.value:.3f} m from them"))
     if c.sweep < 1:
         taken, stated = (share * sweep_seconds(recording, lidar) for share in (c.sweep, 1))
         text = f"lidar: scans fit best if a sweep takes {taken:.2g} s and not the {stated:.3g} s stated: "
@@ -139,7 +125,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
         backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4
         parts = [
-            f"{one.name.split(' ')[0]} {one.value:.3g} ({_interval(one)}), stated {one.stated:.3g}" for one in mounts
+            f"{one.name.split(' ')[0]} {one.value:.3g} ({_interval(one.value, one.deviation)}), stated {one.stated:.3g}"
+            for one in mounts
         ]
         where = "backwards, unless the odometry drives so," if backwards else "elsewhere"
         text = f"lidar: mounted {where} by the odometry: {'; '.join(parts)}. "
@@ -172,7 +159,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         told.append(("odometry-turn-scale", text))
     if (late := certain.get("offset")) is not None:
         side = ("later", "earlier")[int((late.value > 0) != (c.late == "gyro"))]
-        by = f"{abs(late.value):.2f} s ({_interval(_size(late))}) {side}"
+        by = f"{abs(late.value):.2f} s ({_interval(abs(late.value), late.deviation)}) {side}"
         text = f"lidar: scans are stamped {by} than the odometry of them"
         if lidar.odometry is not None:
             text = f"odometry: what is logged with scans is of {by} than they"
@@ -236,13 +223,15 @@ def _mirrored(c: Calibration, toml: str) -> str:
 
 def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
     """All estimates beside what the recording and its platform state."""
-    mount = recording.platform.lidar
+    lidar, mount = recording.lidar, recording.platform.lidar
+    assert lidar is not None
     x, y, yaw, lengths, turns_over_scans, *_ = c.fit.values.tolist()
     about_x, about_y, about_yaw, about_lengths, about_turns, *_ = c.fit.deviations.tolist()
     ratio, about_ratio = 1 / turns_over_scans, about_turns / turns_over_scans**2
     clocks = c.clocks or c.fit
     angles_differ = abs(c.angle_scale - 1) > max(ANGLES, SIGMAS * c.angle_deviation)
-    least = [PLACE, PLACE, YAW + (abs(c.angle_scale - 1) * _span(recording.lidar) if angles_differ else 0.0)]
+    span = abs(lidar.angle_increment) * (lidar.ranges.shape[1] - 1)
+    least = [PLACE, PLACE, YAW + (abs(c.angle_scale - 1) * span if angles_differ else 0.0)]
     far = np.full(3, c.fits)
     scaled = c.fits and abs(lengths - 1) > max(SCALE, SIGMAS * about_lengths)
     for each, scale in product((c.fit, clocks), (1.0, lengths) if scaled else (1.0,)):  # with one clock, and with two
@@ -273,10 +262,6 @@ def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
         Figure(name, float(value), float(deviation), float(stated), bool(certain))
         for name, value, deviation, stated, certain in rows
     )
-
-
-def _span(lidar: LidarStream | None) -> float:
-    return 0.0 if lidar is None else abs(lidar.angle_increment) * (lidar.ranges.shape[1] - 1)
 
 
 def lidar_of(lidar: LidarStream, c: Calibration, certain: Collection[str]) -> LidarStream:
@@ -311,14 +296,9 @@ def changed_ranges(lidar: LidarStream, change: Callable[[Any], Any]) -> Ranges:
     return ChunkedRanges(lambda first, last: change(ranges[first:last]), *ranges.shape)
 
 
-def _interval(figure: Figure) -> str:
-    low, high = (figure.value + side * WITHIN * figure.deviation for side in (-1, 1))
+def _interval(value: float, deviation: float) -> str:
+    low, high = (value + side * WITHIN * deviation for side in (-1, 1))
     return f"95 %: {low:.3g} to {high:.3g}"
-
-
-def _size(figure: Figure) -> Figure:
-    """Without its sign, where a word says that."""
-    return replace(figure, value=abs(figure.value))
 
 
 def _percent(figure: Figure) -> str:

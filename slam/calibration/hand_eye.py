@@ -114,8 +114,6 @@ def clearest_change(first: Array, estimate: Callable[[Array], tuple[float, float
 
 
 class Fit(NamedTuple):
-    """A lidar against odometry."""
-
     # [8] by ``Parameter``; clocks as the time that the odometry's stamps are late by [s], and how that changes [s/s]
     values: Array
     deviations: Array  # [8] their standard deviations

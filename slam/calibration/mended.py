@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.slam.calibration.calibrate import Calibration
-from moteslam.slam.calibration.clock_step import with_stamps
 from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar_of, mount_of, stamped_at_end
 from moteslam.slam.calibration.hand_eye import CLOCKS, Parameter
-from moteslam.slam.calibration.odometry_forms import in_form
+from moteslam.slam.calibration.readings import in_form, with_poses, with_stamps
 from moteslam.slam.inputs.odometry_path import OdometryPath
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
@@ -52,8 +51,8 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
             update={"lidar": recording.platform.lidar.model_copy(update={"x": x, "y": y, "yaw": yaw})}
         )
     )
-    if c.fits:
-        mended = _in_form(mended, c)
+    if c.fits and (c.form, c.quarter) != ("stated", 0.0):
+        mended = with_poses(mended, lambda *path: in_form(OdometryPath(*path), c.form, c.quarter).poses)
     lidar = mended.lidar
     assert lidar is not None
     lidar = lidar_of(lidar, c, certain)
@@ -75,33 +74,16 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
     return _other_odometry(mended, scale, offset, drift, c.fit.middle)
 
 
-def _in_form(recording: Recording, c: Calibration) -> Recording:
-    """The same with its odometry poses read in the form that fits."""
-    lidar, odometry = recording.lidar, recording.odometry
-    if (c.form, c.quarter) == ("stated", 0.0):
-        return recording
-    if lidar is not None and lidar.odometry is not None:
-        poses = in_form(OdometryPath(lidar.stamps, lidar.odometry), c.form, c.quarter).poses
-        recording = recording.replace(lidar=replace(lidar, odometry=poses))
-    if odometry is not None:
-        poses = in_form(OdometryPath(odometry.stamps, odometry.poses), c.form, c.quarter).poses
-        recording = recording.replace(odometry=replace(odometry, poses=poses))
-    return recording
-
-
 def _mirror_image(recording: Recording, *, gyro: bool, poses: bool) -> Recording:
     """With the gyro's turns negated, and with poses and wheels mirrored."""
-    lidar, odometry, encoders, imu = recording.lidar, recording.odometry, recording.encoders, recording.imu
-    changes: dict[str, Any] = {}
+    encoders, imu = recording.encoders, recording.imu
     if gyro and imu is not None:
-        changes["imu"] = replace(imu, angular_velocity=imu.angular_velocity * (1, 1, -1))
-    if poses and encoders is not None:
-        changes["encoders"] = replace(encoders, counts=encoders.counts[:, [1, 0, 3, 2]])
-    if poses and odometry is not None:
-        changes["odometry"] = replace(odometry, poses=odometry.poses * (1, -1, -1))
-    if poses and lidar is not None and lidar.odometry is not None:
-        changes["lidar"] = replace(lidar, odometry=lidar.odometry * (1, -1, -1))
-    return recording.replace(**changes)
+        recording = recording.replace(imu=replace(imu, angular_velocity=imu.angular_velocity * (1, 1, -1)))
+    if not poses:
+        return recording
+    if encoders is not None:
+        recording = recording.replace(encoders=replace(encoders, counts=encoders.counts[:, [1, 0, 3, 2]]))
+    return with_poses(recording, lambda _, poses: poses * (1, -1, -1))
 
 
 def _other_lidar(recording: Recording, scale: float, offset: float, drift: float, middle: float) -> Recording:
@@ -116,22 +98,14 @@ def _other_lidar(recording: Recording, scale: float, offset: float, drift: float
 
 def _other_odometry(recording: Recording, scale: float, offset: float, drift: float, middle: float) -> Recording:
     """With the odometry on the lidar's clock, and as long as its ranges."""
-    longer = np.array((scale, scale, 1.0))
-    changes: dict[str, Any] = {}
-    lidar, wheels = recording.lidar, recording.platform.wheels
-    assert lidar is not None
-    if lidar.odometry is not None:
-        changes["lidar"] = replace(lidar, odometry=lidar.odometry * longer)
-    if recording.odometry is not None:
-        changes["odometry"] = replace(recording.odometry, poses=recording.odometry.poses * longer)
+    wheels = recording.platform.wheels
+    recording = with_poses(recording, lambda _, poses: poses * (scale, scale, 1.0))
     if scale != 1 and recording.encoders is not None and wheels is not None:
-        changed = {
-            "metres_per_count": wheels.metres_per_count * scale,
-            "effective_track": wheels.effective_track * scale,
-        }
-        changes["platform"] = recording.platform.model_copy(update={"wheels": wheels.model_copy(update=changed)})
+        changed = {name: getattr(wheels, name) * scale for name in ("metres_per_count", "effective_track")}
+        platform = recording.platform.model_copy(update={"wheels": wheels.model_copy(update=changed)})
+        recording = recording.replace(platform=platform)
 
     def on_the_lidars_clock(stamps: Array) -> Array:
         return middle + (stamps - offset - middle) / (1 + drift)
 
-    return with_stamps(recording.replace(**changes), ("odometry", "encoders", "imu"), on_the_lidars_clock)
+    return with_stamps(recording, ("odometry", "encoders", "imu"), on_the_lidars_clock)

@@ -130,7 +130,6 @@ class RegisteredPairs:
 
     @property
     def pairs(self) -> Pairs:
-        """Those that are."""
         good = self._found.good
         about = covariances(self._found.information[good], self._found.deviation[good])
         return Pairs(self.first[good], self.last[good], self._found.motions[good], about)
@@ -158,11 +157,9 @@ class RegisteredPairs:
         The wrong order bends a scan by as much as the robot turns in its sweep. Where it turns evenly both scans of a
         pair are bent alike, and fit; each is straightened by its own turn, so that those of unlike turns tell.
 
-        Args:
-            rates: [k] at which the robot turns during the former sweeps and during the latter ones [rad/s].
+        ``rates``: [k] at which the robot turns during the former sweeps and during the latter ones [rad/s].
 
-        Returns:
-            None where the scans fit alike; then the order is taken for right.
+        Returns None where the scans fit alike; then the order is taken for right.
         """
         beams, motions = self._beams, self._found.motions * (1, -1, -1)
         turned = beams._replace(angles=-beams.angles)

@@ -49,27 +49,18 @@ class Beams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """What the registration of k pairs found.
+    """What the registration of k pairs found."""
 
-    Attributes:
-        motions: [k, 3] of the lidar from the former scan to the latter, in its frame there.
-        information: [k, 3, 3] of them, for residuals of unit variance.
-        deviation: [k] of a residual [m].
-        fit: [k] share of the endpoints that fit.
-        good: [k] which pairs are registered.
-        gradients: [k, w] of half the squared residuals of each pair by what all pairs have in common, an offset of all
-            ranges [m], a scale of the angles in each of `SECTORS` sectors, and, last, by how much more the lidar turns
-            in the latter's sweep than in the former's [rad]; its motion is eliminated.
-        about_warps: [k, w, w] the information of these, for residuals of unit variance.
-    """
-
-    motions: Array
-    information: Array
-    deviation: Array
-    fit: Array
-    good: Flags
+    motions: Array  # [k, 3] of the lidar from the former scan to the latter, in its frame there
+    information: Array  # [k, 3, 3] of them, for residuals of unit variance
+    deviation: Array  # [k] of a residual [m]
+    fit: Array  # [k] share of the endpoints that fit
+    good: Flags  # [k] which pairs are registered
+    # [k, w] of half the squared residuals of each pair by what all pairs have in common, an offset of all ranges [m], a
+    # scale of the angles in each of `SECTORS` sectors, and, last, by how much more the lidar turns in the latter's
+    # sweep than in the former's [rad]; its motion is eliminated
     gradients: Array
-    about_warps: Array
+    about_warps: Array  # [k, w, w] the information of these, for residuals of unit variance
 
     def take(self, at: NDArray[Any], other: Motions, where: NDArray[Any]) -> None:
         """At pairs what another registration found where."""
@@ -108,8 +99,7 @@ def refine(
 ) -> Motions:
     """The same from motions [k, 3] that are nearly right; where another registration fits better, that one.
 
-    Args:
-        rates: [k] at which the lidar turns during the former sweeps and during the latter ones [rad/s].
+    ``rates``: [k] at which the lidar turns during the former sweeps and during the latter ones [rad/s].
     """
     found = _register(former, latter, beams, seconds, motions, REFINING, rates)
     if other is not None:

@@ -49,7 +49,6 @@ class Certainty(NamedTuple):
 
     @property
     def state(self) -> LocalisationState:
-        """In a word."""
         return state_of(self.wrong)
 
 

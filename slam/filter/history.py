@@ -54,11 +54,7 @@ class History:
         self._parents[-1] = parents
 
     def ancestors(self, particles: NDArray[np.int64], first: int = 0) -> NDArray[np.int64]:
-        """The indices of the particles that these [K] of the last update descend from, [K, updates from the first on].
-
-        Returns:
-            [K, updates from the first on].
-        """
+        """The particles that these [K] of the last update descend from: indices [K, updates from the first on]."""
         index = np.asarray(particles)
         ancestors = np.empty((len(index), len(self) - first), np.int64)
         for update in range(len(self) - 1, first - 1, -1):
@@ -71,9 +67,6 @@ class History:
     def paths(self, particles: NDArray[np.int64], first: int = 0) -> Array:
         """The paths [K, updates from the first on, 3] that end in particles [K] of the last update (before its
         resampling).
-
-        Returns:
-            [K, updates from the first on, 3].
         """
         ancestors = self.ancestors(particles, first)
         paths = np.empty((*ancestors.shape, 3))

@@ -60,9 +60,6 @@ class _Drop:
     path: float = 0.0  # driven since [m]
     matched: float = 0.0  # part of that to scans that were used [m]
     fit: float = 0.0  # sum of their scores, each times the distance that it was driven over [m]
-    # where the nearest place before was looked for, and how far it was within `NEIGHBOURHOOD` [m]: until the
-    # robot has moved that far, it still is.
-    looked: tuple[float, float, float] | None = None
 
     def over(self, x: float, y: float) -> bool:
         """Whether the scans since fit as well as those before, or nothing around the robot is from before."""
@@ -70,18 +67,10 @@ class _Drop:
             return False
         if self.matched > 0 and self.fit >= self.usual * self.matched:
             return True
-        if self.looked is not None:
-            from_x, from_y, within = self.looked
-            if math.hypot(x - from_x, y - from_y) < within:
-                return False
-        nearest = float(np.hypot(self.before[:, 0] - x, self.before[:, 1] - y).min(initial=math.inf))
-        self.looked = x, y, NEIGHBOURHOOD - nearest
-        return nearest > NEIGHBOURHOOD
+        return not (np.hypot(self.before[:, 0] - x, self.before[:, 1] - y) <= NEIGHBOURHOOD).any()
 
 
 class Misfit:
-    """Watches the match scores of one run."""
-
     def __init__(self) -> None:
         self._scores = Scores()
         self._places: list[tuple[float, float]] = []  # of the updates
@@ -90,7 +79,6 @@ class Misfit:
 
     @property
     def state(self) -> LocalisationState:
-        """As the scans until now have it."""
         if self._lost is not None:
             return LocalisationState.LOST
         return LocalisationState.SURE if self._doubtful is None else LocalisationState.DOUBTFUL
@@ -115,7 +103,6 @@ class Misfit:
             self._compare(driven, score)
 
     def update(self, pose: Pose) -> None:
-        """Take in the pose of an update."""
         x, y, _ = pose
         self._places.append((x, y))
         if self._lost is not None and self._lost.over(x, y):
@@ -125,7 +112,7 @@ class Misfit:
         """Take in corrected poses [u, 3] of all updates."""
         self._places = [(x, y) for x, y, _ in poses.tolist()]
         if self._lost is not None:
-            self._lost.before, self._lost.looked = poses[: len(self._lost.before), :2].copy(), None
+            self._lost.before = poses[: len(self._lost.before), :2].copy()
 
     def _compare(self, driven: float, score: float) -> None:
         """Compare a score with those before, and take it in among them."""

@@ -21,8 +21,6 @@ __all__ = ["Filter", "FilterDefaults", "Scans", "Step", "StepResult"]
 
 
 class StepResult(NamedTuple):
-    """The result of one step."""
-
     pose: Array  # [3] of the robot in the map frame, as estimated now
     motion: Array  # [3] since the scan before, as the filter estimates it, in the frame of the pose there
     n_eff: float  # effective number of particles, before resampling

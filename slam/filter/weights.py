@@ -44,13 +44,7 @@ class Weights:
         return Weights(log - np.log(np.exp(log).sum()))
 
     def times(self, likelihood: ArrayLike) -> Weights:
-        """Multiplied by a likelihood [N] >= 0 and normalised (II.7); all zeros leave the weights as they are."""
-        likelihood = np.asarray(likelihood, np.float64)
-        if not (likelihood > 0).any():
-            return self
+        """Multiplied by a likelihood [N] >= 0 and normalised (II.7); zeros alone leave the weights as they are."""
         with np.errstate(divide="ignore"):
-            log = self.log + np.log(likelihood)
-        if not np.isfinite(log.max()):  # all the weight was on particles of likelihood 0
-            return self
-        log -= log.max()
-        return Weights(log - np.log(np.exp(log).sum()))
+            log = np.log(np.asarray(likelihood, np.float64))
+        return self.times_log(log) if np.isfinite((self.log + log).max()) else self

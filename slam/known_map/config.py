@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, SerializeAsAny
 
 from moteslam.robot.values import Number, Positive, Whole
-from moteslam.slam.backend.kinds import NoBackendConfig
-from moteslam.slam.backend.protocol import BackendConfig
+from moteslam.slam.backend.protocol import BackendConfig, NoBackendConfig
 from moteslam.slam.config import Method, made_on_demand
 from moteslam.slam.filter.resampling import KldConfig
 from moteslam.slam.mapping.config import TsdfConfig

@@ -89,7 +89,6 @@ class Presence(Doubt):
         return max(super().probability, 1 / (1 + float(np.exp(self._here))))
 
     def observe(self, driven: float, scan: ScanFit | None, *, carried: bool = False) -> None:
-        """Take in a scan: see ``Doubt``."""
         super().observe(driven, scan, carried=carried)
         self.driven += driven
         if scan is None:
@@ -135,7 +134,6 @@ class KnownMapFilter(TsdfFilter):
 
     @property
     def settled(self) -> bool:
-        """Whether it is at one place of the map."""
         return self._search is None and super().settled
 
     @property
@@ -167,14 +165,12 @@ class KnownMapFilter(TsdfFilter):
         return (*issues, *([scale] if scale else []))
 
     def occupancy(self) -> Raster:
-        """The map, as it was given."""
         return as_log_odds(self._maps.occupancy, self._config.map)
 
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
         """The history was revised when the robot was found."""
 
     def step(self, step: Step) -> StepResult:
-        """Take in one scan and the motion since the scan before."""
         if self._search is None:
             sure = self._doubt.state is LocalisationState.SURE and self._doubt.proved
             self._was_sure |= sure
@@ -265,9 +261,7 @@ class KnownMapFilter(TsdfFilter):
         numbers, weight = shares(self._particles)
         if len(numbers) == 1 and self._divided and proposal.registered:  # from here on few particles do
             self._divided, c, n = False, self._config, len(self._particles)
-            parents = choose_parents(
-                *(c.resampling, c.kld, n, proposal.means, self.weights.values), seed=self._seed, step=step.index
-            )
+            parents = choose_parents(*(c.kld, n, proposal.means, self.weights.values), seed=self._seed, step=step.index)
             self._particles.resample(parents)
             return proposal.of(parents), True
         if len(numbers) == 1:

@@ -74,8 +74,7 @@ class KnownMaps(TsdfMaps):
     def free_squares(self, step: float) -> tuple[Array, NDArray[np.bool_]]:
         """Squares of two by two places of a lattice of which one at least is free, with ``CLEARANCE`` from surfaces.
 
-        Returns:
-            [m, 2] the lowest place of each, neighbours in turn; and [m, 4] which of its places are free, x fastest.
+        Returns [m, 2] the lowest place of each, neighbours in turn; and [m, 4] which of its places are free, x fastest.
         """
         low = np.array(self.occupancy.origin[:2]) + step / 2
         left, right, bottom, top = self.occupancy.extent

@@ -42,8 +42,6 @@ CLEARLY = 0.5  # A place is known where the map contradicts less than this times
 
 
 class Place(NamedTuple):
-    """Where a path may lie."""
-
     node: int  # the scan of it around which it was searched for
     evidence: float  # of all its scans [nats]
     contradicted: float  # share of the endpoints that the map knows, of scans where a robot stood; 1 without any

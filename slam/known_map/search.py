@@ -58,8 +58,6 @@ IN_MAP = 0.5  # The robot is in the map, at one of the places found, from this p
 
 
 class Sight(NamedTuple):
-    """A scan of a robot."""
-
     pose: Array  # [3] of the robot by its odometry
     points: Points  # [k, 2] the scan's endpoints [m]
     origin: Array  # [2] where its rays start [m]
@@ -103,8 +101,7 @@ def contradictions(
 ) -> tuple[Registration, Array]:
     """A scan's registrations near poses [n, 3], and what contradicts each place as if every ray erred by itself [nats].
 
-    Args:
-        spread, config: as of ``register``; at most ``POINTS`` endpoints are registered.
+    ``spread``, ``config``: as of ``register``; at most ``POINTS`` endpoints are registered.
     """
     some = subsample(sight.points, POINTS)
     found = register(maps.of(0), poses, spread, some, sight.origin, np.zeros_like(poses), config, coarse=False)
@@ -142,11 +139,9 @@ class WholeMapSearch:
         self._seen: list[Sight] = []
 
     def begin(self) -> None:
-        """Begin anew, in the same map."""
         self._seen = []
 
     def see(self, sight: Sight) -> None:
-        """Take in a scan."""
         if not self._seen or self._seen[-1].apart(sight.pose) >= 1:
             self._seen = [*self._seen, sight][-int(WINDOW / APART) :]
 

@@ -47,8 +47,7 @@ class OccupancyGrid:
 
         The lidar is at (x, y), the endpoints [k, 2] are in the world [m].
 
-        Raises:
-            InputError: the map would grow beyond ``MAX_CELLS``.
+        Raises ``InputError``: the map would grow beyond ``MAX_CELLS``.
         """
         cells = np.floor(np.vstack((np.reshape(sensor, (1, 2)), points)) / self.cell_size).astype(np.int64)
         self._grow_to(cells.min(axis=0), cells.max(axis=0))

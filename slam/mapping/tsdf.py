@@ -53,8 +53,7 @@ class TsdfMaps:
     def resample(self, parents: NDArray[np.int64]) -> None:
         """Give every particle the TSDF of its parent [M]; M is their number from now on.
 
-        Raises:
-            InputError: the tables would take more than ``MAX_ENTRIES``.
+        Raises ``InputError``: the tables would take more than ``MAX_ENTRIES``.
         """
         self._check_entries(len(parents), self._store.tiles.rows, self._store.tiles.columns)
         self._store.resample(parents)
@@ -72,8 +71,7 @@ class TsdfMaps:
         """Average m scans from poses [m, 3], ``DRAWN`` at a time and one after the other, into the one TSDF that there
         is.
 
-        Raises:
-            InputError: as of ``integrate``.
+        Raises ``InputError``: as of ``integrate``.
         """
         for first in range(0, len(scans), DRAWN):
             self._write(poses[first : first + DRAWN], scans[first : first + DRAWN])

@@ -46,7 +46,6 @@ class PaperFilter(FilterDefaults):
         self._covariance, self._misfit = ParticleCovariance(config.motion, config.search), Misfit()
 
     def step(self, step: Step) -> StepResult:
-        """Take in one scan and the motion since the scan before."""
         self._motion = se2.compose(self._motion, step.motion)
         motion = se2.as_pose(step.motion)
         self._travelled = self._travelled.plus(*magnitude(motion), step.dt)
@@ -73,8 +72,8 @@ class PaperFilter(FilterDefaults):
     def likelihood(self, scores: Array) -> Array:
         """What the weights [N] are multiplied by: the scores [N] themselves (II.7). Write another in a subclass.
 
-        Returns:
-            [N] finite likelihoods (no logarithms), none below 0; above 0 for one particle at least where a score is.
+        Returns [N] finite likelihoods (no logarithms), none below 0; above 0 for one particle at least where a score
+        is.
         """
         exponent = self._config.score_exponent
         return scores if exponent == 1 else np.asarray(np.power(scores / max(scores.max(), 1), exponent))
@@ -93,7 +92,6 @@ class PaperFilter(FilterDefaults):
         return found
 
     def occupancy(self) -> Raster:
-        """The shared map."""
         return self.grid.snapshot()
 
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
@@ -126,14 +124,13 @@ class PaperFilter(FilterDefaults):
             return False
         c = self._config
         weights = self.weights.values
-        parents = choose_parents(c.resampling, c.kld, c.particles, self.poses, weights, seed=self._seed, step=step)
+        parents = choose_parents(c.kld, c.particles, self.poses, weights, seed=self._seed, step=step)
         self.history.resampled(parents)
         self.poses = self.poses[parents]
         self.weights = Weights.uniform(len(parents))
         return True
 
     def _certainty(self) -> Certainty:
-        """How sure the pose is."""
         return certainty_of(self._covariance.value, math.nan, self._misfit.probability)
 
     def _map(self, pose: Array, points: NDArray[np.float32], origin: Array) -> None:

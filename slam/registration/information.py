@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from moteslam.kernels.gauss_newton import LEAST_INFORMATION, LEAST_RATIO, MOST_NOISE, NOISE_RATIO, RIDGE
+from moteslam.kernels.gauss_newton import LEAST_INFORMATION, LEAST_RATIO, MOST_NOISE, NOISE_RATIO, RIDGE, Kept
 from moteslam.kernels.gauss_newton import keep_predictions as kept
 from moteslam.kernels.registration import LIKELIHOODS
 from moteslam.robot.se2 import Array
 from moteslam.slam.registration.config import RegistrationConfig
-from moteslam.slam.registration.registrar import FULL, Registration, kept_by
+from moteslam.slam.registration.registrar import FULL, Registration
 
 UPPER = [0, 1, 2, 4, 5, 8]  # The upper triangle of a 3 x 3 matrix, of its elements row by row
 
@@ -36,8 +36,7 @@ def measured_information(found: Registration, which: int, config: RegistrationCo
 def least_informed(information: Array) -> tuple[Array, Array]:
     """The direction in the plane that information [N, 3, 3] of poses (x, y, theta) is least along.
 
-    Returns:
-        [N] the ratio of the information along it to that across it, and [N, 2] the direction as a unit vector.
+    Returns [N] the ratio of the information along it to that across it, and [N, 2] the direction as a unit vector.
     """
     xx, xy, yy = information[:, 0, 0], information[:, 0, 1], information[:, 1, 1]
     middle, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
@@ -58,8 +57,8 @@ def least_bound_turn(
         variances: [N] of the residuals, in squares of standard ones.
         errors: [N] along the direction that is bound least [m]: where they are large a turn does not move along it.
 
-    Returns:
-        [N, 3] how the robot moves in a turn of a radian; [N] 1 where it is bound, 0 where that is noise of the slopes.
+    Returns [N, 3] how the robot moves in a turn of a radian; [N] 1 where it is bound, 0 where that is noise of the
+    slopes.
     """
     ratio, along = least_informed(information)
     weight = 1 / (1 + np.square(errors / config.translation))
@@ -82,7 +81,7 @@ def keep_odometry(found: Registration, spread: Array, config: RegistrationConfig
     See ``keep_predictions``.
     """
     upper = found.information.reshape(-1, 9)[:, UPPER]
-    offsets, information = kept(found.offsets, upper, found.means, kept_by(float(spread[0]), config))
+    offsets, information = kept(found.offsets, upper, found.means, Kept(float(spread[0]), config.degenerate))
     return found._replace(offsets=offsets, information=information[:, FULL].reshape(-1, 3, 3))
 
 

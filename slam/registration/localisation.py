@@ -59,8 +59,6 @@ class Rivals(NamedTuple):
 
 
 class Located(NamedTuple):
-    """Where a scan was found."""
-
     fitted: Fitted  # the registration there
     score: float  # its match score [points]
     rivals: Rivals = Rivals()  # other places

@@ -35,7 +35,6 @@ class Registration(NamedTuple):
     means: Array  # [N, 3] of the fine level's endpoints: x, y, x^2 + y^2 from the robot, in the axes of the offset
 
     def of(self, which: int) -> Fitted:
-        """One of them."""
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.information[which].tolist()
         known, likelihood, crossed = (float(a[which]) for a in (self.known, self.likelihoods, self.crossed))
         offset, information = as_pose(self.offsets[which]), (xx, xy, xt, yy, yt, tt)
@@ -90,7 +89,7 @@ def register(
     queries[:, kernel.PRIOR] = weight / x**2, weight / y**2, weight / theta**2, 0.0, 0.0, 0.0
     if means is not None:
         queries[:, kernel.PRIOR_MEAN] = means
-    options, kept = options_of(maps.config, config), kept_by(x if deviation is None else deviation, config)
+    options, kept = options_of(maps.config, config), Kept(x if deviation is None else deviation, config.degenerate)
     found = register_scans(
         maps.tiles, queries, points, origin.tolist(), options=options, coarse=coarse, kept=kept if keep else None
     )
@@ -134,7 +133,7 @@ def register_one(
     weight = config.prior_weight
     prior = weight / x**2, weight / y**2, weight / theta**2, 0.0, 0.0, 0.0
     queries = np.array(((*maps.frame(predicted), 0.0, 0.0, 0.0, *prior),))
-    kept = kept_by(x, config)
+    kept = Kept(x, config.degenerate)
     found = register_scans(maps.tiles, queries, points, origin, options=options, kept=kept)[0].tolist()
     x, y, theta, xx, xy, xt, yy, yt, tt, cost, known, likelihood, crossed = found[: kernel.CROSSED + 1]
     free_x, free_y, free_turn = found[kernel.FREE]
@@ -146,11 +145,6 @@ def options_of(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOpti
     """The options of registrations to maps of this kind."""
     both = {**vars(config), **vars(maps), "far": LOST_DISTANCE}
     return RegistrationOptions._make(both[name] for name in RegistrationOptions._fields)
-
-
-def kept_by(deviation: float, config: RegistrationConfig) -> Kept:
-    """How odometry of this standard deviation [m] is kept along degenerate directions."""
-    return Kept(deviation, config.degenerate)
 
 
 def prior_deviations(config: RegistrationConfig, distance: float, rotation: float, *, measured: bool = True) -> Spread:

@@ -26,8 +26,6 @@ ELSEWHERE_DISTANCE, ELSEWHERE_ROTATION = 0.5, 0.15  # A place this far off is an
 
 
 class Window(NamedTuple):
-    """A search window around a predicted pose."""
-
     half: Array  # [3] half width along its two axes [m], [m], and in theta [rad]
     step: float  # of the lattice [m]
     heading_step: float  # likewise [rad]

@@ -65,7 +65,6 @@ class Doubt:
 
     @property
     def state(self) -> LocalisationState:
-        """As the probability has it."""
         return state_of(self.probability)
 
     def observe(self, driven: float, scan: ScanFit | None, *, carried: bool = False) -> None:

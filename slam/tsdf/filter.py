@@ -52,36 +52,29 @@ class TsdfFilter(FilterDefaults):
 
     @property
     def weights(self) -> Weights:
-        """Of the particles at the last update."""
         return self._particles.weights
 
     @property
     def history(self) -> History:
-        """The particles' poses at every update."""
         return self._particles.history
 
     @property
     def best_particle(self) -> int:
-        """Index of the best particle at the last update."""
         return self._particles.best
 
     @property
     def settled(self) -> bool:
-        """Whether the particles are of one hypothesis."""
         return self._particles.settled
 
     @property
     def uses_camera(self) -> bool:
-        """Whether the floor's colours weigh the particles."""
         return self._config.colours.enabled
 
     @property
     def thinning(self) -> ThinningConfig:
-        """How scans are thinned before they are registered."""
         return self._config.thinning
 
     def step(self, step: Step) -> StepResult:
-        """Take in one scan and the motion since the scan before."""
         scan = step.scan or thin(step.points, step.origin, self._config.thinning)
         if not len(self.history):
             return self._start(scan)
@@ -111,7 +104,6 @@ class TsdfFilter(FilterDefaults):
         return self._relocation is not None or self._relocated is not None
 
     def relocated(self) -> Array | None:
-        """See ``Filter``."""
         relocated, self._relocated = self._relocated, None
         return relocated
 
@@ -145,7 +137,6 @@ class TsdfFilter(FilterDefaults):
         return self._unweighed_result(motion.corrected, updated=not self._unseen)
 
     def _unweighed_result(self, motion: Pose, *, updated: bool) -> StepResult:
-        """Of a scan that weighed no particles."""
         n_eff = self.weights.effective_number
         return StepResult(self._pose(), np.array(motion), n_eff, 0.0, updated, False, self._certainty())
 
@@ -213,9 +204,7 @@ class TsdfFilter(FilterDefaults):
         if not proposal.registered or not few:
             return proposal, False
         c, weights = self._config, self.weights.values
-        parents = choose_parents(
-            c.resampling, c.kld, c.particles, proposal.means, weights, seed=self._seed, step=step.index
-        )
+        parents = choose_parents(c.kld, c.particles, proposal.means, weights, seed=self._seed, step=step.index)
         self._particles.resample(parents)
         self._floor.resample(parents)
         return proposal.of(parents), True
@@ -243,7 +232,6 @@ class TsdfFilter(FilterDefaults):
         )
 
     def _certainty(self) -> Certainty:
-        """How sure the online pose is."""
         wrong = max(self._doubt.probability, WRONG_WHILE_LOST if self.lost else 0.0)
         return certainty_of(self._covariance.value, self._covariance.degenerate, wrong)
 

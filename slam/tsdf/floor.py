@@ -105,8 +105,7 @@ class FloorLikelihood:
         at an offset d: the mean of the product lies (A + B)^-1 B d away, and its integral, which is the particle's
         likelihood, falls with d^T (B - B (A + B)^-1 B) d / 2.
 
-        Returns:
-            None without a frame, or if it measures nothing.
+        Returns None without a frame, or if it measures nothing.
         """
         if self._view is None or not proposal.registered:
             return None
@@ -137,8 +136,7 @@ class FloorLikelihood:
     def fit(self, view: FloorView, poses: Array, best: int) -> FloorFit | None:
         """Where the floor puts the particles.
 
-        Args:
-            poses: [N, 3] where the lidar puts them, at the scan.
+        ``poses``: [N, 3] where the lidar puts them, at the scan.
 
         Returns:
             None if the frame does not lie on known floor, where it fits nowhere within reach, or where it looks the

@@ -72,8 +72,7 @@ class Particles:
         The rivals [m, 3] are offsets from where that is, of log-odds [m] against it. A place where a particle is
         already is left out.
 
-        Returns:
-            [N, 3] where each looks for the robot, from where the tracked motion leads it.
+        Returns [N, 3] where each looks for the robot, from where the tracked motion leads it.
         """
         places = np.zeros((len(self), 3))
         if not len(rivals):

@@ -71,8 +71,7 @@ class Relocation:
     def search(self, pose: Array, points: Points) -> Array | None:
         """Take in an update since, at a pose [3] in the new map with endpoints [k, 2], and search if it is time.
 
-        Returns:
-            [3] where the new map's frame lies in the old one's, once that is known.
+        Returns [3] where the new map's frame lies in the old one's, once that is known.
         """
         if self._seen:
             self._driven += float(np.hypot(*(pose - self._seen[-1][1])[:2]))
@@ -109,8 +108,7 @@ class Relocation:
     def _search(self, pose: Array, middle: Array, half: Array) -> tuple[Array | None, float]:
         """Where in the old map the robot at a pose [3] of the new one is, in a window [3] of half widths [3].
 
-        Returns:
-            [3] and the share of the endpoints there; None and 0 where no place is sure.
+        Returns [3] and the share of the endpoints there; None and 0 where no place is sure.
         """
         points = np.concatenate([_seen_from(pose, at, scan) for _, at, scan in self._seen])
         view, few = self._maps.of(self._particle), subsample(points, START_POINTS)

@@ -33,8 +33,6 @@ for so long [s]: to lift it and to set it down takes that, else the odometry has
 
 
 class Tracked(NamedTuple):
-    """A step as tracked."""
-
     motion: Pose  # since the scan before, in the frame of the pose there
     slipped: bool  # the odometry was off by more than it usually is
     lost: bool  # the scan contradicts the map: it is left out
@@ -65,8 +63,7 @@ class Tracker:
     def predict(self, motion: Pose, dt: float, *, measured: bool, left: Open | None = None) -> StepMotion:
         """The motion of a step of ``dt`` [s] by the calibrated odometry; at a constant velocity where none measured it.
 
-        Args:
-            left: open by a motion that was not measured, but of which more is known than the velocity before.
+        ``left``: open by a motion that was not measured, but of which more is known than the velocity before.
         """
         if measured or left is not None:
             left = CLOSED if measured or left is None else left

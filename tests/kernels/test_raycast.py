@@ -5,8 +5,7 @@ import pytest
 from twins import rays
 
 from moteslam.kernels import buckets as bucketing
-from moteslam.kernels.raycast import SegmentBuckets, build_buckets, cast_movers, cast_rays, cast_surfaces, cos_sin
-from moteslam.kernels.types import F64_1D, F64_2D, kernel
+from moteslam.kernels.raycast import SegmentBuckets, build_buckets, cast_movers, cast_rays, cast_surfaces
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -106,31 +105,6 @@ def test_a_huge_world_has_few_buckets() -> None:
     buckets = build_buckets([(0, 0, 9e5, 1), (0, 9e5, 1, 9e5)], size=0.5)
     assert buckets.columns * buckets.rows <= bucketing.MAX_BUCKETS
     assert cast_rays(buckets, [(4.5e5, -20.0)], [np.pi / 2], max_range=50.0)[0] == pytest.approx(20.5, abs=0.5)
-
-
-@kernel
-def _cos_sin_of(angles: F64_1D, out: F64_2D):
-    for i in range(angles.shape[0]):
-        c, s = cos_sin(angles[i])
-        out[0, i], out[1, i] = c, s
-
-
-def assert_cos_sin(angles: np.ndarray) -> None:
-    found, expected = np.empty((2, len(angles))), np.stack((np.cos(angles), np.sin(angles)))
-    _cos_sin_of(angles, found)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=3e-16)
-    apart = found.astype(np.float32) != expected.astype(np.float32)
-    assert (np.abs(expected[apart]) < 1e-14).all()
-
-
-@pytest.mark.parametrize("span", [1e-9, 1.0, 10.0, 1e3, 1e5, 1e8, 1e300])
-def test_cosine_and_sine_equal_the_librarys(span: float) -> None:
-    assert_cos_sin(np.random.default_rng(3).uniform(-span, span, 20_000))
-
-
-def test_where_the_reduction_changes_its_multiple() -> None:
-    edges = np.pi / 4 * np.arange(-64, 65)
-    assert_cos_sin(np.concatenate((edges, np.nextafter(edges, 100), np.nextafter(edges, -100), [0.0, -0.0, 1e5, -1e5])))
 
 
 RATE = 10.0

@@ -13,15 +13,13 @@ from moteslam.robot.se2 import Array, umeyama
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.backend.building import Measured
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, sharpness
-from moteslam.slam.backend.graph.joint import register_jointly
+from moteslam.slam.backend.graph.joint import Endpoints, cells_along, register_jointly, sharpness
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import BoundGraph, LoopGraph, checked
 from moteslam.slam.backend.graph.measured_chain import CONTRADICTED
 from moteslam.slam.backend.graph.nodes import Nodes
-from moteslam.slam.backend.kinds import BackendKind
 from moteslam.slam.backend.ledger import LoopCandidate
-from moteslam.slam.backend.protocol import KeyScan
+from moteslam.slam.backend.protocol import BackendKind, KeyScan
 from moteslam.slam.inputs.odometry_path import between_known
 
 OFF, WELL_GROWN = 0.05, 1.25
@@ -62,7 +60,6 @@ class GraphBackend:
         return self._closing.graph.ledger if self._closing is not None and not self._loops else self._loops
 
     def add(self, key: KeyScan) -> Array | None:
-        """See ``Backend``."""
         self._path.append(key.pose)
         self._nearest.append(-1)
         if not self._nodes.add(key, self._crowded):
@@ -78,7 +75,6 @@ class GraphBackend:
         return self._correction(self._closing)
 
     def relocated(self, path: Array) -> None:
-        """See ``Backend``."""
         updates = np.array(self._nodes.updates, np.intp)
         self._path, self._placed = list(path), path[updates]
         if self._closing is not None:
@@ -146,7 +142,6 @@ class GraphBackend:
         return register_jointly(endpoints, poses, graph.measured, self._config, free, rounds=ROUNDS)
 
     def finish(self, path: Array) -> Array | None:
-        """See ``Backend``."""
         if self._closing is None:
             return None
         self._closing.graph.submaps.forget()
@@ -182,8 +177,7 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
         graph: of n nodes, as it was solved last; solved as measured afterwards.
         filtered: [n, 3] by the filter, with the corrections while it drove.
 
-    Returns:
-        [n, 3] poses, and whether the graph's measurements led there rather than the filter's path.
+    Returns [n, 3] poses, and whether the graph's measurements led there rather than the filter's path.
     """
     endpoints = Endpoints.of(graph.nodes.scans)
     if not len(endpoints.points):

@@ -122,7 +122,6 @@ class Chain:
         self.fits += 1
 
     def _begin(self, *, plainly: bool = True) -> None:
-        """Begin at the first node."""
         scan, origin = self._nodes.scans[0], self._nodes.origin
         if plainly:
             self._plainly = StepRegistration(scan, origin, self._config, proved=False)

@@ -7,6 +7,7 @@ system a round. The chain is the prior: along a corridor endpoints slide.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -14,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.gauss_newton import LEAST_INFORMATION
+from moteslam.kernels.normals import scan_normals
 from moteslam.kernels.scan_pairs import accumulate, match_endpoints
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
+from moteslam.robot.raster import cell_counts
 from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.measured_chain import MeasuredChain
 from moteslam.slam.backend.graph.pose_graph import BlockSystem, relative_jacobians
 from moteslam.slam.registration.information import least_bound_turn, least_informed
@@ -37,6 +40,66 @@ STILL = 1e-3  # It ends when the root mean square of the poses' steps is below t
 OVERLAP_CELL, LEAST_OVERLAP = 0.5, 0.2
 """Two scans are partners where they share this much of the cells [m] that the endpoints of one lie in."""
 NEAR_SHARE = 1 / 3  # Of the partners, those nearest along the path; the others are spread over all that overlap
+NORMAL_REACH, NORMAL_NOISE, NORMAL_LARGEST = 0.3, 0.005, 0.1
+"""See ``scan_normals``: 30 cm of wall, points good to 5 mm, directions good to 0.1 rad."""
+SHARPNESS_CELL = 0.05  # Edge of the cells [m]
+
+
+class Endpoints(NamedTuple):
+    """The endpoints of n scans, scan by scan."""
+
+    points: NDArray[np.float32]  # [p, 2] in the robot's frame of each scan
+    normals: NDArray[np.float32]  # [p, 2] likewise
+    starts: NDArray[np.int32]  # int32 [n + 1] of each scan among them, and p
+    owners: NDArray[np.int32]  # int32 [p] the scan of each
+
+    @classmethod
+    def of(cls, scans: Sequence[ThinnedScan]) -> Endpoints:
+        """Of thinned scans, with their normals."""
+        counts = [len(scan.points) for scan in scans]
+        points = np.vstack([scan.points for scan in scans])
+        joined = np.concatenate([scan.joined for scan in scans]).astype(np.int32)
+        starts = np.r_[0, np.cumsum(counts)].astype(np.int32)
+        normals = scan_normals(points, joined, starts, reach=NORMAL_REACH, noise=NORMAL_NOISE, largest=NORMAL_LARGEST)
+        return cls(points, normals, starts, np.repeat(np.arange(len(scans)), counts).astype(np.int32))
+
+    def thinned(self, every: int) -> Endpoints:
+        """The first endpoint of each scan, and each ``every``-th after it."""
+        kept = (np.arange(len(self.points)) - self.starts[self.owners]) % every == 0
+        starts = np.r_[0, np.cumsum(kept)][self.starts].astype(np.int32)
+        return Endpoints(self.points[kept], self.normals[kept], starts, self.owners[kept])
+
+    def only(self, scans: NDArray[np.intp]) -> Endpoints:
+        """Those of some scans [m], which rise; numbered anew."""
+        if len(scans) == len(self.starts) - 1:
+            return self
+        counts = np.diff(self.starts)
+        wanted = np.zeros(len(counts), bool)
+        wanted[scans] = True
+        kept = wanted[self.owners]
+        starts = np.r_[0, np.cumsum(counts[scans])].astype(np.int32)
+        owners = np.repeat(np.arange(len(scans)), counts[scans]).astype(np.int32)
+        return Endpoints(self.points[kept], self.normals[kept], starts, owners)
+
+    def placed(self, poses: Array) -> tuple[Array, Array]:
+        """Points and normals [p, 2] in the map frame."""
+        pose = poses[self.owners]
+        c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+
+        def turned(v: NDArray[np.float32]) -> Array:
+            return np.column_stack((c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1]))
+
+        return turned(self.points) + pose[:, :2], turned(self.normals)
+
+
+def sharpness(endpoints: Endpoints, poses: Array) -> float:
+    """The mean number of cells that hold an endpoint: fewer are sharper, and a wall drawn twice counts twice."""
+    return float(cells_along(endpoints, poses).mean())
+
+
+def cells_along(endpoints: Endpoints, poses: Array) -> NDArray[np.int64]:
+    """The number of cells that hold an endpoint, for each direction [GRIDS] of the grid; see ``cell_counts``."""
+    return cell_counts(endpoints.placed(poses)[0], SHARPNESS_CELL)
 
 
 def register_jointly(
@@ -170,8 +233,6 @@ class _Problem:
 
 
 class _Steps(NamedTuple):
-    """Steps of the chain."""
-
     before: Indices  # [s] the scans that each leads from
     after: Indices  # [s] and to
     measured: Array  # [s, 3]

@@ -196,7 +196,6 @@ class LoopGraph(BoundGraph):
         self._fits = 0  # of the chain, as taken in
 
     def extend(self) -> None:
-        """Take in the latest node."""
         self.chain.add()
         if self.chain.fits != self._fits:
             self._refit()
@@ -207,7 +206,6 @@ class LoopGraph(BoundGraph):
         self._uncertainty = None
 
     def settle(self) -> None:
-        """Fit the odometry's errors at the end."""
         self.chain.settle()
         self._refit()
 

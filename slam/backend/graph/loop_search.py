@@ -56,8 +56,6 @@ class Loop(NamedTuple):
 
 
 class LoopSearch:
-    """Searches queries in submaps."""
-
     def __init__(self, nodes: Nodes, submaps: Submaps, config: GraphConfig) -> None:
         self._nodes, self._submaps, self._config = nodes, submaps, config
         self._registration = RegistrationConfig(**{**config.registration.model_dump(), "residual": RESIDUAL})
@@ -105,7 +103,6 @@ class LoopSearch:
         return Loop(self._candidate(submap, query, predicted, window), WEAKEST * np.eye(3))
 
     def _candidate(self, submap: int, query: int, predicted: Array, window: Window) -> LoopCandidate:
-        """A pair before it is searched."""
         indices, stamps = self._nodes.indices, self._nodes.stamps
         pair, half = (indices[submap], indices[query]), (float(window.half[0]), float(window.half[2]))
         return LoopCandidate.unsearched(*pair, (stamps[submap], stamps[query]), predicted, half)

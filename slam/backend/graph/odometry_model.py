@@ -30,8 +30,6 @@ NORMAL_MAD = 1.4826  # A normal distribution's standard deviation over its media
 
 
 class OdometryModel(NamedTuple):
-    """What odometry is off by."""
-
     gains: Array  # [3, 3] of forward, left and turning error for forward, left and turning motion
     scales: Array  # [3] of the noise that is left, over its shape
 
@@ -61,8 +59,7 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
     to be orthogonal not to the steps by the odometry, whose noise is in it, but to the true ones, by odometry and
     registration together (errors in variables; Fuller 1987, Measurement Error Models, section 1.3).
 
-    Args:
-        odometry, registered: [n - 1, 3] steps; covariance: [n - 1, 3, 3] of the registered ones.
+    ``odometry``, ``registered``: [n - 1, 3] steps; covariance: [n - 1, 3, 3] of the registered ones.
     """
     errors = se2.between(odometry, registered)
     variance = np.diagonal(covariance, axis1=1, axis2=2)
@@ -96,8 +93,7 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
 def _belief(weighted: Array, information: Array) -> Array:
     """How probable [n] it is that gains are not 0, by the evidence of either (Bayes factor).
 
-    Args:
-        weighted: [n] what the steps alone say, times its information [n].
+    ``weighted``: [n] what the steps alone say, times its information [n].
     """
     both = np.maximum(information, 0) + GAIN_INFORMATION
     odds = np.square(weighted) / both / 2 - np.log(both / GAIN_INFORMATION) / 2

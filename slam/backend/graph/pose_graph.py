@@ -30,8 +30,6 @@ DENSE = 150  # Systems of so many unknowns are solved as full matrices: as fast,
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """Measured relative poses."""
-
     first: Indices  # [e] nodes
     second: Indices  # [e] nodes
     relative: Array  # [e, 3] measured pose of the second in the frame of the first
@@ -42,7 +40,6 @@ class Edges:
         return len(self.first)
 
     def plus(self, others: Edges) -> Edges:
-        """These and others."""
         return Edges(*(np.concatenate(pair) for pair in zip(vars(self).values(), vars(others).values(), strict=True)))
 
     def errors(self, poses: Array) -> Array:
@@ -58,8 +55,7 @@ def relative_jacobians(first: Array, second: Array, heading: Array) -> tuple[Arr
     """Of the poses [e, 3] of ``second`` in the frames of ``first``, turned back by the headings [e] of the measured
     ones.
 
-    Returns:
-        [e, 3, 3] by (x, y, theta) of the first pose, and by those of the second.
+    Returns [e, 3, 3] by (x, y, theta) of the first pose, and by those of the second.
     """
     off = second - first
     turn = first[:, 2] + heading

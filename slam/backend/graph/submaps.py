@@ -52,7 +52,6 @@ class Submaps:
         self.forget()
 
     def extend(self, step: Array) -> None:
-        """Append a node."""
         self.poses = np.vstack((self.poses, se2.compose(self.poses[-1], step)))
         self.path = np.append(self.path, self.path[-1] + np.hypot(*step[:2]))
 

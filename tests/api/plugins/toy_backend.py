@@ -4,8 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from moteslam.slam.backend.kinds import BackendKind
-from moteslam.slam.backend.protocol import BackendConfig, KeyScan
+from moteslam.slam.backend.protocol import BackendConfig, BackendKind, KeyScan
 
 
 class ToyConfig(BackendConfig):

@@ -8,7 +8,7 @@ from moteslam.robot import raster, se2
 from moteslam.slam.backend.graph import backend
 from moteslam.slam.backend.graph.backend import contradictions, laid_over, sharpest
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.endpoints import Endpoints, sharpness
+from moteslam.slam.backend.graph.joint import Endpoints, sharpness
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import LoopGraph
 from moteslam.slam.backend.graph.nodes import Nodes

@@ -13,8 +13,7 @@ from moteslam.robot import se2
 from moteslam.slam.backend.graph import pose_graph
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.endpoints import Endpoints
-from moteslam.slam.backend.graph.joint import choose_partners, register_jointly
+from moteslam.slam.backend.graph.joint import Endpoints, choose_partners, register_jointly
 from moteslam.slam.backend.graph.loop_search import LoopSearch
 from moteslam.slam.backend.graph.measured_chain import MeasuredChain
 from moteslam.slam.backend.graph.nodes import Nodes

@@ -19,10 +19,11 @@ from moteslam.sim.logged import with_odometry
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS, Calibration, calibrate
-from moteslam.slam.calibration.clock_step import with_stamps
+from moteslam.slam.calibration.readings import with_stamps
 from moteslam.slam.calibration.findings import WITHIN, Findings, checked, findings
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
 from moteslam.slam.calibration.mended import calibrated
+from moteslam.slam.calibration.readings import with_stamps
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
 Fault = Callable[[Recording], Recording]

@@ -146,32 +146,3 @@ def test_corrected_poses_replace_those_before():
     poses[: round(10 / STEP), 0] = 100.0
     drive.misfit.revise(poses)
     assert drive.on(STEP, 0.85)[-1] is SURE
-
-
-def test_whether_anything_around_is_from_before_is_seen_at_every_place_as_by_looking_at_all_of_them():
-    """Along a path that comes back twice, and after a correction of the places before."""
-    turns = np.repeat(np.random.default_rng(4).normal(0, 0.3, 60), 5)
-    path = np.cumsum(STEP * np.stack((np.cos(np.cumsum(turns)), np.sin(np.cumsum(turns))), axis=1), axis=0)
-    for revised in (False, True):
-        misfit = Misfit()
-        for x, y in path[:40].tolist():
-            misfit.observe(STEP, 1.0)
-            misfit.update((x, y, 0.0))
-        before, driven, states = path[:40], 0.0, []
-        misfit.observe(STEP, 1.0 - 1.1 * LOST_BELOW)
-        for k, (x, y) in enumerate(path[40:].tolist(), start=41):
-            if revised and k == 100:
-                before = before + np.array((6.0, 0.0))
-                moved = np.zeros((k - 1, 3))
-                moved[:40, :2], moved[40:, :2] = before, path[40 : k - 1]
-                misfit.revise(moved)
-            misfit.observe(STEP, 0.85)
-            driven += STEP
-            misfit.update((x, y, 0.0))
-            near = (np.hypot(*(before - (x, y)).T) <= NEIGHBOURHOOD).any()
-            states.append((misfit.state is LOST, bool(near or driven <= NEIGHBOURHOOD)))
-            if misfit.state is not LOST:
-                break
-        assert all(lost == near for lost, near in states)
-        assert not states[-1][0]
-        assert len(states) > 25

@@ -1,0 +1,105 @@
+"""What a recording may be read with: odometry poses in other forms, a clock's step undone, other stamps and poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.robot.recording import Recording
+from moteslam.slam.inputs.odometry_path import OdometryPath
+
+Array = NDArray[np.float64]
+
+FORMS = ("stated", "turns", "y", "path")
+"""How odometry poses are read: as stated, with their headings or their y negated, headings along the path."""
+MOVES = 0.05
+"""The direction of a path is taken over this distance [m]."""
+QUARTER, AHEAD = 0.15, 0.8
+"""A mount is a quarter turn off within the first [rad]; a path goes one way as seen by its headings where this share of
+it does."""
+
+
+def in_form(path: OdometryPath, form: str, quarter: float = 0.0) -> OdometryPath:
+    """A path read in one of the `FORMS`, with an angle [rad] added to its headings."""
+    x, y, heading = path.poses.T
+    if form == "turns":
+        heading = -heading
+    elif form == "y":
+        y = -y
+    elif form == "path":
+        heading = _along(path.poses)
+    return OdometryPath(path.stamps, np.stack((x, y, heading + quarter), axis=1))
+
+
+def quarter_turn(poses: Array, aside: float) -> float:
+    """The quarter turn by which headings of a path [n, 3] are off, 0 if the lidar may be: it is aside by an angle."""
+    quarter = float(np.copysign(np.pi / 2, aside))
+    steps = np.diff(poses[:, 0] + 1j * poses[:, 1]) * np.exp(-1j * poses[:-1, 2])
+    way, total = complex(steps.sum()), float(np.abs(steps).sum())
+    one_way = abs(way) > AHEAD * total and abs(float(se2.wrap(np.angle(way) - quarter))) < np.pi / 4
+    return quarter if abs(aside - quarter) < QUARTER and one_way else 0.0
+
+
+def _along(poses: Array) -> Array:
+    """The direction of a path at its poses [n], unwrapped [rad]."""
+    way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
+    _, first = np.unique(np.floor(way / MOVES), return_index=True)
+    if len(first) < 3:
+        return np.zeros(len(poses))
+    step = np.diff(poses[first, :2], axis=0)
+    middle = (first[1:] + first[:-1]) / 2
+    return np.interp(np.arange(len(poses)), middle, np.unwrap(np.arctan2(step[:, 1], step[:, 0])))
+
+
+class ClockStep(NamedTuple):
+    """After a stamp [s] the clock of some streams is ahead of what it was before [s]."""
+
+    streams: tuple[str, ...]
+    stamp: float
+    seconds: float
+
+    @property
+    def text(self) -> tuple[str, str]:
+        """The code and the text of it."""
+        text = f"{self.streams[0]}: its clock steps by {self.seconds:+.2f} s after {self.stamp:.3f} s, where nothing "
+        return "clock-step", f"{text}is recorded and the robot does not drive"
+
+    def undone(self, recording: Recording) -> Recording:
+        gap = self.stamp + self.seconds / 2  # streams of one clock have their last readings at other stamps
+        return with_stamps(recording, self.streams, lambda stamps: stamps - self.seconds * (stamps > gap))
+
+
+def clock_steps(recording: Recording, least: float) -> Iterator[ClockStep]:
+    """What the longest gap of scans, and that of the odometry, would be as a step of more than ``least`` [s]."""
+    for streams in (("lidar",), ("odometry", "encoders", "imu")):
+        stream = next((one for name in streams if (one := getattr(recording, name)) is not None), None)
+        if stream is None or len(stream) < 2:
+            continue
+        gaps = np.diff(stream.stamps)
+        longest, usual = int(np.argmax(gaps)), float(np.median(gaps))
+        if gaps[longest] - usual > least:
+            yield ClockStep(streams, float(stream.stamps[longest]), float(gaps[longest]) - usual)
+
+
+def with_stamps(recording: Recording, names: Sequence[str], change: Callable[[Array], Array]) -> Recording:
+    """The same with the stamps [n] [s] of some streams changed."""
+    streams = {name: getattr(recording, name) for name in names}
+    changed = {
+        name: replace(stream, stamps=change(stream.stamps)) for name, stream in streams.items() if stream is not None
+    }
+    return recording.replace(**changed)
+
+
+def with_poses(recording: Recording, change: Callable[[Array, Array], Array]) -> Recording:
+    """The same with its odometry's poses [n, 3], and those logged with scans, changed, at stamps [n] [s]."""
+    lidar, odometry = recording.lidar, recording.odometry
+    if lidar is not None and lidar.odometry is not None:
+        lidar = replace(lidar, odometry=change(lidar.stamps, lidar.odometry))
+    if odometry is not None:
+        odometry = replace(odometry, poses=change(odometry.stamps, odometry.poses))
+    return recording.replace(lidar=lidar, odometry=odometry)
