@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tomli_w
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
@@ -74,6 +74,9 @@ class ParticleFilterConfig(SlamConfig):
     # Resample when the effective number falls under this share of the particles (section III.D.3); 0 never does, 1
     # after every update
     resample_below: Share = 0.5
+    # `systematic` draws one random number, `stratified` one for each particle, `residual` copies by the integer part of
+    # the expected number and draws the rest
+    resampling: Literal["systematic", "stratified", "residual"] = "systematic"
     kld: KldConfig = KldConfig()
     update: UpdateConfig = UpdateConfig()
 

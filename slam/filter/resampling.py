@@ -1,7 +1,8 @@
-"""Resampling: indices of particles drawn in proportion to their weights, and how many."""
+"""Resampling: indices of particles drawn in proportion to their weights, by one of three schemes."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Annotated
 
@@ -30,16 +31,52 @@ class KldConfig(Section):
     least: Annotated[Whole, Field(ge=1)] = 10  # Never fewer particles than these; `particles` wins if it is smaller
 
 
-def systematic(weights: Weights, generator: np.random.Generator, count: int) -> Parents:
-    """Low-variance resampling with one random number (Probabilistic Robotics, table 4.4): rising indices [M].
+def resample(
+    scheme: str, weights: Weights, generator: np.random.Generator, count: int | None = None
+) -> NDArray[np.int64]:
+    """Draw ``count`` particles in proportion to their weights [N], not all 0; as many as there are by default.
 
-    A particle of weight w, of weights [N] that are not all 0, is drawn floor(M w) or ceil(M w) times.
+    A particle of weight w is drawn count * w times on average, one of weight 0 never. Rising indices [M].
     """
-    cumulative = np.cumsum(weights)
-    last = int(np.searchsorted(cumulative, cumulative[-1]))  # those after it weigh nothing
-    positions = (np.arange(count) + generator.random()) / count
-    found = np.searchsorted(cumulative / cumulative[-1], positions, side="right")
-    return np.minimum(found, last).astype(np.int64)
+    return SCHEMES[scheme](weights, generator, len(weights) if count is None else count)
+
+
+def systematic(weights: Weights, generator: np.random.Generator, count: int) -> Parents:
+    """Low-variance resampling with one random number (Probabilistic Robotics, table 4.4).
+
+    A particle of weight w is drawn floor(M w) or ceil(M w) times.
+    """
+    return _at((np.arange(count) + generator.random()) / count, weights)
+
+
+def stratified(weights: Weights, generator: np.random.Generator, count: int) -> Parents:
+    """One number drawn in each of M equal strata (Kitagawa 1996).
+
+    Unlike the numbers of ``systematic`` they are independent; a particle of weight w is drawn less than 2 times off
+    M w.
+    """
+    return _at((np.arange(count) + generator.random(count)) / count, weights)
+
+
+def residual(weights: Weights, generator: np.random.Generator, count: int) -> Parents:
+    """floor(M w) times for certain, the rest drawn independently from what the floors leave (Liu and Chen 1998)."""
+    expected = count * weights / weights.sum()
+    # equal weights must not lose one of their copies to rounding
+    certain = np.floor(expected + 1e-9).astype(np.int64)
+    copies = np.repeat(np.arange(len(weights)), certain)[:count]
+    left = count - len(copies)
+    if left:
+        rest = np.maximum(expected - certain, 0.0)
+        copies = np.sort(np.concatenate((copies, _at(generator.random(left), rest))))
+    return copies.astype(np.int64)
+
+
+SCHEMES: dict[str, Callable[[Weights, np.random.Generator, int], Parents]] = {
+    "systematic": systematic,
+    "stratified": stratified,
+    "residual": residual,
+}
+"""What the configuration key ``resampling`` names."""
 
 
 class Draws(IntEnum):
@@ -54,6 +91,14 @@ def generator_for(seed: int, step: int, purpose: Draws = Draws.RESAMPLING) -> np
     """The host's random numbers of one step and purpose: keyed on (seed, step), independent of any step before it."""
     key = np.array([seed, step], np.uint64)
     return np.random.Generator(np.random.Philox(key=key, counter=np.array([0, 0, 0, purpose], np.uint64)))
+
+
+def _at(positions: NDArray[np.float64], weights: Weights) -> Parents:
+    """The particles whose share of the interval from 0 to 1 has these positions in it, [M]."""
+    cumulative = np.cumsum(weights)
+    last = int(np.searchsorted(cumulative, cumulative[-1]))  # those after it weigh nothing
+    found = np.searchsorted(cumulative / cumulative[-1], positions, side="right")
+    return np.minimum(found, last).astype(np.int64)
 
 
 def enough_particles(bins: NDArray[np.int64], epsilon: float, delta: float) -> NDArray[np.float64]:
@@ -96,7 +141,7 @@ def particle_number(
 
 
 def choose_parents(
-    kld: KldConfig, most: int, poses: NDArray[np.float64], weights: Weights, *, seed: int, step: int
+    scheme: str, kld: KldConfig, most: int, poses: NDArray[np.float64], weights: Weights, *, seed: int, step: int
 ) -> Parents:
     """The particles [N, 3], as weighed [N], that survive: [M] rising indices, as many as there are or as ``kld`` asks
     for.
@@ -104,4 +149,4 @@ def choose_parents(
     count = len(poses)
     if kld.enabled:
         count = particle_number(poses, weights, kld, most, seed=seed, step=step)
-    return systematic(weights, generator_for(seed, step), count)
+    return resample(scheme, weights, generator_for(seed, step), count)

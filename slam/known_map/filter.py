@@ -261,7 +261,9 @@ class KnownMapFilter(TsdfFilter):
         numbers, weight = shares(self._particles)
         if len(numbers) == 1 and self._divided and proposal.registered:  # from here on few particles do
             self._divided, c, n = False, self._config, len(self._particles)
-            parents = choose_parents(*(c.kld, n, proposal.means, self.weights.values), seed=self._seed, step=step.index)
+            parents = choose_parents(
+                *(c.resampling, c.kld, n, proposal.means, self.weights.values), seed=self._seed, step=step.index
+            )
             self._particles.resample(parents)
             return proposal.of(parents), True
         if len(numbers) == 1:

@@ -124,7 +124,7 @@ class PaperFilter(FilterDefaults):
             return False
         c = self._config
         weights = self.weights.values
-        parents = choose_parents(c.kld, c.particles, self.poses, weights, seed=self._seed, step=step)
+        parents = choose_parents(c.resampling, c.kld, c.particles, self.poses, weights, seed=self._seed, step=step)
         self.history.resampled(parents)
         self.poses = self.poses[parents]
         self.weights = Weights.uniform(len(parents))

@@ -204,7 +204,9 @@ class TsdfFilter(FilterDefaults):
         if not proposal.registered or not few:
             return proposal, False
         c, weights = self._config, self.weights.values
-        parents = choose_parents(c.kld, c.particles, proposal.means, weights, seed=self._seed, step=step.index)
+        parents = choose_parents(
+            c.resampling, c.kld, c.particles, proposal.means, weights, seed=self._seed, step=step.index
+        )
         self._particles.resample(parents)
         self._floor.resample(parents)
         return proposal.of(parents), True
