@@ -25,6 +25,7 @@ from moteslam.slam.calibration.registered import (
     UnmeasuredError,
     best_scale,
     choose_pairs,
+    expect_beams_in_place,
     expect_one_order,
     unmeasured,
 )
@@ -136,6 +137,7 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
         return None if found is None else replace(found, step=bundled)
     middle = len(lidar) // 2
     some = lidar.ranges[middle : middle + SOME]
+    expect_beams_in_place(some)
     if np.isnan(some).mean() > SPARSE or any(map(is_coarse, recording.stamps().values())):
         return None
     try:
@@ -270,7 +272,7 @@ def _calibrate(
         if alone.cost < EXPLAINED * min(one.cost, clocks.cost):
             shared, late, best = False, "gyro", alone
             best.values[Parameter.OFFSET] = offset
-    fits = read is not None and min(best.cost, clocks.cost) < UNFIT and not best.stands(SIGMAS)
+    fits = read is not None and min(best.cost, clocks.cost) < UNFIT and not best.stands
     rates = _rates(scans, at, *best.values[CLOCKS], turns=best.values[Parameter.TURNS])
     return Calibration(
         angle_scale=angle_scale,

@@ -32,6 +32,9 @@ TURNS = 0.15
 """Likewise of turns by scans over the odometry's."""
 CHANGE, CHANGE_SIGMAS = 0.03, 6.0
 """Lengths over the odometry's change by less in mid drive where wheels slip a little, or with so few deviations."""
+CURL = 0.1
+"""Odometry that turns by more over a metre than the scans draws a circle of 60 m: the worst of real logs has 0.08
+[rad/m]."""
 LONG = 0.06
 """From here on a scale moves the result by a tenth of a metre or more."""
 NEAR_SWEEP = 0.02
@@ -136,6 +139,16 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         taken, stated = (share * sweep_seconds(recording, lidar) for share in (c.sweep, 1))
         text = f"lidar: scans fit best if a sweep takes {taken:.2g} s and not the {stated:.3g} s stated: "
         told.append(("time-increment", f"{text}turns are smeared; give [lidar] time_increment by --platform"))
+    turned, (curl, about_curl) = c.fit.turned, c.fit.curl
+    if c.fits and turned.exceeds(YAW, CHANGE_SIGMAS):
+        text = f"lidar: from about {turned.time:.0f} s on it looks {degrees(abs(turned.amount)):.1f} degrees farther to "
+        text += f"the {'left' if turned.amount > 0 else 'right'} on the robot than before, by the odometry: it was "
+        told.append(("mount-moves", f"{text}turned, or the robot drives aside there: headings jump by as much"))
+        for name in ("x", "y", "yaw"):  # of neither part
+            certain.pop(name, None)
+    if c.correlation and abs(curl) > max(CURL, SIGMAS * about_curl):
+        text = f"odometry: it turns {abs(curl):.2f} rad to the {'left' if curl > 0 else 'right'} on every metre on which "
+        told.append(("odometry-turn-scale", f"{text}scans do not: a wheel is smaller than stated, and its path curls"))
     if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
         backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4
         parts = [
@@ -198,7 +211,9 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     decided |= set() if c.correlation else {"odometry-unfit"}
     issues = tuple(Issue(*each) for each in told)
     little = scale is not None and abs(scale.value - 1) < LONG
-    moves = tuple(issue for issue in issues if not (little and issue.code == "range-scale"))
+    mended = {"range-scale"} if little else set()
+    mended |= set() if certain.get("turns") else {"odometry-turn-scale"}  # while driving
+    moves = tuple(issue for issue in issues if issue.code not in mended)
     return Findings(figures, issues, moves, frozenset(decided & {issue.code for issue in issues}))
 
 
@@ -252,6 +267,7 @@ def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
     turns = c.fits and abs(ratio - 1) > TURNS and abs(turns_over_scans - 1) > SIGMAS * about_turns
     too_long = abs(c.excess[0]) > max(EXCESS, SIGMAS * c.excess[1])
     too_long &= not (angles_differ or c.longer.exceeds(EXCESS, CHANGE_SIGMAS))  # one biases the other
+    too_long &= not c.fit.stands  # floor that keeps its range
     rows = [
         ("angles between beams, over the stated", c.angle_scale, c.angle_deviation, 1.0, angles_differ),
         ("x of the lidar [m]", x, about_x, mount.x, far[0]),

@@ -34,6 +34,10 @@ FEWEST, LONG_ENOUGH = 15, 0.1
 """Fewer pairs that measure a length give no ratio; one of a pair alone is of lengths from the second on [m]."""
 NEARLY = 0.2
 """A pair that turns by less is nearly straight [rad]."""
+ASIDE, CURLS = 0.05, 0.1
+"""Directions of pairs that scatter by more [rad], and turns over lengths [rad/m], count less."""
+STANDS = 0.1
+"""A lidar whose lengths are a smaller share of the odometry's stands, if its direction is known no better [rad]."""
 SHARPENING = 6
 """Steps by the noise of lengths and turns that the residuals show."""
 STRAIGHT = 0.07
@@ -122,16 +126,20 @@ class Fit(NamedTuple):
     cost: float  # mean robust cost of a pair; about 3 where the model holds
     middle: float  # the time that the drift counts from [s]
     change: Change  # of the logarithm of lengths by the scans over those by the odometry, where it is clearest
+    turned: Change  # likewise of the yaw of the mount [rad]
+    curl: tuple[float, float]  # by how much more the odometry turns than the scans [rad/m], and its deviation
 
     def expected(self, first: Array, last: Array, path: Path) -> Array:
         """The lidar's motions [k, 3] between times [k]."""
         return _expected(self.values, first, last, self.middle, path)
 
-    def stands(self, sigmas: float) -> bool:
-        """Whether the lidar does not move by its scans, as one that sees the floor: lengths of 0 are no scale."""
-        lengths, about, floor = (float(of[Parameter.LENGTHS]) for of in (self.values, self.deviations, FLOOR))
-        about = float(np.sqrt(max(about * about - floor * floor, 0.0)))
-        return lengths < sigmas * about < 1 / 2  # odometry in millimetres has a scale
+    @property
+    def stands(self) -> bool:
+        """Whether the lidar does not move by its scans, as one that sees the floor: lengths of 0 are no scale.
+
+        Nor have its motions a direction; against odometry in millimetres they have.
+        """
+        return bool(self.values[Parameter.LENGTHS] < STANDS and self.deviations[Parameter.YAW] > STANDS)
 
 
 def covariances(information: Array, deviation: Array) -> Array:
@@ -235,7 +243,18 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, 
         ratio, deviation = _ratio_of_lengths(Pairs(*(each[some] for each in pairs)), expected[some], robust[some])
         return float(np.log(ratio)), deviation / ratio
 
-    return Fit(p, deviations, mean, pairs.middle, clearest_change(pairs.first, log_ratio))
+    scans, base = (each[:, 0] + 1j * each[:, 1] for each in (pairs.motions, expected))
+    known = np.linalg.eigvalsh(pairs.covariances[:, :2, :2])[:, 1] < UNMEASURED
+    known &= np.minimum(np.abs(scans), np.abs(base)) > LONG_ENOUGH
+    aside, straight = np.angle(base / scans), 1 / (1 + (pairs.motions[:, 2] / STRAIGHT) ** 2)
+
+    def yaw(some: Array) -> tuple[float, float]:
+        return _robust_mean(aside[known & some], straight[known & some], ASIDE, FLOOR[Parameter.YAW])
+
+    rates = se2.wrap(expected[:, 2] - pairs.motions[:, 2])[known] / np.abs(base[known])
+    curl = _robust_mean(rates, straight[known], CURLS, 0.0)
+    changes = [clearest_change(pairs.first, of) for of in (log_ratio, yaw)]
+    return Fit(p, deviations, mean, pairs.middle, *changes, curl)
 
 
 def _expected(p: Array, first: Array, last: Array, middle: float, path: Path, turns: Array | None = None) -> Array:
@@ -302,6 +321,17 @@ def _ratio_of_lengths(pairs: Pairs, expected: Array, robust: Array) -> tuple[flo
     if abs(ratio - middle) > abs(ratio - 1) / 2:  # it is of a few pairs, along a corridor perhaps
         deviation = max(deviation, abs(ratio - middle))
     return ratio, deviation
+
+
+def _robust_mean(values: Array, weights: Array, scale: float, floor: float) -> tuple[float, float]:
+    """The mean of values [k], of which those count less that are farther than ``scale`` from it; and its deviation."""
+    if len(values) < FEWEST:
+        return 0.0, np.inf
+    mean = float(np.median(values))
+    for _ in range(8):
+        each = weights / (1 + ((values - mean) / scale) ** 2)
+        mean = float((each * values).sum() / each.sum())
+    return mean, float(np.hypot(np.linalg.norm(parts_of(each * (values - mean))) / each.sum(), floor))
 
 
 def parts_of(values: Array) -> Array:

@@ -52,6 +52,9 @@ BESIDE, MOSTLY = 0.26, 0.5
 in more than this share of the scans."""
 DRIVES = 2.0
 """A robot that goes no farther is not said to show nothing [m]."""
+PACKED, SIZES = 0.9, 3
+"""Beams are not in their place where more than this share of the scans that have some without a return have all of these
+at an end, as many as take so many sizes: a part that the robot hides has one."""
 BACKWARDS, SOME_BACKWARDS = 3.0, 0.1
 """Neighbouring scans are in opposite order where one, turned round, is this many times more like the other; told of
 more than this share of them."""
@@ -91,6 +94,23 @@ def expect_one_order(ranges: NDArray[np.float32]) -> None:
         text = f"lidar: {count} of {len(one)} scans have their beams in the other order than the scan before, as of "
         text += "two lidars in one stream: a map of them is wrong. Turn those round"
         raise UnmeasuredError("scans-unfit", text)
+
+
+def expect_beams_in_place(ranges: NDArray[np.float32]) -> None:
+    """Raise ``UnmeasuredError`` where beams of scans [k, beams] without a return are not in their place, but at an end.
+
+    Beams without a return lie anywhere in a fan: not even a twentieth of the scans of real lidars have all at one end.
+    """
+    none = ~np.isfinite(ranges)
+    lost = none.sum(axis=1)
+    some, numbers = (lost > 0) & (lost < none.shape[1]), np.arange(none.shape[1])
+    last = none[some] == (numbers >= none.shape[1] - lost[some, None])
+    first = none[some] == (numbers < lost[some, None])
+    packed = int(max(each.all(axis=1).sum() for each in (last, first)))
+    if packed >= FEWEST and packed > PACKED * some.sum() and len(np.unique(lost[some])) >= SIZES:
+        text = f"lidar: {packed} of {some.sum()} scans have all beams without a return at one end, up to "
+        text += f"{lost[some].max()} of them: their driver left those out and closed the gaps, so that angles are wrong "
+        raise UnmeasuredError("scans-unfit", f"{text}and a map of them, too. Keep a range of 0 or inf in its place")
 
 
 class RegisteredPairs:

@@ -51,6 +51,11 @@ BEAMS = 5
 """As many endpoints say so."""
 LEAST_SCANS = 3
 """Fewer scans while the odometry stands do not say that the robot goes on: one that was carried may stand elsewhere."""
+ANEW, ELSEWHERE = 0.05, 1.0
+"""Odometry begins anew that is, after a gap, no farther from where it began, or from 0, than the first [m], [rad], and
+was farther than the second [m] before; it was another run, and the robot may be anywhere."""
+ANYWHERE = 30.0
+"""As far off [m]."""
 CAUGHT_UP = 2.0
 """Odometry has caught up that goes on in a step this many times as fast as before it stood."""
 
@@ -58,7 +63,8 @@ CAUGHT_UP = 2.0
 class Lapse(NamedTuple):
     """One of them, from a reading of the odometry to another [s]; ``named`` if it is worth a warning."""
 
-    kind: Literal["gap", "held", "stale", "missing", "jump"]  # held: a gap; the next scan has the pose from before it
+    # held: a gap, the next scan has the pose from before it; anew: a gap, odometry begins again
+    kind: Literal["gap", "held", "anew", "stale", "missing", "jump"]
     begin: float
     end: float
     named: bool = True
@@ -115,6 +121,12 @@ class Lapses:
                 "nothing was recorded while the robot drove on, and the next scan carries an odometry pose from "
                 "before: where the robot is then the scans must say",
             ),
+            (
+                "anew",
+                "gap",
+                "nothing was recorded, and the odometry begins anew where it began: as of two runs in one file: "
+                "the robot may be anywhere. Cut the file there if the scans do not find it",
+            ),
             ("stale", "stale-odometry", "the odometry stood still while the robot drove: the scans alone there"),
             ("missing", "no-odometry", "no odometry was recorded while the robot moved: the scans alone there"),
         ):
@@ -166,7 +178,7 @@ def lapses(
         over = _over(stamps, begin, end)
         if not len(over):
             continue
-        lost = steps.lost(k)
+        lost, anew = steps.lost(k), steps.begins_anew(k)
         inside = (stamps[over] > begin) & (stamps[over] < end)
         if inside.sum() > 2:  # the scans go on
             if lost or steps.exceeds(k, turning=True):  # when it moved is open
@@ -174,7 +186,9 @@ def lapses(
                 seen.append(Lapse("stale" if lost else "missing", begin, end))
             continue
         longest = int(over[np.argmax(np.diff(stamps)[over - 1])])
-        if lost or steps.exceeds(k, turning=False):
+        if anew:
+            seen.append(Lapse("anew", begin, end))
+        elif lost or steps.exceeds(k, turning=False):
             poses = lidar.odometry
             is_held = poses is not None and (
                 np.array_equal(poses[longest], poses[longest - 1])
@@ -182,12 +196,14 @@ def lapses(
             )
             seen.append(Lapse("held" if is_held else "gap", begin, end))
         jumped[over] = False
-        if lost:
+        if anew:
+            motions[longest], left[longest] = np.zeros(3), Open(ANYWHERE, math.pi / math.sqrt(3), ANYWHERE)
+        elif lost:
             motions[longest], left[longest] = steps.extrapolated(k)
         elif counted:
             moved = se2.between(odometry[longest - 1], odometry[longest])
             motions[longest], left[longest] = np.asarray(moved), steps.bounded(k)
-        unmeasured[over] = lost
+        unmeasured[over] = lost or anew
         unmeasured[longest] = longest in left
     for first, sure, last in steps.standstills(since):
         scans = np.flatnonzero((stamps > readings.stamps[first]) & (stamps < readings.stamps[last]))
@@ -290,6 +306,13 @@ class _Steps:
         least = rate * min(rate / TURN_USUAL, seconds) / 2
         stopped = least > LEAST_TURN and abs(float(self.turns[k])) < least
         return bool(stopped and self.travelled(k) <= CAUGHT_UP * self.usual(k))
+
+    def begins_anew(self, k: int) -> bool:
+        """Whether the reading k is where the odometry began, or at 0, and the one before is not."""
+        began = np.vstack((np.zeros(3), self._path.poses[0]))
+        before, after = (np.abs(se2.between(began, self._path.poses[j])) for j in (k - 1, k))
+        there = (after.max(axis=1) < ANEW) & (np.hypot(before[:, 0], before[:, 1]) > ELSEWHERE)
+        return bool(there.any())
 
     def bounded(self, k: int) -> Open:
         """What counters leave open of a step over a gap: its length is known, and how far it turned, not when.
