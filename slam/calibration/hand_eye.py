@@ -36,8 +36,9 @@ NEARLY = 0.2
 """A pair that turns by less is nearly straight [rad]."""
 ASIDE, CURLS = 0.05, 0.1
 """Directions of pairs that scatter by more [rad], and turns over lengths [rad/m], count less."""
-STANDS = 0.1
-"""A lidar whose lengths are a smaller share of the odometry's stands, if its direction is known no better [rad]."""
+STANDS = 0.05
+"""A lidar stands whose lengths are known to a larger share of them alone; those by odometry in other units are known to
+a percent."""
 SHARPENING = 6
 """Steps by the noise of lengths and turns that the residuals show."""
 STRAIGHT = 0.07
@@ -135,11 +136,10 @@ class Fit(NamedTuple):
 
     @property
     def stands(self) -> bool:
-        """Whether the lidar does not move by its scans, as one that sees the floor: lengths of 0 are no scale.
-
-        Nor have its motions a direction; against odometry in millimetres they have.
-        """
-        return bool(self.values[Parameter.LENGTHS] < STANDS and self.deviations[Parameter.YAW] > STANDS)
+        """Whether the lidar does not move by its scans, as one that sees the floor: lengths of 0 are no scale."""
+        lengths, about, floor = (float(of[Parameter.LENGTHS]) for of in (self.values, self.deviations, FLOOR))
+        about = float(np.sqrt(max(about * about - floor * floor, 0.0)))
+        return lengths < about / STANDS and about < STANDS / 2  # odometry in millimetres has a scale
 
 
 def covariances(information: Array, deviation: Array) -> Array:

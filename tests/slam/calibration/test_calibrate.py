@@ -110,6 +110,7 @@ FAULTS: dict[str, tuple[Fault, str, str, float, float]] = {
     "narrow": (NARROW, "lidar-angles", "angles", 1 / 0.95 - 1, 0.005),
     "wide": (lidar(angle_increment=lambda s: s.angle_increment / 0.975), "lidar-angles", "angles", -0.025, 0.005),
     "long": (LONG, "range-scale", "lengths", 0.1, 0.02),
+    "longer": (lidar(ranges=lambda s: s.ranges * np.float32(1.04)), "range-scale", "lengths", 0.04, 0.012),
     "farther": (lidar(ranges=lambda s: s.ranges + np.float32(0.1)), "range-offset", "excess", 0.1, 0.02),
     "nearer": (lidar(ranges=lambda s: s.ranges - np.float32(0.15)), "range-offset", "excess", -0.15, 0.02),
     "ahead": (mount(x=0.2), "lidar-mount", "x", -0.2, 0.04),
