@@ -16,16 +16,13 @@ from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.clock_step import ClockStep, clock_steps, with_stamps
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Change, Fit, Pairs, Parameter, Path, clock, fit
 from moteslam.slam.calibration.odometry_forms import FORMS, in_form, quarter_turn
-from moteslam.slam.calibration.registered import (
+from moteslam.slam.calibration.registered import GOOD, TURNING, RegisteredPairs, best_scale, choose_pairs
+from moteslam.slam.calibration.unmeasured import (
     FEWEST,
-    GOOD,
-    TURNING,
-    RegisteredPairs,
     UnfitScansError,
     UnmeasuredError,
-    best_scale,
-    choose_pairs,
     expect_beams_in_place,
+    expect_new_scans,
     expect_one_order,
     unmeasured,
 )
@@ -143,6 +140,7 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
     try:
         with np.errstate(all="ignore"):
             expect_one_order(some)
+            expect_new_scans(some)
             return _without_step(recording, _in_some_reading(recording, in_order(lidar), pairs), pairs)
     except (InputError, np.linalg.LinAlgError):  # encoders without wheels; values that are not finite
         return None

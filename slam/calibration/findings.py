@@ -16,7 +16,7 @@ from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recordi
 from moteslam.robot.values import Issue
 from moteslam.slam.calibration.calibrate import ANGLES, LATE, PAIRS, SIGMAS, Calibration, estimate
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
-from moteslam.slam.calibration.registered import UnmeasuredError
+from moteslam.slam.calibration.unmeasured import UnmeasuredError
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
@@ -139,13 +139,15 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         told.append(("time-increment", f"{text}turns are smeared; give [lidar] time_increment by --platform"))
     turned, (curl, about_curl) = c.fit.turned, c.fit.curl
     if c.fits and turned.exceeds(YAW, CHANGE_SIGMAS):
-        text = f"lidar: from about {turned.time:.0f} s on it looks {degrees(abs(turned.amount)):.1f} degrees farther to "
-        text += f"the {'left' if turned.amount > 0 else 'right'} on the robot than before, by the odometry: it was "
-        told.append(("mount-moves", f"{text}turned, or the robot drives aside there: headings jump by as much"))
-        for name in ("x", "y", "yaw"):  # of neither part
-            certain.pop(name, None)
+        text = f"lidar: from about {turned.time:.0f} s on it looks {abs(degrees(turned.amount)):.1f} degrees to the "
+        text += f"{'left' if turned.amount > 0 else 'right'} of where it did, by the odometry: it was turned on the "
+        told.append(("mount-moves", f"{text}robot, or this drives aside there. Headings are wrong by as much"))
+    elif c.fits and c.fit.scatter > YAW:
+        text = f"lidar: half of the directions in which it drives are {degrees(c.fit.scatter):.1f} degrees or more off "
+        text += "those by the odometry, to either side: angles between beams vary, as with the speed of a motor, or "
+        told.append(("odometry-unfit", f"{text}wheels slip aside"))
     if c.correlation and abs(curl) > max(CURL, SIGMAS * about_curl):
-        text = f"odometry: it turns {abs(curl):.2f} rad to the {'left' if curl > 0 else 'right'} on every metre on which "
+        text = f"odometry: it turns {abs(curl):.2f} rad to the {'left' if curl > 0 else 'right'} on every metre, and "
         told.append(("odometry-turn-scale", f"{text}scans do not: a wheel is smaller than stated, and its path curls"))
     if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
         backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4
@@ -254,7 +256,7 @@ def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
     clocks = c.clocks or c.fit
     angles_differ = abs(c.angle_scale - 1) > max(ANGLES, SIGMAS * c.angle_deviation)
     least = [PLACE, PLACE, YAW + (abs(c.angle_scale - 1) * _span(recording.lidar) if angles_differ else 0.0)]
-    far = np.full(3, c.fits)
+    far = np.full(3, c.fits and not c.fit.turned.exceeds(YAW, CHANGE_SIGMAS))  # else it is of neither part
     scaled = c.fits and abs(lengths - 1) > max(SCALE, LENGTHS_SIGMAS * about_lengths)
     for each, scale in product((c.fit, clocks), (1.0, lengths) if scaled else (1.0,)):  # with one clock, and with two
         apart = each.values[MOUNT] / (scale, scale, 1.0) - mount.pose  # by ranges, and by the odometry's lengths

@@ -36,6 +36,8 @@ NEARLY = 0.2
 """A pair that turns by less is nearly straight [rad]."""
 ASIDE, CURLS = 0.05, 0.1
 """Directions of pairs that scatter by more [rad], and turns over lengths [rad/m], count less."""
+SCATTER = 0.75
+"""A mount has turned by more than its pairs scatter: this much of their median counts as deviation."""
 STANDS = 0.05
 """A lidar stands whose lengths are known to a larger share of them alone; those by odometry in other units are known to
 a percent."""
@@ -129,6 +131,7 @@ class Fit(NamedTuple):
     change: Change  # of the logarithm of lengths by the scans over those by the odometry, where it is clearest
     turned: Change  # likewise of the yaw of the mount [rad]
     curl: tuple[float, float]  # by how much more the odometry turns than the scans [rad/m], and its deviation
+    scatter: float  # median deviation of directions by the scans from those by the odometry [rad]; 0 of few pairs
 
     def expected(self, first: Array, last: Array, path: Path) -> Array:
         """The lidar's motions [k, 3] between times [k]."""
@@ -246,15 +249,18 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, 
     scans, base = (each[:, 0] + 1j * each[:, 1] for each in (pairs.motions, expected))
     known = np.linalg.eigvalsh(pairs.covariances[:, :2, :2])[:, 1] < UNMEASURED
     known &= np.minimum(np.abs(scans), np.abs(base)) > LONG_ENOUGH
-    aside, straight = np.angle(base / scans), 1 / (1 + (pairs.motions[:, 2] / STRAIGHT) ** 2)
+    aside, straight = np.angle(base / scans)[known], 1 / (1 + (pairs.motions[known, 2] / STRAIGHT) ** 2)
 
     def yaw(some: Array) -> tuple[float, float]:
-        return _robust_mean(aside[known & some], straight[known & some], ASIDE, FLOOR[Parameter.YAW])
+        values, weights = aside[some[known]], straight[some[known]]
+        mean, deviation = _robust_mean(values, weights, ASIDE, FLOOR[Parameter.YAW])
+        return mean, float(np.hypot(deviation, SCATTER * np.median(abs(values - mean)))) if len(values) else deviation
 
     rates = se2.wrap(expected[:, 2] - pairs.motions[:, 2])[known] / np.abs(base[known])
-    curl = _robust_mean(rates, straight[known], CURLS, 0.0)
-    changes = [clearest_change(pairs.first, of) for of in (log_ratio, yaw)]
-    return Fit(p, deviations, mean, pairs.middle, *changes, curl)
+    curl = _robust_mean(rates, straight, CURLS, 0.0)
+    change, turned = (clearest_change(pairs.first, of) for of in (log_ratio, yaw))
+    scatter = float(np.median(abs(aside - np.median(aside)))) if len(aside) >= 2 * FEWEST else 0.0
+    return Fit(p, deviations, mean, pairs.middle, change, turned, curl, scatter)
 
 
 def _expected(p: Array, first: Array, last: Array, middle: float, path: Path, turns: Array | None = None) -> Array:

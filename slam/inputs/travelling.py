@@ -41,10 +41,12 @@ LEAST_FACING = 0.2
 STANDS = 1e-3
 """Odometry that moves by less than this [m] or [rad] stands."""
 BEAMS, ALONE = 5, 3
-"""Fewer beams than the first say nothing of the wheels, or than the second where no range changes by more than noise."""
+"""Fewer beams than the first say nothing of the wheels, or than the second where no range changes but by noise."""
 REPEATED = 5e-3
 """A scan is the one before again where no range differs by more [m], as the noise of a lidar does in some beams, though
 the robot has moved by ``STEP`` and ``ALONE`` endpoints travel: along a bare corridor none does."""
+TURNED = 0.5
+"""An endpoint that keeps its range to ``REPEATED`` while the robot turns by this [rad] travels, too."""
 TRUSTED = 0.5
 """Share of the endpoints that may stand or travel that stood so far: 0.6 to 0.95 where odometry, mount and clock are
 right; 0.1 to 0.45 where they are not, and nothing follows from walls that are elsewhere."""
@@ -81,10 +83,10 @@ class Travelling:
         """What there was, each kind with its times; ``stamps`` [n] are those of the scans [s]."""
         along = any(one.kind == "along" for one in self.seen)
         nearest, far = np.nanpercentile(self.ranges, (0, 50)) if along else (0.0, 0.0)
-        load = f"something {nearest:.1f} to {far:.1f} m away travels with the robot (a load, or the floor before a "
+        load = f"something {nearest:.1f} to {far:.1f} m away travels with the robot (a load, beams that are stuck, or "
         issues = []
         for kind, code, text in (
-            ("along", "travels-along", load + "tilted lidar): left out"),
+            ("along", "travels-along", load + "floor before a tilted lidar): left out"),
             (
                 "repeated",
                 "scans-repeat",
@@ -159,6 +161,7 @@ class Follower:
         self._seen: list[Episode] = []
         self._for = np.zeros(count)  # comparisons that speak for it
         self._range = np.full(count, np.nan)
+        self._kept, self._heading = np.full((2, count), np.nan)  # a range, and the heading since when it is the same
         self._walls = [0] * MEMORY  # beams that were seen to stand, of the latest comparisons
         self._stood = self._might = 0  # of all comparisons, and those that might have
         self._spins = False
@@ -246,6 +249,11 @@ class Follower:
             changed = bool((np.abs(now.ranges - before.ranges) > NEAR / 2).any())
         if self._wheels(before, now, int(new.sum()), walls, changed):
             return
+        held = np.isfinite(now.ranges) & (np.abs(np.nan_to_num(now.ranges) - self._kept) <= REPEATED)
+        self._kept = np.where(held, self._kept, now.ranges)
+        self._heading = np.where(held, self._heading, now.odometry[2])
+        held &= np.abs(se2.wrap(now.odometry[2] - self._heading)) > TURNED
+        travel, stand = travel | held, stand & ~held
         self._walls = [*self._walls[1:], walls]
         self._stood, self._might = self._stood + walls, self._might + int((may & ~travel).sum())
         if not travel.any() and not self._for.any():

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -289,6 +290,41 @@ def test_beams_that_are_packed_are_told_and_nothing_is_made_of_them(platform: st
     assert calibration is None
     assert codes(found.moves) == ["scans-unfit"]
     assert "at one end" in found.moves[0].message
+
+
+def turning_unevenly(stream: LidarStream) -> np.ndarray:
+    """Of a motor whose speed wobbles by 5 % in 20 s."""
+    beams = np.arange(stream.ranges.shape[1])
+    shares = 1 + 0.05 * np.sin(2 * np.pi * stream.stamps / 20)
+    return np.take_along_axis(stream.ranges, np.rint(shares[:, None] * beams).astype(int) % len(beams), axis=1)
+
+
+def mean_of_four(stream: LidarStream) -> np.ndarray:
+    return np.mean([np.roll(stream.ranges, k, axis=0) for k in range(4)], axis=0, dtype=np.float32)
+
+
+def half_as_before(stream: LidarStream) -> np.ndarray:
+    ranges = np.array(stream.ranges)
+    for before, scan in pairwise(ranges):
+        both = np.isfinite(before) & np.isfinite(scan)
+        scan[both] = (scan[both] + before[both]) / 2
+    return ranges
+
+
+@pytest.mark.parametrize("smoothed", [mean_of_four, half_as_before])
+@pytest.mark.parametrize("platform", ["lms200", "rplidar_a1"])
+def test_scans_that_are_means_of_several_are_told(platform: str, smoothed: Callable[[LidarStream], np.ndarray]) -> None:
+    calibration, found = checked(lidar(ranges=smoothed)(driven(platform)))
+    assert calibration is None
+    assert codes(found.moves) == ["scans-unfit"]
+    assert "means of several scans" in found.moves[0].message
+
+
+def test_a_lidar_that_turns_unevenly_is_told() -> None:
+    recording = simulate(load_scenario("loop", platform="rplidar_a1"), 12).recording
+    (issue,) = checked(lidar(ranges=turning_unevenly)(recording), 150)[1].moves
+    assert issue.code == "odometry-unfit"
+    assert "speed of a motor" in issue.message
 
 
 @pytest.mark.parametrize("pairs", [150, slow(300)])
