@@ -115,10 +115,12 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     right = lidar_of(lidar, c, certain)
     if not c.correlation:
         told.append(("odometry-unfit", "odometry: it turns at no offset of its clock as the scans do: left out"))
+    elif not c.fits and c.fit.stands:
+        text = "lidar: by its scans it turns as the odometry does, but does not move: it sees the floor, or the robot"
+        told.append(("lidar-tilted", text))
     elif not c.fits:
         text = f"odometry: it turns as the scans do (correlation {c.correlation:.2f}), but the motions do not fit: "
-        text += "stamps of either are rounded or out of order, its lengths or turns are in other units, its wheels "
-        text += "slip, or the lidar sees the floor"
+        text += "stamps of either are rounded or out of order, its lengths or turns are in other units, or wheels slip"
         told.append(("odometry-unfit", text))
     x, y, yaw = mount_of(c, recording, certain)
     toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"
@@ -216,8 +218,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
 
 
 def trusting(sync: SyncConfig, issues: Iterable[Issue]) -> SyncConfig:
-    """How streams are synchronised: what travels along is known only where the angles are as stated."""
-    wrong = any(issue.code == "lidar-angles" for issue in issues)
+    """How streams are synchronised: what travels along is known only where angles and odometry are as stated."""
+    wrong = any(issue.code in ("lidar-angles", "odometry-unfit") for issue in issues)
     return sync.model_copy(update={"travelling": False}) if wrong else sync
 
 

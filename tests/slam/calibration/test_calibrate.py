@@ -21,9 +21,10 @@ from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.calibration.calibrate import Calibration, calibrate
 from moteslam.slam.calibration.clock_step import with_stamps
-from moteslam.slam.calibration.findings import WITHIN, Findings, checked, findings
+from moteslam.slam.calibration.findings import WITHIN, Findings, checked, findings, trusting
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
 from moteslam.slam.calibration.mended import calibrated
+from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
 Fault = Callable[[Recording], Recording]
@@ -325,6 +326,7 @@ def test_a_lidar_that_turns_unevenly_is_told() -> None:
     (issue,) = checked(lidar(ranges=turning_unevenly)(recording), 150)[1].moves
     assert issue.code == "odometry-unfit"
     assert "speed of a motor" in issue.message
+    assert not trusting(SyncConfig(), [issue]).travelling
 
 
 @pytest.mark.parametrize("pairs", [150, slow(300)])
@@ -371,7 +373,7 @@ def test_a_lidar_that_sees_the_floor_has_no_scale() -> None:
     for pairs in (150, 300):
         calibration, found = checked(lidar(ranges=tilted)(recording), pairs)
         assert calibration.fit.values[Parameter.LENGTHS] < 0.1
-        assert codes(found.issues) == ["odometry-unfit"]
+        assert codes(found.issues) == ["lidar-tilted"]
 
 
 @pytest.mark.slow
