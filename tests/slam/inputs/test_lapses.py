@@ -303,7 +303,7 @@ def test_what_travels_is_known_by_what_came_before_alone():
     np.testing.assert_array_equal(whole.odometry[:40], part.odometry)
 
 
-@pytest.mark.parametrize("doorways", [DOORWAYS, [2.0]])
+@pytest.mark.parametrize("doorways", [DOORWAYS, [6.0], [0.5]])
 def test_wheels_that_spin_move_nothing(doorways: list[float]):
     """The robot stands from 2.4 m on for 20 scans while its odometry goes on."""
     true = along_it(0.06 * np.concatenate((np.arange(40), np.full(20, 39), np.arange(40, 60))))
