@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, replace
+from itertools import chain
 from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 
 NONE = "-"
 """Stands for what cannot be measured, or what the platform has not."""
+READ = 2_000_000
+"""Fewer ranges of a bag are all read: within a second or two."""
+UNREAD = "only with --deep: blind or repeated scans, wheels that spin, what travels with the robot"
 Row = tuple[str, str, str]
 """Of the sensors: a figure's name, as measured, and by the platform of the recording."""
 STREAMS = (
@@ -49,8 +53,8 @@ def inspect(
 
     The column "platform" has what the recording's robot is known for. Scans are held against each other and against
     the odometry: what of lidar and odometry is certainly not as stated is a problem, with what mends it, and so is all
-    that SLAM would do without. Of a bag some hundred scans are read; with --deep all are measured, what travels with
-    the robot is found, and images are looked at; --plot reads all to draw them.
+    that SLAM would do without. Of a bag some hundred scans are measured, of a large one only these are read; with
+    --deep all are, and images are looked at; --plot reads all to draw them.
 
     \b
     Examples:
@@ -76,9 +80,9 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
 
     found, about = inspect_recording(recording, deep=deep), checked(recording)[1]
     more = () if about is None else about.issues
-    about = about if about is not None and about.figures else None
+    about, read = about if about is not None and about.figures else None, True
     if recording.lidar is not None:  # what a replay says of it
-        read = deep or isinstance(recording.lidar.ranges, np.ndarray)
+        read = deep or isinstance(recording.lidar.ranges, np.ndarray) or recording.lidar.ranges.size < READ
         try:
             inputs = synchronise(recording, trusting(SyncConfig(travelling=read, deskew=False), more))
             more += tuple(one for one in warnings(recording, inputs, read_ranges=read) if one not in more)
@@ -91,7 +95,7 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
 
         draw_streams(plot, recording, found)
     whole = {**found.to_dict(), "calibration": None if about is None else [asdict(one) for one in about.figures]}
-    return whole, _lines(found, recording.platform, about)
+    return whole, chain(_lines(found, recording.platform, about), () if read else (UNREAD,))
 
 
 def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Iterator[str]:

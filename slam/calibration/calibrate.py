@@ -15,15 +15,13 @@ from moteslam.robot.sensor_reports import turns
 from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Change, Fit, Pairs, Parameter, Path, clock, fit
 from moteslam.slam.calibration.readings import FORMS, ClockStep, clock_steps, in_form, quarter_turn, with_stamps
-from moteslam.slam.calibration.registered import (
+from moteslam.slam.calibration.registered import GOOD, TURNING, RegisteredPairs, best_scale, choose_pairs
+from moteslam.slam.calibration.unmeasured import (
     FEWEST,
-    GOOD,
-    TURNING,
-    RegisteredPairs,
     UnfitScansError,
     UnmeasuredError,
-    best_scale,
-    choose_pairs,
+    expect_beams_in_place,
+    expect_new_scans,
     expect_one_order,
     unmeasured,
 )
@@ -119,11 +117,13 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
         return None if found is None else replace(found, step=bundled)
     middle = len(lidar) // 2
     some = lidar.ranges[middle : middle + SOME]
+    expect_beams_in_place(some)
     if np.isnan(some).mean() > SPARSE or any(map(is_coarse, recording.stamps().values())):
         return None
     try:
         with np.errstate(all="ignore"):
             expect_one_order(some)
+            expect_new_scans(some)
             return _without_step(recording, _in_some_reading(recording, in_order(lidar), pairs), pairs)
     except (InputError, np.linalg.LinAlgError):  # encoders without wheels; values that are not finite
         return None
@@ -253,7 +253,7 @@ def _calibrate(
         if alone.cost < EXPLAINED * min(one.cost, clocks.cost):
             shared, late, best = False, "gyro", alone
             best.values[Parameter.OFFSET] = offset
-    fits = read is not None and min(best.cost, clocks.cost) < UNFIT and not best.stands(SIGMAS)
+    fits = read is not None and min(best.cost, clocks.cost) < UNFIT and not best.stands
     rates = _rates(scans, at, *best.values[CLOCKS], turns=best.values[Parameter.TURNS])
     return Calibration(
         angle_scale=angle_scale,

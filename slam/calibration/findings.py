@@ -16,7 +16,7 @@ from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recordi
 from moteslam.robot.values import Issue
 from moteslam.slam.calibration.calibrate import ANGLES, LATE, PAIRS, SIGMAS, Calibration, estimate
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
-from moteslam.slam.calibration.registered import UnmeasuredError
+from moteslam.slam.calibration.unmeasured import UnmeasuredError
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
@@ -26,14 +26,15 @@ PLACE, YAW = 0.07, 0.06
 """Smaller differences move no result by a tenth of a metre: of the mount [m], [rad],"""
 EXCESS = 0.07
 """of ranges that are all too long or too short by as much [m],"""
-SCALE = 0.04
-"""and of ranges over the odometry's lengths, which SLAM calibrates while driving."""
+SCALE, LENGTHS_SIGMAS = 0.03, 4.0
+"""and of ranges over the odometry's lengths: sound simulated drives show at most 0.018, of 2.5 deviations."""
 TURNS = 0.15
 """Likewise of turns by scans over the odometry's."""
 CHANGE, CHANGE_SIGMAS = 0.03, 6.0
 """Lengths over the odometry's change by less in mid drive where wheels slip a little, or with so few deviations."""
-LONG = 0.06
-"""From here on a scale moves the result by a tenth of a metre or more."""
+CURL = 0.1
+"""Odometry that turns by more over a metre than the scans draws a circle of 60 m: the worst of sound ones has 0.08
+[rad/m]."""
 NEAR_SWEEP = 0.02
 """A lag of the scans is that of a sweep where it is as near [s], besides its interval: drivers take so long."""
 WITHIN = 1.96
@@ -100,10 +101,12 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     right = lidar_of(lidar, c, certain)
     if not c.correlation:
         told.append(("odometry-unfit", "odometry: it turns at no offset of its clock as the scans do: left out"))
+    elif not c.fits and c.fit.stands:
+        text = "lidar: by its scans it turns as the odometry does, but does not move: it sees the floor, or the robot"
+        told.append(("lidar-tilted", text))
     elif not c.fits:
         text = f"odometry: it turns as the scans do (correlation {c.correlation:.2f}), but the motions do not fit: "
-        text += "stamps of either are rounded or out of order, its lengths or turns are in other units, its wheels "
-        text += "slip, or the lidar sees the floor"
+        text += "stamps of either are rounded or out of order, its lengths or turns are in other units, or wheels slip"
         told.append(("odometry-unfit", text))
     x, y, yaw = mount_of(c, recording, certain)
     toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"
@@ -122,6 +125,18 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         taken, stated = (share * sweep_seconds(recording, lidar) for share in (c.sweep, 1))
         text = f"lidar: scans fit best if a sweep takes {taken:.2g} s and not the {stated:.3g} s stated: "
         told.append(("time-increment", f"{text}turns are smeared; give [lidar] time_increment by --platform"))
+    turned, (curl, about_curl) = c.fit.turned, c.fit.curl
+    if c.fits and turned.exceeds(YAW, CHANGE_SIGMAS):
+        text = f"lidar: from about {turned.time:.0f} s on it looks {abs(degrees(turned.amount)):.1f} degrees to the "
+        text += f"{'left' if turned.amount > 0 else 'right'} of where it did, by the odometry: it was turned on the "
+        told.append(("mount-moves", f"{text}robot, or this drives aside there. Headings are wrong by as much"))
+    elif c.fits and c.fit.scatter > YAW:
+        text = f"lidar: half of the directions in which it drives are {degrees(c.fit.scatter):.1f} degrees or more off "
+        text += "those by the odometry, to either side: angles between beams vary, as with the speed of a motor, or "
+        told.append(("odometry-unfit", f"{text}wheels slip aside"))
+    if c.correlation and abs(curl) > max(CURL, SIGMAS * about_curl):
+        text = f"odometry: it turns {abs(curl):.2f} rad to the {'left' if curl > 0 else 'right'} on every metre, and "
+        told.append(("odometry-turn-scale", f"{text}scans do not: a wheel is smaller than stated, and its path curls"))
     if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
         backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4
         parts = [
@@ -184,14 +199,14 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     decided |= {"mirrored"} if c.wrong else set()
     decided |= set() if c.correlation else {"odometry-unfit"}
     issues = tuple(Issue(*each) for each in told)
-    little = scale is not None and abs(scale.value - 1) < LONG
-    moves = tuple(issue for issue in issues if not (little and issue.code == "range-scale"))
+    mended = set() if "turns" in certain else {"odometry-turn-scale"}  # a curl, while SLAM drives
+    moves = tuple(issue for issue in issues if issue.code not in mended)
     return Findings(figures, issues, moves, frozenset(decided & {issue.code for issue in issues}))
 
 
 def trusting(sync: SyncConfig, issues: Iterable[Issue]) -> SyncConfig:
-    """How streams are synchronised: what travels along is known only where the angles are as stated."""
-    wrong = any(issue.code == "lidar-angles" for issue in issues)
+    """How streams are synchronised: what travels along is known only where angles and odometry are as stated."""
+    wrong = any(issue.code in ("lidar-angles", "odometry-unfit") for issue in issues)
     return sync.model_copy(update={"travelling": False}) if wrong else sync
 
 
@@ -232,8 +247,8 @@ def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
     angles_differ = abs(c.angle_scale - 1) > max(ANGLES, SIGMAS * c.angle_deviation)
     span = abs(lidar.angle_increment) * (lidar.ranges.shape[1] - 1)
     least = [PLACE, PLACE, YAW + (abs(c.angle_scale - 1) * span if angles_differ else 0.0)]
-    far = np.full(3, c.fits)
-    scaled = c.fits and abs(lengths - 1) > max(SCALE, SIGMAS * about_lengths)
+    far = np.full(3, c.fits and not c.fit.turned.exceeds(YAW, CHANGE_SIGMAS))  # else it is of neither part
+    scaled = c.fits and abs(lengths - 1) > max(SCALE, LENGTHS_SIGMAS * about_lengths)
     for each, scale in product((c.fit, clocks), (1.0, lengths) if scaled else (1.0,)):  # with one clock, and with two
         apart = each.values[MOUNT] / (scale, scale, 1.0) - mount.pose  # by ranges, and by the odometry's lengths
         apart[Parameter.YAW] = se2.wrap(apart[Parameter.YAW])
@@ -241,6 +256,7 @@ def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
     turns = c.fits and abs(ratio - 1) > TURNS and abs(turns_over_scans - 1) > SIGMAS * about_turns
     too_long = abs(c.excess[0]) > max(EXCESS, SIGMAS * c.excess[1])
     too_long &= not (angles_differ or c.longer.exceeds(EXCESS, CHANGE_SIGMAS))  # one biases the other
+    too_long &= not c.fit.stands  # floor that keeps its range
     rows = [
         ("angles between beams, over the stated", c.angle_scale, c.angle_deviation, 1.0, angles_differ),
         ("x of the lidar [m]", x, about_x, mount.x, far[0]),

@@ -34,6 +34,13 @@ FEWEST, LONG_ENOUGH = 15, 0.1
 """Fewer pairs that measure a length give no ratio; one of a pair alone is of lengths from the second on [m]."""
 NEARLY = 0.2
 """A pair that turns by less is nearly straight [rad]."""
+ASIDE, CURLS = 0.05, 0.1
+"""Directions of pairs that scatter by more [rad], and turns over lengths [rad/m], count less."""
+SCATTER = 0.75
+"""A mount has turned by more than its pairs scatter: this much of their median counts as deviation."""
+STANDS = 0.05
+"""A lidar stands whose lengths are known to a larger share of them alone; those by odometry in other units are known to
+a percent."""
 SHARPENING = 6
 """Steps by the noise of lengths and turns that the residuals show."""
 STRAIGHT = 0.07
@@ -120,16 +127,20 @@ class Fit(NamedTuple):
     cost: float  # mean robust cost of a pair; about 3 where the model holds
     middle: float  # the time that the drift counts from [s]
     change: Change  # of the logarithm of lengths by the scans over those by the odometry, where it is clearest
+    turned: Change  # likewise of the yaw of the mount [rad]
+    curl: tuple[float, float]  # by how much more the odometry turns than the scans [rad/m], and its deviation
+    scatter: float  # median deviation of directions by the scans from those by the odometry [rad]; 0 of few pairs
 
     def expected(self, first: Array, last: Array, path: Path) -> Array:
         """The lidar's motions [k, 3] between times [k]."""
         return _expected(self.values, first, last, self.middle, path)
 
-    def stands(self, sigmas: float) -> bool:
+    @property
+    def stands(self) -> bool:
         """Whether the lidar does not move by its scans, as one that sees the floor: lengths of 0 are no scale."""
         lengths, about, floor = (float(of[Parameter.LENGTHS]) for of in (self.values, self.deviations, FLOOR))
         about = float(np.sqrt(max(about * about - floor * floor, 0.0)))
-        return lengths < sigmas * about < 1 / 2  # odometry in millimetres has a scale
+        return lengths < about / STANDS and about < STANDS / 2  # odometry in millimetres has a scale
 
 
 def covariances(information: Array, deviation: Array) -> Array:
@@ -233,7 +244,21 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, 
         ratio, deviation = _ratio_of_lengths(Pairs(*(each[some] for each in pairs)), expected[some], robust[some])
         return float(np.log(ratio)), deviation / ratio
 
-    return Fit(p, deviations, mean, pairs.middle, clearest_change(pairs.first, log_ratio))
+    scans, base = (each[:, 0] + 1j * each[:, 1] for each in (pairs.motions, expected))
+    known = np.linalg.eigvalsh(pairs.covariances[:, :2, :2])[:, 1] < UNMEASURED
+    known &= np.minimum(np.abs(scans), np.abs(base)) > LONG_ENOUGH
+    aside, straight = np.angle(base / scans)[known], 1 / (1 + (pairs.motions[known, 2] / STRAIGHT) ** 2)
+
+    def yaw(some: Array) -> tuple[float, float]:
+        values, weights = aside[some[known]], straight[some[known]]
+        mean, deviation = _robust_mean(values, weights, ASIDE, FLOOR[Parameter.YAW])
+        return mean, float(np.hypot(deviation, SCATTER * np.median(abs(values - mean)))) if len(values) else deviation
+
+    rates = se2.wrap(expected[:, 2] - pairs.motions[:, 2])[known] / np.abs(base[known])
+    curl = _robust_mean(rates, straight, CURLS, 0.0)
+    change, turned = (clearest_change(pairs.first, of) for of in (log_ratio, yaw))
+    scatter = float(np.median(abs(aside - np.median(aside)))) if len(aside) >= 2 * FEWEST else 0.0
+    return Fit(p, deviations, mean, pairs.middle, change, turned, curl, scatter)
 
 
 def _expected(p: Array, first: Array, last: Array, middle: float, path: Path, turns: Array | None = None) -> Array:
@@ -300,6 +325,17 @@ def _ratio_of_lengths(pairs: Pairs, expected: Array, robust: Array) -> tuple[flo
     if abs(ratio - middle) > abs(ratio - 1) / 2:  # it is of a few pairs, along a corridor perhaps
         deviation = max(deviation, abs(ratio - middle))
     return ratio, deviation
+
+
+def _robust_mean(values: Array, weights: Array, scale: float, floor: float) -> tuple[float, float]:
+    """The mean of values [k], of which those count less that are farther than ``scale`` from it; and its deviation."""
+    if len(values) < FEWEST:
+        return 0.0, np.inf
+    mean = float(np.median(values))
+    for _ in range(8):
+        each = weights / (1 + ((values - mean) / scale) ** 2)
+        mean = float((each * values).sum() / each.sum())
+    return mean, float(np.hypot(np.linalg.norm(parts_of(each * (values - mean))) / each.sum(), floor))
 
 
 def parts_of(values: Array) -> Array:

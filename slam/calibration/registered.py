@@ -12,6 +12,7 @@ from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.slam.calibration.hand_eye import Change, Pairs, clearest_change, covariances, parts_of
 from moteslam.slam.calibration.scan_pairs import LEAST_FIT, Beams, cost, refine, register
+from moteslam.slam.calibration.unmeasured import FEWEST, UnfitScansError
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
 Array = NDArray[np.float64]
@@ -19,8 +20,8 @@ Indices = NDArray[np.intp]
 
 MOTION, SHORTEST, LONGEST = (0.5, 0.4), 0.3, 2.0
 """A pair is about this far apart [m], or turned [rad], and apart from at least to at most this long [s]."""
-FEWEST, GOOD = 40, 0.75
-"""Fewer pairs, or a smaller share of them that are registered, say nothing."""
+GOOD = 0.75
+"""A smaller share of the pairs that are registered says nothing."""
 BEAMS = 360
 """Of a scan, about."""
 TURNS = (0.0, -0.3, 0.3)
@@ -50,47 +51,6 @@ TURNING = 0.05
 BESIDE, MOSTLY = 0.26, 0.5
 """A side of the robot is seen within this angle of the side on [rad], as a fan of 180 degrees may be wrong by as much,
 in more than this share of the scans."""
-DRIVES = 2.0
-"""A robot that goes no farther is not said to show nothing [m]."""
-BACKWARDS, SOME_BACKWARDS = 3.0, 0.1
-"""Neighbouring scans are in opposite order where one, turned round, is this many times more like the other; told of
-more than this share of them."""
-
-
-class UnmeasuredError(Exception):
-    """Nothing can be measured: the code and the text of what is said of it."""
-
-
-class UnfitScansError(UnmeasuredError):
-    """Scans do not fit each other: ``share`` of the pairs do, be their turns bound by what they see or not."""
-
-    def __init__(self, good: int, total: int, share: float) -> None:
-        self.share = share
-        text = f"lidar: {good} of {total} pairs of scans fit each other, at no scale of their angles more: the angles, "
-        text += "the unit of ranges or what stands for no return are not as stated, or scans are too far apart. They "
-        super().__init__("scans-unfit", f"{text}cannot be held against the odometry, and a map of them may be wrong")
-
-
-def unmeasured(odometry: Array) -> None:
-    """Raise ``UnmeasuredError`` of a robot that drives, by poses [n, 3] at scans."""
-    if (extent := float(np.hypot(*np.ptp(odometry[:, :2], axis=0)))) > DRIVES:
-        text = f"the robot hardly turns over {extent:.0f} m, the room is round, or scans are too few to be held "
-        text += "against odometry. Ranges, wheels or clocks that are not as stated make path and map wrong by as much, "
-        text += "and nothing tells"
-        raise UnmeasuredError("not-calibrated", text)
-
-
-def expect_one_order(ranges: NDArray[np.float32]) -> None:
-    """Raise ``UnmeasuredError`` where the beams of some scans [k, beams], one after the other, go the other way."""
-    one, other = ranges[:-1], ranges[1:]
-    straight, turned = (np.abs(one - each) for each in (other, other[:, ::-1]))
-    both = np.isfinite(straight) & np.isfinite(turned)
-    as_is, back = (np.where(both, np.minimum(each, 1.0), 0.0).sum(axis=1) for each in (straight, turned))
-    count = int((as_is > BACKWARDS * np.maximum(back, 0.01 * both.sum(axis=1))).sum())
-    if count > SOME_BACKWARDS * len(one):
-        text = f"lidar: {count} of {len(one)} scans have their beams in the other order than the scan before, as of "
-        text += "two lidars in one stream: a map of them is wrong. Turn those round"
-        raise UnmeasuredError("scans-unfit", text)
 
 
 class RegisteredPairs:

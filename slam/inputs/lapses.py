@@ -32,10 +32,8 @@ HARDEST, USUAL = 3.0, 1.0
 [m/s^2]."""
 TURN_USUAL, LEAST_TURN = 5.0, 0.02
 """Nor do they stop turning harder than the first [rad/s^2]; stops of less than the second say nothing [rad]."""
-RESOLVED = 4.0
-"""Odometry stands still where it should have gone this many of the smallest steps that it has ..."""
-LEAST_STOPPED = 0.002
-"""... and this far [m], [rad]."""
+RESOLVED, LEAST_STOPPED = 4.0, 0.002
+"""Odometry stands still where it should have gone so many of the smallest steps that it has and so far [m], [rad]."""
 STILL = 1e-9
 """Odometry that moves by less stands still, to the last bits of its place [m]."""
 TURNS = 0.5
@@ -47,10 +45,11 @@ WEAVES = 0.05
 APART, FARTHEST = 0.25, 1.5
 """Whether the robot stands while its odometry does is asked when it would have gone as far as the first [m], again each
 time as far, up to the second."""
-BEAMS = 5
-"""As many endpoints say so."""
-LEAST_SCANS = 3
-"""Fewer scans while the odometry stands do not say that the robot goes on: one that was carried may stand elsewhere."""
+BEAMS, LEAST_SCANS = 5, 3
+"""As many endpoints say so; fewer scans while the odometry stands do not: a robot that was carried stands elsewhere."""
+ANEW, ELSEWHERE, ANYWHERE = 0.05, 1.0, 30.0
+"""Poses begin anew that are, after a gap, no farther from 0 than the first [m], [rad], and were farther than the second
+[m] before: it is another run, and the robot may be as far off as the third [m]."""
 CAUGHT_UP = 2.0
 """Odometry has caught up that goes on in a step this many times as fast as before it stood."""
 
@@ -58,7 +57,7 @@ CAUGHT_UP = 2.0
 class Lapse(NamedTuple):
     """One of them, from a reading of the odometry to another [s]; ``named`` if it is worth a warning."""
 
-    kind: Literal["gap", "held", "stale", "missing", "jump"]  # held: a gap; the next scan has the pose from before it
+    kind: Literal["gap", "held", "anew", "stale", "missing", "jump"]  # held: a gap, then the pose from before it
     begin: float
     end: float
     named: bool = True
@@ -115,6 +114,7 @@ class Lapses:
                 "nothing was recorded while the robot drove on, and the next scan carries an odometry pose from "
                 "before: where the robot is then the scans must say",
             ),
+            ("anew", "gap", "nothing was recorded, then odometry begins anew: two runs in one file? Cut it there"),
             ("stale", "stale-odometry", "the odometry stood still while the robot drove: the scans alone there"),
             ("missing", "no-odometry", "no odometry was recorded while the robot moved: the scans alone there"),
         ):
@@ -166,7 +166,7 @@ def lapses(
         over = _over(stamps, begin, end)
         if not len(over):
             continue
-        lost = steps.lost(k)
+        lost, anew = steps.lost(k), not counted and steps.begins_anew(k)
         inside = (stamps[over] > begin) & (stamps[over] < end)
         if inside.sum() > 2:  # the scans go on
             if lost or steps.exceeds(k, turning=True):  # when it moved is open
@@ -174,20 +174,22 @@ def lapses(
                 seen.append(Lapse("stale" if lost else "missing", begin, end))
             continue
         longest = int(over[np.argmax(np.diff(stamps)[over - 1])])
-        if lost or steps.exceeds(k, turning=False):
+        if anew or lost or steps.exceeds(k, turning=False):
             poses = lidar.odometry
             is_held = poses is not None and (
                 np.array_equal(poses[longest], poses[longest - 1])
                 or not np.array_equal(poses[longest], odometry[longest])  # that of a reading before the gap
             )
-            seen.append(Lapse("held" if is_held else "gap", begin, end))
+            seen.append(Lapse("anew" if anew else "held" if is_held else "gap", begin, end))
         jumped[over] = False
-        if lost:
+        if anew:
+            motions[longest], left[longest] = np.zeros(3), Open(ANYWHERE, math.pi / math.sqrt(3), ANYWHERE)
+        elif lost:
             motions[longest], left[longest] = steps.extrapolated(k)
         elif counted:
             moved = se2.between(odometry[longest - 1], odometry[longest])
             motions[longest], left[longest] = np.asarray(moved), steps.bounded(k)
-        unmeasured[over] = lost
+        unmeasured[over] = lost or anew
         unmeasured[longest] = longest in left
     for first, sure, last in steps.standstills(since):
         scans = np.flatnonzero((stamps > readings.stamps[first]) & (stamps < readings.stamps[last]))
@@ -290,6 +292,11 @@ class _Steps:
         least = rate * min(rate / TURN_USUAL, seconds) / 2
         stopped = least > LEAST_TURN and abs(float(self.turns[k])) < least
         return bool(stopped and self.travelled(k) <= CAUGHT_UP * self.usual(k))
+
+    def begins_anew(self, k: int) -> bool:
+        """Whether the reading k is at 0, where odometry begins, and the one before is not."""
+        before, after = self._path.poses[k - 1 : k + 1]
+        return bool(np.abs(after).max() < ANEW and np.hypot(*before[:2]) > ELSEWHERE)
 
     def bounded(self, k: int) -> Open:
         """What counters leave open of a step over a gap: its length is known, and how far it turned, not when.

@@ -40,8 +40,13 @@ LEAST_FACING = 0.2
 """It is met by beams at this cosine to its normal at least."""
 STANDS = 1e-3
 """Odometry that moves by less than this [m] or [rad] stands."""
-BEAMS = 5
-"""Fewer beams than this say nothing of the wheels."""
+BEAMS, ALONE = 5, 3
+"""Fewer beams than the first say nothing of the wheels, or than the second where no range changes but by noise."""
+REPEATED = 5e-3
+"""A scan is the one before again where no range differs by more [m], as the noise of a lidar does in some beams, though
+the robot has moved by ``STEP`` and ``ALONE`` endpoints travel: along a bare corridor none does."""
+TURNED = 0.5
+"""An endpoint that keeps its range to ``REPEATED`` while the robot turns by this [rad] travels, too."""
 TRUSTED = 0.5
 """Share of the endpoints that may stand or travel that stood so far: 0.6 to 0.95 where odometry, mount and clock are
 right; 0.1 to 0.45 where they are not, and nothing follows from walls that are elsewhere."""
@@ -78,10 +83,10 @@ class Travelling:
         """What there was, each kind with its times; ``stamps`` [n] are those of the scans [s]."""
         along = any(one.kind == "along" for one in self.seen)
         nearest, far = np.nanpercentile(self.ranges, (0, 50)) if along else (0.0, 0.0)
-        load = f"something {nearest:.1f} to {far:.1f} m away travels with the robot (a load, or the floor before a "
+        load = f"something {nearest:.1f} to {far:.1f} m away travels with the robot (a load, beams that are stuck, or "
         issues = []
         for kind, code, text in (
-            ("along", "travels-along", load + "tilted lidar): left out"),
+            ("along", "travels-along", load + "floor before a tilted lidar): left out"),
             (
                 "repeated",
                 "scans-repeat",
@@ -137,8 +142,7 @@ class Follower:
     """Goes through the scans in order: what it says of one depends on those before and itself.
 
     Attributes:
-        repeats: whether the latest scan is the same as the one before, to the last digit, though the robot has moved
-            since it was new.
+        repeats: whether the latest scan is the same as the one before, though the robot has moved since it was new.
     """
 
     def __init__(self, lidar: LidarStream, mount: LidarSpec) -> None:
@@ -147,7 +151,8 @@ class Follower:
         self._angles = lidar.angles[beams]
         self._nearest = np.searchsorted(beams[:-1] + np.diff(beams) / 2, np.arange(lidar.ranges.shape[1]))
         self.repeats = False
-        self._scan, self._last = -1, lidar.ranges[:0]  # the latest
+        self._scan, self._last = -1, lidar.ranges[:0]  # the latest; the latest that was new, ...
+        self._at_last = np.zeros(3)  # ... and the odometry then
         self._driven, self._new, self._unmeasured = 0.0, 0.0, 0  # and turned; by the latest new scan; flags so far
         self._place = -1.0  # of the latest new scan, in ``STEP``
         self._compared: _Compared | None = None
@@ -156,6 +161,7 @@ class Follower:
         self._seen: list[Episode] = []
         self._for = np.zeros(count)  # comparisons that speak for it
         self._range = np.full(count, np.nan)
+        self._kept, self._heading = np.full((2, count), np.nan)  # a range, and the heading since when it is the same
         self._walls = [0] * MEMORY  # beams that were seen to stand, of the latest comparisons
         self._stood = self._might = 0  # of all comparisons, and those that might have
         self._spins = False
@@ -176,9 +182,16 @@ class Follower:
         """
         self._scan += 1
         self._driven, self._unmeasured = self._driven + driven, self._unmeasured + unmeasured
-        same = np.array_equal(ranges, self._last, equal_nan=True) and np.isfinite(ranges).sum() >= BEAMS
-        self._last, self._new = ranges, self._new if same else self._driven
-        self.repeats = bool(same) and self._driven > self._new + STANDS
+        moved = self._driven - self._new
+        same = len(self._last) == len(ranges) and np.isfinite(ranges).sum() >= BEAMS
+        same = same and np.allclose(ranges, self._last, rtol=0, atol=REPEATED, equal_nan=True)
+        again = same and moved > STANDS and np.array_equal(ranges, self._last, equal_nan=True)
+        if same and not again and not self.repeats and moved > STEP:
+            both = np.stack((self._last, ranges))[:, self._fan.beams], np.stack((self._at_last, odometry))
+            again = bool(compare_scans(self._fan, *both)[0].sum() >= ALONE)
+        self.repeats = bool(same and (again or self.repeats))
+        if not same:
+            self._last, self._at_last, self._new = ranges, odometry, self._driven
         if self.repeats:
             self._see("repeated", self._scan, self._scan)
         else:
@@ -232,8 +245,15 @@ class Follower:
             self._see("along", now.scan, now.scan, apart=now.scan)
             new &= ~known
         walls = int(stand.sum())
-        if self._wheels(before, now, int(new.sum()), walls):
+        with np.errstate(invalid="ignore"):
+            changed = bool((np.abs(now.ranges - before.ranges) > NEAR / 2).any())
+        if self._wheels(before, now, int(new.sum()), walls, changed):
             return
+        held = np.isfinite(now.ranges) & (np.abs(np.nan_to_num(now.ranges) - self._kept) <= REPEATED)
+        self._kept = np.where(held, self._kept, now.ranges)
+        self._heading = np.where(held, self._heading, now.odometry[2])
+        held &= np.abs(se2.wrap(now.odometry[2] - self._heading)) > TURNED
+        travel, stand = travel | held, stand & ~held
         self._walls = [*self._walls[1:], walls]
         self._stood, self._might = self._stood + walls, self._might + int((may & ~travel).sum())
         if not travel.any() and not self._for.any():
@@ -266,13 +286,14 @@ class Follower:
         self._begins.append(scan)
         self._epochs.append(held)
 
-    def _wheels(self, before: _Compared, now: _Compared, new: int, walls: int) -> bool:
+    def _wheels(self, before: _Compared, now: _Compared, new: int, walls: int, changed: bool) -> bool:
         """Whether the wheels spin on the spot from one scan to the other: then the robot stands from there on."""
         went_on = self._spins
         if went_on:
-            self._spins = new > walls
+            self._spins = new > walls or not changed
         else:
-            self._spins = self._trusted and new >= BEAMS and walls <= new / 4 and max(self._walls) >= BEAMS
+            enough = new >= (BEAMS if changed else ALONE)
+            self._spins = self._trusted and enough and walls <= new / 4 and max(self._walls) >= BEAMS
         if not self._spins:
             return False
         if not went_on:  # the motion since the former scan is taken back

@@ -6,7 +6,8 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from itertools import pairwise
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -19,10 +20,11 @@ from moteslam.sim.logged import with_odometry
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS, Calibration, calibrate
-from moteslam.slam.calibration.findings import WITHIN, Findings, checked, findings
+from moteslam.slam.calibration.findings import WITHIN, Findings, checked, findings, trusting
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
 from moteslam.slam.calibration.mended import calibrated
 from moteslam.slam.calibration.readings import with_stamps
+from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
 Fault = Callable[[Recording], Recording]
@@ -111,6 +113,7 @@ FAULTS: dict[str, tuple[Fault, str, str, float, float]] = {
     "narrow": (NARROW, "lidar-angles", "angles", 1 / 0.95 - 1, 0.005),
     "wide": (lidar(angle_increment=lambda s: s.angle_increment / 0.975), "lidar-angles", "angles", -0.025, 0.005),
     "long": (LONG, "range-scale", "lengths", 0.1, 0.02),
+    "longer": (lidar(ranges=lambda s: s.ranges * np.float32(1.04)), "range-scale", "lengths", 0.04, 0.012),
     "farther": (lidar(ranges=lambda s: s.ranges + np.float32(0.1)), "range-offset", "excess", 0.1, 0.02),
     "nearer": (lidar(ranges=lambda s: s.ranges - np.float32(0.15)), "range-offset", "excess", -0.15, 0.02),
     "ahead": (mount(x=0.2), "lidar-mount", "x", -0.2, 0.04),
@@ -270,6 +273,87 @@ def test_scans_that_fit_each_other_in_no_reading_are_told() -> None:
     assert codes(found.issues) == codes(found.moves) == ["scans-unfit"]
 
 
+def packed(stream: LidarStream, end: int) -> np.ndarray:
+    """Its ranges without those beyond 4 m, the gaps closed and the end, or the beginning, filled up."""
+    ranges = np.array(stream.ranges)
+    order = np.argsort(end * ~(ranges < 4.0), axis=1, kind="stable")
+    return np.take_along_axis(np.where(ranges < 4.0, ranges, np.nan).astype(np.float32), order, axis=1)
+
+
+@pytest.mark.parametrize("end", [1, -1])
+@pytest.mark.parametrize("platform", ["lms200", "rplidar_a1"])
+def test_beams_that_are_packed_are_told_and_nothing_is_made_of_them(platform: str, end: int) -> None:
+    calibration, found = checked(lidar(ranges=lambda s: packed(s, end))(driven(platform)))
+    assert calibration is None
+    assert codes(found.moves) == ["scans-unfit"]
+    assert "at one end" in found.moves[0].message
+
+
+def turning_unevenly(stream: LidarStream) -> np.ndarray:
+    """Of a motor whose speed wobbles by 5 % in 20 s."""
+    beams = np.arange(stream.ranges.shape[1])
+    shares = 1 + 0.05 * np.sin(2 * np.pi * stream.stamps / 20)
+    return np.take_along_axis(stream.ranges, np.rint(shares[:, None] * beams).astype(int) % len(beams), axis=1)
+
+
+def mean_of_four(stream: LidarStream) -> np.ndarray:
+    return np.mean([np.roll(stream.ranges, k, axis=0) for k in range(4)], axis=0, dtype=np.float32)
+
+
+def half_as_before(stream: LidarStream) -> np.ndarray:
+    ranges = np.array(stream.ranges)
+    for before, scan in pairwise(ranges):
+        both = np.isfinite(before) & np.isfinite(scan)
+        scan[both] = (scan[both] + before[both]) / 2
+    return ranges
+
+
+@pytest.mark.parametrize("smoothed", [mean_of_four, half_as_before])
+@pytest.mark.parametrize("platform", ["lms200", "rplidar_a1"])
+def test_scans_that_are_means_of_several_are_told(platform: str, smoothed: Callable[[LidarStream], np.ndarray]) -> None:
+    calibration, found = checked(lidar(ranges=smoothed)(driven(platform)))
+    assert calibration is None
+    assert codes(found.moves) == ["scans-unfit"]
+    assert "means of several scans" in found.moves[0].message
+
+
+def test_a_lidar_that_turns_unevenly_is_told() -> None:
+    recording = simulate(load_scenario("loop", platform="rplidar_a1"), 12).recording
+    (issue,) = checked(lidar(ranges=turning_unevenly)(recording), 150)[1].moves
+    assert issue.code == "odometry-unfit"
+    assert "speed of a motor" in issue.message
+    assert not trusting(SyncConfig(), [issue]).travelling
+
+
+@pytest.mark.parametrize("pairs", [150, slow(300)])
+@pytest.mark.parametrize("degrees", [15, slow(-8)])
+def test_a_lidar_that_is_turned_in_mid_drive_is_said_to_be(degrees: int, pairs: int) -> None:
+    def turned(s: LidarStream) -> np.ndarray:
+        late = s.stamps > s.stamps[0] + 0.4 * np.ptp(s.stamps)
+        by = round(np.radians(degrees) / s.angle_increment)
+        return np.where(late[:, None], np.roll(s.ranges, -by, axis=1), s.ranges)
+
+    recording = simulate(load_scenario("loop", platform="rplidar_a1"), 12).recording
+    found, about = checked(lidar(ranges=turned)(recording), pairs)
+    assert codes(about.moves) == ["mount-moves"]
+    assert np.degrees(found.fit.turned.amount) == pytest.approx(degrees, abs=1.0)
+    stamps = recording.lidar.stamps
+    assert found.fit.turned.time == pytest.approx(stamps[0] + 0.4 * np.ptp(stamps), abs=0.1 * np.ptp(stamps))
+
+
+@pytest.mark.parametrize(("curl", "told"), [(0.2, True), (-0.2, True), (0.04, False)])
+def test_odometry_that_curls_is_said_to(curl: float, told: bool) -> None:
+    def curled(poses: np.ndarray) -> np.ndarray:
+        steps = se2.between(poses[:-1], poses[1:])
+        steps[:, 2] += curl * steps[:, 0]
+        return np.asarray(se2.accumulate(np.vstack((poses[:1], steps))))
+
+    calibration, found = found_in(poses(curled)(driven("rplidar_a1")))
+    assert codes(found.issues) == ["odometry-turn-scale"] * told
+    assert found.moves == ()
+    assert calibration.fit.curl[0] == pytest.approx(curl, abs=0.05)
+
+
 def test_ranges_in_feet_do_not_move_the_mount() -> None:
     recording, mended, found = mended_by(lidar(ranges=lambda s: s.ranges * np.float32(3.28)), "lms200", "lidar")
     assert codes(found.issues) == ["range-scale"]
@@ -283,10 +367,10 @@ def test_a_lidar_that_sees_the_floor_has_no_scale() -> None:
         return np.where(down > 1e-3, np.minimum(s.ranges, 0.2 / np.maximum(down, 1e-3)), s.ranges).astype(np.float32)
 
     recording = cut(simulate(load_scenario("loop", platform="rplidar_a1"), 12).recording, Cut(0.0, 75.0))
-    calibration, found = found_in(lidar(ranges=tilted)(recording))
-    assert calibration.fit.values[Parameter.LENGTHS] < 0.1
-    assert "odometry-unfit" in codes(found.issues)
-    assert "range-scale" not in codes(found.issues)
+    for pairs in (150, 300):
+        calibration, found = checked(lidar(ranges=tilted)(recording), pairs)
+        assert calibration.fit.values[Parameter.LENGTHS] < 0.1
+        assert codes(found.issues) == ["lidar-tilted"]
 
 
 @pytest.mark.slow

@@ -108,6 +108,18 @@ def test_a_pose_from_before_a_gap_is_named(held: bool):
     assert ("carries an odometry pose from before" in issue.message) == held
 
 
+@pytest.mark.parametrize("at", [0.0, 3.0])
+def test_odometry_that_begins_anew_after_a_gap_is_of_another_run(at: float):
+    recording = driven(np.full(SCANS, 0.1))
+    stamps, poses = recording.lidar.stamps.copy(), recording.lidar.odometry.copy()
+    poses[50:] += (at, 0.0, 0.0) - poses[50]
+    stamps[50:] += 3600.0
+    inputs = synchronise(recording.replace(lidar=replace(recording.lidar, stamps=stamps, odometry=poses)))
+    assert any("begins anew" in issue.message for issue in inputs.issues) == (at == 0)
+    assert inputs.measured[50] == (at != 0)
+    assert at != 0 or (inputs.open[50].place > 10 and inputs.open[50].heading > 1)
+
+
 @pytest.mark.parametrize("full", [4.0, None])
 def test_a_counter_that_is_full_is_named_as_the_cause_of_jumps(full: float | None):
     recording = driven()
@@ -228,10 +240,10 @@ TAKEN = 80
 DOORWAYS = [2.0, 4.5, 5.5, 8.0]
 
 
-def corridor(truth: np.ndarray) -> np.ndarray:
+def corridor(truth: np.ndarray, doorways: list[float] = DOORWAYS) -> np.ndarray:
     """Ranges [n, beams] in a corridor 2 m wide with doorways 0.8 m wide and 0.4 m deep on its left, and two ends."""
     corners = [(-2.0, 1.0)]
-    for x in DOORWAYS:
+    for x in doorways:
         corners += [(x, 1.0), (x, 1.4), (x + 0.8, 1.4), (x + 0.8, 1.0)]
     corners += [(12.0, 1.0), (12.0, -1.0), (-2.0, -1.0), (-2.0, 1.0)]
     noise = np.random.default_rng(0).normal(0, 0.005, (len(truth), len(ANGLES)))
@@ -270,6 +282,17 @@ def test_what_travels_is_left_out_once_it_is_known(what: str):
         assert (near > 0.08).all() or what == "load"
 
 
+def test_beams_that_are_stuck_travel():
+    true = along_it()
+    true[40:, 2] += 0.7 * np.sin(np.arange(TAKEN - 40) / 6)
+    ranges = corridor(true)
+    ranges[20:, :60] = ranges[20, :60]
+    inputs = synchronise(recorded(ranges, true))
+    assert codes(inputs) == ["travels-along"]
+    assert len(inputs.scans.points(TAKEN - 1)) == pytest.approx(len(ANGLES) - 60, abs=12)
+    assert not synchronise(recorded(corridor(true), true)).issues
+
+
 def test_what_travels_is_known_by_what_came_before_alone():
     held = np.where(np.abs(ANGLES) < 0.35, 0.9 / np.cos(ANGLES), np.inf)
     ranges = np.minimum(corridor(along_it()), held)
@@ -280,19 +303,39 @@ def test_what_travels_is_known_by_what_came_before_alone():
     np.testing.assert_array_equal(whole.odometry[:40], part.odometry)
 
 
-def test_wheels_that_spin_move_nothing():
+@pytest.mark.parametrize("doorways", [DOORWAYS, [6.0], [0.5]])
+def test_wheels_that_spin_move_nothing(doorways: list[float]):
     """The robot stands from 2.4 m on for 20 scans while its odometry goes on."""
     true = along_it(0.06 * np.concatenate((np.arange(40), np.full(20, 39), np.arange(40, 60))))
     odometry = np.array(true[:1])
     steps = se2.between(true[:-1], true[1:])
     steps[39:59] = (0.06, 0.0, 0.0)
     odometry = se2.accumulate(np.vstack((np.zeros(3), steps)))
-    inputs = synchronise(recorded(corridor(true), odometry))
+    inputs = synchronise(recorded(corridor(true, doorways), odometry))
     assert codes(inputs) == ["wheels-spin"]
     travelled = se2.between(inputs.odometry[0], inputs.odometry[-1])
     expected = se2.between(true[0], true[-1])
     assert np.hypot(*(travelled - expected)[:2]) < 0.3  # without: 1.2
-    assert not synchronise(recorded(corridor(true), true)).issues
+    assert not synchronise(recorded(corridor(true, doorways), true)).issues
+
+
+def test_a_scan_that_the_driver_gives_again_with_a_little_noise_is_none():
+    ranges = corridor(along_it())
+    ranges[40:60] = ranges[39] + np.random.default_rng(1).normal(0, 0.001, (20, len(ANGLES)))
+    inputs = synchronise(recorded(ranges, along_it()))
+    assert codes(inputs) == ["scans-repeat"]
+    assert [len(inputs.scans.points(scan)) for scan in (39, 46, 59, 60)] == [len(ANGLES), 0, 0, len(ANGLES)]
+    still = np.repeat(along_it()[39:40], TAKEN, axis=0)
+    assert not synchronise(recorded(np.repeat(ranges[39:40], TAKEN, axis=0), still)).issues
+
+
+@pytest.mark.parametrize("noise", [0.0002, 0.005])
+def test_a_bare_corridor_looks_the_same_and_is_new(noise: float):
+    walls = [((-99, -1), (99, -1)), ((-99, 1), (99, 1))]
+    ranges = seen_from(np.zeros((TAKEN, 3)), walls)
+    ranges += np.random.default_rng(0).normal(0, noise, ranges.shape)
+    along = np.column_stack((0.06 * np.arange(TAKEN), np.zeros((TAKEN, 2))))
+    assert not synchronise(recorded(np.where(ranges < 6, ranges, np.inf), along)).issues
 
 
 def test_a_scan_that_the_driver_gives_again_is_left_out_while_the_robot_moves():

@@ -1,0 +1,94 @@
+"""Scans of which nothing can be measured: what is said of them, and how they are known."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+FEWEST = 40
+"""Fewer scans, beams or pairs of scans say nothing."""
+DRIVES = 2.0
+"""A robot that goes no farther is not said to show nothing [m]."""
+PACKED, SIZES = 0.9, 3
+"""Beams are not in their place where more than this share of the scans that have some without a return have all of them
+at an end, and in so many numbers: a part that the robot hides has one."""
+BACKWARDS, SOME_BACKWARDS = 3.0, 0.1
+"""Neighbouring scans are in opposite order where one, turned round, is this many times more like the other; told of
+more than this share of them."""
+EDGE, AT_REST = 0.3, 0.1
+"""A beam passes an edge where its range changes by more than the first [m], and by less than the second share of that
+from the scan before to the former."""
+GOES_ON, SMOOTHED, EDGES = (0.3, 1.1), 0.5, 100
+"""Ranges are smoothed in time where it goes on so in the next scan, by a share of that from the first to the second, at
+more than this share of as many edges: at 0.3 at most of those of sound lidars."""
+
+
+class UnmeasuredError(Exception):
+    """Nothing can be measured: the code and the text of what is said of it."""
+
+
+class UnfitScansError(UnmeasuredError):
+    """Scans do not fit each other: ``share`` of the pairs do, be their turns bound by what they see or not."""
+
+    def __init__(self, good: int, total: int, share: float) -> None:
+        self.share = share
+        text = f"lidar: {good} of {total} pairs of scans fit each other, at no scale of their angles more: the angles, "
+        text += "the unit of ranges or what stands for no return are not as stated, or scans are too far apart. They "
+        super().__init__("scans-unfit", f"{text}cannot be held against the odometry, and a map of them may be wrong")
+
+
+def unmeasured(odometry: Array) -> None:
+    """Raise ``UnmeasuredError`` of a robot that drives, by poses [n, 3] at scans."""
+    if (extent := float(np.hypot(*np.ptp(odometry[:, :2], axis=0)))) > DRIVES:
+        text = f"the robot hardly turns over {extent:.0f} m, the room is round, or scans are too few to be held "
+        text += "against odometry. Ranges, wheels or clocks that are not as stated make path and map wrong by as much, "
+        text += "and nothing tells"
+        raise UnmeasuredError("not-calibrated", text)
+
+
+def expect_one_order(ranges: NDArray[np.float32]) -> None:
+    """Raise ``UnmeasuredError`` where the beams of some scans [k, beams], one after the other, go the other way."""
+    one, other = ranges[:-1], ranges[1:]
+    straight, turned = (np.abs(one - each) for each in (other, other[:, ::-1]))
+    both = np.isfinite(straight) & np.isfinite(turned)
+    as_is, back = (np.where(both, np.minimum(each, 1.0), 0.0).sum(axis=1) for each in (straight, turned))
+    count = int((as_is > BACKWARDS * np.maximum(back, 0.01 * both.sum(axis=1))).sum())
+    if count > SOME_BACKWARDS * len(one):
+        text = f"lidar: {count} of {len(one)} scans have their beams in the other order than the scan before, as of "
+        text += "two lidars in one stream: a map of them is wrong. Turn those round"
+        raise UnmeasuredError("scans-unfit", text)
+
+
+def expect_beams_in_place(ranges: NDArray[np.float32]) -> None:
+    """Raise ``UnmeasuredError`` where beams of scans [k, beams] without a return are not in their place, but at an end.
+
+    Beams without a return lie anywhere in a fan: not even a twentieth of the scans of real lidars have all at one end.
+    """
+    none = ~np.isfinite(ranges)
+    lost = none.sum(axis=1)
+    some, numbers = (lost > 0) & (lost < none.shape[1]), np.arange(none.shape[1])
+    last = none[some] == (numbers >= none.shape[1] - lost[some, None])
+    first = none[some] == (numbers < lost[some, None])
+    packed = int(max(each.all(axis=1).sum() for each in (last, first)))
+    if packed >= FEWEST and packed > PACKED * some.sum() and len(np.unique(lost[some])) >= SIZES:
+        text = f"lidar: {packed} of {some.sum()} scans have all beams without a return at one end, up to "
+        text += f"{lost[some].max()} of them: their driver left those out and closed the gaps, so that angles, and a "
+        raise UnmeasuredError("scans-unfit", f"{text}map of them, are wrong. Keep a range of 0 or inf in its place")
+
+
+def expect_new_scans(ranges: NDArray[np.float32]) -> None:
+    """Raise ``UnmeasuredError`` where scans [k, beams], one after the other, are means of several.
+
+    Where a beam passes an edge its range changes at once; that of a mean changes in several steps.
+    """
+    steps = np.diff(ranges.astype(np.float64), axis=0)
+    before, step, after = steps[:-2], steps[1:-1], steps[2:]
+    edge = np.isfinite(before) & np.isfinite(after) & (np.abs(step) > EDGE) & (np.abs(before) < AT_REST * np.abs(step))
+    share = after[edge] / step[edge]
+    smoothed = int(((share > GOES_ON[0]) & (share < GOES_ON[1])).sum())
+    if len(share) >= EDGES and smoothed > SMOOTHED * len(share):
+        text = f"lidar: ranges change in several steps at {smoothed} of {len(share)} edges that beams pass: its driver "
+        text += "or a filter gives means of several scans. Places are mixed with those before, and poses come late"
+        raise UnmeasuredError("scans-unfit", text)
