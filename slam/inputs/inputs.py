@@ -117,12 +117,12 @@ class Inputs:
             self._seen |= {(lapse.kind, lapse.begin): lapse for lapse in found.seen}
         places = odometry[new]
         if self._follower is not None and path is not None:
-            driven = np.zeros(last)
-            steps = se2.between(odometry[: last - 1], odometry[1:last])
-            driven[1:] = np.hypot(steps[:, 0], steps[:, 1]) + np.abs(steps[:, 2])
+            begin = max(first - 1, 0)
+            steps = se2.between(odometry[begin : last - 1], odometry[begin + 1 : last])
+            driven = np.append(np.zeros(int(not first)), np.hypot(steps[:, 0], steps[:, 1]) + np.abs(steps[:, 2]))
             places, repeated = np.empty((last - first, 3)), np.zeros(last - first, np.bool_)
             scans = (ranges for some in chunks(lidar.ranges[new] if first else lidar.ranges) for ranges in some)
-            each = zip(scans, odometry[new], driven[new].tolist(), unmeasured.tolist(), strict=False)
+            each = zip(scans, odometry[new], driven.tolist(), unmeasured.tolist(), strict=False)
             for scan, of_scan in enumerate(each):
                 places[scan] = self._follower.add(*of_scan)
                 repeated[scan] = self._follower.repeats

@@ -160,7 +160,7 @@ def test_what_is_kept_and_what_a_scan_costs_does_not_grow_with_the_scans():
     live = slam._taken
     assert isinstance(live, LiveInputs)
     assert len(live) == 5000
-    assert len(live.scans._kept) == 1
+    assert len(live.scans) == 1
     assert max(len(live._tail), len(live._ranges)) <= 2 * KEPT
     assert len(live.odometry_in.path.stamps) <= 2 * KEPT + MOST_KEPT
 
