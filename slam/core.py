@@ -16,7 +16,7 @@ from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, expect_type, shortened
-from moteslam.slam.backend.building import Building
+from moteslam.slam.backend.building import Building, between_known
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.config import METHODS, SlamConfig
@@ -25,7 +25,7 @@ from moteslam.slam.filter.certainty import certainty_of_particles, spread
 from moteslam.slam.filter.protocol import Filter, StepResult
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.lapses import left_open
-from moteslam.slam.inputs.odometry_path import Rows, between_known
+from moteslam.slam.inputs.odometry_path import Rows
 from moteslam.slam.inputs.step import Step
 from moteslam.slam.inputs.synchronise import about_jumps
 from moteslam.slam.mapping.occupancy import draw_map

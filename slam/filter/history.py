@@ -31,9 +31,8 @@ class _Part:
 
     def add(self, poses: Array) -> None:
         """Add an update."""
-        count = len(self.poses)
-        self.room[count] = poses
-        self.poses = self.room[: count + 1]
+        self.poses = self.room[: len(self.poses) + 1]
+        self.poses[-1] = poses
 
     def keep(self, places: Indices) -> None:
         """Keep some of the particles: nothing more is added."""
@@ -54,11 +53,6 @@ class History:
 
     def __len__(self) -> int:
         return self._parts[-1].begin + len(self._parts[-1].poses) if self._parts else 0
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of the poses."""
-        return sum(part.poses.nbytes for part in self._parts)
 
     @property
     def particles(self) -> int:

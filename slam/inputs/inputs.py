@@ -16,7 +16,7 @@ from moteslam.robot.recording import LidarStream, chunks
 from moteslam.robot.values import Issue
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.lapses import Lapse, Lapses, Open, lapses
-from moteslam.slam.inputs.odometry_path import OdometryPath, Rows, has_left, jumps
+from moteslam.slam.inputs.odometry_path import OdometryPath, Rows, jumps
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.travelling import Follower, Travelling
 
@@ -151,3 +151,10 @@ class Inputs:
             if left:
                 self._start = None
         return measures
+
+
+def has_left(first: NDArray[np.float32], here: NDArray[np.float32], config: SyncConfig) -> tuple[bool, bool]:
+    """Whether two scans [beams] [m] are of different places, and whether any beam has an endpoint in both."""
+    both = np.isfinite(first) & np.isfinite(here)
+    differs = np.abs(here[both] - first[both]) > config.same_range
+    return bool(differs.sum() > config.moved_share * both.sum()), bool(both.any())

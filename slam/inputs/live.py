@@ -49,8 +49,8 @@ class LiveScans(Scans):
 
     def __init__(self, lidar: LidarStream, platform: Platform, max_range: float) -> None:
         super().__init__(lidar, platform.lidar, max_range=max_range)
-        self._indices, self._swept = array("q"), array("d")
-        self._blocks: list[NDArray[np.float32]] = []  # of their ranges
+        self._indices = array("q")
+        self._blocks: list[NDArray[np.float32]] = []  # rows of ranges and, as they are in memory, sweep
 
     def __len__(self) -> int:
         return len(self._indices)
@@ -59,21 +59,19 @@ class LiveScans(Scans):
         """Keep a scan: its ranges [beams] [m], and how the robot moved while it was taken [3]."""
         block, place = divmod(len(self), BLOCK)
         if block == len(self._blocks):
-            self._blocks.append(np.empty((BLOCK, len(ranges)), np.float32))
-        self._blocks[block][place] = ranges
+            self._blocks.append(np.empty((BLOCK, len(ranges) + 6), np.float32))
+        self._blocks[block][place] = np.concatenate((ranges, sweep.view(np.float32)))
         self._indices.append(index)
-        self._swept.extend(sweep.tolist())
 
     def forget_latest(self) -> None:
         """Keep the latest scan no longer."""
         self._indices.pop()
-        del self._swept[-3:]
 
     def _some(self, first: int, last: int) -> tuple[NDArray[np.float32], Array | None]:
         places = [bisect_left(self._indices, index) for index in range(first, last)]
         assert [self._indices[place] for place in places] == list(range(first, last))
-        ranges = np.stack([self._blocks[place // BLOCK][place % BLOCK] for place in places])
-        return ranges, np.array([self._swept[3 * place : 3 * place + 3] for place in places])
+        rows = np.stack([self._blocks[place // BLOCK][place % BLOCK] for place in places])
+        return rows[:, :-6], np.ascontiguousarray(rows[:, -6:]).view(np.float64)
 
 
 class Beginning:

@@ -68,7 +68,7 @@ def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | No
             raise InputError("encoders without wheels, expected a platform with [wheels]", file=recording.name)
         readings = OdometryReadings(recording.platform, config)
         if imu is not None and len(imu):
-            readings.add_yaw_rates(imu.stamps, imu.angular_velocity[:, 2].astype(np.float64))
+            readings.add_yaw_rates(imu.stamps, imu.angular_velocity[:, 2:].astype(np.float64))
         readings.add_counts(encoders.stamps, encoders.counts)
         readings.integrate(waited=np.inf)
         return readings.path
@@ -199,10 +199,10 @@ class OdometryReadings:
         """Note a message of ``odometry``, ``encoders`` or ``imu``, its stamp first: they are taken in together."""
         if stream == "encoders" and self._wheels is None:
             raise InputError("wheel counts, expected a platform with [wheels]", field="counts")
-        if stream == "encoders" and (len(self._rows) or self._heard["odometry"]) and not self.counted:
-            raise InputError("counts, expected poses as before", field="odometry")
-        if stream == "odometry" and self.counted:
-            raise InputError("poses, expected counts as before", field="odometry")
+        kinds, heard = {"encoders": "counts", "odometry": "poses"}, len(self._rows) or self._heard["odometry"]
+        before = "counts" if self.counted else "poses" if heard else None
+        if before and before != kinds.get(stream, before):
+            raise InputError(f"{kinds[stream]}, expected {before} as before", field="odometry")
         self.counted |= stream == "encoders"
         self._heard[stream].append(message)
 
@@ -210,14 +210,15 @@ class OdometryReadings:
         """Take in poses [m, 3] that the base has integrated."""
         self._add(stamps, poses, poses)
 
-    def add_counts(self, stamps: Array, counts: NDArray[np.int64]) -> None:
+    def add_counts(self, stamps: Array, counts: NDArray[Any]) -> None:
         """Take in the counts [m, 4] of the wheels, each since the reading before."""
         assert self._wheels is not None
         self.counted = True
-        self._waiting.add(stamps, *wheel_motion(counts, self._wheels))
+        self._waiting.add(stamps, *wheel_motion(counts.astype(np.int64), self._wheels))
 
     def add_yaw_rates(self, stamps: Array, rates: Array) -> None:
-        """Take in the gyro's yaw rates [m] [rad/s]."""
+        """Take in the gyro's yaw rates [m, 1] [rad/s]."""
+        rates = rates[:, 0]
         if self._config.low_pass_hz > 0:
             rates = np.array([self._low_pass.of(*each) for each in zip(rates.tolist(), stamps.tolist(), strict=True)])
         last, rate, heading = self._gyro.values[-1] if len(self._gyro) else (stamps[:1], rates[:1], 0.0)
@@ -229,15 +230,13 @@ class OdometryReadings:
 
         Those up to a stamp have waited long enough [s], and go without.
         """
-        rates, counts, poses = (np.array(heard) for heard in self._heard.values())
-        if len(rates):
-            self.add_yaw_rates(rates[:, 0], rates[:, 1])
-        if len(counts):
-            self.add_counts(counts[:, 0], counts[:, 1:].astype(np.int64))
-        if len(poses):
-            self.add_poses(poses[:, 0], poses[:, 1:])
-        for heard in self._heard.values():
-            heard.clear()
+        for heard, take in zip(
+            self._heard.values(), (self.add_yaw_rates, self.add_counts, self.add_poses), strict=True
+        ):
+            if heard:
+                table = np.array(heard)
+                take(table[:, 0], table[:, 1:])
+                heard.clear()
         stamps, distance, turn = self._waiting.values.T
         if self._has_gyro or len(self._gyro):
             newest = self._gyro.values[-1, 0] if len(self._gyro) else -np.inf
@@ -305,31 +304,6 @@ def _summed(start: float, steps: Array) -> Array:
     return np.cumsum(np.append(start, steps))[1:]
 
 
-def between_known(path: Array, known: NDArray[np.intp], motion: Array) -> Array:
-    """The poses [n, 3] of all n places along a motion, where those of some are known.
-
-    Motion on from the place before and back from the place after do not quite meet; the misfit is spread evenly over
-    the places between.
-
-    Args:
-        path: [u, 3] poses of the known places.
-        known: [u] which of the n places they are, rising.
-        motion: [n, 3] poses of all places, as the motion has them, in a frame of its own.
-    """
-    places = np.arange(len(motion))
-    before = np.clip(np.searchsorted(known, places, side="right") - 1, 0, len(known) - 1)
-    after = np.minimum(before + 1, len(known) - 1)
-    forward = se2.compose(path[before], se2.between(motion[known[before]], motion))
-    backward = se2.compose(path[after], se2.between(motion[known[after]], motion))
-    span = known[after] - known[before]
-    share = np.where(span > 0, (places - known[before]) / np.maximum(span, 1), 0.0)[:, None]
-    misfit = backward - forward
-    misfit[:, 2] = se2.wrap(misfit[:, 2])
-    poses = forward + share * misfit
-    poses[:, 2] = se2.wrap(poses[:, 2])
-    return np.asarray(poses)
-
-
 USUAL = 90
 """The percentile of the latest steps that a step is compared with."""
 
@@ -374,10 +348,3 @@ def jumps(
             farthest = max(most * np.median(dt[latest]), c.jump_factor * np.percentile(size[latest], USUAL))
             jump[step + 1] |= size[step] > farthest
     return jump
-
-
-def has_left(first: NDArray[np.float32], here: NDArray[np.float32], config: SyncConfig) -> tuple[bool, bool]:
-    """Whether two scans [beams] [m] are of different places, and whether any beam has an endpoint in both."""
-    both = np.isfinite(first) & np.isfinite(here)
-    differs = np.abs(here[both] - first[both]) > config.same_range
-    return bool(differs.sum() > config.moved_share * both.sum()), bool(both.any())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array, umeyama
 from moteslam.robot.values import Issue, counted
-from moteslam.slam.backend.building import Measured
+from moteslam.slam.backend.building import Measured, between_known
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, sharpness
 from moteslam.slam.backend.graph.joint import register_jointly
@@ -22,7 +22,7 @@ from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.kinds import BackendKind
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.protocol import KeyScan
-from moteslam.slam.inputs.odometry_path import Rows, between_known
+from moteslam.slam.inputs.odometry_path import Rows
 
 OFF, WELL_GROWN = 0.05, 1.25
 """The filter's path is corrected where a new loop is off by the first [m], and the path has grown by the second factor
