@@ -18,37 +18,33 @@ class _Part:
     """Some updates in a row, between which no particles were drawn anew.
 
     Attributes:
-        poses: [updates, kept particles, 3].
-        kept: [k] indices of the particles, among those of its updates.
-        parents: [k] their places among those that the part before has kept.
+        begin: the first update.
+        parents: [k] where the particles that are kept descend from, among those that the part before has kept.
+        kept: [k] which particles of its updates they are.
+        poses: [updates, k, 3].
+        room: for the poses of all particles; none once some are kept alone.
     """
 
     def __init__(self, begin: int, parents: Indices) -> None:
-        self.begin, self.parents = begin, parents
-        self.kept = np.arange(len(parents))
-        self.poses: Array = np.empty((0, len(parents), 3))
+        self.begin, self.parents, self.kept = begin, parents, np.arange(len(parents))
         self.room = np.empty((LONGEST, len(parents), 3))
-
-    def add(self, poses: Array) -> None:
-        """Add an update."""
-        self.poses = self.room[: len(self.poses) + 1]
-        self.poses[-1] = poses
+        self.poses = self.room[:0]
 
     def keep(self, places: Indices) -> None:
-        """Keep some of the particles: nothing more is added."""
-        self.poses, self.room = self.poses[:, places], self.room[:0]
+        """Keep some of the particles alone: nothing more is added."""
+        self.poses, self.room = self.poses[:, places], self.room[:0, :0]
         self.kept, self.parents = self.kept[places], self.parents[places]
 
 
 class History:
     """Grows by one entry an update; a path is read back through the parents that resampling chose.
 
-    Of each update the particles are kept from which those of the last one descend: soon a single one.
+    Of each update those particles are kept from which some of the last one descend: soon a single one.
     """
 
     def __init__(self) -> None:
         self._parts: list[_Part] = []
-        self._parents: Indices | None = None  # of the next update, where it is of particles that are drawn anew
+        self._parents: Indices | None = None  # of the next update, where its particles are drawn anew
         self._weights: Array | None = None  # of the last update
 
     def __len__(self) -> int:
@@ -79,52 +75,33 @@ class History:
         if not self._parts or self._parents is not None or len(self._parts[-1].poses) == LONGEST:
             self._parts.append(_Part(len(self), np.arange(len(poses)) if self._parents is None else self._parents))
             self._parents = None
-            self._forget()
-        self._parts[-1].add(poses)
+            for part, before in zip(self._parts[:0:-1], self._parts[-2::-1], strict=False):
+                places, part.parents = np.unique(part.parents, return_inverse=True)
+                if len(places) == len(before.kept) and not len(before.room):
+                    break
+                before.keep(places)
+        part = self._parts[-1]
+        part.poses = part.room[: len(part.poses) + 1]
+        part.poses[-1] = poses
 
     def resampled(self, parents: Indices) -> None:
         """Record that the next update's particles descend from these [M] of the last."""
         self._parents = parents
 
-    def _forget(self) -> None:
-        """Forget the particles from which none of the last part descends."""
-        for part, before in zip(self._parts[:0:-1], self._parts[-2::-1], strict=False):
-            places, part.parents = np.unique(part.parents, return_inverse=True)
-            if len(places) == len(before.kept) and not len(before.room):
-                break
-            before.keep(places)
-
-    def _traced(self, particles: Indices, first: int) -> Iterator[tuple[int, _Part, Indices]]:
-        """Where these [K] of the last update, and what they descend from, are: an update, its part, places in it."""
-        places = np.asarray(particles)
-        for part in reversed(self._parts):
-            for update in reversed(range(max(part.begin, first), part.begin + len(part.poses))):
-                yield update, part, places
-            if part.begin <= first:
-                return
-            places = part.parents[places]
-
     def ancestors(self, particles: Indices, first: int = 0) -> Indices:
-        """The indices of the particles that these [K] of the last update descend from, [K, updates from the first on].
-
-        Returns:
-            [K, updates from the first on].
-        """
+        """The indices of what particles [K] of the last update descend from, [K, updates from the first on]."""
         ancestors = np.empty((len(particles), len(self) - first), np.int64)
         for update, part, places in self._traced(particles, first):
             ancestors[:, update - first] = part.kept[places]
         return ancestors
 
     def paths(self, particles: Indices, first: int = 0) -> Array:
-        """The paths [K, updates from the first on, 3] that end in particles [K] of the last update (before its
-        resampling).
-
-        Returns:
-            [K, updates from the first on, 3].
+        """The paths [K, updates from the first on, 3] that end in particles [K] of the last update, before its
+        resampling.
         """
         paths = np.empty((len(particles), len(self) - first, 3))
         for update, part, places in self._traced(particles, first):
-            paths[:, update - first] = part.poses[update - part.begin][places]
+            paths[:, update - first] = part.poses[update - part.begin, places]
         return paths
 
     def path(self, particle: int, first: int = 0) -> Array:
@@ -134,13 +111,21 @@ class History:
     def move(self, first: int, frames: Array) -> None:
         """Move the poses of all updates from the first on by frames [N, 3], one of each particle."""
         for update, part, _ in self._traced(np.arange(len(frames)), first):
-            poses = part.poses[update - part.begin]
-            poses[:] = se2.compose(frames, poses)
+            part.poses[update - part.begin] = se2.compose(frames, part.poses[update - part.begin])
 
     def revise(self, path: Array, revised: Array) -> None:
         """Move all poses by the correction of one particle's path [updates, 3]: each keeps its place relative to that
         path.
         """
         for update, part, _ in self._traced(np.arange(self.particles), 0):
-            poses = part.poses[update - part.begin]
-            poses[:] = se2.compose(revised[update], se2.between(path[update], poses))
+            moved = se2.between(path[update], part.poses[update - part.begin])
+            part.poses[update - part.begin] = se2.compose(revised[update], moved)
+
+    def _traced(self, places: Indices, first: int) -> Iterator[tuple[int, _Part, Indices]]:
+        """Every update back to the first, its part, and where in that particles [K] of the last descend from."""
+        for part in reversed(self._parts):
+            for update in reversed(range(max(part.begin, first), part.begin + len(part.poses))):
+                yield update, part, places
+            if part.begin <= first:
+                return
+            places = part.parents[places]

@@ -40,8 +40,6 @@ ten scans a second, in which a robot turns, and some ten megabytes however long 
 FEW, SOON = 10, 10.0
 """Units are first looked at after so many scans and seconds: speeds are of a second each, and a single jump is none."""
 NOTHING, BLOCK = np.empty(0, np.float32), 256
-WIDTHS = {"lidar": 4, "odometry": 4, "encoders": 5, "imu": 2}
-"""Of a message: its stamp and the values."""
 
 
 class LiveScans(Scans):
@@ -84,7 +82,7 @@ class Beginning:
     def __init__(self, platform: Platform, lidar: LidarStream) -> None:
         self._platform, self._lidar = platform, lidar
         self._ranges = Rows(lidar.ranges.shape[1], np.float32)
-        self._rows: dict[str, array[float]] = {}  # of each message stamp and values, by stream
+        self._rows: dict[str, Rows] = {}  # stamp and values, by stream
         self._messages, self._next = 0, FEW
 
     def __len__(self) -> int:
@@ -103,12 +101,12 @@ class Beginning:
             self._messages += 1
         else:
             self._ranges.add(ranges[None])
-        self._rows.setdefault(stream, array("d")).extend(message)
+        self._rows.setdefault(stream, Rows(len(message))).add(np.array([message]))
 
     def is_due(self) -> bool:
         """Whether units are to be looked at: now and then, each time with twice as many scans."""
-        stamps = self._rows["lidar"]
-        if len(self) < self._next or stamps[-WIDTHS["lidar"]] - stamps[0] < SOON:
+        stamps = self._rows["lidar"].values[:, 0]
+        if len(self) < self._next or stamps[-1] - stamps[0] < SOON:
             return False
         self._next = min(2 * len(self), FIRST) if len(self) < FIRST else FIRST + 1
         return True
@@ -117,8 +115,7 @@ class Beginning:
         """All of them; ranges beyond the lidar's limit are no return, unless they are all that there is and no codes,
         and it need not be ``limited``.
         """
-        given = {each: np.array(rows).reshape(-1, WIDTHS[each]) for each, rows in self._rows.items()}
-        ranges = self._ranges.values
+        given, ranges = {each: rows.values for each, rows in self._rows.items()}, self._ranges.values
         streams: dict[str, Any] = {}
         if len(self):
             beyond = np.isfinite(ranges) & (ranges > np.float32(self._lidar.range_max))

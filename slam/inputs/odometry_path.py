@@ -214,7 +214,7 @@ class OdometryReadings:
         """Take in the counts [m, 4] of the wheels, each since the reading before."""
         assert self._wheels is not None
         self.counted = True
-        self._waiting.add(stamps, *wheel_motion(counts.astype(np.int64), self._wheels))
+        self._waiting.add(stamps, *wheel_motion(counts, self._wheels))
 
     def add_yaw_rates(self, stamps: Array, rates: Array) -> None:
         """Take in the gyro's yaw rates [m, 1] [rad/s]."""
