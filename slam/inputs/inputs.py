@@ -141,7 +141,7 @@ class Inputs:
         """Whether the odometry has moved by each new scan, or the robot is seen to stand where it began."""
         origin = self.odometry[0] if len(self) else places[0]
         moved = np.logical_or.accumulate((places != origin).any(axis=1)) | self.moves | counted
-        self._start = lidar.ranges[new.start] if not len(self) else self._start
+        self._start = lidar.ranges[new.start].copy() if not len(self) else self._start
         self.moves, measures = bool(moved[-1]), moved.copy()
         for scan in np.flatnonzero(~moved).tolist():
             if self._start is None:

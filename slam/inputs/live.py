@@ -271,7 +271,7 @@ class LiveInputs(Inputs):
         if logged is not None and self.waiting and (after := self.waiting[0]).odometry is not None:
             rows = np.vstack((rows, (after.stamp, *after.odometry, *after.odometry)))  # the reading after
             ranges, logged = np.vstack((ranges, after.ranges)), rows[:, 4:]
-        stamps, odometry = rows[:, 0], np.ascontiguousarray(rows[:, 1:4])
+        stamps, odometry = given_up(rows[:, 0]), rows[:, 1:4]
         lidar = replace(self._lidar, stamps=stamps, ranges=given_up(ranges[:]), odometry=logged)
         if path is None and logged is not None:
             path = OdometryPath(stamps, odometry)

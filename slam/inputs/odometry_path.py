@@ -40,10 +40,8 @@ class OdometryPath:
         """The poses [m, 3] interpolated at stamps [m] [s]."""
         if self.unwrapped is None:
             return se2.interpolate(self.stamps, self.poses, stamps)
-        first = max(int(np.searchsorted(self.stamps, stamps.min())) - 1, 0)
-        part = slice(first, int(np.searchsorted(self.stamps, stamps.max(), side="right")) + 1)  # these lie between
-        columns = (*self.poses[part].T[:2], self.unwrapped[part])
-        x, y, heading = (np.interp(stamps, self.stamps[part], each) for each in columns)
+        columns = (*self.poses.T[:2], self.unwrapped)
+        x, y, heading = (np.interp(stamps, self.stamps, each) for each in columns)
         return np.stack((x, y, se2.wrap(heading)), axis=-1)
 
 
