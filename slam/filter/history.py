@@ -32,7 +32,7 @@ class _Part:
 
     def keep(self, places: Indices) -> None:
         """Keep some of the particles alone: nothing more is added."""
-        self.poses, self.room = self.poses[:, places], self.room[:0, :0]
+        self.poses, self.room = self.poses[:, places], np.empty((0, 0, 3))  # not a view, which would hold all of it
         self.kept, self.parents = self.kept[places], self.parents[places]
 
 

@@ -217,4 +217,7 @@ def test_of_early_updates_the_ancestors_alone_are_kept():
         history.paths(each), np.stack([p[k] for p, k in zip(poses, places, strict=True)], axis=1)
     )
     np.testing.assert_array_equal(history.last, poses[-1])
-    assert sum(part.poses.nbytes for part in history._parts) < sum(some.nbytes for some in poses) / 3
+    arrays = [
+        array if array.base is None else array.base for part in history._parts for array in (part.poses, part.room)
+    ]
+    assert sum({id(array): array.nbytes for array in arrays}.values()) < sum(some.nbytes for some in poses) / 2
