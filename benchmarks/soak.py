@@ -107,8 +107,8 @@ def trajectory_bytes(session: OnlineSlam, scans: int) -> int:
     inputs, history, backend, records = session._inputs, session._filter.history, session._backend, session._records
     a_scan = [inputs.stamps, inputs.odometry, inputs.motions, inputs.jumped, inputs.measured]
     a_scan += [records._rows.values]
-    paths = sum(poses.nbytes + sys.getsizeof(poses) for poses in history._poses)
-    keys = sum(sys.getsizeof(pose) + pose.nbytes for pose in getattr(backend, "_path", ()))
+    paths = sum(part.poses.nbytes for part in history._parts)
+    keys = backend._path.values.nbytes if hasattr(backend, "_path") else 0
     return int(sum(values.nbytes // len(values) for values in a_scan) * scans + paths + keys)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from array import array
 from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import version
@@ -15,7 +16,7 @@ from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, expect_type, shortened
-from moteslam.slam.backend.building import Building
+from moteslam.slam.backend.building import Building, between_known
 from moteslam.slam.backend.protocol import BACKENDS, KeyScan
 from moteslam.slam.config import METHODS, SlamConfig
 from moteslam.slam.estimate import Correction, Estimate, as_logged
@@ -23,7 +24,7 @@ from moteslam.slam.filter.certainty import certainty_of_particles, spread
 from moteslam.slam.filter.protocol import Filter, StepResult
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.lapses import left_open
-from moteslam.slam.inputs.odometry_path import between_known
+from moteslam.slam.inputs.odometry_path import Rows
 from moteslam.slam.inputs.step import Step
 from moteslam.slam.inputs.synchronise import about_jumps
 from moteslam.slam.mapping.occupancy import draw_map
@@ -50,9 +51,9 @@ class Core:
         self._backend = BACKENDS[config.backend.method].make(config.backend)
         self._taken: Inputs | None = None
         self._records = ScanRecords()
-        self._updates: list[int] = []
+        self._updates = array("q")
         self._waiting: list[KeyScan] = []  # for the back end, until the filter is settled
-        self._spreads: list[Array] = []
+        self._spreads = Rows(3)
         self._corrections: list[Correction] = []
         self._losses = Losses()
         self._drawn: tuple[int, Raster | None] = (0, None)  # the map, and after how many scans
@@ -107,7 +108,7 @@ class Core:
             particle_stamps=stamps[updates],
             particle_paths=history.paths(particles),
             particle_ancestors=history.ancestors(particles),
-            particle_spread=np.array(self._spreads),
+            particle_spread=self._spreads.values.copy(),
             covariances=records.covariances,
             diagnostics=records.diagnostics,
             warnings=self._warnings(),
@@ -141,7 +142,7 @@ class Core:
         seconds = time.perf_counter() - began
         poses, weights = self._filter.poses, self._filter.weights.values
         if result.updated:
-            self._spreads.append(spread(poses, weights))
+            self._spreads.add(spread(poses, weights)[None])
         certainty = result.certainty or certainty_of_particles(poses, weights, result.pose)
         weighed = self._filter.history.weighed or (poses, weights)
         known = result.pose, *weighed, *result[2:6], seconds, corrected

@@ -88,27 +88,16 @@ class OnlineSlam(Core):
         live = self._live("odometry", stamp)
         if (pose is None) is (counts is None):
             raise InputError("both or neither, expected poses or counts", field="odometry")
-        if pose is not None and live.odometry_in.counted:
-            raise InputError("poses, expected counts as before", field="odometry")
-        stamps = np.array([stamp], np.float64)
         if pose is not None:
-            given = _numbers(pose, np.float64, 3, "odometry.pose")[None]
-            live.arrives("odometry", stamp)
-            live.odometry_in.add_poses(stamps, given)
-            live.beginning.add("odometry", stamp, given[0])
+            live.hear("odometry", stamp, _numbers(pose, np.float64, 3, "odometry.pose"))
         else:
-            given = _numbers(counts, np.int64, 4, "odometry.counts")[None]
-            live.arrives("odometry", stamp)
-            live.odometry_in.add_counts(stamps, given)
-            live.beginning.add("encoders", stamp, given[0])
+            live.hear("encoders", stamp, _numbers(counts, np.int64, 4, "odometry.counts"))
         return self._take_in(live)
 
     def add_imu(self, stamp: float, yaw_rate: float) -> Update | None:
         """Take in the gyro's yaw rate [rad/s], counterclockwise positive; see ``add_odometry``."""
-        live, rate = self._live("imu", stamp), _numbers([yaw_rate], np.float64, 1, "imu.yaw_rate")
-        live.arrives("imu", stamp)
-        live.odometry_in.add_yaw_rates(np.array([stamp], np.float64), rate)
-        live.beginning.add("imu", stamp, rate)
+        live = self._live("imu", stamp)
+        live.hear("imu", stamp, _numbers([yaw_rate], np.float64, 1, "imu.yaw_rate"))
         return self._take_in(live)
 
     def add_scan(self, ranges: ArrayLike, stamp: float, odometry: ArrayLike | None = None) -> Update | None:
@@ -268,7 +257,7 @@ class OnlineSlam(Core):
                 _expect_units(live.beginning.recording(self.name, limited=False))
                 raise
             if not update.updated:
-                live.scans.forget(index)
+                live.scans.forget_latest()
         return update
 
 

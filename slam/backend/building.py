@@ -18,7 +18,6 @@ from moteslam.robot.values import Summarised
 from moteslam.slam.backend.graph.measured_chain import MeasuredChain
 from moteslam.slam.backend.graph.pose_graph import Edges
 from moteslam.slam.inputs.config import ThinningConfig
-from moteslam.slam.inputs.odometry_path import between_known
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.mapping.config import MapConfig
 from moteslam.slam.mapping.occupancy import OccupancyGrid
@@ -166,3 +165,28 @@ class Building(Summarised):
 
     def _summary(self) -> str:
         return f"{len(self.sessions)} sessions, {len(self.loops)} loops, {int(self.between.sum())} between sessions"
+
+
+def between_known(path: Array, known: NDArray[np.intp], motion: Array) -> Array:
+    """The poses [n, 3] of all n places along a motion, where those of some are known.
+
+    Motion on from the place before and back from the place after do not quite meet; the misfit is spread evenly over
+    the places between.
+
+    Args:
+        path: [u, 3] poses of the known places.
+        known: [u] which of the n places they are, rising.
+        motion: [n, 3] poses of all places, as the motion has them, in a frame of its own.
+    """
+    places = np.arange(len(motion))
+    before = np.clip(np.searchsorted(known, places, side="right") - 1, 0, len(known) - 1)
+    after = np.minimum(before + 1, len(known) - 1)
+    forward = se2.compose(path[before], se2.between(motion[known[before]], motion))
+    backward = se2.compose(path[after], se2.between(motion[known[after]], motion))
+    span = known[after] - known[before]
+    share = np.where(span > 0, (places - known[before]) / np.maximum(span, 1), 0.0)[:, None]
+    misfit = backward - forward
+    misfit[:, 2] = se2.wrap(misfit[:, 2])
+    poses = forward + share * misfit
+    poses[:, 2] = se2.wrap(poses[:, 2])
+    return np.asarray(poses)

@@ -16,7 +16,7 @@ from moteslam.robot.recording import LidarStream, chunks
 from moteslam.robot.values import Issue
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.lapses import Lapse, Lapses, Open, lapses
-from moteslam.slam.inputs.odometry_path import OdometryPath, Rows, has_left, jumps
+from moteslam.slam.inputs.odometry_path import OdometryPath, Rows, jumps
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.travelling import Follower, Travelling
 
@@ -117,12 +117,12 @@ class Inputs:
             self._seen |= {(lapse.kind, lapse.begin): lapse for lapse in found.seen}
         places = odometry[new]
         if self._follower is not None and path is not None:
-            driven = np.zeros(last)
-            steps = se2.between(odometry[: last - 1], odometry[1:last])
-            driven[1:] = np.hypot(steps[:, 0], steps[:, 1]) + np.abs(steps[:, 2])
+            begin = max(first - 1, 0)
+            steps = se2.between(odometry[begin : last - 1], odometry[begin + 1 : last])
+            driven = np.append(np.zeros(int(not first)), np.hypot(steps[:, 0], steps[:, 1]) + np.abs(steps[:, 2]))
             places, repeated = np.empty((last - first, 3)), np.zeros(last - first, np.bool_)
             scans = (ranges for some in chunks(lidar.ranges[new] if first else lidar.ranges) for ranges in some)
-            each = zip(scans, odometry[new], driven[new].tolist(), unmeasured.tolist(), strict=False)
+            each = zip(scans, odometry[new], driven.tolist(), unmeasured.tolist(), strict=False)
             for scan, of_scan in enumerate(each):
                 places[scan] = self._follower.add(*of_scan)
                 repeated[scan] = self._follower.repeats
@@ -141,7 +141,7 @@ class Inputs:
         """Whether the odometry has moved by each new scan, or the robot is seen to stand where it began."""
         origin = self.odometry[0] if len(self) else places[0]
         moved = np.logical_or.accumulate((places != origin).any(axis=1)) | self.moves | counted
-        self._start = lidar.ranges[new.start] if not len(self) else self._start
+        self._start = lidar.ranges[new.start].copy() if not len(self) else self._start
         self.moves, measures = bool(moved[-1]), moved.copy()
         for scan in np.flatnonzero(~moved).tolist():
             if self._start is None:
@@ -151,3 +151,10 @@ class Inputs:
             if left:
                 self._start = None
         return measures
+
+
+def has_left(first: NDArray[np.float32], here: NDArray[np.float32], config: SyncConfig) -> tuple[bool, bool]:
+    """Whether two scans [beams] [m] are of different places, and whether any beam has an endpoint in both."""
+    both = np.isfinite(first) & np.isfinite(here)
+    differs = np.abs(here[both] - first[both]) > config.same_range
+    return bool(differs.sum() > config.moved_share * both.sum()), bool(both.any())

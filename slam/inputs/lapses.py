@@ -147,10 +147,7 @@ def lapses(
     """
     stamps = lidar.stamps
     readings = path if lidar.odometry is None else OdometryPath(stamps, odometry)
-    steps = _Steps(readings)
     jumped = jumps(stamps, odometry, config, since)
-    unmeasured = jumped.copy()
-    seen: list[Lapse] = []
     if lidar.odometry is None:
         leaps = jumps(readings.stamps, readings.poses, config, since)
         if path.by_wheels is not None:  # the gyro's turns hide what the counters say
@@ -158,10 +155,15 @@ def lapses(
         for k in np.flatnonzero(leaps).tolist():
             over = _over(stamps, readings.stamps[k - 1], readings.stamps[k])
             jumped[over] = True
-    motions: dict[int, Array] = {}
-    left: dict[int, Open] = {}
-    fan: ComparedBeams | None = None
-    for k in np.flatnonzero(gaps(readings.stamps, since)).tolist():
+    unmeasured, motions, left = jumped.copy(), dict[int, Array](), dict[int, Open]()
+    seen, fan = list[Lapse](), None
+    gapped = np.flatnonzero(gaps(readings.stamps, since)).tolist()
+    recent = readings.poses[max(int(np.searchsorted(readings.stamps, since)) - 2, 0) :, :2]
+    stands = (np.abs(np.diff(recent, axis=0)) < 2 * STILL).all(axis=1).any()
+    if not gapped and not stands:  # most often
+        return Lapses(jumped, jumped, motions, left, tuple(_leaps(stamps, jumped)))
+    steps = _Steps(readings)
+    for k in gapped:
         begin, end = float(readings.stamps[k - 1]), float(readings.stamps[k])
         over = _over(stamps, begin, end)
         if not len(over):
@@ -201,9 +203,13 @@ def lapses(
         over = _over(stamps, float(readings.stamps[sure - 1]), found.end)
         unmeasured[over[over >= scans[LEAST_SCANS - 1]]] = True
     unmeasured |= jumped
-    spans = [Lapse("jump", float(stamps[max(k - 1, 0)]), float(stamps[k])) for k in np.flatnonzero(jumped).tolist()]
-    seen = sorted((*seen, *spans), key=lambda one: one.begin)
+    seen = sorted((*seen, *_leaps(stamps, jumped)), key=lambda one: one.begin)
     return Lapses(unmeasured, jumped, motions, left, tuple(seen))
+
+
+def _leaps(stamps: Array, jumped: Flags) -> list[Lapse]:
+    """The jumps [n], in order."""
+    return [Lapse("jump", float(stamps[max(k - 1, 0)]), float(stamps[k])) for k in np.flatnonzero(jumped).tolist()]
 
 
 def _over(stamps: Array, begin: float, end: float) -> NDArray[np.intp]:

@@ -6,6 +6,8 @@ forgotten.
 
 from __future__ import annotations
 
+from array import array
+from bisect import bisect_left
 from collections import deque
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -37,7 +39,7 @@ FIRST, FIRST_MESSAGES = 2000, 100_000
 ten scans a second, in which a robot turns, and some ten megabytes however long it drives."""
 FEW, SOON = 10, 10.0
 """Units are first looked at after so many scans and seconds: speeds are of a second each, and a single jump is none."""
-NOTHING = np.empty(0, np.float32)
+NOTHING, BLOCK = np.empty(0, np.float32), 256
 
 
 class LiveScans(Scans):
@@ -45,19 +47,29 @@ class LiveScans(Scans):
 
     def __init__(self, lidar: LidarStream, platform: Platform, max_range: float) -> None:
         super().__init__(lidar, platform.lidar, max_range=max_range)
-        self._kept: dict[int, tuple[NDArray[np.float32], Array | None]] = {}
+        self._indices = array("q")
+        self._blocks: list[NDArray[np.float32]] = []  # rows of ranges and, as they are in memory, sweep
 
-    def keep(self, index: int, ranges: NDArray[np.float32], sweep: Array | None) -> None:
+    def __len__(self) -> int:
+        return len(self._indices)
+
+    def keep(self, index: int, ranges: NDArray[np.float32], sweep: Array) -> None:
         """Keep a scan: its ranges [beams] [m], and how the robot moved while it was taken [3]."""
-        self._kept[index] = ranges, sweep
+        block, place = divmod(len(self), BLOCK)
+        if block == len(self._blocks):
+            self._blocks.append(np.empty((BLOCK, len(ranges) + 6), np.float32))
+        self._blocks[block][place] = np.concatenate((ranges, sweep.view(np.float32)))
+        self._indices.append(index)
 
-    def forget(self, index: int) -> None:
-        """Keep a scan no longer."""
-        del self._kept[index]
+    def forget_latest(self) -> None:
+        """Keep the latest scan no longer."""
+        self._indices.pop()
 
     def _some(self, first: int, last: int) -> tuple[NDArray[np.float32], Array | None]:
-        ranges, sweeps = zip(*(self._kept[index] for index in range(first, last)), strict=True)
-        return np.stack(ranges), None if sweeps[0] is None else np.stack(sweeps)
+        places = [bisect_left(self._indices, index) for index in range(first, last)]
+        assert [self._indices[place] for place in places] == list(range(first, last))
+        rows = np.stack([self._blocks[place // BLOCK][place % BLOCK] for place in places])
+        return rows[:, :-6], np.ascontiguousarray(rows[:, -6:]).view(np.float64)
 
 
 class Beginning:
@@ -81,15 +93,15 @@ class Beginning:
         """Whether there is no room for more."""
         return len(self) >= FIRST or self._messages >= FIRST_MESSAGES
 
-    def add(self, stream: str, stamp: float, values: Array, ranges: NDArray[np.float32] | None = None) -> None:
-        """Keep a message of ``lidar``, with the pose logged with it [3], ``odometry``, ``encoders`` or ``imu``."""
+    def add(self, stream: str, message: list[float], ranges: NDArray[np.float32] | None = None) -> None:
+        """Keep stamp and values of ``lidar`` (the pose logged with it), ``odometry``, ``encoders`` or ``imu``."""
         if self.full:
             return
         if ranges is None:
             self._messages += 1
         else:
             self._ranges.add(ranges[None])
-        self._rows.setdefault(stream, Rows(1 + len(values))).add([stamp], values[None])
+        self._rows.setdefault(stream, Rows(len(message))).add(np.array([message]))
 
     def is_due(self) -> bool:
         """Whether units are to be looked at: now and then, each time with twice as many scans."""
@@ -152,6 +164,8 @@ class LiveInputs(Inputs):
         empty = np.empty((0, figures.beams), np.float32)
         self._lidar = LidarStream(np.empty(0), empty, *geometry, platform.lidar.time_increment)
         super().__init__(platform, config, self._lidar)
+        # how long the odometry is asked for beyond the stamp of a scan
+        self._sweep_seconds = self._lidar.time_increment * (figures.beams - 1) if config.deskew else 0.0
         self._patience = patience
         self.scans = LiveScans(self._lidar, platform, max_range)
         self.odometry_in, self.beginning = OdometryReadings(platform, config), Beginning(platform, self._lidar)
@@ -160,8 +174,8 @@ class LiveInputs(Inputs):
         self._newest, self.messages = -np.inf, 0  # of all messages
         self._other_clock: tuple[Issue, ...] = ()
         self._latest: dict[str, float] = {}  # stamps, by stream
-        self._tail = Rows(7)  # stamp, odometry with wheels that spin, that logged with them, of the latest scans
-        self._ranges = Rows(figures.beams, np.float32)  # of the same
+        # of the latest scans stamp, odometry with wheels that spin, that logged with them; their ranges
+        self._tail, self._ranges = Rows(7, order="F"), Rows(figures.beams, np.float32)
         self._late: list[int] = []  # scans that did not wait for their odometry any longer ...
         self._unheard: deque[int] = deque()  # ... and for which none has come since
 
@@ -182,6 +196,13 @@ class LiveInputs(Inputs):
         self._newest = max(self._newest, stamp)
         self.messages += 1
 
+    def hear(self, stream: str, stamp: float, values: NDArray[Any]) -> None:
+        """Note a message of ``odometry``, ``encoders`` or ``imu``."""
+        self.arrives("odometry" if stream == "encoders" else stream, stamp)
+        message = [float(stamp), *values.tolist()]
+        self.odometry_in.hear(stream, message)
+        self.beginning.add(stream, message)
+
     def add_scan(self, ranges: Any, stamp: float, odometry: Array | None) -> None:
         """Let a scan wait for its turn."""
         lidar, row = self._lidar, np.array(ranges, np.float32)
@@ -194,7 +215,7 @@ class LiveInputs(Inputs):
         none = np.isin(row, np.array(self._platform.lidar.no_return, np.float32))
         row[row < lidar.range_min] = np.nan
         row[none] = np.inf
-        self.beginning.add("lidar", stamp, np.full(3, np.nan) if odometry is None else odometry, row)
+        self.beginning.add("lidar", [stamp, *((np.nan,) * 3 if odometry is None else odometry.tolist())], row)
         row[row > lidar.range_max] = np.inf
         self.waiting.append(Waiting(stamp, given_up(row), odometry))
 
@@ -207,17 +228,20 @@ class LiveInputs(Inputs):
         Returns:
             its index; None if there is none.
         """
-        self.odometry_in.integrate(waited=np.inf if finish else self._newest - self._patience / 2)
         if not self.waiting:
             return None
-        scan, path = self.waiting[0], self.odometry_in.path
-        covered = path is not None and self.odometry_in.until >= scan.stamp + self._sweep_seconds
-        ready = covered
+        scan = self.waiting[0]
+        ends = scan.stamp + self._sweep_seconds
+        in_time = self._newest - ends <= self._patience and not finish
+        waited = np.inf if finish else self._newest - self._patience / 2
+        if in_time and scan.odometry is None and not self.odometry_in.reaches(ends, waited=waited):
+            return None
+        self.odometry_in.integrate(waited=waited)
+        path = self.odometry_in.path
+        ready = covered = path is not None and self.odometry_in.until >= ends
         if scan.odometry is not None:  # the reading after its own is that of the next scan
             ready = (covered or path is None) and len(self.waiting) > 1
-        ready &= all(self._latest.get(stream, -np.inf) >= scan.stamp for stream in self.awaited)
-        in_time = self._newest - scan.stamp - self._sweep_seconds <= self._patience
-        if not ready and in_time and not finish:
+        if in_time and not (ready and all(self._latest.get(each, -np.inf) >= scan.stamp for each in self.awaited)):
             return None
         self.waiting.popleft()
         if finish and not covered and path is not None:  # the log ends with its scans
@@ -237,23 +261,17 @@ class LiveInputs(Inputs):
         text += f"robot moved is not known; {when([(float(some[0]), float(some[-1])) for some in spans])}"
         return (*told, Issue("no-odometry", text, len(late)))
 
-    @property
-    def _sweep_seconds(self) -> float:
-        """How long the odometry is asked for beyond the stamp of a scan."""
-        lidar = self._lidar
-        return lidar.time_increment * (lidar.ranges.shape[1] - 1) if self._config.deskew else 0.0
-
     def _take(self, scan: Waiting, path: OdometryPath | None, *, covered: bool) -> None:
         index, pose = len(self), self._pose(scan, path)
         self._correct(path)
-        self._tail.add([scan.stamp], pose[None], pose[None] if scan.odometry is None else scan.odometry[None])
+        self._tail.add(np.array([scan.stamp]), pose[None], pose[None] if scan.odometry is None else scan.odometry[None])
         self._ranges.add(scan.ranges[None])
         rows, ranges = self._tail.values, self._ranges.values
         last, logged = len(rows), rows[:, 4:] if scan.odometry is not None else None
         if logged is not None and self.waiting and (after := self.waiting[0]).odometry is not None:
             rows = np.vstack((rows, (after.stamp, *after.odometry, *after.odometry)))  # the reading after
             ranges, logged = np.vstack((ranges, after.ranges)), rows[:, 4:]
-        stamps, odometry = rows[:, 0], np.ascontiguousarray(rows[:, 1:4])
+        stamps, odometry = given_up(rows[:, 0]), rows[:, 1:4]
         lidar = replace(self._lidar, stamps=stamps, ranges=given_up(ranges[:]), odometry=logged)
         if path is None and logged is not None:
             path = OdometryPath(stamps, odometry)
@@ -268,7 +286,7 @@ class LiveInputs(Inputs):
         counted = self.odometry_in.counted
         self.take(lidar, odometry, path, first=last - 1, last=last, absent=np.array([absent]), counted=counted)
         hidden = None if self._follower is None or path is None else self._follower.hides(scan.ranges)
-        sweep = None
+        sweep = np.zeros(3)
         if (seconds := self._sweep_seconds) > 0 and path is not None:
             sweep = np.asarray(sweeps(path, np.array([scan.stamp]), seconds, self._config)[0])
         self.scans.keep(index, without(scan.ranges, hidden), sweep)

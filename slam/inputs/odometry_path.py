@@ -7,7 +7,7 @@ integrated is in `robot/wheel_odometry.py`; here are the choices of a configurat
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,7 +66,7 @@ def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | No
             raise InputError("encoders without wheels, expected a platform with [wheels]", file=recording.name)
         readings = OdometryReadings(recording.platform, config)
         if imu is not None and len(imu):
-            readings.add_yaw_rates(imu.stamps, imu.angular_velocity[:, 2].astype(np.float64))
+            readings.add_yaw_rates(imu.stamps, imu.angular_velocity[:, 2:].astype(np.float64))
         readings.add_counts(encoders.stamps, encoders.counts)
         readings.integrate(waited=np.inf)
         return readings.path
@@ -109,25 +109,33 @@ class LowPass:
 
 
 class Rows:
-    """Rows [n, columns] that are added at the end, and may be forgotten from the beginning on."""
+    """Rows [n, columns] that are added at the end, and may be forgotten from the beginning on.
 
-    def __init__(self, columns: int, dtype: type = np.float64) -> None:
-        self._table: NDArray[Any] = np.empty((64, columns), dtype)
+    With the ``order`` F each column lies in one piece: to be searched, which otherwise copies it first.
+    """
+
+    def __init__(self, columns: int, dtype: type = np.float64, order: Literal["C", "F"] = "C") -> None:
+        self._table: NDArray[Any] = np.empty((64, columns), dtype, order)
+        self._order = order
         self._first = self._last = 0
 
     def __len__(self) -> int:
         return self._last - self._first
 
-    def add(self, *columns: ArrayLike) -> None:
+    def add(self, *columns: NDArray[Any]) -> None:
         """Add rows, of columns [m] and [m, k]."""
-        rows, kept = np.column_stack(columns), self.values
-        if self._last + len(rows) > len(self._table):
-            size = 2 * len(kept) + len(rows)
-            table = self._table if size <= len(self._table) else np.empty((size, kept.shape[1]), kept.dtype)
-            table[: len(kept)] = kept
-            self._table, self._first, self._last = table, 0, len(kept)
-        self._table[self._last : self._last + len(rows)] = rows
-        self._last += len(rows)
+        count, kept, column = len(columns[0]), self.values, 0
+        if self._last + count > len(self._table):
+            size = 2 * len(kept) + count
+            if size > len(self._table):
+                self._table = np.empty((size, kept.shape[1]), kept.dtype, self._order)
+            self._table[: len(kept)] = kept
+            self._first, self._last = 0, len(kept)
+        self._last += count
+        for some in columns:
+            wide = some if some.ndim > 1 else some[:, None]
+            self._table[self._last - count : self._last, column : column + wide.shape[1]] = wide
+            column += wide.shape[1]
 
     @property
     def values(self) -> NDArray[Any]:
@@ -153,12 +161,14 @@ class OdometryReadings:
     def __init__(self, platform: Platform, config: SyncConfig) -> None:
         self._wheels, self._config = platform.wheels, config
         self._has_gyro = platform.imu is not None
-        self._rows = Rows(8)  # stamp; x, y, heading; the heading not wrapped; x, y, heading of the wheels alone
+        # stamp; x, y, heading; the heading not wrapped; x, y, heading of the wheels alone
+        self._rows = Rows(8, order="F")
         self._poses = np.zeros((2, 3))  # the latest, headings not wrapped: with the gyro, and of the wheels alone
         self._turns = 0.0  # what unwraps the heading
-        self._waiting = Rows(3)  # readings of the wheels: stamp, distance, turn
+        self._waiting = Rows(3, order="F")  # readings of the wheels: stamp, distance, turn
         self._low_pass = LowPass(config.low_pass_hz)
-        self._gyro = Rows(3)  # stamp, yaw rate, heading
+        self._gyro = Rows(3, order="F")  # stamp, yaw rate, heading
+        self._heard: dict[str, list[list[float]]] = {stream: [] for stream in ("imu", "encoders", "odometry")}
         self.counted, self.begins, self.still = False, np.inf, False
 
     @property
@@ -175,21 +185,38 @@ class OdometryReadings:
         """Stamp of the latest reading that is part of the path [s]."""
         return float(self._rows.values[-1, 0]) if len(self._rows) else -np.inf
 
+    def reaches(self, stamp: float, *, waited: float) -> bool:
+        """Whether ``integrate`` would lead to a stamp or beyond [s]."""
+        turned = [message[0] for message in self._heard["imu"]] or self._gyro.values[-1:, 0].tolist()
+        known = max(waited, *turned[-1:], -np.inf) if turned or self._has_gyro else np.inf
+        waiting = (*self._waiting.values[:, 0].tolist(), *(message[0] for message in self._heard["encoders"]))
+        after = [each for each in waiting if stamp <= each <= known]
+        return bool(after or self.until >= stamp or any(pose[0] >= stamp for pose in self._heard["odometry"]))
+
+    def hear(self, stream: str, message: list[float]) -> None:
+        """Note a message of ``odometry``, ``encoders`` or ``imu``, its stamp first: they are taken in together."""
+        if stream == "encoders" and self._wheels is None:
+            raise InputError("wheel counts, expected a platform with [wheels]", field="counts")
+        kinds, heard = {"encoders": "counts", "odometry": "poses"}, len(self._rows) or self._heard["odometry"]
+        before = "counts" if self.counted else "poses" if heard else None
+        if before and before != kinds.get(stream, before):
+            raise InputError(f"{kinds[stream]}, expected {before} as before", field="odometry")
+        self.counted |= stream == "encoders"
+        self._heard[stream].append(message)
+
     def add_poses(self, stamps: Array, poses: Array) -> None:
         """Take in poses [m, 3] that the base has integrated."""
         self._add(stamps, poses, poses)
 
-    def add_counts(self, stamps: Array, counts: NDArray[np.int64]) -> None:
+    def add_counts(self, stamps: Array, counts: NDArray[Any]) -> None:
         """Take in the counts [m, 4] of the wheels, each since the reading before."""
-        if self._wheels is None:
-            raise InputError("wheel counts, expected a platform with [wheels]", field="counts")
-        if len(self._rows) and not self.counted:
-            raise InputError("counts, expected poses as before", field="odometry")
+        assert self._wheels is not None
         self.counted = True
         self._waiting.add(stamps, *wheel_motion(counts, self._wheels))
 
     def add_yaw_rates(self, stamps: Array, rates: Array) -> None:
-        """Take in the gyro's yaw rates [m] [rad/s]."""
+        """Take in the gyro's yaw rates [m, 1] [rad/s]."""
+        rates = rates[:, 0]
         if self._config.low_pass_hz > 0:
             rates = np.array([self._low_pass.of(*each) for each in zip(rates.tolist(), stamps.tolist(), strict=True)])
         last, rate, heading = self._gyro.values[-1] if len(self._gyro) else (stamps[:1], rates[:1], 0.0)
@@ -197,10 +224,17 @@ class OdometryReadings:
         self._gyro.add(stamps, rates, _summed(heading, turns))
 
     def integrate(self, *, waited: float) -> None:
-        """Add the wheels' readings to the path of which the gyro has said how the robot turned.
+        """Take in what was heard: poses, and the wheels' readings of which the gyro has said how the robot turned.
 
         Those up to a stamp have waited long enough [s], and go without.
         """
+        for heard, take in zip(
+            self._heard.values(), (self.add_yaw_rates, self.add_counts, self.add_poses), strict=True
+        ):
+            if heard:
+                table = np.array(heard)
+                take(table[:, 0], table[:, 1:])
+                heard.clear()
         stamps, distance, turn = self._waiting.values.T
         if self._has_gyro or len(self._gyro):
             newest = self._gyro.values[-1, 0] if len(self._gyro) else -np.inf
@@ -213,18 +247,18 @@ class OdometryReadings:
             distance[0] = turn[0] = 0.0  # has no interval before it
         before = self.until if len(self._rows) else stamps[0]
         turned = self._gyro_turns(np.append(before, stamps), turn)
-        increment = euler_increment if self._config.kinematics == "euler" else arc_increment
-        paths = []
-        for latest, steps in zip(
-            self._poses, (increment(distance, turned), arc_increment(distance, turn)), strict=True
-        ):
-            headings = _summed(latest[2], steps[:, 2])
-            cos, sin = (f(np.append(latest[2], headings[:-1])) for f in (np.cos, np.sin))
-            x = _summed(latest[0], cos * steps[:, 0] - sin * steps[:, 1])
-            y = _summed(latest[1], sin * steps[:, 0] + cos * steps[:, 1])
-            latest[:] = x[-1], y[-1], headings[-1]
-            paths.append(np.column_stack((x, y, se2.wrap(headings))))
-        self._add(stamps, *paths)
+        steps = arc_increment(distance, np.stack((turned, turn)))
+        if self._config.kinematics == "euler":
+            steps[0] = euler_increment(distance, turned)
+        table = np.concatenate((self._poses[:, None], steps), axis=1)  # from the latest on, [2, m + 1, 3]
+        headings = np.cumsum(table[..., 2], axis=1)
+        cos, sin = np.cos(headings[:, :-1]), np.sin(headings[:, :-1])
+        table[:, 1:, 0] = cos * steps[..., 0] - sin * steps[..., 1]
+        table[:, 1:, 1] = sin * steps[..., 0] + cos * steps[..., 1]
+        paths = np.cumsum(table, axis=1)
+        self._poses = paths[:, -1].copy()
+        paths[..., 2] = se2.wrap(headings)
+        self._add(stamps, *paths[:, 1:])
 
     def forget(self, before: float) -> None:
         """Forget the readings that nothing of after a stamp [s] is compared with."""
@@ -268,31 +302,6 @@ def _summed(start: float, steps: Array) -> Array:
     return np.cumsum(np.append(start, steps))[1:]
 
 
-def between_known(path: Array, known: NDArray[np.intp], motion: Array) -> Array:
-    """The poses [n, 3] of all n places along a motion, where those of some are known.
-
-    Motion on from the place before and back from the place after do not quite meet; the misfit is spread evenly over
-    the places between.
-
-    Args:
-        path: [u, 3] poses of the known places.
-        known: [u] which of the n places they are, rising.
-        motion: [n, 3] poses of all places, as the motion has them, in a frame of its own.
-    """
-    places = np.arange(len(motion))
-    before = np.clip(np.searchsorted(known, places, side="right") - 1, 0, len(known) - 1)
-    after = np.minimum(before + 1, len(known) - 1)
-    forward = se2.compose(path[before], se2.between(motion[known[before]], motion))
-    backward = se2.compose(path[after], se2.between(motion[known[after]], motion))
-    span = known[after] - known[before]
-    share = np.where(span > 0, (places - known[before]) / np.maximum(span, 1), 0.0)[:, None]
-    misfit = backward - forward
-    misfit[:, 2] = se2.wrap(misfit[:, 2])
-    poses = forward + share * misfit
-    poses[:, 2] = se2.wrap(poses[:, 2])
-    return np.asarray(poses)
-
-
 USUAL = 90
 """The percentile of the latest steps that a step is compared with."""
 
@@ -318,27 +327,22 @@ def jumps(
     """
     c = config or SyncConfig()
     jump = np.zeros(len(stamps), np.bool_)
-    begin = max(int(np.searchsorted(stamps, since)) - 1, 0)
-    for first in (begin, 0) if begin else (0,):  # most often none is so fast, and the rest need not be looked at
-        dt = np.diff(stamps[first:])
-        motion = se2.between(odometry[first:-1], odometry[first + 1 :])
-        steps = (
-            (np.hypot(motion[:, 0], motion[:, 1]), c.max_speed, c.min_jump_distance),
-            (np.abs(motion[:, 2]), c.max_turn_rate, c.min_jump_rotation),
-        )
-        fast = [np.flatnonzero((dt > 0) & (size > np.maximum(most * dt, least))) for size, most, least in steps]
-        if not any(len(some) for some in fast):
-            return jump
-    for (size, most, _), some in zip(steps, fast, strict=True):
-        for step in some.tolist():
+    begin = max(int(stamps.searchsorted(since)) - 1, 0)
+    dt, off = np.diff(stamps[begin:]), np.abs(odometry[begin + 1 :] - odometry[begin:-1])
+    # most often none is nearly so fast, and the motions need not be known
+    near = (off[:, 0] + off[:, 1] > 0.9 * np.maximum(c.max_speed * dt, c.min_jump_distance)) | (
+        off[:, 2] > 0.9 * np.maximum(c.max_turn_rate * dt, c.min_jump_rotation)
+    )
+    if not (near & (dt > 0)).any():
+        return jump
+    dt, motion = np.diff(stamps), se2.between(odometry[:-1], odometry[1:])
+    for size, most, least in (
+        (np.hypot(motion[:, 0], motion[:, 1]), c.max_speed, c.min_jump_distance),
+        (np.abs(motion[:, 2]), c.max_turn_rate, c.min_jump_rotation),
+    ):
+        fast = (dt > 0) & (size > np.maximum(most * dt, least))
+        for step in (begin + np.flatnonzero(fast[begin:])).tolist():
             latest = slice(max(0, step + 1 - LATEST), step + 1)
             farthest = max(most * np.median(dt[latest]), c.jump_factor * np.percentile(size[latest], USUAL))
             jump[step + 1] |= size[step] > farthest
     return jump
-
-
-def has_left(first: NDArray[np.float32], here: NDArray[np.float32], config: SyncConfig) -> tuple[bool, bool]:
-    """Whether two scans [beams] [m] are of different places, and whether any beam has an endpoint in both."""
-    both = np.isfinite(first) & np.isfinite(here)
-    differs = np.abs(here[both] - first[both]) > config.same_range
-    return bool(differs.sum() > config.moved_share * both.sum()), bool(both.any())

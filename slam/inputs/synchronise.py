@@ -165,11 +165,13 @@ def sweeps(path: OdometryPath, stamps: Array, seconds: float, config: SyncConfig
     Zeros where the odometry jumps between the reading before the sweep and the one after, and so did not measure it.
     """
     ends = stamps + seconds
-    motion = se2.between(path.at(stamps), path.at(ends))
-    count = np.concatenate(([0], np.cumsum(jumps(path.stamps, path.poses, config, stamps[0]))))  # before each reading
-    first = np.searchsorted(path.stamps, stamps, side="right")
-    last = np.minimum(np.searchsorted(path.stamps, ends, side="left"), len(path.stamps) - 1)
-    motion[count[last + 1] > count[first]] = 0.0
+    motion = se2.between(*np.split(path.at(np.concatenate((stamps, ends))), 2))
+    leaps = jumps(path.stamps, path.poses, config, stamps[0])
+    if leaps.any():
+        count = np.concatenate(([0], np.cumsum(leaps)))  # before each reading
+        first = np.searchsorted(path.stamps, stamps, side="right")
+        last = np.minimum(np.searchsorted(path.stamps, ends, side="left"), len(path.stamps) - 1)
+        motion[count[last + 1] > count[first]] = 0.0
     return np.asarray(motion)
 
 

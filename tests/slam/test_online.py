@@ -20,7 +20,7 @@ from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.live import LiveInputs
-from moteslam.slam.inputs.odometry_path import KEPT, MOST_KEPT
+from moteslam.slam.inputs.odometry_path import KEPT, MOST_KEPT, OdometryReadings
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.run import run_slam
@@ -149,6 +149,19 @@ def test_odometry_that_repeats_its_last_pose_for_minutes_is_no_robot_that_stands
     assert not live.measured[10:].any()
 
 
+def test_the_odometry_is_integrated_once_a_scan(corridor: Recording, monkeypatch: pytest.MonkeyPatch):
+    """Not at every message: the gyro alone gives several a scan."""
+    calls, integrate = [], OdometryReadings.integrate
+    monkeypatch.setattr(
+        OdometryReadings, "integrate", lambda self, waited: (calls.append(0), integrate(self, waited=waited))
+    )
+    slam, recording = OnlineSlam(platform_of(corridor), resolve_config("paper", ["particles=5"])), cut(corridor, 50)
+    list(fed(slam, recording))
+    assert len(slam) == 50
+    assert len(calls) <= 52
+    assert len(recording.imu.stamps) > 4 * 50
+
+
 def test_what_is_kept_and_what_a_scan_costs_does_not_grow_with_the_scans():
     """A robot that stands: its scans are forgotten, and the readings beyond those that others are compared with."""
     recording, _ = circled_room(scans=3)
@@ -160,7 +173,7 @@ def test_what_is_kept_and_what_a_scan_costs_does_not_grow_with_the_scans():
     live = slam._taken
     assert isinstance(live, LiveInputs)
     assert len(live) == 5000
-    assert len(live.scans._kept) == 1
+    assert len(live.scans) == 1
     assert max(len(live._tail), len(live._ranges)) <= 2 * KEPT
     assert len(live.odometry_in.path.stamps) <= 2 * KEPT + MOST_KEPT
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array, umeyama
 from moteslam.robot.values import Issue, counted
-from moteslam.slam.backend.building import Measured
+from moteslam.slam.backend.building import Measured, between_known
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.joint import Endpoints, cells_along, register_jointly, sharpness
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
@@ -20,7 +20,7 @@ from moteslam.slam.backend.graph.measured_chain import CONTRADICTED
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.protocol import BackendKind, KeyScan
-from moteslam.slam.inputs.odometry_path import between_known
+from moteslam.slam.inputs.odometry_path import Rows
 
 OFF, WELL_GROWN = 0.05, 1.25
 """The filter's path is corrected where a new loop is off by the first [m], and the path has grown by the second factor
@@ -46,7 +46,7 @@ class GraphBackend:
         self._config = config
         self._nodes = Nodes(config)
         self._closing: LoopClosing[LoopGraph] | None = None  # from the first node on
-        self._path: list[Array] = []  # of all key scans, as the filter's map has them
+        self._path = Rows(3)  # of all key scans, as the filter's map has them
         self._nearest = array("l")  # of each key scan that is no node, as its place is known, the nearest node; or -1
         self._placed = np.zeros((0, 3))  # of the nodes, on that path
         self._corrected = 0.0  # length of the path at the last correction [m]
@@ -60,11 +60,11 @@ class GraphBackend:
         return self._closing.graph.ledger if self._closing is not None and not self._loops else self._loops
 
     def add(self, key: KeyScan) -> Array | None:
-        self._path.append(key.pose)
+        self._path.add(key.pose[None])
         self._nearest.append(-1)
         if not self._nodes.add(key, self._crowded):
             return None
-        self._placed = np.vstack((self._placed, self._path[self._nodes.updates[-1]]))
+        self._placed = np.vstack((self._placed, self._path.values[self._nodes.updates[-1]]))
         if self._closing is None:
             self._closing = LoopClosing(LoopGraph(self._nodes, self._config), self._config)
             return None
@@ -75,15 +75,14 @@ class GraphBackend:
         return self._correction(self._closing)
 
     def relocated(self, path: Array) -> None:
-        updates = np.array(self._nodes.updates, np.intp)
-        self._path, self._placed = list(path), path[updates]
+        self._move(path)
         if self._closing is not None:
             self._nodes.place(self._placed)
             self._closing.graph.rejoin()
 
     def _crowded(self) -> bool:
         """Whether there are enough nodes where the key scan before the latest was taken; it goes with the nearest."""
-        here, c = self._path[-2], self._config
+        here, c = self._path.values[-2], self._config
         away = np.hypot(self._placed[:, 0] - here[0], self._placed[:, 1] - here[1])
         if (away < c.distance).sum() < c.crowd:
             return False
@@ -111,7 +110,7 @@ class GraphBackend:
 
     def _correction(self, closing: LoopClosing[LoopGraph]) -> Array | None:
         """The corrected path of all key scans where a new loop is off by enough, and the map is sharper after it."""
-        graph, updates, path = closing.graph, np.array(self._nodes.updates), np.array(self._path)
+        graph, updates, path = closing.graph, np.array(self._nodes.updates), self._path.values
         placed = path[updates]
         off, grown = graph.misfit(closing.news, placed), graph.driven / max(self._corrected, 1.0)
         if off < OFF or grown < (GROWN if off > CLEARLY_OFF else WELL_GROWN):
@@ -130,8 +129,13 @@ class GraphBackend:
         if self._config.joint.enabled:
             graph.register(poses)
         path = self._between_nodes(poses, updates, path)
-        self._path, self._placed = list(path), path[updates]
+        self._move(path)
         return path
+
+    def _move(self, path: Array) -> None:
+        """The path [u, 3] of all key scans is another."""
+        self._path, self._placed = Rows(3), path[np.array(self._nodes.updates, np.intp)]
+        self._path.add(path)
 
     def _registered(self, graph: LoopGraph, endpoints: Endpoints, off: float) -> Array:
         """The nodes' poses [n, 3] after a joint registration of those that a loop has moved that was ``off`` [m]."""

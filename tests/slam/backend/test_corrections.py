@@ -84,7 +84,7 @@ def test_the_first_correction_leaves_the_map_in_its_frame(monkeypatch: pytest.Mo
     """A joint registration may turn the whole of it about the first scan."""
     monkeypatch.setattr(backend, "sharpness", lambda endpoints, poses: -float(np.abs(np.diff(poses[:, 1])).max()))
     one, closing = closing_of(21, (17.9, 0.0, 0.0))
-    before = np.array(one._path)
+    before = np.array(one._path.values)
     bent = before + 0.06 * np.sin(np.arange(22) / 2)[:, None] * np.array((0.0, 1.0, 0.0))
     turned = np.asarray(se2.compose((0.0, 0.0, 0.02), bent))
     monkeypatch.setattr(one, "_registered", lambda graph, endpoints, off: turned[:21])

@@ -199,3 +199,25 @@ POLICY = UpdateConfig(distance=0.1, rotation=0.2, interval=5.0)
 )
 def test_each_of_distance_rotation_and_time_is_enough_by_the_odometry_or_as_tracked(travelled, tracked, due) -> None:
     assert update_due(POLICY, Travelled(*travelled), tracked) is due
+
+
+def test_of_early_updates_the_ancestors_alone_are_kept():
+    rng, history, each, poses = np.random.default_rng(3), History(), np.arange(8), []
+    parents = [np.sort(rng.integers(0, 8, 8)) if update % 20 == 19 else each for update in range(600)]
+    for update in range(600):
+        poses.append(rng.normal(size=(8, 3)))
+        history.append(poses[-1])
+        if update % 20 == 19:
+            history.resampled(parents[update])
+    places = [each]
+    for update in reversed(range(599)):
+        places.insert(0, parents[update][places[0]])
+    np.testing.assert_array_equal(history.ancestors(each), np.stack(places, axis=1))
+    np.testing.assert_array_equal(
+        history.paths(each), np.stack([p[k] for p, k in zip(poses, places, strict=True)], axis=1)
+    )
+    np.testing.assert_array_equal(history.last, poses[-1])
+    arrays = [
+        array if array.base is None else array.base for part in history._parts for array in (part.poses, part.room)
+    ]
+    assert sum({id(array): array.nbytes for array in arrays}.values()) < sum(some.nbytes for some in poses) / 2
