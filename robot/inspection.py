@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot.recording import EncoderStream, ImuStream, Recording
 from moteslam.robot.rgbd import FrameCount, camera_frames, has_images
+from moteslam.robot.se2 import wrap
 from moteslam.robot.sensor_reports import ClockReport, LidarReport, Spans, clock_reports, lidar_report, odometry_of
 from moteslam.robot.values import Issue, counted, expect_type
 
@@ -24,14 +25,10 @@ LATE = 0.1  # [s]: streams may be early or late by as much; drivers, filters and
 SAME_MOTION = 0.9  # two yaw rates that correlate less do not show an offset clearly
 REST = 1.0  # [s]: wheels that stand still at least so long are at rest
 
-SPEEDS = 0.005, 20.0
-"""Between these a robot that moves is fast [m/s]: a slower or faster one has stamps or lengths in other units,"""
-MOST_RATE = 15.0
-"""and so has one that turns faster than this [rad/s],"""
-RANGES = 0.05, 200.0
-"""and a planar lidar, half of whose ranges are shorter or longer than these [m]."""
-WINDOWS, SAMPLE = 1000, 12
-"""Speeds are looked at over this many seconds or longer spans, ranges in this many scans."""
+SPEEDS = 0.005, 20.0  # Between these a robot that moves is fast [m/s]: else stamps or lengths are in other units,
+MOST_RATE, TURNING = 15.0, 0.05  # and so are headings by which it turns faster [rad/s] in such a share of the seconds,
+RANGES = 0.05, 200.0  # and ranges of a planar lidar, half of which are shorter or longer than these [m]
+WINDOWS, SAMPLE = 1000, 12  # Speeds are looked at over so many seconds or longer spans, ranges in so many scans
 
 
 @dataclass(frozen=True)
@@ -194,14 +191,18 @@ def other_units(recording: Recording) -> list[Issue]:
     """
     issues = []
     imu, lidar, encoders = recording.imu, recording.lidar, recording.encoders
-    if (found := odometry_of(recording)) is not None and (speed := _speed(*found)) is not None:
-        code = "odometry-units" if speed > SPEEDS[1] else "implausible-speed"
-        text = f"moves at {speed:.3g} m/s, expected a robot's speed: are its stamps in s and its lengths in m?"
-        if not SPEEDS[0] <= speed <= SPEEDS[1]:
+    if (found := odometry_of(recording)) is not None:
+        speed, rate = _speeds(*found)
+        code = "odometry-units" if speed is not None and speed > SPEEDS[1] else "implausible-speed"
+        if speed is not None and not SPEEDS[0] <= speed <= SPEEDS[1]:
+            text = f"moves at {speed:.3g} m/s, expected a robot's speed: are its stamps in s and its lengths in m?"
             issues.append(Issue(code, f"odometry: {text}"))
+        elif rate > MOST_RATE:
+            text = f"odometry: turns at {rate:.3g} rad/s, expected at most {MOST_RATE:g}: are its headings in radians?"
+            issues.append(Issue("odometry-units", text))
     if encoders is not None and len(encoders) and (wheels := recording.platform.wheels) is not None:
         way = np.cumsum(encoders.counts.mean(axis=1) * wheels.metres_per_count)
-        if (speed := _speed(encoders.stamps, np.column_stack((way, way * 0))) or 0.0) > SPEEDS[1]:
+        if (speed := _speeds(encoders.stamps, way[:, None] * (1.0, 0.0, 0.0))[0] or 0.0) > SPEEDS[1]:
             text = f"encoders: move at {speed:.3g} m/s, expected a robot's speed: are counts since the reading before?"
             issues.append(Issue("odometry-units", text))
     if imu is not None and len(imu):
@@ -220,12 +221,16 @@ def other_units(recording: Recording) -> list[Issue]:
     return issues
 
 
-def _speed(stamps: Array, poses: Array) -> float | None:
-    """The median speed [m/s] over the seconds in which the robot moves; None if these are fewer than 3: it jumps."""
+def _speeds(stamps: Array, poses: Array) -> tuple[float | None, float]:
+    """The median speed [m/s] over the seconds in which the robot moves, None if these are fewer than 3: it jumps; the
+    yaw rate [rad/s] that it exceeds in ``TURNING`` of all.
+    """
     span = float(stamps[-1] - stamps[0])
     if not span > 0:
-        return None
+        return None, 0.0
+    turned = np.cumsum(np.abs(wrap(np.diff(poses[:, 2], prepend=poses[:1, 2]))))
     at = np.unique(np.searchsorted(stamps, np.linspace(stamps[0], stamps[-1], 2 + int(min(span, WINDOWS)))))
     elapsed, driven = np.diff(stamps[at]), np.hypot(*np.diff(poses[at, :2], axis=0).T)
     moving = (elapsed > 0) & (driven > 0)
-    return float(np.median(driven[moving] / elapsed[moving])) if moving.sum() > 2 else None
+    rate = float(np.quantile(np.diff(turned[at])[elapsed > 0] / elapsed[elapsed > 0], 1 - TURNING))
+    return float(np.median(driven[moving] / elapsed[moving])) if moving.sum() > 2 else None, rate

@@ -104,7 +104,7 @@ class OnlineSlam(Core):
         """Take in a scan.
 
         Args:
-            ranges: [beams] [m]; infinite, beyond the lidar's reach or one of its codes where nothing is within
+            ranges: [beams] [m]; infinite, from the lidar's reach on or one of its codes where nothing is within
                 reach; NaN or below its least where it measured nothing.
             stamp: of its first beam [s].
             odometry: the base's pose [3] at the scan, where the driver reports one with it.

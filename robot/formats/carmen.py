@@ -35,10 +35,8 @@ STAMPS = {6: (), 7: (6,), 9: (6, 8), 14: (11, 13), 3: (0, 2)}
 """Which of these words are the ipc stamp and the logger's."""
 REAR_LASERS = ("RLASER", "ROBOTLASER2")
 """Scans of a laser that looks back: counted, not read."""
-MAX_INTERLACE = 8
-"""Bearings of the grid in a step between beams, at most; a SICK LMS has 2 or 4."""
-SAME_ANGLE = 1e-4
-"""First angles are taken for those of the grid when they are this near [rad]; logs have six digits."""
+MAX_INTERLACE = 8  # Bearings of the grid in a step between beams, at most; a SICK LMS has 2 or 4
+SAME_ANGLE = 1e-4  # First angles are taken for those of the grid when they are this near [rad]; logs have six digits
 FULL, FEWEST = 360, 20
 """Beams of a lidar that may see a full circle, at least, and scans to tell it by."""
 FAN = ("beams", "angle_min", "step")

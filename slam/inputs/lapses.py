@@ -34,14 +34,11 @@ TURN_USUAL, LEAST_TURN = 5.0, 0.02
 """Nor do they stop turning harder than the first [rad/s^2]; stops of less than the second say nothing [rad]."""
 RESOLVED, LEAST_STOPPED = 4.0, 0.002
 """Odometry stands still where it should have gone so many of the smallest steps that it has and so far [m], [rad]."""
-STILL = 1e-9
-"""Odometry that moves by less stands still, to the last bits of its place [m]."""
-TURNS = 0.5
-"""How fast a robot that drives turns [rad/s]."""
+STILL = 1e-9  # Odometry that moves by less stands still, to the last bits of its place [m]
+TURNS, WEAVES = 0.5, 0.05
+"""How fast a robot that drives turns [rad/s]; how far aside one is that went round things, as a share of the way."""
 CURVATURE = 0.02
 """Standard deviation of the heading that wheels alone measure [rad/m], as of the calibration's prior."""
-WEAVES = 0.05
-"""How far aside a robot is that went round things, as a share of the way."""
 APART, FARTHEST = 0.25, 1.5
 """Whether the robot stands while its odometry does is asked when it would have gone as far as the first [m], again each
 time as far, up to the second."""
@@ -50,8 +47,7 @@ BEAMS, LEAST_SCANS = 5, 3
 ANEW, ELSEWHERE, ANYWHERE = 0.05, 1.0, 30.0
 """Poses begin anew that are, after a gap, no farther from 0 than the first [m], [rad], and were farther than the second
 [m] before: it is another run, and the robot may be as far off as the third [m]."""
-CAUGHT_UP = 2.0
-"""Odometry has caught up that goes on in a step this many times as fast as before it stood."""
+CAUGHT_UP = 2.0  # Odometry has caught up that goes on in a step this many times as fast as before it stood
 
 
 class Lapse(NamedTuple):
@@ -307,9 +303,8 @@ class _Steps:
     def bounded(self, k: int) -> Open:
         """What counters leave open of a step over a gap: its length is known, and how far it turned, not when.
 
-        A turn all at the beginning or all at the end leads to elsewhere than the arc does, by a share of the length
-        that grows with it: its standard deviation, for a turn at any time, is the length times the turn over the square
-        root of 12, on either axis. A robot that turned aside and back may be anywhere within the length.
+        For a turn at any time the place deviates, on either axis, by the length times the turn over the square root of
+        12. A robot that turned aside and back may be anywhere within the length.
         """
         length, turn = self.travelled(k), min(abs(float(self.turns[k])), 1.0)
         place, arc = length * min(TURNS * float(self.seconds[k]) / 2, 1.0) / 3, length * (WEAVES + turn / math.sqrt(12))

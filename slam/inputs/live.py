@@ -118,7 +118,7 @@ class Beginning:
         given, ranges = {each: rows.values for each, rows in self._rows.items()}, self._ranges.values
         streams: dict[str, Any] = {}
         if len(self):
-            beyond = np.isfinite(ranges) & (ranges > np.float32(self._lidar.range_max))
+            beyond = np.isfinite(ranges) & (ranges >= np.float32(self._lidar.range_max))
             if limited or (np.isfinite(ranges) & ~beyond).any() or len(np.unique(ranges[beyond])) <= CODES:
                 ranges = np.where(beyond, np.float32(np.inf), ranges)
             stamps, logged = given["lidar"][:, 0], given["lidar"][:, 1:]
@@ -216,7 +216,7 @@ class LiveInputs(Inputs):
         row[row < lidar.range_min] = np.nan
         row[none] = np.inf
         self.beginning.add("lidar", [stamp, *((np.nan,) * 3 if odometry is None else odometry.tolist())], row)
-        row[row > lidar.range_max] = np.inf
+        row[row >= np.float32(lidar.range_max)] = np.inf
         self.waiting.append(Waiting(stamp, given_up(row), odometry))
 
     def take_next(self, *, finish: bool = False) -> int | None:

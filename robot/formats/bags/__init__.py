@@ -37,8 +37,7 @@ KINDS: Mapping[str, tuple[str, Callable[[Any], tuple[float, ...]], int]] = {
 """By type, the stream that is read from its messages, what is kept of each, and how many numbers that are."""
 _STREAMS = dict.fromkeys(stream for stream, _, _ in KINDS.values())
 
-MANY = 0.75
-"""A lidar with this share of the most scans competes with it."""
+MANY = 0.75  # A lidar with this share of the most scans competes with it
 _NOT_LEVEL = ("vertical", "tilt", "nod")
 """In the name of a topic of a lidar that does not scan the plane of the floor."""
 

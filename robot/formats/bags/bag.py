@@ -31,8 +31,7 @@ from moteslam.robot.formats.bags.storage import (
 from moteslam.robot.formats.streams import MAX_DROPPED, Stamps, clock_cuts, sort_by_stamp
 from moteslam.robot.values import Issue, counted
 
-SECOND = 1_000_000_000
-"""Nanoseconds."""
+SECOND = 1_000_000_000  # Nanoseconds
 MAX_MESSAGES = 20_000_000  # an hour of twenty streams at 250 Hz
 GAP = 10  # a first stamp of 0 this many times the usual step before the next one is no time
 MAX_RATIO = 1000  # no file of a recording is packed tighter

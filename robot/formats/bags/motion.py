@@ -37,8 +37,7 @@ LEVEL, TILTED = math.radians(2.0), math.radians(15.0)
 plane that the robot drives in [rad]."""
 GRAVITY = 9.80665  # [m/s^2]
 MAX_ANGLE = 1e9  # [rad]: no wheel has turned further
-REACH, MIN_PATH = 0.2, 1.0
-"""Of a path, along which a direction is taken, and of one that is long enough to say any [m]."""
+REACH, MIN_PATH = 0.2, 1.0  # Of a path, along which a direction is taken, and of one that is long enough to say any [m]
 MIN_TURN, FOLLOWS = math.radians(60), 0.3
 """A path that turns by more [rad] and agrees with the headings by less (the mean resultant length of twice the angle
 between them, which is 1 for wheels that do not slip) has headings that are none."""
