@@ -8,6 +8,7 @@
 |---|---|
 | filter | `intel_key_scans`, 30 particles, 1 thread: processor time of the filter and of `run_slam` a scan |
 | every_scan_1, every_scan_30 | `corridor` (1081 beams, 40 Hz), 1 and 30 particles, 1 thread: the same, and in kernels |
+| live | `corridor` message by message, 1 thread: all calls from one scan that is taken in to the next |
 | process | `filter` by `moteslam replay`, without figures: the whole process |
 | real_time | `corridor`, 1000 particles, 2 threads: against real time |
 | memory | `intel_raw_part` by `moteslam replay`, 1000 particles, 2 threads: most memory |
@@ -35,6 +36,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -223,10 +225,48 @@ def simulation(seed: int, _settings: list[str], duration: float | None) -> Row:
     return {"wall_s_for_120_s": wall * scale, "cpu_s_for_120_s": spent * scale}
 
 
+def live(seed: int, settings: list[str], duration: float | None) -> Row:
+    """Seconds of the calls by which a robot's messages are added, from one scan that is taken in to the next."""
+    from moteslam.slam.online import OnlineSlam
+
+    config = start_kernels(settings, 1)
+    recording = simulate_case("corridor", seed, duration=duration).recording
+    load_kernels(recording, config)
+    slam, lidar, wheels, imu = (
+        OnlineSlam(recording.platform, config, seed),
+        recording.lidar,
+        recording.encoders,
+        recording.imu,
+    )
+    assert lidar is not None
+    assert wheels is not None
+    assert imu is not None
+    calls = [(stamp, partial(slam.add_scan, lidar.ranges[k])) for k, stamp in enumerate(lidar.stamps.tolist())]
+    calls += [
+        (stamp, partial(slam.add_odometry, counts=counts))
+        for stamp, counts in zip(wheels.stamps.tolist(), wheels.counts, strict=True)
+    ]
+    rates = imu.angular_velocity[:, 2].tolist()
+    calls += [
+        (stamp, partial(slam.add_imu, yaw_rate=rate)) for stamp, rate in zip(imu.stamps.tolist(), rates, strict=True)
+    ]
+    seconds, spent, known = list[float](), 0.0, 0
+    for stamp, add in sorted(calls, key=lambda call: call[0]):
+        began = time.perf_counter()
+        add(stamp=stamp)
+        spent += time.perf_counter() - began
+        if taken := len(slam) - known:
+            seconds += [spent / taken] * taken
+            spent, known = 0.0, len(slam)
+    median, most = np.quantile(1e3 * np.array(seconds[FIRST:]), (0.5, 0.99)).tolist()
+    return {"scan_ms_median": median, "scan_ms_p99": most, "scans": known}
+
+
 BARS = {
     "filter": (Bar("run_slam_cpu_ms_a_scan", "worst", 3.5), Bar("ate_m", "worst", 0.09)),
     "every_scan_1": (Bar("filter_cpu_ms_a_scan", "median", 0.35), Bar("outside_kernels_ms_a_scan", "median", 0.1)),
     "every_scan_30": (Bar("filter_cpu_ms_a_scan", "median", 1.0),),
+    "live": (Bar("scan_ms_p99", "median", 3.0),),
     "process": (Bar("cpu_ms_a_scan", "worst", 10.0), Bar("ate_m", "worst", 0.09)),
     "real_time": (Bar("times_real_time", "worst", 3.0, least=True), Bar("ate_m", "worst", 0.15)),
     "memory": (Bar("peak_mb", "worst", 1000.0),),
@@ -241,6 +281,7 @@ CASES: dict[str, tuple[Callable[..., Row], dict[str, Any]]] = {
     "filter": (filter_alone, {"particles": 30, "log": "intel_key_scans"}),
     "every_scan_1": (filter_alone, {"particles": 1, "duration": None}),
     "every_scan_30": (filter_alone, {"particles": 30, "duration": None}),
+    "live": (live, {"duration": None}),
     "process": (process, {"log": "intel_key_scans", "particles": 30, "threads": 1}),
     "real_time": (real_time, {"particles": 1000, "duration": None}),
     "memory": (process, {"log": "intel_raw_part", "particles": 1000, "threads": 2}),

@@ -31,6 +31,7 @@ class TsdfMaps:
         self._tile_size = SIDE * config.cell_size
         self._corner = np.array([-TABLE_CHUNK, -TABLE_CHUNK])  # the first tile of the tables: (column, row)
         self._store = tile_store(2 * TABLE_CHUNK, 2 * TABLE_CHUNK, FIRST_TILES)
+        self._waiting: tuple[Array, ThinnedScan] | None = None  # poses [N, 3] and scan, to be averaged in
 
     def __len__(self) -> int:
         return self._store.tiles.maps
@@ -38,10 +39,12 @@ class TsdfMaps:
     @property
     def memory(self) -> int:
         """Bytes taken by tiles and tables."""
+        self._settle()
         return self._store.nbytes
 
     def all(self) -> TsdfView:
         """The TSDFs of all particles, to register to; valid until the next ``integrate`` or ``resample``."""
+        self._settle()
         x, y = self._corner.tolist()
         return TsdfView(self.config, self._store.tiles, (x * self._tile_size, y * self._tile_size))
 
@@ -55,6 +58,7 @@ class TsdfMaps:
 
         Raises ``InputError``: the tables would take more than ``MAX_ENTRIES``.
         """
+        self._settle()
         self._check_entries(len(parents), self._store.tiles.rows, self._store.tiles.columns)
         self._store.resample(parents)
 
@@ -62,10 +66,17 @@ class TsdfMaps:
         """Average a scan in the robot's frame into every particle's TSDF, each from its own pose [N, 3] in the map
         frame.
 
-        Fewer than two points have no surface. It is refused where tiles or tables would take more than ``MAX_TILES`` or
+        Fewer than two points have no surface. It is done once the TSDFs are looked at: who waits for the pose of the
+        scan has it before. Then it is refused where tiles or tables would take more than ``MAX_TILES`` or
         ``MAX_ENTRIES``.
         """
-        self._write(poses, [scan])
+        self._settle()
+        self._waiting = poses, scan
+
+    def _settle(self) -> None:
+        if self._waiting is not None:
+            (poses, scan), self._waiting = self._waiting, None
+            self._write(poses, [scan])
 
     def draw(self, poses: Array, scans: Sequence[ThinnedScan]) -> None:
         """Average m scans from poses [m, 3], ``DRAWN`` at a time and one after the other, into the one TSDF that there
@@ -73,6 +84,7 @@ class TsdfMaps:
 
         Raises ``InputError``: as of ``integrate``.
         """
+        self._settle()
         for first in range(0, len(scans), DRAWN):
             self._write(poses[first : first + DRAWN], scans[first : first + DRAWN])
 
