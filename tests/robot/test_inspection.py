@@ -114,18 +114,19 @@ def test_a_real_log_with_equal_stamps(data_folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("seconds", "metres", "rates", "ranges", "code"),
+    ("seconds", "metres", "headings", "rates", "ranges", "code"),
     [
-        (1, 1, 1, 1, None),
-        (1000, 1, 1, 1, "implausible-speed"),
-        (1, 1000, 1, 1, "odometry-units"),
-        (1, 1, 57.3, 1, "gyro-units"),
-        (1, 1, 1, 1000, "range-units"),
-        (1, 1, 1, 0.001, "range-units"),
+        (1, 1, 1, 1, 1, None),
+        (1000, 1, 1, 1, 1, "implausible-speed"),
+        (1, 1000, 1, 1, 1, "odometry-units"),
+        (1, 1, 57.3, 1, 1, "odometry-units"),
+        (1, 1, 1, 57.3, 1, "gyro-units"),
+        (1, 1, 1, 1, 1000, "range-units"),
+        (1, 1, 1, 1, 0.001, "range-units"),
     ],
 )
 def test_figures_in_other_units_are_told_and_give_no_map(
-    seconds: float, metres: float, rates: float, ranges: float, code: str | None
+    seconds: float, metres: float, headings: float, rates: float, ranges: float, code: str | None
 ) -> None:
     stamps = seconds * np.arange(50) / 10
     lidar = scans(stamps)
@@ -133,7 +134,7 @@ def test_figures_in_other_units_are_told_and_give_no_map(
         "x",
         CARMEN,
         lidar=replace(lidar, ranges=ranges * lidar.ranges[:], range_max=100.0 * ranges),
-        odometry=OdometryStream(stamps, metres * np.column_stack((0.05 * np.arange(50), np.zeros((50, 2))))),
+        odometry=OdometryStream(stamps, np.arange(50)[:, None] * (0.05 * metres, 0.0, 0.05 * headings)),
         imu=ImuStream(stamps, np.full((50, 3), 0.5 * rates), np.zeros((50, 3))),
     )
     codes = {"implausible-speed", "odometry-units", "gyro-units", "range-units"}

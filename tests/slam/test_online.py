@@ -210,14 +210,14 @@ def test_a_lidar_of_which_nothing_is_known_is_refused():
 def test_ranges_that_drivers_report_where_there_is_no_endpoint_are_none():
     recording, _ = circled_room(scans=3)
     platform = platform_of(recording)
-    lidar = platform.lidar.model_copy(update={"range_min": 0.1, "range_max": 8.0, "no_return": (8.0, 0.0)})
+    lidar = platform.lidar.model_copy(update={"range_min": 0.1, "range_max": 8.0, "no_return": (6.5, 0.0)})
     live = LiveInputs(platform.model_copy(update={"lidar": lidar}), SyncConfig(), max_range=np.inf, patience=1.0)
     ranges = np.ones(lidar.beams)
-    ranges[:5] = 0.0, 8.0, 65.5, np.inf, np.nan
+    ranges[:6] = 0.0, 6.5, 65.5, np.inf, 8.0, np.nan  # as far as it reaches, too
     live.add_scan(ranges, 0.0, None)
     taken = live.waiting[0].ranges
-    np.testing.assert_array_equal(taken[:5], (np.inf, np.inf, np.inf, np.inf, np.nan))
-    assert (taken[5:] == 1).all()
+    np.testing.assert_array_equal(taken[:6], (*[np.inf] * 5, np.nan))
+    assert (taken[6:] == 1).all()
 
 
 @pytest.fixture(scope="module")
