@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from moteslam.robot.recording import EncoderStream, ImuStream, Recording
 from moteslam.robot.rgbd import FrameCount, camera_frames, has_images
-from moteslam.robot.se2 import wrap
 from moteslam.robot.sensor_reports import ClockReport, LidarReport, Spans, clock_reports, lidar_report, odometry_of
 from moteslam.robot.values import Issue, counted, expect_type
 
@@ -228,7 +227,8 @@ def _speeds(stamps: Array, poses: Array) -> tuple[float | None, float]:
     span = float(stamps[-1] - stamps[0])
     if not span > 0:
         return None, 0.0
-    turned = np.cumsum(np.abs(wrap(np.diff(poses[:, 2], prepend=poses[:1, 2]))))
+    steps = np.diff(poses[:, 2], prepend=poses[:1, 2])
+    turned = np.cumsum(np.abs(np.arctan2(np.sin(steps), np.cos(steps))))
     at = np.unique(np.searchsorted(stamps, np.linspace(stamps[0], stamps[-1], 2 + int(min(span, WINDOWS)))))
     elapsed, driven = np.diff(stamps[at]), np.hypot(*np.diff(poses[at, :2], axis=0).T)
     moving = (elapsed > 0) & (driven > 0)

@@ -136,8 +136,9 @@ def surface_points(
     Those at most ``MAX_STRETCH`` times as far apart as their beams are there, or ``MIN_JOINED``, and never farther than
     ``longest`` [m].
     """
-    beams = np.flatnonzero(np.isfinite(lidar.ranges[index]))
-    ranges = lidar.ranges[index, beams].astype(np.float64)
+    ranges = scans.ranges(index).astype(np.float64)
+    beams = np.flatnonzero(np.isfinite(ranges))
+    ranges = ranges[beams]
     points = se2.transform_points(pose, scans.points(index))
     apart = np.minimum(ranges[:-1], ranges[1:]) * abs(lidar.angle_increment) * lidar.interlace
     reach = np.clip(MAX_STRETCH * apart, MIN_JOINED, longest)

@@ -91,7 +91,7 @@ class Calibration:
     late: Literal["", "gyro"]  # ``gyro`` where its stamps alone are off, and not those of the wheels; else empty
     fits: bool  # the odometry measures the motion of the scans; else nothing but the angles is known
     reversed: bool | None  # mirrored beams are in the wrong order in time, too; None where scans do not show it
-    sweep: float  # the share of the stated sweep at which the scans fit best where that clearly is less; else 1
+    sweep: float | None  # how long a sweep takes [s] where it clearly is less than stated, or none is stated
     step: ClockStep | Bundles | None = None  # of a clock, or bundles of scans; all else is of the recording without it
 
 
@@ -271,7 +271,7 @@ def _calibrate(
         late=late,
         fits=fits,
         reversed=is_reversed,
-        sweep=scans.shorter_sweep(recording, lidar, rates) if fits and not mirrored else 1.0,
+        sweep=scans.sweep_taken(recording, lidar, rates) if fits and not mirrored else None,
     )
 
 

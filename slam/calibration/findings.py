@@ -121,16 +121,16 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         by, side = _interval(abs(excess.value), excess.deviation), "long" if excess.value > 0 else "short"
         text = f"lidar: all ranges are {abs(excess.value):.2f} m ({by}) too {side}, by scans from other places: "
         told.append(("range-offset", f"{text}subtract {excess.value:.3f} m from them"))
-    if c.sweep < 1:
-        taken, stated = (share * sweep_seconds(recording, lidar) for share in (c.sweep, 1))
-        text = f"lidar: scans fit best if a sweep takes {taken:.2g} s and not the {stated:.3g} s stated: "
-        told.append(("time-increment", f"{text}turns are smeared; give [lidar] time_increment by --platform"))
+    if c.sweep is not None:
+        stated, increment = sweep_seconds(recording, lidar), c.sweep / (lidar.ranges.shape[1] - 1)
+        text = f"lidar: scans fit best if a sweep takes {c.sweep:.2g} s and not the {stated:.3g} s stated: turns are "
+        told.append(("time-increment", f"{text}smeared; by --platform give [lidar] time_increment = {increment:.2g}"))
     turned, (curl, about_curl) = c.fit.turned, c.fit.curl
     if c.fits and turned.exceeds(YAW, CHANGE_SIGMAS):
         text = f"lidar: from about {turned.time:.0f} s on it looks {abs(degrees(turned.amount)):.1f} degrees to the "
         text += f"{'left' if turned.amount > 0 else 'right'} of where it did, by the odometry: it was turned on the "
         told.append(("mount-moves", f"{text}robot, or this drives aside there. Headings are wrong by as much"))
-    elif c.fits and c.fit.scatter > YAW:
+    elif c.fits and c.fit.scatter > YAW and "lengths" not in certain:
         text = f"lidar: half of the directions in which it drives are {degrees(c.fit.scatter):.1f} degrees or more off "
         text += "those by the odometry, to either side: angles between beams vary, as with the speed of a motor, or "
         told.append(("odometry-unfit", f"{text}wheels slip aside"))
@@ -248,7 +248,7 @@ def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
     span = abs(lidar.angle_increment) * (lidar.ranges.shape[1] - 1)
     least = [PLACE, PLACE, YAW + (abs(c.angle_scale - 1) * span if angles_differ else 0.0)]
     far = np.full(3, c.fits and not c.fit.turned.exceeds(YAW, CHANGE_SIGMAS))  # else it is of neither part
-    scaled = c.fits and abs(lengths - 1) > max(SCALE, LENGTHS_SIGMAS * about_lengths)
+    scaled = c.fits and c.sweep is None and abs(lengths - 1) > max(SCALE, LENGTHS_SIGMAS * about_lengths)
     for each, scale in product((c.fit, clocks), (1.0, lengths) if scaled else (1.0,)):  # with one clock, and with two
         apart = each.values[MOUNT] / (scale, scale, 1.0) - mount.pose  # by ranges, and by the odometry's lengths
         apart[Parameter.YAW] = se2.wrap(apart[Parameter.YAW])

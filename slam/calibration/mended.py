@@ -15,7 +15,6 @@ from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar
 from moteslam.slam.calibration.hand_eye import CLOCKS, Parameter
 from moteslam.slam.calibration.readings import in_form, with_poses, with_stamps
 from moteslam.slam.inputs.odometry_path import OdometryPath
-from moteslam.slam.inputs.synchronise import sweep_seconds
 
 Array = NDArray[np.float64]
 Side = Literal["lidar", "odometry"]
@@ -56,8 +55,8 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
     lidar = mended.lidar
     assert lidar is not None
     lidar = lidar_of(lidar, c, certain)
-    if c.sweep < 1 and side is not None:
-        lidar = replace(lidar, time_increment=c.sweep * sweep_seconds(recording, lidar) / (lidar.ranges.shape[1] - 1))
+    if c.sweep is not None and side is not None:
+        lidar = replace(lidar, time_increment=c.sweep / (lidar.ranges.shape[1] - 1))
     mended = mended.replace(lidar=lidar)
     if mirror in ("odometry", "gyro"):
         mended = _mirror_image(mended, gyro=mirror == "gyro" or not c.wrong, poses=mirror == "odometry")

@@ -35,9 +35,9 @@ ANGLE_FLOOR, OFFSET_FLOOR, NOISY = 0.0015, 0.004, 1.5
 the usual residual: noise that grows with the range biases it, by 0.015 m of ranges that are off by 0.1 m at 1 %."""
 ORDER = 5.0
 """Standard errors by which scans fit better in one reading, of the beams in one order in time, say: then that is it."""
-SWEEP, SHORTER = 0.02, 0.75
-"""A sweep that is shorter by less moves no result by a tenth of a metre [s]; a larger share of the stated may be one of
-the odometry's turns."""
+SWEEP, LEAST_OFF = 0.02, 0.25
+"""A sweep that is off by less moves no result by a tenth of a metre [s]; a smaller share of the stated one, or of the
+scans' interval, may be an error of the odometry's turns."""
 LEAST_DEVIATION = 0.003
 """Pairs do not count more than those of residuals of this size [m]."""
 LEAST_COST = 1e-4
@@ -134,39 +134,41 @@ class RegisteredPairs:
         self.refine(motions, anew=True)
         return is_reversed
 
-    def shorter_sweep(self, recording: Recording, lidar: LidarStream, rates: tuple[Array, Array]) -> float:
-        """The share of the stated sweep at which scans fit each other best where that clearly is less; else 1.
+    def sweep_taken(self, recording: Recording, lidar: LidarStream, rates: tuple[Array, Array]) -> float | None:
+        """How long a sweep takes by the scans [s] where that clearly is less than stated, or there is one not stated.
 
         By how much more the lidar turns in the latter sweep of a pair than in the former bends their scans apart. It is
         regressed on ``rates`` as of ``mirror``, whose errors would pass for a shorter sweep: those by the scans beside
         each, with errors of their own, are the instrument.
         """
-        share, deviation, sweep, as_is = 1.0, 0.0, self._beams.sweep, self._found
+        share, deviation, stated, as_is = 1.0, 0.0, self._beams.sweep, self._found
+        sweep = stated or float(np.median(np.diff(lidar.stamps)))
         if sweep < SWEEP:
-            return share
+            return None
         beside = [np.clip(scans, 1, len(lidar) - 2) for scans in self._scans]
         own = [RegisteredPairs(recording, lidar, scans - 1, scans + 1) for scans in beside]
-        known = own[0]._found.good & own[1]._found.good
         former, latter = (each._found.motions[:, 2] / each._seconds for each in own)
+        known = own[0]._found.good & own[1]._found.good
         for _ in range(ROUNDS):
             beams = self._beams._replace(sweep=share * sweep)
             found = refine(*self._ranges, beams, self._seconds, self._found.motions, rates=rates)
             as_is = found if share == 1 else as_is
             use = known & found.good
             if use.sum() < FEWEST:
-                return 1.0
+                return None
             by = (latter - former)[use] / np.maximum(found.deviation[use], LEAST_DEVIATION) ** 2
             slope = by * found.gradients[use, -1]
             about = by * found.about_warps[use, -1, -1] * sweep * (rates[1] - rates[0])[use]
             step = -float(slope.sum() / about.sum())
             deviation = float(np.linalg.norm(parts_of(slope + step * about)) / abs(about.sum()))
             share = float(np.clip(share + step, 0.0, 1.5))
-            if abs(step) < 0.02:
+            if abs(step) < 0.02 or not share:
                 break
         both = as_is.good & found.good
         better = _clearly_above_zero(np.log(cost(as_is)[both] / cost(found)[both]))
-        clearly = share < SHORTER and share + ORDER * deviation < 1 and (1 - share) * sweep > SWEEP
-        return share if clearly and better else 1.0
+        off = 1 - share if stated else share
+        clearly = off > max(LEAST_OFF, ORDER * deviation, SWEEP / sweep)
+        return share * sweep if clearly and (better or not stated) else None
 
     def scale_angles(self) -> tuple[float, float, tuple[float, float]]:
         """The scale of the angles between beams at which the scans fit each other best, and its deviation.

@@ -60,6 +60,11 @@ class Scans:
         self._directions = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
         self.origin = np.array([x, y])
 
+    def ranges(self, index: int) -> NDArray[np.float32]:
+        """Of a scan [beams] [m]; NaN where an endpoint is left out."""
+        ranges = self._some(index, index + 1)[0][0]
+        return np.where(ranges <= self._max_range, ranges, np.float32(np.nan))
+
     def points(self, index: int) -> NDArray[np.float32]:
         """The finite endpoints [k, 2] of a scan [m], in the robot's frame at the scan's stamp."""
         ranges, sweeps = self._some(index, index + 1)

@@ -162,6 +162,7 @@ class Follower:
         self._for = np.zeros(count)  # comparisons that speak for it
         self._range = np.full(count, np.nan)
         self._kept, self._heading = np.full((2, count), np.nan)  # a range, and the heading since when it is the same
+        self._looked = 0.0  # the heading at the latest comparison
         self._walls = [0] * MEMORY  # beams that were seen to stand, of the latest comparisons
         self._stood = self._might = 0  # of all comparisons, and those that might have
         self._spins = False
@@ -253,6 +254,9 @@ class Follower:
         self._kept = np.where(held, self._kept, now.ranges)
         self._heading = np.where(held, self._heading, now.odometry[2])
         held &= np.abs(se2.wrap(now.odometry[2] - self._heading)) > TURNED
+        if abs(se2.wrap(now.odometry[2] - self._looked)) > TURNED / 2:  # at once: along another wall it may be the same
+            self._heading, held = np.full_like(self._heading, now.odometry[2]), held & False
+        self._looked = float(now.odometry[2])
         travel, stand = travel | held, stand & ~held
         self._walls = [*self._walls[1:], walls]
         self._stood, self._might = self._stood + walls, self._might + int((may & ~travel).sum())

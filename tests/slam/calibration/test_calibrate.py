@@ -531,6 +531,16 @@ def test_a_sweep_that_is_stated_too_long_is_told_and_mended_be_turns_of_odometry
     assert mended * beams == pytest.approx(increment * beams, abs=0.03)
 
 
+@pytest.mark.parametrize("increment", [0.0005, slow(0.0)])
+def test_a_sweep_that_is_not_stated_is_told_where_there_is_one(increment: float) -> None:
+    settings = [f"platform.lidar.time_increment={increment}"]
+    true = simulate(load_scenario("office", platform="rplidar_a1", settings=settings), 5).recording
+    stated = true.platform.with_(lidar={"time_increment": 0.0})
+    found, about = found_in(lidar(time_increment=lambda _: 0.0)(true).replace(platform=stated), FEW_PAIRS)
+    assert codes(about.moves) == ["time-increment"] * bool(increment)
+    assert (found.sweep or 0.0) == pytest.approx(359 * increment, rel=0.1)
+
+
 def test_stamps_of_whole_seconds_are_not_taken_for_another_clock() -> None:
     recording = poses_of(driven("ucsd"))
     whole = replace(recording.odometry, stamps=np.floor(recording.odometry.stamps))
