@@ -13,7 +13,18 @@ from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.sensor_reports import turns
 from moteslam.robot.values import expect_type
-from moteslam.slam.calibration.hand_eye import CLOCKS, MOST_DRIFT, Change, Fit, Pairs, Parameter, Path, clock, fit
+from moteslam.slam.calibration.hand_eye import (
+    CLOCKS,
+    MOST_DRIFT,
+    MOUNT,
+    Change,
+    Fit,
+    Pairs,
+    Parameter,
+    Path,
+    clock,
+    fit,
+)
 from moteslam.slam.calibration.readings import FORMS, ClockStep, clock_steps, in_form, quarter_turn, with_stamps
 from moteslam.slam.calibration.registered import GOOD, TURNING, RegisteredPairs, best_scale, choose_pairs
 from moteslam.slam.calibration.unmeasured import (
@@ -56,6 +67,8 @@ SIGMAS = 5.0
 """What differs from what is stated by less than this many standard deviations is not certain."""
 LATE, LATE_WHEELS = 0.16, 0.25
 """Clocks that differ by less are taken for one [s]: wheels without a gyro turn before the robot does, by 0.1 s."""
+WHEELS_LEAD = 0.1
+"""Wheels turn so long before the robot does [s]: along a ring it else passes for a lidar aside."""
 DRIFT = 1e-3
 """Likewise [s/s]."""
 RATE = 0.1
@@ -235,7 +248,10 @@ def _calibrate(
     clocks = one if leaps else clocks
     differ = _clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
     shared = not (differ and clocks.cost < EXPLAINED * one.cost)
-    clocks = one if shared and logged else clocks
+    if shared and logged:
+        clocks, lead = one, fit(scans.pairs, at, (0.0, 0.0), shared=True, lead=WHEELS_LEAD)
+        for values, known in ((one.values, lead.values), (one.deviations, lead.deviations)):
+            values[MOUNT] = known[MOUNT]
     late: Literal["", "gyro"] = ""
     start = clocks.values[Parameter.OFFSET] + clocks.values[Parameter.DRIFT] * (scans.first.min() - clocks.middle)
     began_as_one = abs(start) < (LATE_WHEELS if wheels_alone else LATE)

@@ -170,7 +170,9 @@ def clock(pairs: Pairs, stamps: Array, headings: Array, *, shared: bool) -> tupl
     return agreement(pairs.first, pairs.last, turns, stamps, headings, lags, drifts, lag_costs=0.004)
 
 
-def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, slip: float = 0.0) -> Fit:
+def fit(
+    pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, slip: float = 0.0, lead: float = 0.0
+) -> Fit:
     """Fit a lidar to odometry: iterated weighted least squares, with the deviations of a clustered sandwich.
 
     Turns by odometry are regressed on those by scans, which are far better: the other way round their noise would pass
@@ -178,6 +180,7 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, 
 
     Args:
         shared: the two are on one clock; then these are not estimated.
+        lead: by about so much the wheels may turn before the robot does, all the same [s].
         slip: that is expected [s].
     """
 
@@ -196,7 +199,10 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, 
     steps = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.02, 0.02 / max(float(np.ptp(pairs.first)), 1.0)])
     free = np.ones(len(Parameter), bool)
     free[CLOCKS] = not shared
-    prior, begin = np.diag(np.where(free, 1 / PRIOR**2, 1e12)), p
+    deviations = PRIOR.copy()
+    if lead:
+        free[Parameter.OFFSET], deviations[Parameter.OFFSET] = True, lead
+    prior, begin = np.diag(np.where(free, 1 / deviations**2, 1e12)), p
 
     def step(p: Array, apart: Array, noise: Array) -> tuple[Array, Array, Array, Array, Array]:
         """The parameters after a step; of pairs the square, weight and gradient; the normal matrix."""

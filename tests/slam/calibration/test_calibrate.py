@@ -531,6 +531,12 @@ def test_a_sweep_that_is_stated_too_long_is_told_and_mended_be_turns_of_odometry
     assert mended * beams == pytest.approx(increment * beams, abs=0.03)
 
 
+@pytest.mark.slow
+def test_wheels_that_lead_the_robot_round_a_ring_move_no_lidar_aside() -> None:
+    recording = simulate(load_scenario("loop", platform="lms200"), 11).recording
+    assert found_in(with_odometry(recording).replace(encoders=None, imu=None))[1].issues == ()
+
+
 @pytest.mark.parametrize("increment", [0.0005, slow(0.0)])
 def test_a_sweep_that_is_not_stated_is_told_where_there_is_one(increment: float) -> None:
     settings = [f"platform.lidar.time_increment={increment}"]
