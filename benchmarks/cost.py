@@ -232,24 +232,15 @@ def live(seed: int, settings: list[str], duration: float | None) -> Row:
     config = start_kernels(settings, 1)
     recording = simulate_case("corridor", seed, duration=duration).recording
     load_kernels(recording, config)
-    slam, lidar, wheels, imu = (
-        OnlineSlam(recording.platform, config, seed),
-        recording.lidar,
-        recording.encoders,
-        recording.imu,
-    )
+    slam = OnlineSlam(recording.platform, config, seed)
+    lidar, wheels, imu = recording.lidar, recording.encoders, recording.imu
     assert lidar is not None
     assert wheels is not None
     assert imu is not None
-    calls = [(stamp, partial(slam.add_scan, lidar.ranges[k])) for k, stamp in enumerate(lidar.stamps.tolist())]
-    calls += [
-        (stamp, partial(slam.add_odometry, counts=counts))
-        for stamp, counts in zip(wheels.stamps.tolist(), wheels.counts, strict=True)
-    ]
+    calls = [(at, partial(slam.add_scan, lidar.ranges[k])) for k, at in enumerate(lidar.stamps.tolist())]
     rates = imu.angular_velocity[:, 2].tolist()
-    calls += [
-        (stamp, partial(slam.add_imu, yaw_rate=rate)) for stamp, rate in zip(imu.stamps.tolist(), rates, strict=True)
-    ]
+    calls += [(at, partial(slam.add_odometry, counts=wheels.counts[k])) for k, at in enumerate(wheels.stamps.tolist())]
+    calls += [(at, partial(slam.add_imu, yaw_rate=rates[k])) for k, at in enumerate(imu.stamps.tolist())]
     seconds, spent, known = list[float](), 0.0, 0
     for stamp, add in sorted(calls, key=lambda call: call[0]):
         began = time.perf_counter()
