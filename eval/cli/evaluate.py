@@ -189,9 +189,9 @@ def evaluate(
         for doubt in _doubts(rows):
             note(f"warning: {doubt}")
     one_or_all = rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}
-    mark = {"text": "", "markdown": "", "latex": "% "}.get(form)  # of the lines between tables; CSV has none
-    parts = [part for part in _parts(rows, found) if mark is not None or not isinstance(part, str)]
-    lines = (f"{mark}{part}" if isinstance(part, str) else FORMATS[form](part) for part in parts)
+    between = {"text": "{}", "markdown": "\n{}\n", "latex": "% {}"}.get(form, "")  # tables; CSV has nothing there
+    parts = [part for part in _parts(rows, found) if between or not isinstance(part, str)]
+    lines = (between.format(part) if isinstance(part, str) else FORMATS[form](part) for part in parts)
     answer(one_or_all | found, lines, as_json=as_json)
 
 

@@ -72,7 +72,7 @@ def test_relations_say_how_many_were_used(folder: Path, capsys: pytest.CaptureFi
     table = said(capsys, "good.tum", "some.relations", "--format", "latex")
     assert table.startswith("% good.tum against some.relations")
     assert r" $\pm$ " in table
-    assert "\n| relations |" in said(capsys, "good.tum", "some.relations", "--format", "markdown")
+    assert "\n\n| relations |" in said(capsys, "good.tum", "some.relations", "--format", "markdown")
 
 
 @pytest.mark.parametrize(("line", "codes"), [("1 2", []), ("2 1", ["relations-inverted"])])
