@@ -99,15 +99,12 @@ def thin(points: NDArray[np.float32], origin: NDArray[np.float64], config: Thinn
 
 
 def thin_some(scans: Scans, indices: Sequence[int], config: ThinningConfig) -> list[ThinnedScan]:
-    """Some of the scans, each as by ``thin``, ``BLOCK`` in a launch.
+    """Some of the scans, each as by ``thin``, in one launch.
 
     Args:
-        indices: [m] of those to thin.
+        indices: [m] of those to thin, one at least.
     """
-    thinned: list[ThinnedScan] = []
-    for first in range(0, len(indices), BLOCK):
-        points = [scans.points(index) for index in indices[first : first + BLOCK]]
-        counts = np.array([len(each) for each in points], np.int32)
-        begins = np.cumsum(counts, dtype=np.int32) - counts
-        thinned += thin_scans(np.concatenate(points), begins, counts, scans.origin, **vars(config))
-    return thinned
+    points = [scans.points(index) for index in indices]
+    counts = np.array([len(each) for each in points], np.int32)
+    begins = np.cumsum(counts, dtype=np.int32) - counts
+    return thin_scans(np.concatenate(points), begins, counts, scans.origin, **vars(config))

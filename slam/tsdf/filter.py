@@ -16,7 +16,8 @@ from moteslam.slam.filter.update_policy import update_due
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.scans import Scans
-from moteslam.slam.inputs.step import Step, thin, thin_some
+from moteslam.slam.inputs.step import BLOCK, Step, thin, thin_some
+from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.doubt import Doubt
 from moteslam.slam.tsdf.floor import FloorLikelihood
@@ -112,14 +113,21 @@ class TsdfFilter(FilterDefaults):
 
         While the robot is lost that is a map of what it has seen since, and the one that it had is drawn anew, too.
         """
-        drawn = thin_some(scans, updates.tolist(), self._config.thinning)
+        before = 0
         if self._relocation is not None:
             before = self._relocation.updates
-            self._relocation.revise(poses[:before], drawn[:before])
-            drawn = drawn[before:]
-        self._particles.revise(poses, drawn)
+            self._relocation.revise(self._drawn(poses[:before], updates[:before], scans))
+        self._particles.revise(poses, self._drawn(poses[before:], updates[before:], scans))
         self._tracker.pose = as_pose(self._particles.best_pose)
         self._floor = FloorLikelihood(self._config)
+
+    def _drawn(self, path: Array, updates: NDArray[np.intp], scans: Scans) -> TsdfMaps:
+        """The one map of the scans of some updates [u] along a path [u, 3], a block at a time: there may be many."""
+        maps = TsdfMaps(self._config.tsdf)
+        for first in range(0, len(updates), BLOCK):
+            some = slice(first, first + BLOCK)
+            maps.draw(path[some], thin_some(scans, updates[some].tolist(), self._config.thinning))
+        return maps
 
     def _start(self, scan: ThinnedScan) -> StepResult:
         """The first scan: there is nothing to register to; it goes into the one map that all particles share."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -107,16 +105,13 @@ class Particles:
         self.maps = TsdfMaps(self._config)
         self.start(scan)
 
-    def revise(self, path: Array, scans: Sequence[ThinnedScan]) -> None:
-        """Move all particles by the correction of the best one's path [u, 3], and redraw one map of the latest scans
-        for all.
-        """
+    def revise(self, path: Array, drawn: TsdfMaps) -> None:
+        """Move all particles by the correction of the best one's path [u, 3], and give all the map drawn along it."""
         last = self.best_pose
         self.history.revise(self.history.path(self.best), path)
         self.poses = se2.compose(path[-1], se2.between(last, self.poses))
         self.hypotheses[:] = 0
-        self.maps = TsdfMaps(self._config)
-        self.maps.draw(path[len(path) - len(scans) :], scans)
+        self.maps = drawn
         self.maps.resample(np.zeros(len(self), np.int64))
 
     def resample(self, parents: NDArray[np.int64]) -> None:

@@ -7,13 +7,10 @@ scans, finds the robot at the same place.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
-from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.slam.mapping.tsdf import TsdfMaps
@@ -100,10 +97,9 @@ class Relocation:
             return None
         return None if is_elsewhere(se2.between(se2.compose(before, pose), place)) else self._found
 
-    def revise(self, path: Array, scans: Sequence[ThinnedScan]) -> None:
-        """Draw the map anew along its corrected path [u, 3]."""
-        self._maps, self._particle, self._found = TsdfMaps(self._maps.config), 0, None
-        self._maps.draw(path, scans)
+    def revise(self, drawn: TsdfMaps) -> None:
+        """Look in the old map as it was drawn anew."""
+        self._maps, self._particle, self._found = drawn, 0, None
 
     def _search(self, pose: Array, middle: Array, half: Array) -> tuple[Array | None, float]:
         """Where in the old map the robot at a pose [3] of the new one is, in a window [3] of half widths [3].

@@ -95,16 +95,13 @@ def test_one_beam_and_none():
 
 
 @pytest.mark.usefixtures("taichi")
-@pytest.mark.parametrize("together", [1, 2, 64])
-def test_scans_thinned_together_are_those_thinned_alone(together: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(thinning, "BLOCK", together)
+def test_scans_thinned_together_are_those_thinned_alone() -> None:
     scans, config = synchronise(turning(), SyncConfig()).scans, ThinningConfig()
     found = thinning.thin_some(scans, [2, 0, 1], config)
     for scan, index in zip(found, (2, 0, 1), strict=True):
         alone = thinning.thin(scans.points(index), scans.origin, config)
         np.testing.assert_array_equal(scan.points, alone.points)
         np.testing.assert_array_equal(scan.joined, alone.joined)
-    assert thinning.thin_some(scans, [], config) == []
 
 
 def test_beams_that_nothing_answered_reach_the_largest_range() -> None:
