@@ -12,7 +12,9 @@ from command_lines import codes, shown, told
 from scipy.spatial.transform import Rotation
 
 from moteslam.eval.cli import main
+from moteslam.eval.metrics.doubts import clock_offset
 from moteslam.robot.trajectories import read_trajectory
+from moteslam.robot.trajectory import Trajectory
 
 T0 = 1300000000.0
 Table = np.ndarray  # [n, 8] t x y z qx qy qz qw
@@ -298,6 +300,15 @@ def test_a_clock_that_runs_fast_or_slow_is_measured(tmp_path: Path, capsys, rate
     said = told(capsys, "evaluate", *files)
     assert f"its clock runs {100 * abs(rate - 1):.1f}" in said.replace("0.99 %", "1.00 %")
     assert ("% fast" if fast else "% slow") in said
+
+
+def test_of_laps_that_fit_alike_on_clocks_without_a_common_time_the_nearest_is_taken() -> None:
+    t, noise = np.arange(0.0, 160.0, 0.2), 0.08 * np.random.default_rng(0).normal(size=(800, 2))
+    laps = np.column_stack((4 * np.cos(np.pi * t / 20), 3 * np.sin(np.pi * t / 20), np.zeros(800)))
+    laps[:, :2] += 0.2 * np.column_stack((np.cos(np.pi * t / 5), np.zeros(800)))
+    found = clock_offset(Trajectory(t, laps + np.column_stack((noise, t * 0))), Trajectory(T0 + t, laps))
+    assert found is not None
+    assert float(re.findall(r"moved by (\S+) s", found[1])[0]) == pytest.approx(T0, abs=0.1)
 
 
 def test_stamps_in_few_digits_are_named_where_nothing_matches(tmp_path: Path, capsys) -> None:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from slam_messages import cut, fed, first, jumping, logged, platform_of, sparse_corridor
+from parts.runs import fed
+from slam_messages import cut, first, jumping, logged, platform_of, sparse_corridor
 from slam_rooms import circled_room
 
 from moteslam.errors import ConfigError, InputError
@@ -83,7 +84,7 @@ def test_a_real_log_does_too(data_folder: Path, log: str, preset: str):
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("scenario", ["doors", "slippery"])
 def test_a_whole_drive_does_too(scenario: str, preset: str):
-    check(simulate(load_scenario(scenario), seed=1).recording, preset)
+    check(simulate(load_scenario(scenario, platform="lms200"), seed=1).recording, preset)
 
 
 def silent(recording: Recording, seconds: float) -> Recording:

@@ -5,8 +5,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from parts.runs import with_images
-from slam_messages import fed, platform_of
+from parts.runs import fed, with_images
+from slam_messages import platform_of
 from slam_rooms import tiled_room
 
 from moteslam.errors import ConfigError, InputError

@@ -11,7 +11,7 @@ from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.loops import score_loops
 from moteslam.eval.metrics.relations import evaluate_relations, read_relations
 from moteslam.robot import se2
-from moteslam.robot.formats import open_recording
+from moteslam.robot.formats import Cut, cut, open_recording
 from moteslam.robot.platforms import load_platform
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
@@ -154,13 +154,13 @@ def test_in_a_round_tank_the_odometry_decides_about_turns(tmp_path: Path):
 
 @pytest.mark.slow
 def test_a_pose_that_is_stale_after_a_gap_does_not_bend_the_building(data_folder: Path):
-    """ACES, every scan: at 610 s nothing is recorded for 3 s while the robot turns by 80 degrees."""
+    """ACES, every scan of seven minutes: at 610 s nothing is recorded for 3 s while the robot turns by 80 degrees."""
     folder = data_folder / "radish"
     if not folder.is_dir():
         pytest.skip("no radish/aces.log.gz")
-    found = run(open_recording(folder / "aces.log.gz"))
+    found = run(cut(open_recording(folder / "aces.log.gz"), Cut(350.0, 800.0)))
     relations = read_relations(folder / "aces.relations")
-    assert evaluate_relations(found.trajectory_final, relations).translation.mean < 0.040
+    assert evaluate_relations(found.trajectory_final, relations).translation.mean < 0.036
 
 
 def test_with_every_stage_switched_off_the_filters_path_remains(doors: Case, alone: Estimate):

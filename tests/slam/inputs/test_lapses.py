@@ -204,10 +204,10 @@ def test_a_turn_that_counters_alone_leap_by_is_a_jump_though_a_gyro_knows_better
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
-@pytest.mark.parametrize("counters", ["kept", "lost"])
-def test_after_a_gap_into_a_new_place_the_robot_is_lost_until_it_is_found(counters: str):
+@pytest.mark.parametrize(("platform", "counters"), [("ucsd", "kept"), ("lms200", "lost")])
+def test_after_a_gap_into_a_new_place_the_robot_is_lost_until_it_is_found(platform: str, counters: str):
     fault = f'faults=[{{kind="gap", start=54.4, duration=10, counters="{counters}"}}]'
-    simulation = simulate(load_scenario("loop", platform="ucsd", settings=[fault]), 200)
+    simulation = simulate(load_scenario("loop", platform=platform, settings=[fault]), 200)
     estimate = run(simulation.recording)
     assert ate(estimate.trajectory_final, simulation.truth) < 0.005
     since = estimate.trajectory.stamps - EPOCH
