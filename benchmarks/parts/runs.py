@@ -167,7 +167,7 @@ class Message(NamedTuple):
     arrives: float
     order: int
     stream: str
-    index: int
+    number: int
 
 
 def messages(recording: Recording, late: dict[str, float]) -> Iterator[Message]:
@@ -175,7 +175,8 @@ def messages(recording: Recording, late: dict[str, float]) -> Iterator[Message]:
     streams: list[Iterator[Message]] = []
     for name in ("lidar", "encoders", "odometry", "imu", "rgb", "disparity"):
         of_camera = name in ("rgb", "disparity")
-        if (stream := recording.rgbd if of_camera else getattr(recording, name)) is not None:
+        stream: Any = getattr(recording, "rgbd" if of_camera else name)
+        if stream is not None:
             stamps = getattr(stream, f"{name}_stamps") if of_camera else stream.stamps
             arrive = (stamps + late.get("images" if of_camera else name, 0.0)).tolist()
             count, order = len(arrive), len(streams)

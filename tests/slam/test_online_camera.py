@@ -44,8 +44,10 @@ def online(config: SlamConfig, **late: float) -> tuple[OnlineSlam, Estimate]:
     return slam, slam.estimate()
 
 
-@pytest.mark.parametrize("late", [0.0, 0.2], ids=str)
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize(
+    ("name", "late"),
+    [("paper", 0.2), *(pytest.param(*each, marks=pytest.mark.slow) for each in (("paper", 0.0), ("colours", 0.2)))],
+)
 def test_a_recording_with_a_camera_gives_the_same_bytes(name: str, late: float):
     slam, here = online(CONFIGS[name], images=late)
     there = whole(name)

@@ -87,13 +87,18 @@ def test_clocks_and_lengths_are_mended_on_the_side_that_is_asked_for() -> None:
     assert wheels.effective_track == pytest.approx(1.1 * stated.effective_track)
 
 
-@pytest.mark.parametrize("wrong", ["lidar", "odometry", "gyro"])
-def test_what_turns_the_wrong_way_is_mended_alone(wrong: Any) -> None:
-    mended = calibrated(RECORDING, calibration(mirrored=True, wrong=wrong), None)
-    counts, rates = RECORDING.encoders.counts, RECORDING.imu.angular_velocity
-    assert mended.lidar.angle_increment == RECORDING.lidar.angle_increment * (-1 if wrong == "lidar" else 1)
-    np.testing.assert_array_equal(mended.encoders.counts, counts[:, [1, 0, 3, 2]] if wrong == "odometry" else counts)
-    np.testing.assert_array_equal(mended.imu.angular_velocity, rates * (1, 1, -1) if wrong == "gyro" else rates)
+@pytest.mark.parametrize(
+    ("wrong", "side"),
+    [("lidar", None), ("odometry", None), ("gyro", None), ("", "lidar"), ("", "odometry"), ("", None)],
+)
+def test_what_turns_the_wrong_way_is_mended_alone(wrong: Any, side: Any) -> None:
+    """Where no third witness says what it is, that of the side that is asked for; of the odometry with its gyro."""
+    mended = calibrated(RECORDING, calibration(mirrored=True, wrong=wrong), side)
+    counts, rates, what = RECORDING.encoders.counts, RECORDING.imu.angular_velocity, wrong or side
+    assert mended.lidar.angle_increment == RECORDING.lidar.angle_increment * (-1 if what == "lidar" else 1)
+    np.testing.assert_array_equal(mended.encoders.counts, counts[:, [1, 0, 3, 2]] if what == "odometry" else counts)
+    turned = wrong == "gyro" or (side == "odometry" and not wrong)
+    np.testing.assert_array_equal(mended.imu.angular_velocity, rates * (1, 1, -1) if turned else rates)
 
 
 def test_a_gyro_that_is_late_is_put_back_alone() -> None:

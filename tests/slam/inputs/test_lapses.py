@@ -193,6 +193,7 @@ def test_floor_that_other_beams_see_does_not_make_wheels_spin():
     assert codes(synchronise(simulation.recording)) == ["travels-along"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
 def test_a_turn_that_counters_alone_leap_by_is_a_jump_though_a_gyro_knows_better():
     fault = 'faults=[{kind="odometry_jump", start=40, theta=0.3}]'
@@ -361,6 +362,7 @@ def test_scans_far_apart_and_the_papers_filter_are_left_alone():
     assert not synchronise(replace(recording, lidar=sparse)).issues
 
 
+@pytest.mark.slow
 def test_by_a_mount_that_is_wrong_nothing_spins_or_travels():
     recording = simulate(load_scenario("office", platform="urg04lx"), 8).recording
     lidar = recording.platform.lidar
