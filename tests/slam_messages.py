@@ -1,6 +1,7 @@
 """Recordings cut as they arrive."""
 
 from dataclasses import fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,6 @@ def cut(recording: Recording, scans: int) -> Recording:
     all up to the first at or after that of the wheels.
     """
     lidar = recording.lidar
-    assert lidar is not None
     now = lidar.stamps[scans - 1] + (lidar.ranges.shape[1] - 1) * lidar.time_increment
     left: dict[str, Any] = {"lidar": first(lidar, scans)}
     for name in ("odometry", "encoders", "imu"):
@@ -37,11 +37,11 @@ def cut(recording: Recording, scans: int) -> Recording:
     return recording.replace(**left)
 
 
+@cache
 def sparse_corridor() -> Recording:
     """Twenty seconds in the corridor, ten scans a second of 271 beams."""
     recording = simulate(load_scenario("corridor").model_copy(update={"duration": 20.0}), seed=1).recording
     lidar = recording.lidar
-    assert lidar is not None
     sparse = replace(
         lidar,
         stamps=lidar.stamps[::4],
@@ -68,7 +68,6 @@ def jumping(recording: Recording) -> Recording:
 def platform_of(recording: Recording) -> Platform:
     """The robot with the lidar that a recording has."""
     lidar = recording.lidar
-    assert lidar is not None
     figures = {"angle_min": lidar.angle_min, "angle_increment": lidar.angle_increment, "beams": lidar.ranges.shape[1]}
     figures |= {"range_min": lidar.range_min, "range_max": lidar.range_max, "rate": 10.0}
     figures |= {"time_increment": lidar.time_increment or recording.platform.lidar.time_increment}

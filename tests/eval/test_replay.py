@@ -217,7 +217,6 @@ def reversed_beams(office: Simulation, tmp_path_factory: pytest.TempPathFactory)
     folder = tmp_path_factory.mktemp("logs")
     recording = office.recording
     lidar = recording.lidar
-    assert lidar is not None
     poses = dead_reckon(recording).poses
     ranges = np.ascontiguousarray(lidar.ranges[:, ::-1])
     write_carmen(folder / "drive.log", recording.replace(lidar=replace(lidar, ranges=ranges, odometry=poses)))

@@ -35,7 +35,6 @@ FULL = Recording(
 )
 def test_what_a_format_cannot_hold_is_an_issue(tmp_path: Path, name: str, file: str, lost: list[str]) -> None:
     write = FORMATS[name].write
-    assert write is not None
     issues = write(tmp_path / file, FULL)
     assert {issue.code for issue in issues} == {"not-written"}
     assert [str(issue).partition(" not written, no place in ")[0] for issue in issues] == [f"full: {e}" for e in lost]
@@ -49,7 +48,6 @@ def test_scans_of_a_lidar_that_turns_clockwise_read_back(tmp_path: Path, name: s
     ranges = 2 + np.arange(12, dtype=np.float32).reshape(4, 3) / 8
     lidar = replace(FULL.lidar, ranges=ranges, angle_min=0.5, angle_increment=-0.25, range_min=0.0)
     write = FORMATS[name].write
-    assert write is not None
     write(tmp_path / file, FULL.replace(lidar=lidar, rgbd=None))
     back = open_recording(tmp_path / file)
     np.testing.assert_array_equal(back.lidar.ranges, ranges)
@@ -59,7 +57,6 @@ def test_scans_of_a_lidar_that_turns_clockwise_read_back(tmp_path: Path, name: s
 
 def test_a_carmen_log_of_wheels_gets_the_poses_that_they_measure(tmp_path: Path) -> None:
     write = FORMATS["carmen"].write
-    assert write is not None
     wheels = FULL.replace(odometry=None, rgbd=None, lidar=replace(FULL.lidar, odometry=None))
     first, *rest = write(tmp_path / "x.log", wheels)
     assert (first.code, first.count) == ("computed-odometry", 4)

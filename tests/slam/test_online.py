@@ -92,7 +92,6 @@ def test_a_whole_drive_does_too(scenario: str, preset: str):
 
 def silent(recording: Recording, seconds: float) -> Recording:
     """The wheels fall silent after so many seconds, in mid-drive; the scans and the gyro go on."""
-    assert recording.encoders is not None
     wheels = recording.encoders
     left = int(np.searchsorted(wheels.stamps, wheels.stamps[0] + seconds))
     return recording.replace(encoders=first(wheels, left))
@@ -238,9 +237,6 @@ def wrong(
 ) -> Recording:
     """Figures multiplied, the beams in the other order, the stamps from 0 and multiplied."""
     lidar, odometry, imu = recording.lidar, recording.odometry, recording.imu
-    assert lidar is not None
-    assert odometry is not None
-    assert imu is not None
     beams = slice(None, None, -1 if "turned" in how else 1)
 
     def at(stamps: np.ndarray) -> np.ndarray:

@@ -87,7 +87,6 @@ def corrected(recording: Recording, found: Calibration) -> Recording:
 
 def found_in(recording: Recording, pairs: int = FEW_PAIRS) -> tuple[Calibration, Findings]:
     found = calibrate(recording, pairs=pairs)
-    assert found is not None
     return found, findings(found, recording)
 
 
