@@ -234,12 +234,8 @@ def errors(estimate: Estimate, case: Case) -> dict[str, float]:
         "dead_reckoning": estimate.dead_reckoning,
     }
     if case.reference is None:
-        figures = relation_figures(trajectories)
-        figures["online_over_final"] = figures["online_clear"] / figures["final_clear"]
-        figures["online_over_final_deg"] = figures["online_clear_deg"] / figures["final_clear_deg"]
-        return figures
+        return relation_figures(trajectories)
     figures = {key: absolute_trajectory_error(path, case.reference).rmse for key, path in trajectories.items()}
-    figures["online_over_final"] = figures["online"] / figures["final"]
     if case.simulation is not None:
         scaled = absolute_trajectory_error(estimate.trajectory_final, case.reference, scale=True)
         figures |= {"lost": figures["final"] >= LOST, "final_scaled": scaled.rmse, "scale": scaled.scale}

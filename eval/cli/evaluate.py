@@ -33,8 +33,8 @@ Table = list[list[str]]
 RESIDUALS = (
     Column("estimate", "estimate"),
     Column("scans", "residuals/scans"),
-    Column("residual median [mm]", "residuals/median_m", ".1f", factor=1000),
-    Column("90 % below [mm]", "residuals/quantile_90_m", ".1f", factor=1000),
+    Column("residual median", "residuals/median_m", "number", "m"),
+    Column("90 % below", "residuals/quantile_90_m", "number", "m", like="residuals/median_m"),
     Column("beyond 3 cm", "residuals/beyond_3_cm_share", ".1f", "%", 100),
     Column("unseen", "residuals/unseen_share", ".1f", "%", 100),
     Column("no return", "residuals/no_return_share", ".1f", "%", 100),
@@ -276,7 +276,7 @@ def _errors(row: Row) -> Table:
     for name, error in errors:
         for what, unit in (("translation_m", "m"), ("rotation_deg", "deg")):
             if (found := error.get(what)) is not None:
-                fit, factor = fitting(unit, [found[each] for each in STATISTICS])
+                fit, factor = fitting(unit, [found["rmse"]])
                 figures = [number(factor * found[each]) for each in STATISTICS]
                 table.append([f"{name} [{fit}]", str(found["count"]), *figures])
     return table
@@ -284,16 +284,13 @@ def _errors(row: Row) -> Table:
 
 def _comparison(rows: Sequence[Row]) -> Table:
     pairs = [f"RPE over {row['rpe']['delta']:g} {row['rpe']['unit']}" for row in rows if row["rpe"] is not None]
-    unit, factor = fitting("m", [row["ate"]["translation_m"]["max"] for row in rows])
-
-    def length(head: str, place: str) -> Column:
-        return Column(f"{head} [{unit}]", place, "number", factor=factor)
-
+    rmse = "ate/translation_m/rmse"
     columns = [
         *(Column("estimate", "estimate"), Column("poses", "ate/translation_m/count")),
-        *(length("ATE RMSE", "ate/translation_m/rmse"), length("median", "ate/translation_m/median")),
-        *(length("max", "ate/translation_m/max"), Column("heading RMSE [deg]", "ate/rotation_deg/rmse", "number")),
-        *(length(head, "rpe/translation_m/rmse") for head in pairs[:1]),
+        Column("ATE RMSE", rmse, "number", "m"),
+        *(Column(name, f"ate/translation_m/{name}", "number", "m", like=rmse) for name in ("median", "max")),
+        Column("heading RMSE", "ate/rotation_deg/rmse", "number", "deg"),
+        *(Column(head, "rpe/translation_m/rmse", "number", "m") for head in pairs[:1]),
     ]
     return [*map(list, rows_of(columns, rows))]
 

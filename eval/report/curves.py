@@ -132,14 +132,16 @@ def _draw_errors_and_paths(path: File, results: Mapping[str, AteResult], title: 
 def _draw_shares(path: File, results: Mapping[str, RelationResult], title: str) -> None:
     with style.saved_figure(path, size=(10.0, 4.2), title=title, columns=(1, 1)) as figure:
         distance, angle = figure.subplots(1, 2, sharey=True)
+        unit, factor = fitting("m", [result.translation.mean for result in results.values()])
         for i, (name, result) in enumerate(results.items()):
             look = {"lw": 1.2, **line_look(i)}
-            label = f"{name}, mean {number(result.translation.mean)} m over {result.pairs} relations"
-            distance.ecdf(result.errors, label=label, **look)
+            label = f"{name}, mean {number(factor * result.translation.mean)} {unit} over {result.pairs} relations"
+            distance.ecdf(factor * result.errors, label=label, **look)
             angle.ecdf(np.rad2deg(result.rotation_errors), **look)
-        far = np.concatenate([one.errors for one in results.values()])
+        far = factor * np.concatenate([one.errors for one in results.values()])
         turned = np.rad2deg(np.concatenate([one.rotation_errors for one in results.values()]))
-        for axes, label, values in ((distance, "translation error [m]", far), (angle, "rotation error [deg]", turned)):
+        panels = (distance, f"translation error [{unit}]", far), (angle, "rotation error [deg]", turned)
+        for axes, label, values in panels:
             axes.set_xlabel(label)
             axes.grid(color="0.9", lw=0.6)
             if len(above := values[values > 0]):

@@ -74,9 +74,9 @@ class Fan(NamedTuple):
             raise InputError(problem, file=file, field="platform.lidar.range_min")
         return fan
 
-    def within(self, ranges: NDArray[np.float32], issues: list[Issue], head: str) -> Fan:
+    def within(self, ranges: NDArray[np.float32], issues: list[Issue], head: str, *, given: object = None) -> Fan:
         """The same with the limits that some scans [n, beams] [m] show, where many ranges are alike, at changing beams;
-        told, and so is much that is beyond the limit and no code: it may be walls.
+        told, and so is much that is beyond a limit not ``given`` and no code: it may be walls.
         """
         ends = (ranges >= np.float32(self.range_min)) & (ranges < np.float32(self.range_max)) & (ranges > 0)
         fan, count = self, max(int(ends.sum()), 1)
@@ -91,7 +91,7 @@ class Fan(NamedTuple):
                 issues.append(Issue("range-max", f"{head}: {text}return, as if range_{name} were {limit:g} m"))
                 fan = fan._replace(range_max=limit) if name == "max" else fan._replace(range_min=limit + SAME)
         beyond = ranges[np.isfinite(ranges) & (ranges >= np.float32(self.range_max))]
-        if len(beyond) > CLIPPED[0] * count and len(np.unique(beyond)) > CODES:
+        if not given and len(beyond) > CLIPPED[0] * count and len(np.unique(beyond)) > CODES:
             text = f"{100 * len(beyond) / (count + len(beyond)):.0f} % of ranges, up to {beyond.max():g} m, are beyond "
             text = f"{text}range_max ({self.range_max:g} m), no return: if walls, give [lidar] range_max by --platform"
             issues.append(Issue("range-max", f"{head}: {text}"))
@@ -282,14 +282,14 @@ class Sensors:
         interlace: int = 1,
     ) -> LidarStream:
         """Ranges [n, beams] [m] as reported, poses [n, 3] logged with the scans; ``interlace`` as in `LidarStream`."""
-        fan = fan.over(self.given, ranges.shape[1], file=file, field="angle_increment")
+        fan, head = fan.over(self.given, ranges.shape[1], file=file, field="angle_increment"), f"{file.name}: {field}"
         stamps, (order,) = sort_by_stamp(file, field, stamps, self.issues, np.arange(len(stamps)))
         marks = np.array([hash(ranges[scan].tobytes()) for scan in order], np.int64)
         new = ~given_again(file, field, stamps, marks, self.issues)
         stamps, order = stamps[new], order[new]
         sequence = None if odometry is None else _sequence(file, field, odometry, order, self.issues)
-        fan = fan.within(ranges[sampled(len(ranges))], self.issues, f"{file.name}: {field}")
-        clean = clean_ranges(ranges[order], fan, self.issues, f"{file.name}: {field}")
+        fan = fan.within(ranges[sampled(len(ranges))], self.issues, head, given=self.given.get("range_max"))
+        clean = clean_ranges(ranges[order], fan, self.issues, head)
         poses = None if odometry is None else odometry[order]
         step = self.robot.lidar.time_increment / interlace
         return LidarStream(stamps, given_up(clean), *fan[:4], step, poses, sequence, interlace)

@@ -104,7 +104,8 @@ class Calibration:
     late: Literal["", "gyro"]  # ``gyro`` where its stamps alone are off, and not those of the wheels; else empty
     fits: bool  # the odometry measures the motion of the scans; else nothing but the angles is known
     reversed: bool | None  # mirrored beams are in the wrong order in time, too; None where scans do not show it
-    sweep: float | None  # how long a sweep takes [s] where it clearly is less than stated, or none is stated
+    sweep: float | None  # how long a sweep takes [s] where it clearly is not as stated, or none is stated
+    no_surfaces: float | None  # from which range on [m] endpoints are none
     step: ClockStep | Bundles | None = None  # of a clock, or bundles of scans; all else is of the recording without it
 
 
@@ -128,8 +129,7 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
     if (bundled := bundles(lidar)) is not None:
         found = estimate(bundled.undone(recording), pairs)
         return None if found is None else replace(found, step=bundled)
-    middle = len(lidar) // 2
-    some = lidar.ranges[middle : middle + SOME]
+    some = lidar.ranges[len(lidar) // 2 : len(lidar) // 2 + SOME]
     expect_beams_in_place(some)
     if np.isnan(some).mean() > SPARSE or any(map(is_coarse, recording.stamps().values())):
         return None
@@ -288,6 +288,7 @@ def _calibrate(
         fits=fits,
         reversed=is_reversed,
         sweep=scans.sweep_taken(recording, lidar, rates) if fits and not mirrored else None,
+        no_surfaces=scans.no_surfaces_beyond(),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from itertools import product
-from math import degrees
+from math import degrees, floor
 from typing import Any
 
 import numpy as np
@@ -121,6 +121,11 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         by, side = _interval(abs(excess.value), excess.deviation), "long" if excess.value > 0 else "short"
         text = f"lidar: all ranges are {abs(excess.value):.2f} m ({by}) too {side}, by scans from other places: "
         told.append(("range-offset", f"{text}subtract {excess.value:.3f} m from them"))
+    if c.no_surfaces is not None:
+        limit = floor(100 * c.no_surfaces) / 100
+        text = f"lidar: most endpoints from {limit:g} m on are no walls, but no return written as a range: from nearer "
+        text += "it sees through them, and the map has walls that are not there. In platform.toml: [lidar] "
+        told.append(("range-max", f"{text}range_max = {limit:g}"))
     if c.sweep is not None:
         stated, increment = sweep_seconds(recording, lidar), c.sweep / (lidar.ranges.shape[1] - 1)
         text = f"lidar: scans fit best if a sweep takes {c.sweep:.2g} s and not the {stated:.3g} s stated: turns are "

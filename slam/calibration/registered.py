@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.slam.calibration.hand_eye import Change, Pairs, clearest_change, covariances, parts_of
-from moteslam.slam.calibration.scan_pairs import LEAST_FIT, Beams, cost, refine, register
+from moteslam.slam.calibration.scan_pairs import LEAST_FIT, Beams, cost, refine, register, seen_through
 from moteslam.slam.calibration.unmeasured import FEWEST, UnfitScansError
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
@@ -42,6 +42,9 @@ LEAST_DEVIATION = 0.003
 """Pairs do not count more than those of residuals of this size [m]."""
 LEAST_COST = 1e-4
 """A pair costs no less [m]: all endpoints in one place fit, too."""
+THROUGH, LEAST_THROUGH = 0.3, 0.01
+"""Endpoints are no surfaces that are seen through in a larger share than the first: the excess is at least the second
+share of all that could be, and at most 0.0003 in sound recordings."""
 SCALES = 1.1 ** np.arange(-8, 9)
 """Scales of the angles between beams that are tried, from less than half to more than twice, ..."""
 SOME = 60
@@ -111,6 +114,23 @@ class RegisteredPairs:
         """Register from motions [k, 3] that are expected, and keep what fits better, unless it is done anew."""
         self._found = refine(*self._ranges, self._beams, self._seconds, motions, None if anew else self._found)
 
+    def no_surfaces_beyond(self) -> float | None:
+        """From which range on [m] endpoints clearly are no surfaces: from nearer the lidar sees through them.
+
+        It does through people who have gone on, and panes, but hardly through those that are farthest off.
+        """
+        there = self._found.motions
+        ranges, through = list[Array](), list[Array]()
+        for scans, motions in ((self._ranges, there), (self._ranges[::-1], np.asarray(se2.inverse(there)))):
+            nearer, passed = seen_through(*scans, self._beams, self._seconds, motions)
+            nearer &= self._found.good[:, None]
+            ranges.append(scans[1][nearer])
+            through.append(np.where(passed[nearer], 1 - THROUGH, -THROUGH))
+        order = np.argsort(-(all_ranges := np.concatenate(ranges)))
+        beyond = np.cumsum(np.concatenate(through)[order])  # of an endpoint and those that are farther
+        most = int(beyond.argmax()) if len(beyond) else 0
+        return float(all_ranges[order[most]]) if len(beyond) and beyond[most] > LEAST_THROUGH * len(beyond) else None
+
     def mirror(self, lidar: LidarStream, rates: tuple[Array, Array]) -> bool | None:
         """Take the beams the other way round; whether they are measured in the other order, too.
 
@@ -135,15 +155,16 @@ class RegisteredPairs:
         return is_reversed
 
     def sweep_taken(self, recording: Recording, lidar: LidarStream, rates: tuple[Array, Array]) -> float | None:
-        """How long a sweep takes by the scans [s] where that clearly is less than stated, or there is one not stated.
+        """How long a sweep takes by the scans [s] where that clearly is not as stated, or none is stated.
 
         By how much more the lidar turns in the latter sweep of a pair than in the former bends their scans apart. It is
         regressed on ``rates`` as of ``mirror``, whose errors would pass for a shorter sweep: those by the scans beside
         each, with errors of their own, are the instrument.
         """
         share, deviation, stated, as_is = 1.0, 0.0, self._beams.sweep, self._found
-        sweep = stated or float(np.median(np.diff(lidar.stamps)))
-        if sweep < SWEEP:
+        period = float(np.median(np.diff(lidar.stamps)))
+        sweep = stated or period
+        if max(sweep, period) < SWEEP:
             return None
         beside = [np.clip(scans, 1, len(lidar) - 2) for scans in self._scans]
         own = [RegisteredPairs(recording, lidar, scans - 1, scans + 1) for scans in beside]
@@ -161,14 +182,15 @@ class RegisteredPairs:
             about = by * found.about_warps[use, -1, -1] * sweep * (rates[1] - rates[0])[use]
             step = -float(slope.sum() / about.sum())
             deviation = float(np.linalg.norm(parts_of(slope + step * about)) / abs(about.sum()))
-            share = float(np.clip(share + step, 0.0, 1.5))
+            share = float(np.clip(share + step, 0.0, max(1.0, 1.1 * period / sweep)))  # it ends before the next begins
             if abs(step) < 0.02 or not share:
                 break
         both = as_is.good & found.good
         better = _clearly_above_zero(np.log(cost(as_is)[both] / cost(found)[both]))
-        off = 1 - share if stated else share
+        off = abs(1 - share) if stated else share
         clearly = off > max(LEAST_OFF, ORDER * deviation, SWEEP / sweep)
-        return share * sweep if clearly and (better or not stated) else None
+        borne_out = better or not stated or (share > 1 and better is None)  # motions take up what a short one leaves
+        return share * sweep if clearly and borne_out else None
 
     def scale_angles(self) -> tuple[float, float, tuple[float, float]]:
         """The scale of the angles between beams at which the scans fit each other best, and its deviation.

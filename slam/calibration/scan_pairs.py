@@ -33,6 +33,8 @@ SECTORS = 4
 """Of a fan, whose angles are scaled each by itself."""
 AGREEMENT = 0.8
 """Least cosine between the normals of two surfaces that are held to each other."""
+NEARER = 0.3
+"""What a lidar has come nearer to by this much, half of it for errors, is no longer seen if it is not there [m]."""
 LEAST_FIT = 0.6
 """A pair is registered where this share of the endpoints fits."""
 LEAST_BEAMS = 25
@@ -124,8 +126,6 @@ def _register(
 ) -> Motions:
     motion = start.astype(np.float64).copy()
     pairs = np.arange(len(motion))[:, None]
-    step = (beams.angles[-1] - beams.angles[0]) / (len(beams.angles) - 1)
-    round_trip = 2 * np.pi / abs(step)
     lines = None
     for k in range(STEPS - steps, STEPS):
         reach = REACH[min(k // 2, len(REACH) - 1)]
@@ -136,19 +136,14 @@ def _register(
             lines = _lines(ends, former)
             own, facing, faced = _lines(_points(latter, beams, velocity, turning[1]), latter)
         ends, normals, known = lines
-        cos, sin = np.cos(motion[:, 2, None]), np.sin(motion[:, 2, None])
-        arm = np.stack((cos * own[..., 0] - sin * own[..., 1], sin * own[..., 0] + cos * own[..., 1]), axis=-1)
+        arm = _turned(own, motion[:, 2])
         placed = arm + motion[:, None, :2]
-        bearing = np.arctan2(placed[..., 1], placed[..., 0])
-        at = np.mod((bearing - beams.angles[0]) / step + 0.5, round_trip) - 0.5
-        inside = at < len(beams.angles) - 0.5
-        index = np.where(inside & np.isfinite(at), np.rint(at), 0).astype(np.intp)
+        index, inside = _towards(placed, beams)
         normal, end = normals[pairs, index], ends[pairs, index]
         apart = placed - end
         residual = (normal * apart).sum(axis=-1)
         near = np.hypot(apart[..., 0], apart[..., 1]) < reach + 0.1 * np.abs(former[pairs, index])
-        nx, ny = cos * facing[..., 0] - sin * facing[..., 1], sin * facing[..., 0] + cos * facing[..., 1]
-        alike = faced & (np.abs(nx * normal[..., 0] + ny * normal[..., 1]) > AGREEMENT)
+        alike = faced & (np.abs((_turned(facing, motion[:, 2]) * normal).sum(axis=-1)) > AGREEMENT)
         seen = inside & known[pairs, index] & np.isfinite(residual)
         near &= alike
         held = seen & near & (np.abs(residual) < reach)
@@ -178,6 +173,27 @@ def _register(
     return Motions(motion, information, deviation, fit, good, by_warp, about)
 
 
+def seen_through(former: Array, latter: Array, beams: Beams, seconds: Array, motions: Array) -> tuple[Flags, Flags]:
+    """[k, b] To which endpoints of latter scans the lidar is nearer in the former ones, at motions [k, 3], where it has
+    endpoints in that direction, too; and which of them lie before these.
+    """
+    velocity = motions / np.maximum(seconds, 1e-3)[:, None]
+    placed = _turned(_points(latter, beams, velocity, velocity[:, 2]), motions[:, 2]) + motions[:, None, :2]
+    near, (index, inside) = np.hypot(placed[..., 0], placed[..., 1]), _towards(placed, beams)
+    there = np.fmin(np.fmin(_beside(former, 1), _beside(former, -1)), former)[np.arange(len(near))[:, None], index]
+    nearer = inside & np.isfinite(there) & (latter - near > NEARER)
+    return nearer, nearer & (near < there - NEARER / 2)
+
+
+def _towards(points: Array, beams: Beams) -> tuple[NDArray[np.intp], Flags]:
+    """[k, b] The beam towards each of points [k, b, 2], and whether there is one."""
+    step = (beams.angles[-1] - beams.angles[0]) / (len(beams.angles) - 1)
+    bearing = np.arctan2(points[..., 1], points[..., 0])
+    at = np.mod((bearing - beams.angles[0]) / step + 0.5, 2 * np.pi / abs(step)) - 0.5
+    inside = at < len(beams.angles) - 0.5
+    return np.where(inside & np.isfinite(at), np.rint(at), 0).astype(np.intp), inside
+
+
 def _turns_known(information: Array, arm: Array, weight: Array, deviation: Array) -> Flags:
     """[k] whether endpoints ``arm`` [k, b, 2] bind turns by more than the noise of the normals: in a round room, no."""
     total = np.maximum(weight.sum(axis=1), 1e-9)
@@ -204,17 +220,21 @@ def _warps(arm: Array, end: Array, normal: Array, beams: Beams, index: NDArray[n
     return np.concatenate(((facing - faced)[..., None], mine * angles - their * angles[index], bent), axis=-1)
 
 
+def _turned(points: Array, turns: Array) -> Array:
+    """Points [k, b, 2] turned by as many angles [k], or one each [k, b] [rad]."""
+    turns = turns.reshape(len(turns), -1)
+    cos, sin = np.cos(turns), np.sin(turns)
+    x, y = points[..., 0], points[..., 1]
+    return np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
+
+
 def _points(ranges: Array, beams: Beams, velocity: Array, rate: Array) -> Array:
     """Endpoints [k, b, 2] in the lidar's frame in the middle of the sweep, in which it turns at a rate [k] [rad/s]."""
     points: Array = ranges[..., None] * np.stack((np.cos(beams.angles), np.sin(beams.angles)), axis=-1)
     if not beams.sweep > 0:
         return points
     time = beams.sweep * (beams.shares - 0.5)
-    turn = rate[:, None] * time
-    cos, sin = np.cos(turn), np.sin(turn)
-    x = cos * points[..., 0] - sin * points[..., 1] + velocity[:, 0, None] * time
-    y = sin * points[..., 0] + cos * points[..., 1] + velocity[:, 1, None] * time
-    return np.stack((x, y), axis=-1)
+    return _turned(points, rate[:, None] * time) + velocity[:, None, :2] * time[:, None]
 
 
 def _lines(points: Array, ranges: Array) -> tuple[Array, Array, Flags]:

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -211,6 +212,22 @@ def test_the_example_finds_its_way():
     assert found is not None, run.stdout
     assert float(found.group(1)) < 20
     assert int(found.group(2)) >= 80
+
+
+@pytest.mark.slow
+def test_the_package_of_the_guide_is_installed_and_known(tmp_path: Path):
+    text = (ROOT / "docs" / "guide" / "external.md").read_text(encoding="utf-8").partition("as a package\n")[2]
+    for name, block in re.findall(r"`(\S+)`[^\n]*\n\n```\w+\n(.*?)^```", text, re.M | re.S)[:2]:
+        (tmp_path / name).write_text(block, encoding="utf-8")
+    command = next(line for page, line in WRITTEN if page == "external.md" and "method=mine" in line)
+    assert main.run(["simulate", "office", "--duration", "20", "--out", str(tmp_path / "drive")]) == 0
+    where = ["--target", "site", "--no-deps", "--no-build-isolation", "--no-index", "--quiet", "."]
+    search = os.pathsep.join(["site", os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+    for words in (["pip", "install", *where], ["moteslam", *shlex.split(command)]):
+        line, environment = [sys.executable, "-m", *words], {**os.environ, "PYTHONPATH": search}
+        run = subprocess.run(line, check=False, capture_output=True, text=True, cwd=tmp_path, env=environment)
+        assert run.returncode == 0, run.stderr
+    assert 'method = "mine"' in (tmp_path / "mine" / "config.toml").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

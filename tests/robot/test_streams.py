@@ -191,6 +191,7 @@ def scans_of(change: str) -> NDArray[np.float32]:
     ("change", "range_max", "codes", "words", "endpoints"),
     [
         ("sound", 10.0, [], "", 1.0),
+        ("given", 4.0, [], "", 0.13),
         ("sound", 4.0, ["range-max"], "beyond range_max (4 m)", 0.13),
         ("near", 10.0, ["range-max"], "0.25 m away, the shortest", 0.8),
         ("far", 10.0, ["range-max"], "9 m away, the longest", 0.8),
@@ -204,7 +205,8 @@ def test_what_scans_show_of_their_limits(
 ) -> None:
     issues: list[Issue] = []
     fan = Fan(-1.0, 0.03, 0.1, range_max)
-    lidar = Sensors(Platform(), {}, issues).lidar(FILE, "ranges", np.arange(80) / 5, scans_of(change), fan)
+    given = {"range_max": range_max} if change == "given" else {}
+    lidar = Sensors(Platform(), given, issues).lidar(FILE, "ranges", np.arange(80) / 5, scans_of(change), fan)
     assert [issue.code for issue in issues] == codes
     assert all(words in issue.message for issue in issues)
     assert np.isfinite(lidar.ranges).mean() == pytest.approx(endpoints, abs=0.03)

@@ -118,8 +118,10 @@ def test_wheels_that_fall_silent_are_no_robot_that_stands(corridor: Recording, p
 def test_the_papers_filter_without_any_odometry_is_not_sure():
     recording, _ = circled_room(scans=60)
     slam = OnlineSlam(platform_of(recording), resolve_config("paper", ["particles=5"]), patience=0.0)
+    assert slam.warnings == ()
     updates = [slam.add_scan(ranges, 0.1 * k) for k, ranges in enumerate(recording.lidar.ranges)]
     assert all(update is None or update.state != LocalisationState.SURE for update in updates[10:])
+    assert "no-odometry" in [issue.code for issue in slam.warnings]
     assert "no-odometry" in [issue.code for issue in slam.estimate().warnings]
 
 
@@ -268,7 +270,9 @@ def test_at_the_end_messages_are_told_what_a_recording_is(office: Recording, fau
     recording = wrong(office, **fault)
     slam = OnlineSlam(platform_of(office), resolve_config("paper", CHEAP), name="base")
     list(fed(slam, recording))
+    assert code not in [issue.code for issue in slam.warnings]  # to find out is not for a running robot
     found = {issue.code: issue for issue in slam.estimate().warnings}
+    assert found == {issue.code: issue for issue in slam.warnings}
     assert code in found if code else not found.keys() - {"lidar-mount", "no-mount"}, found
 
 

@@ -19,7 +19,7 @@ from moteslam.slam.backend.graph.pose_graph import Edges
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.known_map.path_search import find_path
 from moteslam.slam.mapping.config import MapConfig
-from moteslam.slam.sessions import go_on
+from moteslam.slam.sessions import go_on, joined
 from moteslam.slam.settings import resolve_config
 
 ROOM = [((-4, -3), (4, -3)), ((4, -3), (4, 3)), ((4, 3), (-4, 3)), ((-4, 3), (-4, -3)), ((-4, -1), (-3, -1))]
@@ -162,6 +162,25 @@ def test_a_recording_of_another_building_stays_apart(parts: list[Estimate]) -> N
     assert [issue.code for issue in found.warnings if issue not in elsewhere.warnings] == ["session-apart"]
     assert found.building is elsewhere.building
     assert found.map is elsewhere.map
+
+
+@pytest.mark.slow
+def test_a_recording_is_not_bound_to_itself(parts: list[Estimate]) -> None:
+    building = parts[0].building
+    assert building is not None
+    found = go_on(parts[0], building)
+    assert [issue.code for issue in found.warnings if issue not in parts[0].warnings] == ["session-apart"]
+    assert "session 1" in found.warnings[-1].message
+    assert found.building is building
+
+
+@pytest.mark.usefixtures("taichi")
+def test_other_scans_with_the_same_stamps_are_another_recording() -> None:
+    building, other = (seen(ROOM + box(0, y), begins=0.0) for y in (1.5, -1.5))
+    for new, same in ((building, True), (other, False)):
+        why = joined(building, new, resolve_config())
+        assert isinstance(why, str)
+        assert ("session 1" in why) == same
 
 
 @pytest.mark.slow

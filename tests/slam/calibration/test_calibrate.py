@@ -514,9 +514,11 @@ def test_scans_stamped_at_the_end_of_their_sweep_are_put_back(seconds: float, at
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("platform", "times", "noise"), [("lms200", 15, 0.0), ("rplidar_a1", 2, 0.05)])
-def test_a_sweep_that_is_stated_too_long_is_told_and_mended_be_turns_of_odometry_ever_so_poor(
-    platform: str, times: int, noise: float
+@pytest.mark.parametrize(
+    ("platform", "times", "noise"), [("lms200", 15, 0.0), ("rplidar_a1", 2, 0.05), ("rplidar_a1", 0.5, 0.0)]
+)
+def test_a_sweep_that_is_stated_too_long_or_short_is_told_and_mended_be_turns_of_odometry_ever_so_poor(
+    platform: str, times: float, noise: float
 ) -> None:
     true = with_odometry(driven(platform)).replace(encoders=None, imu=None)
     increment, wrong = true.platform.lidar.time_increment, np.random.default_rng(0).normal(0, noise, len(true.lidar))
@@ -528,6 +530,30 @@ def test_a_sweep_that_is_stated_too_long_is_told_and_mended_be_turns_of_odometry
     beams = recording.lidar.ranges.shape[1]
     mended = calibrated(recording, found, "lidar").lidar.time_increment
     assert mended * beams == pytest.approx(increment * beams, abs=0.03)
+
+
+def random_below_the_limit(count: int, limit: float) -> np.ndarray:
+    return np.random.default_rng(0).uniform(0.85, 0.999, count) * limit
+
+
+def limit_with_noise(count: int, limit: float) -> np.ndarray:
+    return limit + np.random.default_rng(0).normal(0, 0.01, count)
+
+
+@pytest.mark.parametrize("codes_of", [random_below_the_limit, slow(limit_with_noise)])
+def test_no_return_that_is_written_as_a_range_is_told(codes_of: Callable[[int, float], np.ndarray]) -> None:
+    def written(stream: LidarStream) -> np.ndarray:
+        ranges = np.array(stream.ranges)
+        none = np.isposinf(ranges)
+        ranges[none] = codes_of(none.sum(), stream.range_max)
+        ranges[ranges >= stream.range_max] = np.inf
+        return ranges
+
+    true = driven("turtlebot3", "office")
+    found, about = found_in(lidar(ranges=written)(true), FEW_PAIRS)
+    assert codes(about.moves) == ["range-max"]
+    assert found.no_surfaces == pytest.approx(3.5 * (0.85 if codes_of is random_below_the_limit else 0.99), abs=0.05)
+    assert found_in(true, FEW_PAIRS)[1].issues == ()
 
 
 @pytest.mark.slow
