@@ -32,7 +32,7 @@ def calibration(of_fit: dict[str, Any] | None = None, **changes: Any) -> Calibra
     """One of which nothing is wrong, but for changes."""
     fit = fit_with(**(of_fit or {}))
     sound = Calibration(
-        1.0, 0.001, (0.0, 0.01), Change(), False, "", "stated", 0.0, fit, 0.99, fit, True, "", True, False, None
+        1.0, 0.001, (0.0, 0.01), Change(), False, "", "stated", 0.0, fit, 0.99, fit, True, "", True, False, None, None
     )
     return replace(sound, **changes)
 
@@ -45,6 +45,7 @@ def calibration(of_fit: dict[str, Any] | None = None, **changes: Any) -> Calibra
         ({}, {"longer": Change(50.0, 0.3, 0.01)}, "range-change", ("50 s on all ranges are 0.30 m longer",)),
         ({}, {"longer": Change(50.0, -0.3, 0.01)}, "range-change", ("0.30 m shorter",)),
         ({}, {"angle_scale": 0.95}, "lidar-angles", ("5.0 % (95 %: 4.8 to 5.2 %) less than", "= 0.0165806")),
+        ({}, {"no_surfaces": 3.419}, "range-max", ("from 3.41 m on", "range_max = 3.41")),
         ({}, {"sweep": 0.018}, "time-increment", ("takes 0.018 s", "time_increment = 0.0001")),
         ({"change": Change(40.0, np.log(1.1), 0.005)}, {}, "range-change", ("40 s on", "10.0 % more")),
         ({"change": Change(40.0, np.log(0.9), 0.005)}, {}, "range-change", ("10.0 % less",)),
