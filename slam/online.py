@@ -172,9 +172,8 @@ class OnlineSlam(Core):
         """Take in the scans that still wait: nothing more is to come."""
         if self._camera is not None:
             self._camera.decide(np.inf)
-        live, update = self._taken, None
-        if isinstance(live, LiveInputs) and not self._doubts:
-            update = self._take_in(live, finish=True)
+        live = self._taken
+        update = self._take_in(live, finish=True) if isinstance(live, LiveInputs) and not self._doubts else None
         self._settle()
         return update
 
@@ -285,11 +284,12 @@ def _numbers(values: Any, dtype: type, count: int | None, field: str) -> NDArray
     """A message's numbers as an array of its own, [count] finite ones where that is known."""
     try:
         given = np.asarray(values, np.float64)
-        values = given.tolist()
     except (TypeError, ValueError):
         given = np.empty((0, 0))
     sound = given.ndim == 1 and count in (None, len(given))
-    if not sound or (count is not None and not (np.isfinite(given) & (given.astype(dtype) == given)).all()):
+    if not sound or (count and not (np.isfinite(given).all() and (given.astype(dtype) == given).all())):
         expected = f"[{count or 'beams'}] {'whole ' if dtype is np.int64 else ''}numbers"
-        raise InputError(f"{shortened(values)}, expected {expected}", field=field)
+        raise InputError(
+            f"{shortened(given.tolist() if given.ndim == 1 else values)}, expected {expected}", field=field
+        )
     return given.astype(dtype)

@@ -11,7 +11,6 @@ from array import array
 from bisect import bisect_left
 from collections import deque
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,8 +29,7 @@ from moteslam.slam.inputs.scans import Scans, without
 from moteslam.slam.inputs.synchronise import about_blind, apart, at_scans, sweeps
 
 Array = NDArray[np.float64]
-BEFORE_WHEELS = 0.5
-"""Scans this long before the first reading of the wheels are not of a robot that is known to stand [s]."""
+BEFORE_WHEELS = 0.5  # Scans this long before the first reading of the wheels are not of a robot known to stand [s]
 FAR_AHEAD = 3600.0
 """A scan this much later than every message before, where other streams are heard, is of another clock [s]: the sound
 scans after it would be out of order. After a pause as long the other streams go on too, and the next scan is taken. So
@@ -181,8 +179,8 @@ class LiveInputs(Inputs):
         self.awaited: tuple[str, ...] = ()
         self._newest, self.messages = -np.inf, 0  # of all messages
         self._other_clock: tuple[Issue, ...] = ()
-        self._blind = 0  # scans without an endpoint
-        self._fast: dict[str, list[tuple[float, float, float]]] = {}  # the latest steps, all faster than any robot
+        self._blind = 0
+        self._fast: dict[str, list[tuple[float, ...]]] = {}  # the latest steps, all too fast: stamp, way, x, y
         self._latest: dict[str, float] = {}  # stamps, by stream
         # of the latest scans stamp, odometry with wheels that spin, that logged with them; their ranges
         self._tail, self._ranges = Rows(7, order="F"), Rows(figures.beams, np.float32)
@@ -238,14 +236,13 @@ class LiveInputs(Inputs):
     def _expect_speed(self, stream: str, stamp: float, x: float, y: float) -> None:
         """Note where the odometry is; ``too_fast`` if it has been faster than any robot for long enough."""
         run = self._fast.setdefault(stream, [])
-        if run and math.hypot(x - run[-1][1], y - run[-1][2]) <= SPEEDS[1] * (stamp - run[-1][0]):
+        way = math.hypot(x - run[-1][2], y - run[-1][3]) if run else 0.0
+        if run and way <= SPEEDS[1] * (stamp - run[-1][0]):
             run.clear()
-        run.append((stamp, x, y))
-        if len(run) > FEW and stamp - run[0][0] >= SURELY:
-            way = sum(math.dist(one[1:], other[1:]) for one, other in pairwise(run))
-            text = f"odometry: moves at {way / (stamp - run[0][0]):.3g} m/s over {len(run)} readings, "
-            text += "expected a robot's speed: are its stamps in s and its lengths in m?"
-            self.too_fast = (Issue("odometry-units", text),)
+        run.append((stamp, way + run[-1][1] if run else 0.0, x, y))
+        if len(run) > FEW and (seconds := stamp - run[0][0]) >= SURELY:
+            text = f"odometry: moves at {run[-1][1] / seconds:.3g} m/s over {len(run)} readings, expected a robot's "
+            self.too_fast = (Issue("odometry-units", text + "speed: are its stamps in s and its lengths in m?"),)
 
     def take_next(self, *, finish: bool = False) -> int | None:
         """Take in the scan that waits longest, if the odometry covers it, or it has waited long enough.
@@ -281,14 +278,12 @@ class LiveInputs(Inputs):
 
     @property
     def issues(self) -> tuple[Issue, ...]:
-        """A first message of another clock, scans and odometry at no time together, what all inputs tell, scans that
-        are blind, and those without odometry.
-        """
+        """What was noticed: of clocks, what all inputs tell, blind scans, and those without odometry."""
         told = [*self._other_clock, *super().issues]
         if self._blind:
             told.append(Issue("blind-scans", about_blind(self._blind, len(self), self._lidar), self._blind))
-        begin, end = self.odometry_in.begins, self.odometry_in.until
-        if len(self) and min(np.ptp(self.stamps), end - begin) > SOON and (text := apart(self.stamps, begin, end)):
+        scans, begin, end = self.stamps, self.odometry_in.begins, self.odometry_in.until
+        if len(self) and min(scans[-1] - scans[0], end - begin) > SOON and (text := apart(scans, begin, end)):
             told.append(Issue("other-clock", text))
         if not len(late := np.array(self._late)):
             return tuple(told)

@@ -29,14 +29,10 @@ FASTEST, CROWDED = 0.01, 0.1
 bundles."""
 UNMAPPED, BESIDE = 1.0, 0.1
 """A robot that drives farther [m] and longer [s] before its first scan or after its last has a part without a map."""
-ALIKE = 0.1
-"""Jumps whose sizes differ by less than this share are of one cause."""
-FEWEST = 10
-"""Fewer steps or bundles say nothing of a clock."""
-SAME = 1e-5
-"""Poses that differ by less are one: logs have six digits."""
-APART = 1.0
-"""Scans and odometry whose times are this far apart [s] are of different recordings, or on different clocks."""
+ALIKE = 0.1  # Jumps whose sizes differ by less than this share are of one cause
+FEWEST = 10  # Fewer steps or bundles say nothing of a clock
+SAME = 1e-5  # Poses that differ by less are one: logs have six digits
+APART = 1.0  # Scans and odometry whose times are this far apart [s] are of different recordings, or on different clocks
 
 
 def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_range: float = np.inf) -> Inputs:
