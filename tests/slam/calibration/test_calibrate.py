@@ -19,6 +19,7 @@ from moteslam.robot.values import Issue
 from moteslam.sim.logged import with_odometry
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
+from moteslam.slam.calibration import calibrate as calibrating
 from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS, Calibration, calibrate
 from moteslam.slam.calibration.findings import WITHIN, Findings, checked, findings, trusting
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
@@ -775,3 +776,19 @@ def test_wheels_that_slip_aside_in_turns_do_not_move_the_mount() -> None:
     found = fitted(slip=0.1)
     assert found.values[Parameter.SLIP] == pytest.approx(0.1, rel=0.05)
     assert found.values[: Parameter.LENGTHS] == pytest.approx(MOUNT, abs=0.002)
+
+
+def test_where_turns_do_not_agree_pairs_of_scans_nearer_to_each_other_are_tried(monkeypatch: pytest.MonkeyPatch):
+    """In a square room a long turn passes for one that is shorter by a quarter."""
+    tried: list[Calibration] = []
+    calibrate = calibrating._calibrate
+
+    def watched(*arguments: Any) -> Calibration | None:
+        found = calibrate(*arguments)
+        assert found is not None
+        tried.append(found)
+        return found if len(tried) > 1 else replace(found, correlation=0.0)
+
+    monkeypatch.setattr(calibrating, "_calibrate", watched)
+    found = calibrating.calibrate(driven("rplidar_a1"))
+    assert found is tried[1]
