@@ -109,8 +109,6 @@ def test_the_paper_page_gives_the_values_of_the_preset():
 @pytest.fixture(scope="module")
 def generate() -> ModuleType:
     spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
-    assert spec is not None
-    assert spec.loader is not None
     made = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(made)
     return made
@@ -207,7 +205,6 @@ def test_the_commands_of_the_tutorial_run(tmp_path: Path, monkeypatch: pytest.Mo
 @pytest.mark.slow
 def test_the_example_finds_its_way():
     example = re.search(r"```python\n(.*?)```", README, re.S)
-    assert example is not None
     command = [sys.executable, "-c", example.group(1)]
     run = subprocess.run(command, check=False, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr

@@ -364,7 +364,6 @@ STREAMS = ("lidar", "encoders", "odometry", "imu", "rgbd")
 def whole(seconds: float = 6.0) -> Recording:
     """A winding drive with every stream."""
     recording = winding(seconds=seconds)
-    assert recording.encoders is not None
     stamps = recording.encoders.stamps
     return recording.replace(odometry=with_odometry(recording).odometry, rgbd=RgbdStream(stamps[::10], stamps[5::10]))
 

@@ -331,7 +331,6 @@ def test_replay_writes_it_where_it_is_asked_for(simulated_folder: Path, tmp_path
 def test_an_estimate_is_shown_as_its_map_and_path(run) -> None:
     estimate, _ = run
     image = cv2.imdecode(np.frombuffer(estimate._repr_png_(), np.uint8), cv2.IMREAD_COLOR)
-    assert image is not None
     assert max(image.shape) <= 800
     slam = (abs(image.astype(int) - (0xB2, 0x72, 0x00)) < 20).all(axis=2)
     assert slam.any()

@@ -118,7 +118,6 @@ def test_a_path_lies_at_the_one_place_that_does_not_contradict_it(others: list, 
         assert found is None
         assert number > 1
     else:
-        assert found is not None
         np.testing.assert_allclose(found.track[0], se2.compose(there, path[0]), atol=0.06)
 
 
@@ -141,7 +140,6 @@ def test_two_recordings_give_the_same_building_in_any_order(
     assert old.building is not None
     found = go_on(new, old.building)
     building = found.building
-    assert building is not None
     assert [one.stamps[0] for one in building.sessions] == [each.trajectory.stamps[0] for each in (old, new)]
     assert building.between.sum() >= 2
     np.testing.assert_array_equal(found.trajectory_final.poses, building.sessions[1].path)

@@ -5,11 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sim_drives import room_table
 
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.noise import Noise
+from moteslam.robot.platforms import UCSD
 from moteslam.sim.robot.drive import Drive
+from moteslam.sim.robot.vehicle import Vehicle
 from moteslam.sim.scenario import Scenario, parse_scenario
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import Simulation, simulate, true_drive
@@ -20,6 +23,14 @@ def with_commands(table: dict[str, Any], *steps: dict[str, float], start: tuple[
     """The same with commands in place of the route."""
     without = {key: value for key, value in table.items() if key != "route"}
     return {**without, "commands": {"start": list(start), "steps": list(steps)}}
+
+
+def test_wheels_that_spin_turn_as_they_are_asked_to() -> None:
+    vehicle = Vehicle(UCSD, np.zeros(3), World.of(parse_scenario(room_table()).world), Noise().drive)
+    for _ in range(400):
+        vehicle.spin(0.5, 0.8)
+    right, left = 0.5 + 0.8 * 0.73 / 2, 0.5 - 0.8 * 0.73 / 2
+    assert vehicle.state() == pytest.approx((0, 0, 0, 0, 0, 0, right, left, right, left))
 
 
 def commanded(table: dict[str, Any], *steps: dict[str, float], start: tuple[float, ...]) -> Scenario:
