@@ -32,8 +32,7 @@ from moteslam.slam.calibration.unmeasured import (
     UnfitScansError,
     UnmeasuredError,
     expect_beams_in_place,
-    expect_new_scans,
-    expect_one_lidar,
+    expect_sound,
     unmeasured,
 )
 from moteslam.slam.inputs.config import SyncConfig
@@ -135,8 +134,7 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
         return None
     try:
         with np.errstate(all="ignore"):
-            expect_one_lidar(some)
-            expect_new_scans(some)
+            expect_sound(some)
             return _without_step(recording, _in_some_reading(recording, in_order(lidar), pairs), pairs)
     except (InputError, np.linalg.LinAlgError):  # encoders without wheels; values that are not finite
         return None

@@ -661,6 +661,14 @@ def test_scans_of_two_lidars_in_one_stream_are_said_to_be() -> None:
     assert "two lidars" in issue.message
 
 
+@pytest.mark.parametrize("bits", [12, 13])
+def test_ranges_that_begin_again_are_said_to(bits: int) -> None:
+    recording = lidar(ranges=lambda s: s.ranges % np.float32(0.001 * 2**bits))(driven("lms200", "loop"))
+    (issue,) = checked(recording)[1].moves
+    assert issue.code == "scans-unfit"
+    assert "too few bits" in issue.message
+
+
 @pytest.mark.slow
 def test_poses_of_the_lidar_itself_are_said_to_be() -> None:
     """The mount is known from the poses of both, as of a log, and these are exchanged."""
