@@ -1,7 +1,5 @@
 """``moteslam evaluate``: one trajectory or several, short ones, relations between poses, results kept and drawn."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Absolute and relative errors: by hand, as evo computes them, against relations; metrics by name."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from collections.abc import Callable

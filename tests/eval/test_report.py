@@ -1,7 +1,5 @@
 """Maps, the coloured floor, figures and recordings as pictures: what is in them, which way up, degenerate runs."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Trajectories that are not what they seem: each is told with what it means, or refused; sound ones are silent."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path
