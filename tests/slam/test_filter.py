@@ -156,9 +156,7 @@ def test_an_estimate_before_any_scan_and_a_seed_out_of_bounds_are_refused():
 
 
 def config_of(*settings: str) -> PaperFilterConfig:
-    config = resolve_config("paper", ["particles=20", *settings])
-    assert isinstance(config, PaperFilterConfig)
-    return config
+    return resolve_config("paper", ["particles=20", *settings])
 
 
 def room_steps(config: PaperFilterConfig) -> Iterator[Step]:

@@ -27,9 +27,7 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 
 def config_of(*settings: str) -> TsdfFilterConfig:
-    config = resolve_config("default", [*settings])
-    assert isinstance(config, TsdfFilterConfig)
-    return config
+    return resolve_config("default", [*settings])
 
 
 @pytest.fixture
