@@ -17,17 +17,13 @@ from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.registrar import prior_spread
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf import filter as tsdf_filter
-from moteslam.slam.tsdf.config import ProposalConfig, TsdfFilterConfig
+from moteslam.slam.tsdf.config import ProposalConfig
 from moteslam.slam.tsdf.filter import TsdfFilter
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.proposal import Proposal, propose
 
 pytestmark = pytest.mark.usefixtures("taichi")
-
-
-def config_of(*settings: str) -> TsdfFilterConfig:
-    return resolve_config("default", [*settings])
 
 
 @pytest.fixture
@@ -47,7 +43,7 @@ def proposals(monkeypatch: pytest.MonkeyPatch) -> list[Proposal]:
 def test_weights_are_the_product_of_the_proposals_likelihoods_and_the_score_is_the_best_particles(
     proposals: list[Proposal],
 ):
-    config = config_of("particles=12", "resample_below=0")
+    config = resolve_config("default", ["particles=12", "resample_below=0"])
     tsdf = TsdfFilter(config, 0)
     product, unlike_the_first = np.zeros(12), 0
     for step in steps(synchronise(circled_room(scans=40)[0], config.sync)):
