@@ -277,11 +277,11 @@ def cleared(folder: Path, kind: str) -> set[str]:
     make_folder(folder)
     names, ours = _content(folder)
     old = names & ours if kind in ours else set()
-    for name in old:
-        try:
+    try:
+        for name in old:
             (folder / name).unlink()
-        except OSError as error:
-            raise OutputError(f"cannot be replaced: {error.strerror or error}", file=folder / name) from error
+    except OSError as error:
+        raise OutputError(f"cannot be replaced: {error.strerror or error}", file=folder) from error
     return names - old
 
 

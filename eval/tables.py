@@ -102,13 +102,11 @@ class Column(NamedTuple):
     def cells(self, rows: Sequence[Mapping[str, Any]]) -> list[str]:
         """The head, and the figure of each dict, a dash where it has none."""
         found = _at(rows, self.place)
-        if self.form != "number":
-            return [self.head, *(number(None) if one is None else self._cell(one) for one in found)]
-        unit, factor = fitting(self.unit, _at(rows, self.like or self.place))
-        return [f"{self.head} [{unit}]", *(number(None if one is None else factor * one) for one in found)]
-
-    def _cell(self, found: Any) -> str:
-        return f"{found if isinstance(found, str) else self.factor * found:{self.form}} {self.unit}".rstrip()
+        if self.form == "number":
+            unit, factor = fitting(self.unit, _at(rows, self.like or self.place))
+            return [f"{self.head} [{unit}]", *(number(None if one is None else factor * one) for one in found)]
+        shown = (one if one is None or isinstance(one, str) else f"{self.factor * one:{self.form}}" for one in found)
+        return [self.head, *(number(None) if one is None else f"{one} {self.unit}".rstrip() for one in shown)]
 
 
 def _at(rows: Iterable[Any], place: str) -> list[Any]:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Calibrate = Annotated[
     Literal["lidar", "odometry"] | None,
     opt(
-        "Mend what is certainly not as stated; where the two contradict each other, this one is wrong.",
+        "Mend what is certainly stated wrongly; where lidar and odometry contradict each other, this one is wrong.",
         "lidar|odometry",
     ),
 ]
@@ -89,7 +89,7 @@ def replay(
     onto: Annotated[Path | None, opt("Go on with the building of this result folder.", "RESULT")] = None,
     calibrate: Calibrate = None,
     stdin: Annotated[
-        bool, typer.Option("--stdin", help="Messages, but no images, come on stdin as lines of JSON; --out optional.")
+        bool, typer.Option("--stdin", help="Read messages (no images) from stdin as lines of JSON; --out optional.")
     ] = False,
     *,
     part: options.RecordingOptions,
@@ -97,12 +97,12 @@ def replay(
 ) -> None:
     """Run SLAM over a recording and fill a result folder.
 
-    Scans are held against each other and the odometry first: where lidar or odometry are not as stated, by enough to
-    move the result by a tenth of a metre, that is a warning. Headings that do not fit the odometry's own path are not
-    used as they are.
+    First, scans are compared with each other and with the odometry. If lidar or odometry are stated so wrongly that the
+    result would move by a tenth of a metre, a warning says so. Headings that do not fit the odometry's own path are
+    replaced.
 
-    It is scored by truth.tum in the folder or beside the log, or NAME.reference.tum and NAME.relations beside NAME.log,
-    its map by truth_map.yaml; SLAM does not see them.
+    A truth.tum in the folder or beside the log scores the result, as do NAME.reference.tum and NAME.relations beside
+    NAME.log, and truth_map.yaml the map. SLAM does not see them.
 
     \b
     Examples:
@@ -141,7 +141,7 @@ def localize(
     out: Annotated[Path, opt(options.OUT)],
     near: Annotated[
         tuple[float, float, float, float] | None,
-        opt("Where the robot starts [m, m, rad], and the standard deviation of x and y [m].", "X Y THETA SPREAD"),
+        opt("Start of the robot [m, m, rad], and the standard deviation of x and y [m].", "X Y THETA SPREAD"),
     ] = None,
     calibrate: Calibrate = None,
     *,
@@ -150,8 +150,8 @@ def localize(
 ) -> None:
     """Find the robot in a known map and track it there; the map never changes.
 
-    The whole map is searched, in all headings, until one place is left; poses are in the frame of the map. Until then,
-    and where the scans contradict the map, the state is `lost`. A recording of another place is told as such.
+    The whole map is searched, in all headings, until one place is left. Until then, and where the scans contradict the
+    map, the state is `lost`. Poses are in the frame of the map. A warning tells of a recording of another place.
 
     \b
     Examples:

@@ -71,6 +71,8 @@ def run_into(
     began, clock = datetime.now(UTC), time.perf_counter()
     device = runtime.init(options.arch, options.threads)
     session = OnlineSlam.over(recording, config, seed=options.seed)
+    issues = (*issues, *recording.warnings)
+    warn(issues)  # a run that they make useless is long
     snapshots = Snapshots(session)
     with progress_bar("SLAM", len(session), "scans") as progress:
         for update in session:
@@ -84,8 +86,8 @@ def run_into(
             estimate = go_on(estimate, building)
     seconds = time.perf_counter() - clock
     estimate, stages = _coloured(estimate, recording)
-    issues = (*issues, *recording.warnings, *estimate.warnings)
-    warn(issues)
+    warn(estimate.warnings)
+    issues = (*issues, *estimate.warnings)
     found = write_results(
         folder,
         estimate,

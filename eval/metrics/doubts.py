@@ -24,26 +24,25 @@ STEP, ROUNDS = 0.1, 20
 """The search begins with offsets so far apart [s], and ends with so many steps of Gauss-Newton."""
 LEAST, COARSE, FINE = 10, 200, 5000
 """Positions of the reference that are compared at least, in the search, and at its end."""
-DENSE = 0.5
-"""Poses nearer to each other than this [s] are interpolated."""
 GAIN, GAIN_METRES, FITS = 0.5, 0.01, 0.1
 """A rate must leave less than this share of what an offset leaves, and the error fall by more than this [m]; without a
 common time to less than this share of the spread of the reference."""
 SHAPE, DRIFTS = 0.3, 0.1
 """By a clock, arm, scale or sign the error must fall to less than this share, by a clock to less the less of the drives
 is left in common; clocks drift by less."""
-OVERLAP = 0.6
-"""Share of the shorter drive that they must have in common."""
-ALIKE = 1.2
-"""Errors that differ by less than this factor are alike: the smallest offset is taken, clock and arm are both told."""
+OVERLAP, ALIKE = 0.6, 1.2
+"""Of the shorter drive they must have this share in common; errors that differ by less than this factor are alike: the
+smallest offset is taken, clock and arm are both told."""
 SMALL, SAME = 0.1, 1e-4
 """Errors and sizes below the first [m] are no other unit; no measurement is as near to the truth as the second [m]."""
-AXES = np.deg2rad(30.0)
-"""Orientations that differ by more than this [rad] are of other axes, or another order, unit or sign."""
-TURNS = 0.1
-"""Turns smaller than this [rad] show no offset on the robot: on a straight drive, drift looks like a long one."""
-HEIGHTS = 0.05
-"""Heights that are left out are reported where they are spread by more [m]."""
+AXES, TURNS = np.deg2rad(30.0), 0.1
+"""Orientations that differ by more than the first [rad] are of other axes, or another order, unit or sign; turns below
+the second [rad] show no offset on the robot: on a straight drive, drift looks like a long one."""
+DENSE, HEIGHTS = 0.5, 0.05
+"""Poses nearer to each other than the first [s] are interpolated; heights spread by less than the second [m] pass."""
+OTHERWISE, STANDS = 0.15, 0.2
+"""In more than the first share of the seconds in which the reference turns, estimates of it do not turn otherwise, nor
+odometry (0.11 at most), by half of that; an estimate spread by less than the second share of it hardly moves."""
 UNLIKE, FEW, ALL_FIT = 0.5, 0.5, 3
 """Two paths have nothing in common where the error is more than this share of the spread of the reference; errors are
 of a part where less than the second share is compared; fewer poses than the third always fit each other."""
@@ -75,14 +74,11 @@ def clock_offset(estimate: Trajectory, reference: Trajectory, before: float | No
 
 def _offset(search: _Search) -> tuple[float, float, float] | None:
     """The offset [s] to add, by what share the clock is slow, and the RMSE [m]."""
-    common = search.common(0.0) > 0
-    before = search.rmse(0.0, FINE) if common else float("nan")
+    before, middle, reach = float("nan"), float(search.times[0] - search.stamps[0]), search.longer  # may begin before
+    if search.common(0.0) > 0:
+        before, middle, reach = search.rmse(0.0, FINE), 0.0, min(LONGEST, search.shorter)
     if before < GAIN_METRES:
         return None
-    middle = 0.0 if common else float(search.times[0] - search.stamps[0])
-    reach = min(LONGEST, search.shorter) if common else search.shorter
-    if not common:  # the longer one may have begun before
-        reach += abs(float(np.ptp(search.times) - np.ptp(search.stamps)))
     step = max(STEP, 2 * reach / TRIES)
     offsets = middle + step * np.arange(-np.floor(reach / step), np.floor(reach / step) + 1)
     errors = np.array([search.rmse(float(offset), COARSE) for offset in offsets])
@@ -107,11 +103,11 @@ def _offset(search: _Search) -> tuple[float, float, float] | None:
 def _lever_arm(
     estimate: Trajectory, reference: Trajectory, ate: AteResult, share: float
 ) -> Iterator[tuple[float, Issue]]:
-    """The fixed offset on the robot that leaves less than a share of the error, in the axes of the body of the
-    estimate, or of the reference where only that has orientations.
+    """The fixed offset on the robot that leaves less than a share of the error, in the body axes of the estimate, or of
+    the reference where only that has orientations.
 
-    Gauss-Newton of ``true = Q (there + R arm) + t`` over ``arm`` [3], the rotation Q and t; where the body turns too
-    little to show it (``TURNS``), a part of the arm is 0, as that along the axis of all turns.
+    Gauss-Newton of ``true = Q (there + R arm) + t`` over ``arm`` [3], Q and t; where the body turns too little to show
+    it (``TURNS``), a part of the arm is 0, as that along the axis of all turns.
     """
     own = estimate.oriented
     if not (own or reference.oriented) or ate.rmse < GAIN_METRES or len(ate.stamps) < LEAST:
@@ -161,11 +157,10 @@ def doubts(
     if found is not None and best[0].code == "lever-arm" and found[0] < ALIKE * reasons[0][0]:  # at an even speed
         best = [replace(best[0], message=f"{best[0].message}; or else {found[1]}")]
     few_off = float(np.median(ate.errors)) < UNLIKE * float(np.linalg.norm(ate.reference[:, :2].std(axis=0)))
-    if few_off and any(issue.code == "implausible-speed" for issue in issues):  # poses far off make any paths unlike
+    if few_off and {"implausible-speed", "poses-held"} & {issue.code for issue in issues}:  # these make paths unlike
         best = [issue for issue in best if issue.code != "unlike"]
     turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate)
-    parts = _parts(estimate, reference, ate)
-    return (*dict.fromkeys(issues), *_of_space(estimate, reference), *best, *turns, *parts)
+    return (*dict.fromkeys(issues), *_of_space(estimate, reference), *best, *turns, *_parts(estimate, reference, ate))
 
 
 def few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:
@@ -179,10 +174,8 @@ def few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[I
 def _parts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> Iterator[Issue]:
     """Whether much of the path of one is not covered by the other, or few poses have a partner."""
     found = False
-    for one, whose, other, what in (
-        (estimate, "estimate", reference, "reference"),
-        (reference, "reference", estimate, "estimate"),
-    ):
+    sides = (estimate, "estimate"), (reference, "reference")
+    for (one, whose), (other, what) in (sides, sides[::-1]):
         gap = max(MAX_GAP, 3 * float(np.median(np.diff(other.stamps)))) if len(other) > 1 else MAX_GAP
         there = covered(one.stamps, other.stamps, gap=gap)
         steps = np.linalg.norm(np.diff(spatial(one).positions, axis=0), axis=1)
@@ -198,17 +191,13 @@ def _parts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> Itera
 
 def _of_space(estimate: Trajectory, reference: Trajectory) -> Iterator[Issue]:
     spaces = [one.space for one in (estimate, reference) if one.space is not None]
-    if not spaces:
-        return
-    spread = float(spaces[0].positions[:, 2].std())
     if in_space(estimate, reference):
-        tilts = [0.0 if one.space is None else tilt_of(one.space.positions) for one in (estimate, reference)]
-        why = "the reference " if tilts[1] > max(TILT, tilts[0]) else ""
-        tilt = max(tilts)
+        own, tilt = (0.0 if one.space is None else tilt_of(one.space.positions) for one in (estimate, reference))
+        why, tilt = "the reference " if tilt > max(TILT, own) else "", max(own, tilt)
         why += f"moves in a plane {np.rad2deg(tilt):.0f} degrees out of x and y" if tilt > TILT else "moves in z, too"
         compared = "aligned and compared in space; errors are those of three coordinates, turns those about any axis"
         yield Issue("in-space", f"{why}: {compared}", len(reference))
-    elif spread >= HEIGHTS:
+    elif spaces and (spread := float(spaces[0].positions[:, 2].std())) >= HEIGHTS:
         whose = "estimate" if estimate.space is not None else "reference"
         text = f"heights of the {whose}, spread by {spread:.2f} m, are left out: the other one is in the plane"
         yield Issue("heights-left-out", text, len(reference))
@@ -250,8 +239,19 @@ def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
         text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
         yield mirrored, Issue("mirrored", text)
     if rigid > UNLIKE * spread:
-        text = f"errors of {length(rigid)} where the reference itself is spread by {length(spread)}"
-        yield inf, Issue("unlike", f"{text}: another drive or building, or an estimate that is lost")
+        text = f"errors of {length(rigid)} where the reference itself is spread by {length(spread)}: "
+        why = "another drive or building, or an estimate that is lost"
+        if own < (STANDS * spread) ** 2:
+            why = f"the estimate hardly moves ({length(float(np.sqrt(own)))}): are these increments, or map to odom?"
+        yield inf, Issue("unlike", text + why)
+    elif ate.rotation_errors is not None and np.median(ate.rotation_errors) < AXES:
+        each = np.unique(np.searchsorted(ate.stamps, np.arange(ate.stamps[0], ate.stamps[-1])))  # second
+        turned, goal = (se2.wrap(np.diff(poses[each, 2])) for poses in (ate.aligned, ate.reference))
+        turns = np.abs(goal) > TURNS
+        count = int((turns & (np.abs(se2.wrap(turned - goal)) > np.abs(goal) / 2)).sum())
+        if turns.sum() >= LEAST and count > OTHERWISE * turns.sum():
+            text = f"turns otherwise than the reference in {count} of the {turns.sum()} seconds in which that turns: "
+            yield inf, Issue("unlike", f"{text}another drive of this place, or a clock that runs unevenly?", count)
 
 
 def _of_turns(ate: AteResult) -> Iterator[Issue]:
@@ -268,7 +268,7 @@ class _Search:
 
     def __init__(self, stamps: Array, positions: Array, times: Array, goal: Array) -> None:
         self.stamps, self.positions, self.times = stamps, positions, times
-        self.shorter = float(min(np.ptp(stamps), np.ptp(times)))
+        self.shorter, self.longer = sorted((float(np.ptp(stamps)), float(np.ptp(times))))
         self.spread = float(np.linalg.norm(goal.std(axis=0)))
         self.at, self.there = times, goal
         if float(np.median(np.diff(times))) < DENSE:  # anywhere between: noise is least between poses, at any offset

@@ -94,8 +94,7 @@ def draw_effective_particles(
         above = np.full(when.sum(), most * RUG)  # over the curve, which marks on it would hide
         label = f"resampled ({when.sum()} of {n} updates)"
         axes.plot(time[when], above, "|", color=style.DEAD_RECKONING, ms=7, mew=0.5, label=label)
-        axes.set_xlabel("time [s]")
-        axes.set_ylim(0, most * (2 * RUG - 1))
+        axes.set(xlabel="time [s]", ylim=(0, most * (2 * RUG - 1)))
         curve_axes(axes, f"particles (of {most})")
 
 
@@ -146,8 +145,7 @@ def _draw_shares(path: File, results: Mapping[str, RelationResult], title: str) 
             axes.grid(color="0.9", lw=0.6)
             if len(above := values[values > 0]):
                 style.log_axis(axes, float(np.quantile(above, 0.01)), 1.2 * float(above.max()), "x")
-        distance.set_ylabel("share of the relations below")
-        distance.set_ylim(0, 1)
+        distance.set(ylabel="share of the relations below", ylim=(0, 1))
 
 
 def _short(names: list[str]) -> list[str]:

@@ -166,11 +166,11 @@ class CsvDescription(Section):
 
 
 def is_csv_log(path: Path) -> bool:
-    """Whether a file is TOML with a table of a stream that names its ``file``."""
+    """Whether a file is TOML with a table of a stream that names its ``file``, or by its name is meant to be."""
     try:
         table = read_toml(path, "a description of CSV files")
     except ConfigError:
-        return False
+        return path.suffix.lower() == FORMAT.endings[0]
     return any(isinstance(stream := table.get(name), dict) and "file" in stream for name in STREAMS)
 
 

@@ -33,7 +33,7 @@ from moteslam.slam.calibration.unmeasured import (
     UnmeasuredError,
     expect_beams_in_place,
     expect_new_scans,
-    expect_one_order,
+    expect_one_lidar,
     unmeasured,
 )
 from moteslam.slam.inputs.config import SyncConfig
@@ -135,7 +135,7 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
         return None
     try:
         with np.errstate(all="ignore"):
-            expect_one_order(some)
+            expect_one_lidar(some)
             expect_new_scans(some)
             return _without_step(recording, _in_some_reading(recording, in_order(lidar), pairs), pairs)
     except (InputError, np.linalg.LinAlgError):  # encoders without wheels; values that are not finite

@@ -15,8 +15,8 @@ PACKED, SIZES = 0.9, 3
 """Beams are not in their place where more than this share of the scans that have some without a return have all of them
 at an end, and in so many numbers: a part that the robot hides has one."""
 BACKWARDS, SOME_BACKWARDS = 3.0, 0.1
-"""Neighbouring scans are in opposite order where one, turned round, is this many times more like the other; told of
-more than this share of them."""
+"""Neighbouring scans are in opposite order where one, turned round, is this many times more like the other, and of two
+lidars where the next but one is; told of more than this share of them."""
 EDGE, AT_REST = 0.3, 0.1
 """A beam passes an edge where its range changes by more than the first [m], and by less than the second share of that
 from the scan before to the former."""
@@ -48,17 +48,22 @@ def unmeasured(odometry: Array) -> None:
         raise UnmeasuredError("not-calibrated", text)
 
 
-def expect_one_order(ranges: NDArray[np.float32]) -> None:
-    """Raise ``UnmeasuredError`` where the beams of some scans [k, beams], one after the other, go the other way."""
-    one, other = ranges[:-1], ranges[1:]
-    straight, turned = (np.abs(one - each) for each in (other, other[:, ::-1]))
-    both = np.isfinite(straight) & np.isfinite(turned)
-    as_is, back = (np.where(both, np.minimum(each, 1.0), 0.0).sum(axis=1) for each in (straight, turned))
-    count = int((as_is > BACKWARDS * np.maximum(back, 0.01 * both.sum(axis=1))).sum())
-    if count > SOME_BACKWARDS * len(one):
-        text = f"lidar: {count} of {len(one)} scans have their beams in the other order than the scan before, as of "
-        text += "two lidars in one stream: a map of them is wrong. Turn those round"
-        raise UnmeasuredError("scans-unfit", text)
+def expect_one_lidar(ranges: NDArray[np.float32]) -> None:
+    """Raise ``UnmeasuredError`` where beams of some scans [k, beams], one after another, go the other way, or each scan
+    is like the next but one, and not like the next.
+    """
+    one, other = ranges[:-2], ranges[1:-1]
+    differences = [np.abs(one - each) for each in (other, other[:, ::-1], ranges[2:])]
+    both = np.isfinite(differences).all(axis=0)
+    as_is, back, later = (np.where(both, np.minimum(each, 1.0), 0.0).sum(axis=1) for each in differences)
+    for like, how, mend in (
+        (back, "have their beams in the other order than the scan before", "Turn those round"),
+        (later, "are like the next but one, and not like the next", "Keep those of one"),
+    ):
+        count = int((as_is > BACKWARDS * np.maximum(like, 0.01 * both.sum(axis=1))).sum())
+        if count > SOME_BACKWARDS * len(one):
+            text = f"lidar: {count} of {len(one)} scans {how}, as of two lidars in one stream: a map of them is wrong. "
+            raise UnmeasuredError("scans-unfit", text + mend)
 
 
 def expect_beams_in_place(ranges: NDArray[np.float32]) -> None:

@@ -124,6 +124,26 @@ def tilted(table: Table) -> Table:
     return np.column_stack((table[:, 0], slope.apply(table[:, 1:4]), body.as_quat()))
 
 
+def at_another_time(table: Table) -> Table:
+    """Of a robot that goes the same way, now faster and now slower."""
+    since = table[:, 0] - T0
+    return np.column_stack((table[:, 0] + 2 * np.sin(since / 3), table[:, 1:]))
+
+
+def increments(table: Table) -> Table:
+    """The motion since the pose before."""
+    body, steps = Rotation.from_quat(table[:, 4:]), np.diff(table[:, 1:4], axis=0)
+    turns = (body[:-1].inv() * body[1:]).as_quat()
+    return np.column_stack((table[1:, 0], body[:-1].inv().apply(steps), turns))
+
+
+@pytest.mark.parametrize(("estimate", "words"), [(at_another_time, "another drive"), (increments, "increments")])
+def test_a_path_that_has_another_shape_or_none_is_said_to(tmp_path: Path, capsys, estimate: Change, words: str) -> None:
+    files = files_of(tmp_path, estimate, same)
+    assert codes(capsys, "evaluate", *files) == ["unlike"]
+    assert words in told(capsys, "evaluate", *files)
+
+
 @pytest.mark.parametrize("begin", [0.8, 0.95])
 @pytest.mark.parametrize("whose", ["estimate", "reference"])
 def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(

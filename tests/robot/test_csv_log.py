@@ -295,7 +295,15 @@ def test_ticks_are_whole(tmp_path: Path, ticks: str) -> None:
 
 @pytest.mark.parametrize("text", ["[lidar]\nx = 1\n", "FLASER 3\n", "a = ", "[lidar]\nfile\n", "lidar = 3\n", "\0"])
 def test_other_files_are_not_taken_for_it(tmp_path: Path, text: str) -> None:
-    assert not is_csv_log(write(tmp_path, text))
+    assert not is_csv_log(write(tmp_path, text).rename(tmp_path / "log.txt"))
+
+
+@pytest.mark.parametrize(("slip", "place"), [("angle_min = \n", "line 2, column 13"), ("[lidar\n", "line 2, column 7")])
+def test_a_slip_of_syntax_is_shown_by_its_line(tmp_path: Path, slip: str, place: str) -> None:
+    path = write(tmp_path, f'name = "a"\n{slip}file = "scans.csv"\n')
+    with pytest.raises(ConfigError, match=f"not TOML: .*{place}") as caught:
+        open_recording(path)
+    assert Path(str(caught.value.file)) == path
 
 
 STAMPS = st.integers(1, 12).flatmap(

@@ -646,6 +646,18 @@ def test_scans_that_are_turned_round_are_said_to_be(platform: str, some: slice) 
     assert "in the other order" in issue.message
 
 
+def test_scans_of_two_lidars_in_one_stream_are_said_to_be() -> None:
+    """One looks ahead and one back, in turn."""
+
+    def in_turn(stream: LidarStream) -> np.ndarray:
+        ahead, back = stream.ranges[:, 180:], stream.ranges[:, :180]
+        return np.where(np.arange(len(stream))[:, None] % 2, ahead, back)
+
+    (issue,) = checked(lidar(ranges=in_turn)(driven("rplidar_a1")))[1].moves
+    assert issue.code == "scans-unfit"
+    assert "two lidars" in issue.message
+
+
 @pytest.mark.slow
 def test_poses_of_the_lidar_itself_are_said_to_be() -> None:
     """The mount is known from the poses of both, as of a log, and these are exchanged."""
