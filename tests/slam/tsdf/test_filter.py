@@ -180,7 +180,7 @@ def test_the_map_begins_with_the_first_scan_that_has_points(value: float):
 def test_a_map_is_drawn_anew_from_the_first_scans_of_each_place(monkeypatch: pytest.MonkeyPatch):
     """The later ones were placed by the map that they are in: it creeps with them."""
     inputs = synchronise(circled_room()[0], SyncConfig())
-    tsdf, updates = TsdfFilter(config_of("particles=3"), seed=0), []
+    tsdf, updates = TsdfFilter(resolve_config("default", ["particles=3"]), seed=0), []
     for step in islice(steps(inputs, None, thinning=tsdf.thinning), 40):
         if tsdf.step(step).updated:
             updates.append(step.index)
