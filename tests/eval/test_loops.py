@@ -1,7 +1,5 @@
 """Precision and recall of loops: rounds in a square room, what is false, what binds, and what cannot be had."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

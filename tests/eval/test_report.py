@@ -1,7 +1,5 @@
 """Maps, the coloured floor, figures and recordings as pictures: what is in them, which way up, degenerate runs."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace
@@ -50,9 +48,7 @@ def occupancy() -> Raster:
 
 
 def opened(path: Path) -> np.ndarray:
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    assert image is not None
-    return image
+    return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
 
 
 def test_map_server_files_read_back(occupancy: Raster, tmp_path: Path) -> None:

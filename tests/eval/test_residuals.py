@@ -1,7 +1,5 @@
 """Residuals of scans: walls with known noise, places that another scan did not see, and the command."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Lidars and odometry that are not as stated: from simulated recordings with a fault, and of motions that are known."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
