@@ -227,8 +227,8 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
         moves = tuple(Issue(one.code, one.message + ends.get(one.code, "; see --calibrate")) for one in about.moves)
         return (calibrated(recording, found, None) if about.decided else recording), moves
     ends = dict.fromkeys(NOT_MENDED, "")
-    told = (Issue(one.code, one.message + ends.get(one.code, f"; mended by the {side}")) for one in about.issues)
-    return calibrated(recording, found, side), tuple(told)
+    issues = (Issue(one.code, one.message + ends.get(one.code, f"; mended by the {side}")) for one in about.issues)
+    return calibrated(recording, found, side), tuple(issues)
 
 
 def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory | None, tuple[Issue, ...]]:
