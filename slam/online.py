@@ -286,8 +286,6 @@ def _numbers(values: Any, dtype: type, count: int | None, field: str) -> NDArray
         given = np.empty((0, 0))
     sound = given.ndim == 1 and count in (None, len(given))
     if not sound or (count and not (np.isfinite(given).all() and (given.astype(dtype) == given).all())):
-        expected = f"[{count or 'beams'}] {'whole ' if dtype is np.int64 else ''}numbers"
-        raise InputError(
-            f"{shortened(given.tolist() if given.ndim == 1 else values)}, expected {expected}", field=field
-        )
+        shown, whole = shortened(given.tolist() if given.ndim == 1 else values), "whole " * (dtype is np.int64)
+        raise InputError(f"{shown}, expected [{count or 'beams'}] {whole}numbers", field=field)
     return given.astype(dtype)
