@@ -126,7 +126,11 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"lidar: most endpoints from {limit:g} m on are no walls, but no return written as a range: from nearer "
         text += "it sees through them, and the map has walls that are not there. In platform.toml: [lidar] "
         told.append(("range-max", f"{text}range_max = {limit:g}"))
-    if c.sweep is not None:
+    if c.sweep is not None and c.sweep < 0:
+        text = "lidar: by its scans beams are not measured in their order, but the last ones before the first: the fan "
+        text += "is turned round, or a part of each is of the turn before: turns are smeared"
+        told.append(("time-increment", text))
+    elif c.sweep is not None:
         stated, increment = sweep_seconds(recording, lidar), c.sweep / (lidar.ranges.shape[1] - 1)
         text = f"lidar: scans fit best if a sweep takes {c.sweep:.2g} s and not the {stated:.3g} s stated: turns are "
         told.append(("time-increment", f"{text}smeared; by --platform give [lidar] time_increment = {increment:.2g}"))

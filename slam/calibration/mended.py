@@ -55,7 +55,7 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
     lidar = mended.lidar
     assert lidar is not None
     lidar = lidar_of(lidar, c, certain)
-    if c.sweep is not None and side is not None:
+    if c.sweep is not None and c.sweep >= 0 and side is not None:
         lidar = replace(lidar, time_increment=c.sweep / (lidar.ranges.shape[1] - 1))
     mended = mended.replace(lidar=lidar)
     if mirror in ("odometry", "gyro"):

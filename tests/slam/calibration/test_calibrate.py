@@ -573,6 +573,26 @@ def test_a_sweep_that_is_not_stated_is_told_where_there_is_one(increment: float)
     assert (found.sweep or 0.0) == pytest.approx(359 * increment, rel=0.1)
 
 
+def backwards(recording: Recording) -> Recording:
+    stream = recording.lidar
+    turned = {"angle_min": stream.angles[-1], "angle_increment": -stream.angle_increment}
+    return recording.replace(lidar=replace(stream, ranges=np.ascontiguousarray(stream.ranges[:, ::-1]), **turned))
+
+
+def half_of_the_turn_before(recording: Recording) -> Recording:
+    ranges = np.array(recording.lidar.ranges)
+    ranges[1:, 180:] = recording.lidar.ranges[:-1, 180:]
+    return recording.replace(lidar=replace(recording.lidar, ranges=ranges))
+
+
+@pytest.mark.parametrize("fault", [backwards, half_of_the_turn_before])
+def test_beams_that_are_measured_in_another_order_are_told(fault: Fault) -> None:
+    found, about = found_in(fault(driven("rplidar_a1")), FEW_PAIRS)
+    assert found.sweep < 0
+    assert codes(about.moves) == ["time-increment"]
+    assert "order" in about.moves[0].message
+
+
 def test_stamps_of_whole_seconds_are_not_taken_for_another_clock() -> None:
     recording = poses_of(driven("ucsd"))
     whole = replace(recording.odometry, stamps=np.floor(recording.odometry.stamps))
