@@ -32,6 +32,8 @@ TURNS = 0.15
 """Likewise of turns by scans over the odometry's."""
 CHANGE, CHANGE_SIGMAS = 0.03, 6.0
 """Lengths over the odometry's change by less in mid drive where wheels slip a little, or with so few deviations."""
+TWICE = 0.4
+"""Readings of wheels may be given twice where a larger share of them has the stamp of the one before."""
 CURL = 0.1
 """Odometry that turns by more over a metre than the scans draws a circle of 60 m: the worst of sound ones has 0.08
 [rad/m]."""
@@ -162,6 +164,10 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         wheels = recording.platform.wheels
         text = f"ranges measure {_percent(scale)} odometry does; which of them is right scans cannot say. "
         if recording.encoders is not None and wheels is not None:
+            again, count = int((np.diff(recording.encoders.stamps) == 0).sum()), len(recording.encoders)
+            text += (
+                f"{again} of {count} readings of wheels share a stamp: given twice? " if again > TWICE * count else ""
+            )
             metres, track = (value * scale.value for value in (wheels.metres_per_count, wheels.effective_track))
             text += f"If ranges are, in platform.toml: [wheels] metres_per_count = {metres:.6g}, "
             text += f"effective_track = {track:.4g}"

@@ -14,7 +14,7 @@ import pytest
 
 from moteslam.robot import se2
 from moteslam.robot.formats import Cut, cut
-from moteslam.robot.recording import ChunkedRanges, LidarStream, OdometryStream, Recording
+from moteslam.robot.recording import ChunkedRanges, EncoderStream, LidarStream, OdometryStream, Recording
 from moteslam.robot.values import Issue
 from moteslam.sim.logged import with_odometry
 from moteslam.sim.scenario import load_scenario
@@ -352,6 +352,15 @@ def test_odometry_that_curls_is_said_to(curl: float, told: bool) -> None:
     assert codes(found.issues) == ["odometry-turn-scale"] * told
     assert found.moves == ()
     assert calibration.fit.curl[0] == pytest.approx(curl, abs=0.05)
+
+
+def test_readings_of_wheels_that_are_given_twice_are_said_to_be() -> None:
+    recording = driven("ucsd")
+    wheels = recording.encoders
+    twice = EncoderStream(np.repeat(wheels.stamps, 2), np.repeat(wheels.counts, 2, axis=0))
+    (issue,) = checked(recording.replace(encoders=twice), FEW_PAIRS)[1].moves
+    assert issue.code == "range-scale"
+    assert "given twice" in issue.message
 
 
 def test_ranges_in_feet_do_not_move_the_mount() -> None:
