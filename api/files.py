@@ -6,7 +6,7 @@ import secrets
 import stat
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
@@ -241,8 +241,7 @@ def result_folder(
         work = folder / target.name
         work.mkdir()
         yield work
-        names = sorted(entry.name for entry in work.iterdir())
-        (work / MARKER).write_text("\n".join([_TITLE, *names, ""]), "utf-8")
+        mark(work)
         _expect_ours(path, force=force, keep=keep)
         old = folder / ".replaced"
         try:
@@ -258,15 +257,38 @@ def _expect_ours(path: Path, *, force: bool, keep: str | PathLike[str] | None) -
     """Refuse a folder that must not be replaced."""
     if not _is_replaced(path, "folder", force=force, keep=keep):
         return
+    names, ours = _content(path)
+    if foreign := sorted(names - ours):
+        raise OutputError(f"holds {foreign[0]}, which moteslam did not write; expected another folder", file=path)
+
+
+def _content(folder: Path) -> tuple[set[str], set[str]]:
+    """The names of all that is in a folder, and of what moteslam wrote there."""
     try:
-        names = sorted(entry.name for entry in path.iterdir())
-        marker = (path / MARKER).read_text("utf-8") if MARKER in names else ""
+        names = {entry.name for entry in folder.iterdir()}
+        title, *known = ((folder / MARKER).read_text("utf-8") if MARKER in names else "").splitlines() or [""]
     except (OSError, ValueError) as error:
-        raise OutputError(f"cannot be read: {error}", file=path) from error
-    title, *known = marker.splitlines() or [""]
-    ours = {MARKER, *known} if title == _TITLE else set()
-    if foreign := next((name for name in names if name not in ours), None):
-        raise OutputError(f"holds {foreign}, which moteslam did not write; expected another folder", file=path)
+        raise OutputError(f"cannot be read: {error}", file=folder) from error
+    return names, {MARKER, *known} if title == _TITLE else set()
+
+
+def cleared(folder: Path, kind: str) -> set[str]:
+    """Make a folder, or take from it what moteslam wrote there along with a file ``kind``; the names that stay."""
+    make_folder(folder)
+    names, ours = _content(folder)
+    old = names & ours if kind in ours else set()
+    try:
+        for name in old:
+            (folder / name).unlink()
+    except OSError as error:
+        raise OutputError(f"cannot be replaced: {error.strerror or error}", file=folder) from error
+    return names - old
+
+
+def mark(folder: Path, others: Set[str] = frozenset()) -> None:
+    """Note in ``MARKER`` what moteslam wrote into a folder: all but others."""
+    names = sorted({entry.name for entry in folder.iterdir()} - others - {MARKER})
+    write_atomically(folder / MARKER, "\n".join([_TITLE, *names, ""]))
 
 
 @contextmanager

@@ -28,8 +28,6 @@ simulation. Scored is the ATE RMSE after alignment [m], of Intel the mean error 
 on, and stays in the medians. Every run is on one thread.
 """
 
-from __future__ import annotations
-
 import itertools
 import sys
 import tempfile
@@ -90,24 +88,28 @@ FORKS = {"fork": NOISY, "lookalikes": WHEELS | {"platform": "urg04lx", "step_noi
 RIGHT = 0.5
 """A final path that went the right way has a smaller ATE [m]; the next corridor costs 0.7 m, the next opening 1 m."""
 
-AT_ONCE = Bar("online_over_final", "worst", 1.5)
+
+def at_once(*bars: Bar) -> tuple[Bar, ...]:
+    """Bars of the final path, and online ones half as high again: a pose must be right when it is said.
+
+    The bar is held against what is asked, not against the final path, which loops make ten times better.
+    """
+    online = (Bar(one.figure.replace("final", "online"), one.over, 1.5 * one.limit) for one in bars)
+    return (*bars, *online)
+
+
 NEVER_LOST = Bar("final", "worst", LOST)
 BARS: dict[str, tuple[Bar, ...]] = {
-    "intel_raw_part": (
-        Bar("final_clear", "worst", 0.0145),
-        Bar("final_clear_deg", "worst", 0.215),
-        AT_ONCE,
-        Bar("online_over_final_deg", "worst", 1.5),
-    ),
+    "intel_raw_part": at_once(Bar("final_clear", "worst", 0.0145), Bar("final_clear_deg", "worst", 0.215)),
     "aces": (Bar("final", "worst", 0.12),),
     "fhw": (Bar("final", "worst", 0.17),),
-    "intel_key_scans": (Bar("final", "worst", 0.078), AT_ONCE),
-    "freiburg-101": (Bar("final", "worst", 0.046), AT_ONCE),
-    "belgioioso": (Bar("final", "worst", 0.095), AT_ONCE),
-    "csail": (Bar("final", "worst", 0.105), AT_ONCE),
+    "intel_key_scans": at_once(Bar("final", "worst", 0.078)),
+    "freiburg-101": at_once(Bar("final", "worst", 0.046)),
+    "belgioioso": at_once(Bar("final", "worst", 0.095)),
+    "csail": at_once(Bar("final", "worst", 0.105)),
     FLOOR: (Bar("final", "worst", 0.015), Bar("online", "worst", 0.03)),
-    "hall": (Bar("final_across", "worst", 0.05), Bar("along_over_dead_reckoning", "worst", 1.0), AT_ONCE),
-} | dict.fromkeys(("corridor", "loop", "office"), (NEVER_LOST, Bar("final", "median", 0.03), AT_ONCE))
+    "hall": (*at_once(Bar("final_across", "worst", 0.05)), Bar("along_over_dead_reckoning", "worst", 1.0)),
+} | dict.fromkeys(("corridor", "loop", "office"), at_once(NEVER_LOST, Bar("final", "median", 0.03)))
 """On logs a quarter less error than the best of GMapping, Karto, Cartographer and Hector (docs/results.md)."""
 
 

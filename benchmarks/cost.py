@@ -36,7 +36,6 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,7 +43,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from parts.back_end_costs import back_end, joint, solver
 from parts.harness import Bar, Row, arguments, benchmark, count, memory, status
-from parts.runs import errors, load_log, log_file, reference_file, simulate_case, start_kernels
+from parts.runs import add, errors, load_log, log_file, messages, reference_file, simulate_case, start_kernels
 
 from moteslam.errors import MoteslamError
 from moteslam.slam.settings import resolve_config
@@ -233,18 +232,10 @@ def live(seed: int, settings: list[str], duration: float | None) -> Row:
     recording = simulate_case("corridor", seed, duration=duration).recording
     load_kernels(recording, config)
     slam = OnlineSlam(recording.platform, config, seed)
-    lidar, wheels, imu = recording.lidar, recording.encoders, recording.imu
-    assert lidar is not None
-    assert wheels is not None
-    assert imu is not None
-    calls = [(at, partial(slam.add_scan, lidar.ranges[k])) for k, at in enumerate(lidar.stamps.tolist())]
-    rates = imu.angular_velocity[:, 2].tolist()
-    calls += [(at, partial(slam.add_odometry, counts=wheels.counts[k])) for k, at in enumerate(wheels.stamps.tolist())]
-    calls += [(at, partial(slam.add_imu, yaw_rate=rates[k])) for k, at in enumerate(imu.stamps.tolist())]
     seconds, spent, known = list[float](), 0.0, 0
-    for stamp, add in sorted(calls, key=lambda call: call[0]):
+    for _, _, stream, index in messages(recording, {}):
         began = time.perf_counter()
-        add(stamp=stamp)
+        add(slam, recording, stream, index)
         spent += time.perf_counter() - began
         if taken := len(slam) - known:
             seconds += [spent / taken] * taken

@@ -25,17 +25,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from parts.harness import Row, arguments, benchmark, count, factor, memory, status
+from parts.runs import fed
 
 from moteslam.errors import MoteslamError
 from moteslam.slam.settings import resolve_config
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from moteslam.robot.recording import Recording
     from moteslam.slam.config import SlamConfig
     from moteslam.slam.online import OnlineSlam
-    from moteslam.slam.scan_records import Update
 
 LAPS = 100
 """Of a drive, at most."""
@@ -110,21 +108,6 @@ def trajectory_bytes(session: OnlineSlam, scans: int) -> int:
     paths = sum(part.poses.nbytes for part in history._parts)
     keys = backend._path.values.nbytes if hasattr(backend, "_path") else 0
     return int(sum(values.nbytes // len(values) for values in a_scan) * scans + paths + keys)
-
-
-def fed(session: OnlineSlam, recording: Recording) -> Iterator[Update]:
-    """The recording message by message; every update."""
-    lidar, wheels = recording.lidar, recording.encoders
-    assert lidar is not None
-    assert wheels is not None
-    reading = 0
-    for scan, stamp in enumerate(lidar.stamps.tolist()):
-        while reading < len(wheels) and wheels.stamps[reading] < stamp:
-            if update := session.add_odometry(float(wheels.stamps[reading]), counts=wheels.counts[reading]):
-                yield update
-            reading += 1
-        if update := session.add_scan(lidar.ranges[scan], stamp):
-            yield update
 
 
 def online(recording: Recording, config: SlamConfig) -> OnlineSlam:

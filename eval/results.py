@@ -21,7 +21,7 @@ from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Eviden
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops, write_particles
 from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
-from moteslam.files import Shape, make_folder, read_arrays, write_atomically
+from moteslam.files import Shape, cleared, mark, read_arrays, write_atomically
 from moteslam.robot.formats.map_server import map_image, trinary, write_map, write_picture
 from moteslam.robot.raster import Raster, encode_png, write_map_arrays
 from moteslam.robot.recording import Recording
@@ -93,7 +93,7 @@ def write_results(
     """Fill a result folder (its files: ``docs/reference/formats.md``); what ``metrics.json`` holds.
 
     Args:
-        folder: made if need be; files in it are replaced.
+        folder: made if need be; the results of another run in it are removed, and files of these names replaced.
         estimate: what to write.
         truth: what to score it with, on the clock of the recording; it is written too.
         recording: whose scans are drawn along dead reckoning, and show which loops are possible and which walls seen.
@@ -104,10 +104,9 @@ def write_results(
         run: more about the run for ``run.json``: the command, threads, times.
     """
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
-    folder = Path(folder)
-    make_folder(folder)
     evidence = evidence_of(estimate, truth, recording=recording, true_map=true_map, relations=relations)
     scores = figures_of(estimate, evidence)
+    others = cleared(folder := Path(folder), "metrics.json")
     paths = {"trajectory": estimate.trajectory, "trajectory_final": estimate.trajectory_final}
     paths |= {"dead_reckoning": estimate.dead_reckoning} | ({} if truth is None else {"truth": truth})
     for name, path in paths.items():
@@ -139,6 +138,7 @@ def write_results(
     }
     versions = {"python": platform.python_version(), **estimate.versions}
     write_json(folder / "run.json", {**about, **(run or {}), "versions": versions, "hardware": hardware()})
+    mark(folder, others)
     return scores
 
 

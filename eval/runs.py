@@ -184,13 +184,15 @@ def headings(
 ) -> dict[str, tuple[str, float]]:
     """Metrics in words with their unit, ``final ATE [mm]``, and the factor to that, in every table of the same runs.
 
-    It is what the medians of runs that differ by seed alone are read best in; one metric of several trajectories has
-    one. ``units`` are those of metrics of plug-ins that are not here.
+    It fits the median over the runs; one metric of several trajectories has one, which its median and maximum share.
+    ``units`` are those of metrics of plug-ins that are not here.
     """
     groups = list(grouped(rows, lambda row: tuple(row.about.items())).values())
     there, found = dict.fromkeys((*names, *(name for row in rows for name in row.scores))), {}
     for name in names:
-        alike = [one for one in there if split(one)[1] == split(name)[1]]
+        short = split(name)[1]
+        whole = short.removesuffix("_median").removesuffix("_max")
+        alike = [one for one in there if split(one)[1] == whole] or [one for one in there if split(one)[1] == short]
         medians = [summary_of(some, one).median for one in alike for some in groups]
         unit, factor = fitting((units or {}).get(name) or known_metric(name).unit, medians)
         found[name] = f"{title_of(name)} [{unit}]" if unit else title_of(name), factor

@@ -29,6 +29,7 @@ from moteslam.eval.metrics.relations import (
 )
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import Unit, relative_pose_error
+from moteslam.eval.tables import length
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import OCCUPIED, UNKNOWN, read_map, trinary
 from moteslam.robot.raster import Raster
@@ -183,7 +184,7 @@ def against(
         )
         told: tuple[Issue, ...] = ()
         if other.translation.mean < INVERTED * missed.translation.mean:
-            means = f"{other.translation.mean:.4f} m in place of {missed.translation.mean:.4f} m"
+            means = f"{length(other.translation.mean)} in place of {length(missed.translation.mean)}"
             text = f"relations the other way round, t1 seen from t2, are missed by {means}: exchange their stamps?"
             told = (Issue("relations-inverted", text, len(reference)),)
         figures = {"kind": "relations", **missed.as_dict(), "warnings": [issue.as_dict() for issue in told]}

@@ -11,6 +11,7 @@ import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import zip_longest
 from math import floor, isfinite, isinf, isnan, log10
+from statistics import median
 from typing import Any, NamedTuple
 
 Rows = Sequence[Sequence[str]]
@@ -38,11 +39,17 @@ LENGTHS = (("mm", 1e3, 0.02), ("cm", 1e2, 1.0))
 
 
 def fitting(unit: str, values: Iterable[float | None]) -> tuple[str, float]:
-    """The unit that values in SI are read best in, and the factor to it: lengths in mm, cm or m, all others as is."""
+    """The unit of a column of values in SI, and the factor to it: of lengths the mm, cm or m that fit the median."""
     sizes = [abs(value) for value in values if value is not None and isfinite(value)]
     if unit == "m" and sizes:
-        return next(((name, factor) for name, factor, below in LENGTHS if max(sizes) < below), (unit, 1.0))
+        return next(((name, factor) for name, factor, below in LENGTHS if median(sizes) < below), (unit, 1.0))
     return unit, 1.0
+
+
+def length(metres: float) -> str:
+    """A single length in the unit that fits it."""
+    unit, factor = fitting("m", [metres])
+    return f"{number(factor * metres)} {unit}"
 
 
 def number(value: float | None, *, sign: bool = False) -> str:
@@ -80,27 +87,38 @@ def shortened(text: str, longest: int) -> str:
 
 
 class Column(NamedTuple):
-    """A figure in a table: the head of its column, its place in dicts, ``ate/rmse``, and its format, or ``number``."""
+    """A figure in a table: the head of its column, its place in dicts, ``ate/rmse``, and its format.
+
+    A ``number`` has its unit in the head; that of lengths is one that fits the column, or the column at ``like``.
+    """
 
     head: str
     place: str
     form: str = ""
     unit: str = ""
     factor: float = 1
+    like: str = ""
 
-    def cell(self, figures: Mapping[str, Any]) -> str:
-        """The figure of a dict, a dash where it has none."""
-        found: Any = figures
-        for key in self.place.split("/"):
-            found = None if found is None else found.get(key)
-        if found is None or self.form == "number":
-            return number(None if found is None else self.factor * found)
-        return f"{found if isinstance(found, str) else self.factor * found:{self.form}} {self.unit}".rstrip()
+    def cells(self, rows: Sequence[Mapping[str, Any]]) -> list[str]:
+        """The head, and the figure of each dict, a dash where it has none."""
+        found = _at(rows, self.place)
+        if self.form == "number":
+            unit, factor = fitting(self.unit, _at(rows, self.like or self.place))
+            return [f"{self.head} [{unit}]", *(number(None if one is None else factor * one) for one in found)]
+        values = (one if one is None or isinstance(one, str) else self.factor * one for one in found)
+        return [self.head, *("-" if one is None else f"{one:{self.form}} {self.unit}".rstrip() for one in values)]
+
+
+def _at(rows: Iterable[Any], place: str) -> list[Any]:
+    for key in place.split("/"):
+        rows = [None if one is None else one.get(key) for one in rows]
+    return list(rows)
 
 
 def rows_of(columns: Sequence[Column], figures: Iterable[Mapping[str, Any]]) -> Rows:
     """The rows of a table, the head and one a dict."""
-    return [[column.head for column in columns], *([column.cell(each) for column in columns] for each in figures)]
+    figures = list(figures)
+    return list(zip(*(column.cells(figures) for column in columns), strict=True))
 
 
 def aligned(rows: Rows) -> str:

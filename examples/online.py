@@ -45,6 +45,8 @@ def main(folder: Path) -> float:
                 behind.append(readings.stamp - update.stamp)
         moteslam.draw_map(axes, slam.map)
         axes.plot(*np.array(path)[:, :2].T, color="tab:blue")
+        for issue in slam.warnings:
+            print(f"after {moment} s: {issue}")
         axes.set(title=f"after {moment} s", aspect="equal", xlabel="x [m]", ylabel="y [m]")
         axes.label_outer()
     left, right, low, high = slam.map.extent  # the last map, which holds the others: all at one scale

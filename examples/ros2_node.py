@@ -28,7 +28,7 @@ def seconds(header: Any) -> float:
 class Slam(Node):
     def __init__(self, platform: moteslam.Platform) -> None:
         super().__init__("moteslam")
-        self.platform, self.slam, self.odometry = platform, None, {}
+        self.platform, self.slam, self.odometry, self.told = platform, None, {}, set()
         self.create_subscription(LaserScan, "scan", self.on_scan, 10)
         self.create_subscription(Odometry, "odom", self.on_odometry, 50)
         self.maps, self.transforms = self.create_publisher(OccupancyGrid, "map", 1), TransformBroadcaster(self)
@@ -67,6 +67,10 @@ class Slam(Node):
     def publish_map(self) -> None:
         if self.slam is None or not self.odometry:
             return
+        for issue in self.slam.warnings:
+            if issue.code not in self.told:
+                self.told.add(issue.code)
+                self.get_logger().warning(str(issue))
         drawn = self.slam.map
         sent = OccupancyGrid()
         sent.header.frame_id, sent.info.resolution = "map", drawn.cell_size

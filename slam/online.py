@@ -160,6 +160,11 @@ class OnlineSlam(Core):
         """How many scans wait for their odometry."""
         return len(self._taken.waiting) if isinstance(self._taken, LiveInputs) else 0
 
+    @property
+    def warnings(self) -> tuple[Issue, ...]:
+        """What was noticed so far, at no cost; ``estimate`` holds the messages against each other, too, for seconds."""
+        return () if self._taken is None else self._warnings(check=False)
+
     def finish(self) -> Update | None:
         """Take in the scans that still wait: nothing more is to come."""
         if self._camera is not None:
@@ -207,24 +212,24 @@ class OnlineSlam(Core):
             yield self._step(step)
         self._settle()
 
-    def _warnings(self) -> tuple[Issue, ...]:
+    def _warnings(self, *, check: bool = True) -> tuple[Issue, ...]:
         issues = list(self._doubts)
         if self._recording is not None and not isinstance(self._inputs, LiveInputs):
-            issues += warnings(self._recording, self._inputs)
+            issues += warnings(self._recording, self._inputs) if check else ()
         else:
-            issues += self._about_messages(self._inputs)
+            issues += self._about_messages(self._inputs, check=check)
         if self._missing:
             issues.append(Issue("no-colours", f"colours: {self._missing}: particles are weighed without"))
         if self._views is not None:
             issues += self._views.issues()
         return (*issues, *super()._warnings())
 
-    def _about_messages(self, live: Inputs) -> tuple[Issue, ...]:
+    def _about_messages(self, live: Inputs, *, check: bool) -> tuple[Issue, ...]:
         """What is told of a recording, of the first messages, and of all of them what was seen as they came."""
         own = (*unknown_mount(self._platform), *live.issues)
         if not isinstance(live, LiveInputs) or not len(beginning := live.beginning):
             return own
-        if self._about[0] != len(beginning):
+        if check and self._about[0] != len(beginning):
             kept, since = beginning.recording(self.name), f"in the first {len(beginning)} scans: " * beginning.full
             about = checked(kept, FEW_PAIRS)[1]
             found = [

@@ -9,12 +9,15 @@ import numpy as np
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import trinary
 from moteslam.robot.values import Issue
-from moteslam.slam.backend.building import Building
+from moteslam.slam.backend.building import Building, Session
 from moteslam.slam.backend.graph.binding import bind
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.known_map.path_search import find_path
+
+SAME = 0.005
+"""Endpoints of one scan differ by less [m]: they were written in steps of up to some millimetres."""
 
 
 def expect_graph(config: SlamConfig) -> GraphConfig:
@@ -56,6 +59,8 @@ def joined(building: Building, new: Building, config: SlamConfig) -> Building | 
     """
     backend = expect_graph(config)
     (session,) = new.sessions
+    if (number := next((k for k, one in enumerate(building.sessions, 1) if _holds(one, session)), None)) is not None:
+        return f"all its scans are those of session {number}"
     drawn = building.draw(config.map)
     scans = [scan.points for scan in session.thinned(backend.thinning, np.inf)]
     path, occupancy = session.path[session.nodes], replace(drawn, values=trinary(drawn.values))
@@ -64,6 +69,15 @@ def joined(building: Building, new: Building, config: SlamConfig) -> Building | 
         return "it may lie at several places of their map" if places else "it lies nowhere in their map"
     bound = bind(building, new, place.node, place.track[place.node], backend)
     return "no loops prove the place of their map where it seems to lie" if bound is None else bound
+
+
+def _holds(old: Session, new: Session) -> bool:
+    """Whether all scans of a session are those of an older one: simulated ones may have the same stamps alone."""
+    there, here = (np.split(one.points, one.begins[1:]) for one in (old, new))
+    _, i, j = np.intersect1d(old.stamps[old.nodes], new.stamps[new.nodes], return_indices=True)
+    pairs = [(there[a], here[b]) for a, b in zip(i, j, strict=True) if len(here[b])]
+    alike = [len(a) == len(b) and bool((np.abs(a - b) < SAME).all()) for a, b in pairs]
+    return bool(np.isin(new.stamps, old.stamps).all()) and 2 * sum(alike) > len(alike)
 
 
 def _apart(estimate: Estimate, why: str) -> Estimate:

@@ -1,8 +1,8 @@
-"""Recordings cut as they arrive, and fed message by message."""
+"""Recordings cut as they arrive."""
 
-from collections.abc import Iterator
 from dataclasses import fields, replace
-from typing import Any, NamedTuple
+from functools import cache
+from typing import Any
 
 import numpy as np
 from slam_rooms import jumping_odometry
@@ -12,8 +12,6 @@ from moteslam.robot.recording import OdometryStream, Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
-from moteslam.slam.online import OnlineSlam
-from moteslam.slam.scan_records import Update
 
 
 def first(stream: Any, count: int) -> Any:
@@ -29,7 +27,6 @@ def cut(recording: Recording, scans: int) -> Recording:
     all up to the first at or after that of the wheels.
     """
     lidar = recording.lidar
-    assert lidar is not None
     now = lidar.stamps[scans - 1] + (lidar.ranges.shape[1] - 1) * lidar.time_increment
     left: dict[str, Any] = {"lidar": first(lidar, scans)}
     for name in ("odometry", "encoders", "imu"):
@@ -40,11 +37,11 @@ def cut(recording: Recording, scans: int) -> Recording:
     return recording.replace(**left)
 
 
+@cache
 def sparse_corridor() -> Recording:
     """Twenty seconds in the corridor, ten scans a second of 271 beams."""
     recording = simulate(load_scenario("corridor").model_copy(update={"duration": 20.0}), seed=1).recording
     lidar = recording.lidar
-    assert lidar is not None
     sparse = replace(
         lidar,
         stamps=lidar.stamps[::4],
@@ -71,57 +68,8 @@ def jumping(recording: Recording) -> Recording:
 def platform_of(recording: Recording) -> Platform:
     """The robot with the lidar that a recording has."""
     lidar = recording.lidar
-    assert lidar is not None
     figures = {"angle_min": lidar.angle_min, "angle_increment": lidar.angle_increment, "beams": lidar.ranges.shape[1]}
     figures |= {"range_min": lidar.range_min, "range_max": lidar.range_max, "rate": 10.0}
     figures |= {"time_increment": lidar.time_increment or recording.platform.lidar.time_increment}
     mounted = recording.platform.lidar.model_copy(update=figures)
     return recording.platform.model_copy(update={"lidar": mounted})
-
-
-class Message(NamedTuple):
-    arrives: float
-    order: int
-    index: int
-    stream: str
-
-
-def messages(recording: Recording, late: dict[str, Any]) -> list[Message]:
-    """In the order in which they arrive, some streams so late [s]."""
-    found = []
-    for order, stream in enumerate(("lidar", "encoders", "odometry", "imu")):
-        if (values := getattr(recording, stream)) is not None:
-            stamps = values.stamps + late.get(stream, 0.0)
-            found += [Message(stamp, order, index, stream) for index, stamp in enumerate(stamps.tolist())]
-    if (images := recording.rgbd) is not None:
-        for order, stream in enumerate(("rgb", "disparity"), start=4):
-            stamps = getattr(images, f"{stream}_stamps") + late.get("images", 0.0)
-            found += [Message(stamp, order, index, stream) for index, stamp in enumerate(stamps.tolist())]
-    return sorted(found)
-
-
-def fed(slam: OnlineSlam, recording: Recording, **late: Any) -> Iterator[Update]:
-    """Feed a recording message by message; every update that there was."""
-    lidar, encoders, odometry, imu = recording.lidar, recording.encoders, recording.odometry, recording.imu
-    for _, _, k, stream in messages(recording, late):
-        if stream == "lidar":
-            assert lidar is not None
-            pose = None if lidar.odometry is None else lidar.odometry[k]
-            update = slam.add_scan(lidar.ranges[k], lidar.stamps[k], odometry=pose)
-        elif stream == "encoders":
-            assert encoders is not None
-            update = slam.add_odometry(encoders.stamps[k], counts=encoders.counts[k])
-        elif stream == "odometry":
-            assert odometry is not None
-            update = slam.add_odometry(odometry.stamps[k], odometry.poses[k])
-        elif stream in ("rgb", "disparity"):
-            assert recording.rgbd is not None
-            image = getattr(recording.rgbd.images, stream)(k)
-            update = slam.add_image(getattr(recording.rgbd, f"{stream}_stamps")[k], image)
-        else:
-            assert imu is not None
-            update = slam.add_imu(imu.stamps[k], imu.angular_velocity[k, 2])
-        if update is not None:
-            yield update
-    if (update := slam.finish()) is not None:
-        yield update

@@ -59,7 +59,6 @@ OTHER_ROOM = [*pairwise(CORNERS), (CORNERS[-1], CORNERS[0])]
 def carried_into_another_room(*, scans: int = 120, at: int = 60) -> Recording:
     """The robot of ``circled_room`` without drift, which from scan ``at`` on stands in another room."""
     recording, true = circled_room(scans=scans, drift=0.0)
-    assert recording.lidar is not None
     other = seen_from(true, OTHER_ROOM)
     ranges = np.where(np.arange(scans)[:, None] < at, recording.lidar.ranges, other)
     return recorded(ranges, true)

@@ -12,7 +12,7 @@ import speed
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = {
-    "accuracy.py": ("key-scans", "--runs", "lab", "--seeds", "100-100"),
+    "accuracy.py": ("scenarios", "--runs", "corridor", "--seeds", "0-0"),
     "cost.py": ("--quick", "--cases", "every_scan_1", "solver", "--seeds", "1"),
     "not_as_stated.py": ("--platforms", "lms200", "--worlds", "office", "--faults", "narrow", "--seeds", "100-100"),
     "soak.py": ("--hours", "0.005"),

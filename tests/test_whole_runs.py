@@ -29,8 +29,7 @@ def moteslam(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize(
     ("preset", "scenario", "seed", "most"),
-    [("paper", "corridor", seed, 0.20) for seed in range(3)]
-    + [("default", scenario, 0, 0.08) for scenario in ("corridor", "office")],
+    [("paper", "corridor", 0, 0.20), ("default", "corridor", 0, 0.08), ("default", "office", 0, 0.08)],
 )
 def test_a_preset_drives_a_scenario_without_diverging(preset: str, scenario: str, seed: int, most: float):
     simulation = simulate(load_scenario(scenario), seed=seed)
@@ -39,10 +38,9 @@ def test_a_preset_drives_a_scenario_without_diverging(preset: str, scenario: str
         assert ate(trajectory, simulation.truth) < most
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_the_paper_preset_holds_the_intel_building(data_folder: Path, seed: int):
+def test_the_paper_preset_holds_the_intel_building(data_folder: Path):
     recording = open_recording(data_folder / "intel" / "intel_raw_part.log.gz")
-    estimate = run_slam(recording, load_preset("paper"), seed=seed)
+    estimate = run_slam(recording, load_preset("paper"), seed=0)
     files = (data_folder / "intel" / name for name in ("intel_raw_part.relations", "intel.relations"))
     clear, every = (evaluate_relations(estimate.trajectory, read_relations(file), interpolate=False) for file in files)
     assert clear.translation.mean < 0.06
@@ -69,7 +67,7 @@ def test_the_default_preset_follows_key_scans(data_folder: Path):
 
 @pytest.mark.parametrize("preset", ["paper", "default"])
 def test_one_thread_and_two_give_the_same_bytes(tmp_path: Path, preset: str):
-    scenario = load_scenario("office").model_copy(update={"duration": 25.0})
+    scenario = load_scenario("office").model_copy(update={"duration": 15.0})
     write_simulation(tmp_path, simulate(scenario, seed=2))
     for threads in (1, 2):
         out = tmp_path / f"out{threads}"

@@ -27,7 +27,7 @@ def platforms(
 ) -> None:
     """List the bundled robots and their lidars, or print one of them as TOML.
 
-    What is printed is a whole robot, to begin one of your own with.
+    The TOML is a whole robot, from which you can make your own.
 
     \b
     Examples:
@@ -70,9 +70,8 @@ def platforms(
 def metrics(as_json: options.Json = False) -> None:
     """List the metrics: unit, what they measure, where they are defined.
 
-    Metrics of trajectories are measured of the final and the online one and of dead reckoning, and named by it:
-    final.ate. Relative errors are to be had over any length, time or number of poses: rpe_2.5m, rpe_5s,
-    rpe_10frames_rotation.
+    Metrics of trajectories are measured for the final and the online one and for dead reckoning, such as final.ate.
+    Relative errors take any length, time or number of poses: rpe_2.5m, rpe_5s, rpe_10frames_rotation.
 
     \b
     Examples:
@@ -125,7 +124,7 @@ def scenarios(context: typer.Context, as_json: options.Json = False) -> None:
 def show(
     scenario: options.ScenarioName,
     out: Annotated[Path, opt("A new file; folders above it are made.", "FILE.png|pdf|svg")],
-    seed: Annotated[int | None, opt("Of a random building.", min=0, max=2**63 - 1)] = None,
+    seed: Annotated[int | None, opt("Seed of a random building.", min=0, max=2**63 - 1)] = None,
     drive: Annotated[bool, opt("Drive it, and draw the driven path.", None, "--drive")] = False,
     force: options.ForceFile = False,
 ) -> None:
@@ -156,8 +155,8 @@ def animate(
     platform: options.Robot = None,
     noise: options.NoiseClass = None,
     duration: Annotated[float | None, opt("Stop after S seconds.", "S", min=12)] = None,
-    fps: Annotated[float, opt("Frames a second, 1 to 50.", "N")] = 15.0,
-    speed: Annotated[float | None, opt("Times real time; by default the film takes at most 15 s.", "X")] = None,
+    fps: Annotated[float, opt("Frames per second, 1 to 50.", "N")] = 15.0,
+    speed: Annotated[float | None, opt("Faster than real time; else the film takes at most 15 s.", "X")] = None,
     preset: options.Preset = None,
     settings: options.Settings = None,
     force: options.ForceFile = False,

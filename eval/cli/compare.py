@@ -27,7 +27,7 @@ HEAD = ("pairs", "better", "worse", "equal", "median difference", "95 %", "p", "
 def compare(
     paths: Annotated[
         list[Path],
-        typer.Argument(metavar="PATH...", help="Files of sweeps, or result folders; the first is compared with."),
+        typer.Argument(metavar="PATH...", help="Files of sweeps, or result folders; the first is the baseline."),
     ],
     metrics: options.Metrics = None,
     by: options.By = None,
@@ -37,9 +37,9 @@ def compare(
 ) -> None:
     """Compare configurations, or robots, on the same scenarios and seeds, in pairs.
 
-    Of each against the first: how often it is better, the median difference with its 95 % interval, and how probable
-    so uneven wins are between equals (sign test). A run that failed loses against one that did not. Each scenario has
-    a row: differences of a corridor and of a hall have no common median.
+    Each is compared with the first: how often it is better, the median difference with its 95 % interval, and how
+    probable so uneven wins would be between equals (sign test). A failed run loses against any other. Each scenario has
+    a row, because differences in a corridor and in a hall have no common median.
 
     \b
     Examples:
@@ -199,9 +199,9 @@ def report(
         typer.Argument(metavar="PATH...", help="Files of sweeps, result folders, and folders with either in them."),
     ],
     out: Annotated[Path, opt("The page; it must not exist.", "FILE.html")] = Path("report.html"),
-    title: Annotated[str | None, opt("Of the page [what is compared].", "TEXT")] = None,
+    title: Annotated[str | None, opt("Title of the page [what is compared].", "TEXT")] = None,
     metrics: Annotated[
-        list[str] | None, opt("Which metrics [those of the sweeps, or the usual]; repeatable.", "NAME", "--metric")
+        list[str] | None, opt("Metric to show [those of the sweeps, or the usual]; repeatable.", "NAME", "--metric")
     ] = None,
     by: options.By = None,
     baseline: options.Baseline = None,
@@ -210,8 +210,8 @@ def report(
 ) -> None:
     """Make one HTML page of sweeps and result folders: tables, charts, and a player of the runs.
 
-    It holds all that it shows and needs no network: open it in a browser, send it, print it. Runs of result folders can
-    be played; a sweep keeps the figures of its runs alone.
+    It holds all that it shows and needs no network: open it in a browser, send it, print it. A player shows the runs of
+    result folders; of a sweep's runs only figures are kept.
 
     \b
     Examples:

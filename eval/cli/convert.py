@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def convert(
     path: Annotated[Path, typer.Argument(metavar="IN", help="A recording or a trajectory of any format.")],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="What is written; it must not exist.")],
-    to: Annotated[str | None, opt("Where OUT's ending does not say it: ucsd, rosbag2, ...", "FORMAT")] = None,
+    to: Annotated[str | None, opt("Format, if OUT's ending does not say it: ucsd, rosbag2, ...", "FORMAT")] = None,
     force: Annotated[bool, opt("Replace an existing OUT, whole, at the end.", None, "--force")] = False,
     as_json: options.Json = False,
     *,
@@ -30,11 +30,11 @@ def convert(
 ) -> None:
     """Write a recording, a part of it, or a trajectory in another format.
 
-    The ending of OUT says which: .log, .log.gz (carmen), .toml (csv, and .csv files beside it), .bag, .mcap; rosbag2
-    and ucsd are folders, to be named with --to. Of trajectories, which are kept in the plane: .tum, .kitti (and its
-    .times.txt), .csv (euroc), .g2o.
+    The ending of OUT gives the format: .log, .log.gz (carmen), .toml (csv, and .csv files beside it), .bag, .mcap.
+    The folders rosbag2 and ucsd need --to. Trajectories, which are projected to the plane, have .tum, .kitti (and
+    its .times.txt), .csv (euroc), .g2o.
 
-    What the new format cannot hold is printed on stderr. A truth beside the recording is no part of it and stays there.
+    What the new format cannot hold is printed on stderr. A truth beside the recording is not converted.
 
     \b
     Examples:

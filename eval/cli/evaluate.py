@@ -33,8 +33,8 @@ Table = list[list[str]]
 RESIDUALS = (
     Column("estimate", "estimate"),
     Column("scans", "residuals/scans"),
-    Column("residual median [mm]", "residuals/median_m", ".1f", factor=1000),
-    Column("90 % below [mm]", "residuals/quantile_90_m", ".1f", factor=1000),
+    Column("residual median", "residuals/median_m", "number", "m"),
+    Column("90 % below", "residuals/quantile_90_m", "number", "m", like="residuals/median_m"),
     Column("beyond 3 cm", "residuals/beyond_3_cm_share", ".1f", "%", 100),
     Column("unseen", "residuals/unseen_share", ".1f", "%", 100),
     Column("no return", "residuals/no_return_share", ".1f", "%", 100),
@@ -47,41 +47,41 @@ def evaluate(
         list[Path],
         typer.Argument(
             metavar="EST... [REF]",
-            help="Trajectories to score (TUM, KITTI, CSV, g2o, BAG:TOPIC); last of several the reference, also "
+            help="Trajectories to score (TUM, KITTI, CSV, g2o, BAG:TOPIC); the last of several is the reference, also "
             ".relations.",
         ),
     ],
     recording: Annotated[
-        Path | None, opt("Also the residuals of this recording's scans; one EST needs no REF then.", "PATH")
+        Path | None, opt("Also score by the scans of this recording; then one EST needs no REF.", "PATH")
     ] = None,
     loops: Annotated[
-        Path | None, opt("Also precision, with --recording recall, of the loops of a loops.csv.", "FILE")
+        Path | None, opt("Also score a loops.csv: precision, and with --recording recall.", "FILE")
     ] = None,
     map_file: Annotated[
-        Path | None, opt("The map that goes with the one EST, map_server; for metrics.", "FILE.yaml", "--map")
+        Path | None, opt("The map_server map that belongs to the one EST, for metrics.", "FILE.yaml", "--map")
     ] = None,
-    true_map: Annotated[Path | None, opt("The true map in the frame of REF: also scores --map.", "FILE.yaml")] = None,
-    metrics: Annotated[list[str] | None, opt("Also these of moteslam metrics; repeatable.", "NAME", "--metric")] = None,
+    true_map: Annotated[Path | None, opt("The true map in the frame of REF, to score --map.", "FILE.yaml")] = None,
+    metrics: Annotated[list[str] | None, opt("Also measure this one; repeatable.", "NAME", "--metric")] = None,
     sequence: options.Sequence = None,
     platform: options.PlatformFile = None,
     no_align: Annotated[
-        bool, opt("Take all in the frame they are in, for the absolute error.", None, "--no-align")
+        bool, opt("Do not align for the absolute error: all are in one frame.", None, "--no-align")
     ] = False,
     scale: Annotated[
-        bool, opt("Fit the scale too, for the absolute error: ranges or wheels may be off.", None, "--scale")
+        bool, opt("Fit also the scale for the absolute error: ranges or wheels may be off.", None, "--scale")
     ] = False,
     delta: Annotated[float, opt("Length of a pair for the relative error.")] = 1.0,
     unit: Annotated[Literal["m", "s", "frames"], opt("Unit of --delta.", "m|s|frames")] = "m",
-    all_pairs: Annotated[bool, opt("A pair from every pose on, not one after another.", None, "--all-pairs")] = False,
+    all_pairs: Annotated[bool, opt("Begin a pair at every pose, not at the last's end.", None, "--all-pairs")] = False,
     max_difference: Annotated[
-        float | None, opt("Between stamps that belong together [0.01; 0.0001 for relations].", "S", min=0)
+        float | None, opt("Most between stamps that belong together [0.01; 0.0001 for relations].", "S", min=0)
     ] = None,
     nearest: Annotated[
-        bool, opt("Take the pose at the nearest stamp, as evo does, never one between two.", None, "--nearest")
+        bool, opt("Take the pose at the nearest stamp, as evo does, never interpolate.", None, "--nearest")
     ] = False,
     est_offset: Annotated[
         tuple[float, float, float],
-        opt("Where REF's point of the robot is, seen from EST's: of the lidar, say.", "X Y THETA"),
+        opt("Where REF's point of the robot lies, seen from EST's, such as the lidar.", "X Y THETA"),
     ] = (0.0, 0.0, 0.0),
     time_offset: Annotated[float, opt("Seconds to add to the stamps of every EST.", "S")] = 0.0,
     save: Annotated[Path | None, opt("Write the result as JSON, with the error at every stamp.", "FILE")] = None,
@@ -92,21 +92,20 @@ def evaluate(
 ) -> None:
     """Score trajectories by another one, by relations, or by the scans of their recording.
 
-    Absolute and relative errors against a trajectory; against hand-checked relations, the mean and standard deviation
-    of their errors. Several trajectories are scored side by side. Of estimate and reference the one with more poses is
-    interpolated at the stamps of the other; where they have as many, each takes the nearest stamp, and with --nearest
-    throughout, as `evo_ape tum REF EST -a` does. Motion out of x and y is compared in space, a reference without
-    orientation by positions and distances. A trajectory in a ROS bag is BAG:TOPIC or BAG:tf:PARENT:CHILD. Relations are
-    interpolated between poses; clear relations are those whose stamps each belong to exactly one pose.
+    A trajectory as REF gives absolute and relative errors, hand-checked relations the mean and standard deviation of
+    their errors. Several trajectories are scored side by side. Of EST and REF the one with more poses is interpolated
+    at the stamps of the other. If they have equally many, or with --nearest, poses at the nearest stamps are compared,
+    as `evo_ape tum REF EST -a` does. Motion out of x and y is compared in space, a reference without orientation by
+    positions and distances. A trajectory in a ROS bag is BAG:TOPIC or BAG:tf:PARENT:CHILD. Relations are interpolated
+    between poses. In clear relations each stamp belongs to exactly one pose.
 
-    With --recording, the residuals of every EST: the distances of endpoints to the lines of scans less than 2 m of
-    path away.
+    --recording gives the residuals of every EST: distances of endpoints to lines of scans less than 2 m of path away.
 
-    With --map and --true-map, how much of the map is right, laid on the true one as EST is on REF. With --metric, any
-    metric by name; what it needs and was not given is named.
+    --map with --true-map tells how much of the map is right, laid on the true one by the alignment of EST and REF.
+    --metric measures any metric by name, and names what it lacks.
 
-    With --loops, the loops that a run accepted: the share that is right by the reference, and of the key scans whose
-    place was seen before the share that is bound to it.
+    --loops scores the accepted loops: the share that is right by REF, and of the key scans whose place was seen before
+    the share that is bound to it.
 
     \b
     Examples:
@@ -276,7 +275,7 @@ def _errors(row: Row) -> Table:
     for name, error in errors:
         for what, unit in (("translation_m", "m"), ("rotation_deg", "deg")):
             if (found := error.get(what)) is not None:
-                fit, factor = fitting(unit, [found[each] for each in STATISTICS])
+                fit, factor = fitting(unit, [found["rmse"]])
                 figures = [number(factor * found[each]) for each in STATISTICS]
                 table.append([f"{name} [{fit}]", str(found["count"]), *figures])
     return table
@@ -284,16 +283,13 @@ def _errors(row: Row) -> Table:
 
 def _comparison(rows: Sequence[Row]) -> Table:
     pairs = [f"RPE over {row['rpe']['delta']:g} {row['rpe']['unit']}" for row in rows if row["rpe"] is not None]
-    unit, factor = fitting("m", [row["ate"]["translation_m"]["max"] for row in rows])
-
-    def length(head: str, place: str) -> Column:
-        return Column(f"{head} [{unit}]", place, "number", factor=factor)
-
+    rmse = "ate/translation_m/rmse"
     columns = [
         *(Column("estimate", "estimate"), Column("poses", "ate/translation_m/count")),
-        *(length("ATE RMSE", "ate/translation_m/rmse"), length("median", "ate/translation_m/median")),
-        *(length("max", "ate/translation_m/max"), Column("heading RMSE [deg]", "ate/rotation_deg/rmse", "number")),
-        *(length(head, "rpe/translation_m/rmse") for head in pairs[:1]),
+        Column("ATE RMSE", rmse, "number", "m"),
+        *(Column(name, f"ate/translation_m/{name}", "number", "m", like=rmse) for name in ("median", "max")),
+        Column("heading RMSE", "ate/rotation_deg/rmse", "number", "deg"),
+        *(Column(head, "rpe/translation_m/rmse", "number", "m") for head in pairs[:1]),
     ]
     return [*map(list, rows_of(columns, rows))]
 

@@ -51,10 +51,10 @@ def inspect(
 ) -> None:
     """Print what a recording holds, what is measured of its sensors, and what is wrong with it.
 
-    The column "platform" has what the recording's robot is known for. Scans are held against each other and against
-    the odometry: what of lidar and odometry is certainly not as stated is a problem, with what mends it, and so is all
-    that SLAM would do without. Of a bag some hundred scans are measured, of a large one only these are read; with
-    --deep all are, and images are looked at; --plot reads all to draw them.
+    The column "platform" has what is stated of the recording's robot. Scans are compared with each other and with the
+    odometry. What is certainly stated wrongly of lidar or odometry is a problem, with what mends it, and so is all that
+    SLAM would do without. Some hundred scans of a bag are measured, and of a large one only these are read. --deep
+    reads all scans and images, --plot all scans.
 
     \b
     Examples:

@@ -55,7 +55,7 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool, opt("Print the version and leave.", None, "--version", callback=_version, is_eager=True)
+        bool, opt("Print the version and exit.", None, "--version", callback=_version, is_eager=True)
     ] = False,
 ) -> None:
     """The options before the command."""

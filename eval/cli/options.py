@@ -35,34 +35,30 @@ ForceFile = Annotated[bool, opt("Replace an existing file.", None, "--force")]
 Json = Annotated[bool, opt("Print the result as JSON.", None, "--json")]
 Format = Annotated[
     Literal["text", "markdown", "latex", "csv"],
-    opt("Of the table that is printed, in place of text.", "markdown|latex|csv", "--format"),
+    opt("Format of the printed table.", "markdown|latex|csv", "--format"),
 ]
 FIGURES = (".png", ".pdf", ".svg")
 """Endings of the files of figures."""
 Metrics = Annotated[
-    list[str] | None, opt("Which metrics [those that the sweep names, or final.ate]; repeatable.", "NAME", "--metric")
+    list[str] | None, opt("Metric to show [those that the sweep names, or final.ate]; repeatable.", "NAME", "--metric")
 ]
 Baseline = Annotated[str | None, opt("Compare with this configuration or robot [the first].", "NAME", "--baseline")]
 By = Annotated[
-    str | None, opt("What is compared: platform, a key that varies, ... [configuration, if several].", "COLUMN", "--by")
+    str | None, opt("What to compare: platform, a varied key, ... [configuration, if several].", "COLUMN", "--by")
 ]
 ScenarioName = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
 ]
-Seed = Annotated[int | None, opt("Of all randomness; the scenario's own by default.", min=0, max=2**63 - 1)]
-Sequence = Annotated[
-    str | None, opt("Which of several sequences in a folder, or sessions of a bag.", None, "--sequence")
-]
+Seed = Annotated[int | None, opt("Seed of all randomness; the scenario's own by default.", min=0, max=2**63 - 1)]
+Sequence = Annotated[str | None, opt("Which sequence of a folder, or session of a bag.", None, "--sequence")]
 Robot = Annotated[str | None, opt("Another robot: see moteslam platforms.", "NAME|FILE", "--platform")]
 NoiseClass = Annotated[
     Literal["datasheet", "as_recorded"] | None,
     opt("How wrong the sensors are; datasheet by default.", "datasheet|as_recorded", "--noise"),
 ]
-PlatformFile = Annotated[
-    Path | None, opt("Another robot; a platform.toml lies over what the recording states.", "NAME|FILE")
-]
-Preset = Annotated[str | None, opt("Named configuration; the best by default.", "NAME")]
-Settings = Annotated[list[str] | None, opt("Change one value; may be repeated.", "KEY=VALUE", "--set")]
+PlatformFile = Annotated[Path | None, opt("Another robot; its keys override what the recording states.", "NAME|FILE")]
+Preset = Annotated[str | None, opt("Named configuration, such as paper; the best by default.", "NAME")]
+Settings = Annotated[list[str] | None, opt("Override one value; may be repeated.", "KEY=VALUE", "--set")]
 
 
 @contextmanager
@@ -113,19 +109,19 @@ class SlamOptions:
     """How a run of SLAM is configured on the command line: each field is an option."""
 
     preset: Preset = None
-    config: Annotated[Path | None, opt("TOML file over the preset, under --set.", "FILE", "--config")] = None
+    config: Annotated[Path | None, opt("TOML file that overrides the preset.", "FILE", "--config")] = None
     settings: Settings = None
-    seed: Annotated[int, opt("Of all randomness; same seed, same bytes.", min=0, max=2**63 - 1)] = 0
+    seed: Annotated[int, opt("Seed of all randomness: same seed, same bytes.", min=0, max=2**63 - 1)] = 0
     threads: Annotated[int | None, opt("CPU threads; all cores by default.", min=1, max=1024)] = None
     arch: Annotated[str, opt("Where the kernels run.", "cpu|cuda")] = "cpu"
     mcap: Annotated[
-        bool, opt("Write result.mcap too, for Foxglove or Rerun: map, paths, loops, scans.", None, "--mcap")
+        bool, opt("Also write result.mcap for Foxglove or Rerun: map, paths, loops, scans.", None, "--mcap")
     ] = False
     no_figures: Annotated[bool, opt("Leave the figures out.", None, "--no-figures")] = False
     force: Force = False
-    print_config: Annotated[
-        bool, opt("Print the resolved configuration as TOML and leave.", None, "--print-config")
-    ] = False
+    print_config: Annotated[bool, opt("Print the resolved configuration as TOML and exit.", None, "--print-config")] = (
+        False
+    )
     as_json: Json = False
 
     def resolved(self, preset: str | None = None, given: Iterable[str] = ()) -> SlamConfig:
@@ -152,11 +148,11 @@ class RecordingOptions:
     sequence: Sequence = None
     platform: PlatformFile = None
     topics: Annotated[
-        list[str] | None, opt("Of a bag: the topic that a stream is read from; may be repeated.", "STREAM=TOPIC")
+        list[str] | None, opt("Topic of a bag to read a stream from; may be repeated.", "STREAM=TOPIC")
     ] = None
-    streams: Annotated[str | None, opt("Keep these alone: lidar,encoders,odometry,imu,rgbd.", "NAMES")] = None
-    start: Annotated[float, opt("Seconds after the first stamp.", "S")] = 0.0
-    end: Annotated[float | None, opt("Seconds after the first stamp.", "S")] = None
+    streams: Annotated[str | None, opt("Keep only these: lidar,encoders,odometry,imu,rgbd.", "NAMES")] = None
+    start: Annotated[float, opt("Begin S seconds after the first stamp.", "S")] = 0.0
+    end: Annotated[float | None, opt("End S seconds after the first stamp.", "S")] = None
     every: Annotated[int, opt("Keep every N-th scan.", "N")] = 1
 
     def open(self, path: Path) -> Recording:

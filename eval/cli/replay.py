@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Calibrate = Annotated[
     Literal["lidar", "odometry"] | None,
     opt(
-        "Mend what is certainly not as stated; where the two contradict each other, this one is wrong.",
+        "Mend what is certainly stated wrongly; where lidar and odometry contradict each other, this one is wrong.",
         "lidar|odometry",
     ),
 ]
@@ -89,7 +89,7 @@ def replay(
     onto: Annotated[Path | None, opt("Go on with the building of this result folder.", "RESULT")] = None,
     calibrate: Calibrate = None,
     stdin: Annotated[
-        bool, typer.Option("--stdin", help="Messages, but no images, come on stdin as lines of JSON; --out optional.")
+        bool, typer.Option("--stdin", help="Read messages (no images) from stdin as lines of JSON; --out optional.")
     ] = False,
     *,
     part: options.RecordingOptions,
@@ -97,12 +97,12 @@ def replay(
 ) -> None:
     """Run SLAM over a recording and fill a result folder.
 
-    Scans are held against each other and the odometry first: where lidar or odometry are not as stated, by enough to
-    move the result by a tenth of a metre, that is a warning. Headings that do not fit the odometry's own path are not
-    used as they are.
+    First, scans are compared with each other and with the odometry. If lidar or odometry are stated so wrongly that the
+    result would move by a tenth of a metre, a warning says so. Headings that do not fit the odometry's own path are
+    replaced.
 
-    It is scored by truth.tum in the folder or beside the log, or NAME.reference.tum and NAME.relations beside NAME.log,
-    its map by truth_map.yaml; SLAM does not see them.
+    A truth.tum in the folder or beside the log scores the result, as do NAME.reference.tum and NAME.relations beside
+    NAME.log, and truth_map.yaml the map. SLAM does not see them.
 
     \b
     Examples:
@@ -141,7 +141,7 @@ def localize(
     out: Annotated[Path, opt(options.OUT)],
     near: Annotated[
         tuple[float, float, float, float] | None,
-        opt("Where the robot starts [m, m, rad], and the standard deviation of x and y [m].", "X Y THETA SPREAD"),
+        opt("Start of the robot [m, m, rad], and the standard deviation of x and y [m].", "X Y THETA SPREAD"),
     ] = None,
     calibrate: Calibrate = None,
     *,
@@ -150,8 +150,8 @@ def localize(
 ) -> None:
     """Find the robot in a known map and track it there; the map never changes.
 
-    The whole map is searched, in all headings, until one place is left; poses are in the frame of the map. Until then,
-    and where the scans contradict the map, the state is `lost`. A recording of another place is told as such.
+    The whole map is searched, in all headings, until one place is left. Until then, and where the scans contradict the
+    map, the state is `lost`. Poses are in the frame of the map. A warning tells of a recording of another place.
 
     \b
     Examples:
@@ -214,7 +214,7 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     from moteslam.robot.values import Issue
     from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS
     from moteslam.slam.calibration.findings import checked
-    from moteslam.slam.calibration.mended import calibrated
+    from moteslam.slam.calibration.mended import NOT_MENDED, calibrated
 
     found, about = checked(recording, PAIRS if side is not None else FEW_PAIRS)
     if found is None or about is None:
@@ -223,11 +223,12 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
         told = side is None or any(issue.code == "not-calibrated" for issue in unfit)
         return recording, unfit if told else (*unfit, Issue("not-calibrated", text))
     if side is None:
-        ends = dict.fromkeys(about.decided, "corrected")
-        moves = tuple(Issue(one.code, f"{one.message}; {ends.get(one.code, 'see --calibrate')}") for one in about.moves)
+        ends = dict.fromkeys(about.decided, "; corrected") | dict.fromkeys(NOT_MENDED, "")
+        moves = tuple(Issue(one.code, one.message + ends.get(one.code, "; see --calibrate")) for one in about.moves)
         return (calibrated(recording, found, None) if about.decided else recording), moves
-    mended = calibrated(recording, found, side)
-    return mended, tuple(Issue(issue.code, f"{issue.message}; mended by the {side}") for issue in about.issues)
+    ends = dict.fromkeys(NOT_MENDED, "")
+    issues = (Issue(one.code, one.message + ends.get(one.code, f"; mended by the {side}")) for one in about.issues)
+    return calibrated(recording, found, side), tuple(issues)
 
 
 def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory | None, tuple[Issue, ...]]:

@@ -18,7 +18,7 @@ from moteslam.eval.result_bag import write_result_bag
 from moteslam.eval.results import read_building, write_results
 from moteslam.eval.run_tables import loop_counts
 from moteslam.eval.scores import Figures, number
-from moteslam.eval.tables import Column, aligned, fitting, literal, rows_of
+from moteslam.eval.tables import Column, aligned, length, literal, rows_of
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
@@ -32,7 +32,13 @@ from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map
 if TYPE_CHECKING:
     from moteslam.eval.cli.options import SlamOptions
 
-LENGTHS = {"ate": "ATE RMSE", "ate_median": "median", "ate_max": "max", "rpe_1m": "RPE over 1 m"}
+SCORES = (
+    Column("laid on the truth, rigidly", "title"),
+    Column("ATE RMSE", "ate", "number", "m"),
+    *(Column(name, f"ate_{name}", "number", "m", like="ate") for name in ("median", "max")),
+    Column("RPE over 1 m", "rpe_1m", "number", "m"),
+    Column("heading RMSE", "heading", "number", "deg"),
+)
 TRACKS = {"dead reckoning": DEAD_RECKONING, "SLAM (online)": ONLINE, "SLAM (final)": FINAL}
 
 
@@ -160,22 +166,18 @@ def run_lines(found: Figures, driven: str) -> Iterator[str]:
     if number(found, "final.ate") is not None:
         yield from score_lines(found)
     if (missed := number(found, "final.relations")) is not None:
-        unit, factor = fitting("m", [missed])
         turn = number(found, "final.relations_rotation") or 0.0
-        yield f"SLAM (final) misses the relations by {factor * missed:.3g} {unit} and {turn:.3g} deg in the mean"
+        yield f"SLAM (final) misses the relations by {length(missed)} and {turn:.3g} deg in the mean"
     yield f"result in {literal(found['out'])}"
 
 
 def score_lines(figures: Figures) -> Iterator[str]:
     """The absolute error, and the relative error over 1 m, which is drift a metre; then the scores of loops."""
     rows: list[dict[str, Any]] = [
-        {"title": title, **{name: number(figures, f"{of}.{name}") for name in (*LENGTHS, "heading")}}
+        {"title": title, **{one.place: number(figures, f"{of}.{one.place}") for one in SCORES[1:]}}
         for title, of in TRACKS.items()
     ]
-    unit, factor = fitting("m", [rows[-1][name] for name in LENGTHS])
-    lengths = [Column(f"{head} [{unit}]", name, "number", factor=factor) for name, head in LENGTHS.items()]
-    heading = Column("heading RMSE [deg]", "heading", "number")
-    yield aligned(rows_of([Column("laid on the truth, rigidly", "title"), *lengths, heading], rows))
+    yield aligned(rows_of(SCORES, rows))
     for name in ("precision", "recall"):
         if (share := number(figures, f"loops_{name}")) is not None:
             counts = figures["metrics"][f"loops_{name}"]

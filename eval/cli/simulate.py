@@ -36,15 +36,15 @@ class Recorded:
     noise: options.NoiseClass = None
     settings: options.Settings = None
     duration: Annotated[float | None, opt("Stop the drive after S seconds.", "S", min=1)] = None
-    log_every: Annotated[float | None, opt("Keep a scan only after M metres, or after --log-turn.", "M")] = None
-    log_turn: Annotated[float | None, opt("Keep a scan only after this turn, or after --log-every.", "RAD")] = None
+    log_every: Annotated[float | None, opt("Keep only scans M metres, or --log-turn, apart.", "M")] = None
+    log_turn: Annotated[float | None, opt("Keep only scans this turn, or --log-every, apart.", "RAD")] = None
     odometry_noise: Annotated[
         tuple[float, float] | None, opt("Add these shares of noise to each step of the odometry.", "DISTANCE ROTATION")
     ] = None
-    file_format: Annotated[Literal["ucsd", "carmen"], opt("To write the recording in.", "ucsd|carmen", "--format")] = (
+    file_format: Annotated[Literal["ucsd", "carmen"], opt("Format of the recording.", "ucsd|carmen", "--format")] = (
         "ucsd"
     )
-    true_map: Annotated[float | None, opt("Write the true map too, in cells of M metres.", "M")] = None
+    true_map: Annotated[float | None, opt("Also write the true map, in cells of M metres.", "M")] = None
     camera: Annotated[bool, opt("Record colour and depth images, even if the scenario does not.", None, "--camera")] = (
         False
     )
@@ -88,8 +88,8 @@ def simulate(
     scenario: options.ScenarioName,
     out: Annotated[Path, opt(options.OUT)],
     seed: options.Seed = None,
-    batch: Annotated[int | None, opt("Make N, with seeds from --seed on.", "N", min=1, max=MAX_BATCH)] = None,
-    jobs: Annotated[int | None, opt("Processes of a batch; all cores by default.", min=1, max=1024)] = None,
+    batch: Annotated[int | None, opt("Make N recordings, seeds from --seed on.", "N", min=1, max=MAX_BATCH)] = None,
+    jobs: Annotated[int | None, opt("Parallel processes of a batch; all cores by default.", min=1, max=1024)] = None,
     force: options.Force = False,
     as_json: options.Json = False,
     *,

@@ -48,16 +48,14 @@ File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam
 
 @app.command("run")
 def run(
-    spec: Annotated[
-        str, typer.Argument(metavar="SPEC.toml|NAME", help="Which runs there are to make; NAME: see `sweep list`.")
-    ],
+    spec: Annotated[str, typer.Argument(metavar="SPEC.toml|NAME", help="Which runs to make; NAME: see `sweep list`.")],
     out: Annotated[
-        Path | None, opt("Where they are recorded [SPEC.sweep]; goes on if it is there.", "FILE.sweep")
+        Path | None, opt("Where to record them [SPEC.sweep]; an existing one goes on.", "FILE.sweep")
     ] = None,
-    workers: Annotated[int | None, opt("Runs at a time [as many as there are processors].", min=1, max=1024)] = None,
+    workers: Annotated[int | None, opt("Parallel runs [as many as there are processors].", min=1, max=1024)] = None,
     shard: Annotated[str | None, opt("Only the I-th of N parts, for job arrays; see `sweep merge`.", "I/N")] = None,
     timed: Annotated[
-        bool, opt("Measure time and memory too: one run at a time, each in a new process.", None, "--time")
+        bool, opt("Also measure time and memory: one run at a time, each in a new process.", None, "--time")
     ] = False,
     scheduler: Annotated[
         str | None, opt("Make the runs on this Dask cluster (extra `cluster`).", "tcp://HOST:PORT")
@@ -66,9 +64,9 @@ def run(
 ) -> None:
     """Make the runs of a specification, record each as it ends, and print a summary.
 
-    Killed at any moment and started again, it goes on where it was: no run that ended well is lost or made again. One
-    that fails, crashes or takes too long is recorded with its error, and tried again the next time. The results are the
-    same, bit for bit, whatever the number of workers, parts and interruptions. Exit code 1 where no run ended well.
+    Killed at any moment and started again, it goes on where it was: no run that ended well is lost or made again. A run
+    that fails, crashes or takes too long is recorded with its error, and tried again the next time. Whatever the number
+    of workers, parts and interruptions, the results are the same bit for bit. Exit code 1 if no run ended well.
 
     \b
     Examples:
@@ -122,13 +120,13 @@ def run(
 
 @app.command("list")
 def list_specs(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this one as TOML, to change it.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this one as TOML, to be changed.")] = None,
     as_json: options.Json = False,
 ) -> None:
     """List the specifications that come with moteslam, or print one.
 
-    Of each: how many runs it has, the first digits of the hash of all that these follow from (all with --json), and
-    what it is for.
+    Each has its number of runs, the first digits of the hash of all that determines them (all digits with --json), and
+    its purpose.
 
     \b
     Examples:
@@ -178,14 +176,14 @@ def plot(
     file: File,
     out: Annotated[Path, opt("A new file.", "FILE.png|pdf|svg")],
     metrics: options.Metrics = None,
-    along: Annotated[str | None, opt("What it is drawn over [the key that varies].", "COLUMN", "--x")] = None,
-    label: Annotated[str | None, opt("Of that axis [the key].", "TEXT")] = None,
+    along: Annotated[str | None, opt("Column on the x axis [the varied key].", "COLUMN", "--x")] = None,
+    label: Annotated[str | None, opt("Label of that axis [the key].", "TEXT")] = None,
     force: options.ForceFile = False,
 ) -> None:
-    """Draw medians with their 95 % intervals over what varies, a line for each scenario, robot and configuration.
+    """Draw medians with their 95 % intervals over a varied key, a line for each scenario, robot and configuration.
 
-    Axes are logarithmic where values are far apart. Where no key varies they are drawn over the configurations, or of
-    one alone over the robots; --x names another column of `sweep show`.
+    Axes are logarithmic if values are far apart. If no key varies, the x axis has the configurations, or if there is
+    only one, the robots. --x names another column of `sweep show`.
 
     \b
     Examples:
@@ -217,7 +215,7 @@ def merge_files(
     files: Annotated[list[Path], typer.Argument(metavar="FILE.sweep...", help="Parts of one sweep, or one of them.")],
     out: Annotated[Path, opt("A new file for all of their runs.", "FILE.sweep")],
 ) -> None:
-    """Put the parts of a sweep together that `--shard` made, on one computer or on many.
+    """Join the parts of a sweep that `--shard` made, on one computer or on many.
 
     \b
     Examples:
@@ -236,9 +234,9 @@ def diff(
     other: Annotated[Path, typer.Argument(metavar="OTHER", help="Another one, or a table that `sweep export` wrote.")],
     as_json: options.Json = False,
 ) -> None:
-    """Print where two sweeps of the same runs differ, in any digit; times and memory are left out.
+    """Print where two sweeps of the same runs differ in any digit, except in times and memory.
 
-    The same code gives the same results with the same versions of NumPy, pymunk and Taichi. Exit code 1 where they
+    The same code gives the same results with the same versions of NumPy, pymunk and Taichi. Exit code 1 if they
     differ.
 
     \b
@@ -272,7 +270,7 @@ def export(
     out: Annotated[Path, opt("A new .csv or .parquet file (Parquet needs pyarrow).", "FILE")],
     force: options.ForceFile = False,
 ) -> None:
-    """Write a row a run: what it is, what became of it, every metric, and times in columns at the end.
+    """Write one row per run: what it is, how it ended, every metric, and times in the last columns.
 
     \b
     Examples:

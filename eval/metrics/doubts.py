@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, spatial
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
+from moteslam.eval.tables import length
 from moteslam.robot import se2
 from moteslam.robot.trajectory import FARTHEST, TILT, Space, Trajectory, rotations_of, tilt_of
 from moteslam.robot.values import Issue
@@ -61,7 +62,7 @@ def clock_offset(estimate: Trajectory, reference: Trajectory, before: float | No
     if (found := _offset(_Search(*drives[swapped], *drives[not swapped]))) is None:
         return None
     seconds, slow, rmse = found if not swapped else (-found[0], -found[1], found[2])
-    fits = f"the estimate fits with an ATE of {rmse:.4f} m{'' if before is None else f' in place of {before:.4f} m'}"
+    fits = f"the estimate fits with an ATE of {length(rmse)}{f' in place of {length(before)}' if before else ''}"
     if slow:
         rate = f"{100 * abs(slow):.2f} % {'slow' if slow > 0 else 'fast'}"
         return rmse, f"{fits} if its clock runs {rate}: its stamps, or those of the reference, are to be scaled"
@@ -130,8 +131,7 @@ def _lever_arm(
     if rmse < share * ate.rmse and ate.rmse - rmse > GAIN_METRES:
         flat, whose = abs(z) < GAIN_METRES, "estimate" if own else "reference"
         text = f"an offset of x {x:.3f} m, y {y:.3f} m{'' if flat else f', z {z:.3f} m'} on the robot"
-        text += f", in the axes of the {whose}'s body, explains the ATE but for {rmse:.4f} m: these are paths of"
-        text += " different points of it, as of lidar and base"
+        text += f", in the axes of the {whose}'s body, explains the ATE but for {length(rmse)}: lidar's and base's?"
         option = f"{'' if own else 'exchange the files: '}--est-offset {x:.3f} {y:.3f} 0"
         mend = option if flat else f"add it, turned by each orientation, to the positions of the {whose}"
         yield rmse, Issue("lever-arm", f"{text} ({mend})")
@@ -215,7 +215,7 @@ def _inverted(
         other = replace(other, space=Space(-(turns @ there.positions[:, :, None])[:, :, 0], turns))
     rmse = absolute_trajectory_error(other, reference, max_difference=apart).rmse
     if rmse < min(SHAPE * ate.rmse, FITS * float(np.linalg.norm(ate.reference[:, :2].std(axis=0)))):
-        text = f"inverted the estimate's poses fit with an ATE of {rmse:.4f} m in place of {ate.rmse:.4f} m"
+        text = f"inverted the estimate's poses fit with an ATE of {length(rmse)} in place of {length(ate.rmse)}"
         yield rmse, Issue("poses-inverted", f"{text}: are they those of the world in the body?")
 
 
@@ -232,17 +232,17 @@ def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
         return
     factor, scaled = straight / own, float(np.sqrt(max(0.0, spread**2 - straight**2 / own)))
     if scaled < SHAPE * min(rigid, spread):  # else it shrinks to the middle of a path that it has nothing to do with
-        text = f"scaled by {factor:.4g} the estimate fits with an ATE of {scaled:.4f} m in place of {rigid:.4f} m"
+        text = f"scaled by {factor:.4g} the estimate fits with an ATE of {length(scaled)} in place of {length(rigid)}"
         text += ": another unit, ranges or wheels that are off, or a clock along a line?"
         yield scaled, Issue("sizes-differ", text)
     if ate.motion is None and mirrored < SHAPE * rigid:
         text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
         yield mirrored, Issue("mirrored", text)
     if rigid > UNLIKE * spread:
-        text = f"errors of {rigid:.2f} m where the reference itself is spread by {spread:.2f} m: "
+        text = f"errors of {length(rigid)} where the reference itself is spread by {length(spread)}: "
         why = "another drive or building, or an estimate that is lost"
         if own < (STANDS * spread) ** 2:
-            why = f"the estimate hardly moves ({np.sqrt(own):.2g} m): are these increments, or map to odom?"
+            why = f"the estimate hardly moves ({length(float(np.sqrt(own)))}): are these increments, or map to odom?"
         yield inf, Issue("unlike", text + why)
     elif ate.rotation_errors is not None and np.median(ate.rotation_errors) < AXES:
         each = np.unique(np.searchsorted(ate.stamps, np.arange(ate.stamps[0], ate.stamps[-1])))  # second

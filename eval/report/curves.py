@@ -56,7 +56,7 @@ def _draw_errors(
     distance: style.Axes, angle: style.Axes | None, lines: Sequence[Line], *, logarithmic: bool = False
 ) -> None:
     start = min(float(errors.stamps[0]) for _, errors, _ in lines)
-    unit, factor = fitting("m", [float(errors.errors.max()) for _, errors, _ in lines])
+    unit, factor = fitting("m", [errors.rmse for _, errors, _ in lines])
     far, turned = [factor * errors.errors for _, errors, _ in lines], []
     for label, errors, look in lines:
         time = errors.stamps - start
@@ -94,8 +94,7 @@ def draw_effective_particles(
         above = np.full(when.sum(), most * RUG)  # over the curve, which marks on it would hide
         label = f"resampled ({when.sum()} of {n} updates)"
         axes.plot(time[when], above, "|", color=style.DEAD_RECKONING, ms=7, mew=0.5, label=label)
-        axes.set_xlabel("time [s]")
-        axes.set_ylim(0, most * (2 * RUG - 1))
+        axes.set(xlabel="time [s]", ylim=(0, most * (2 * RUG - 1)))
         curve_axes(axes, f"particles (of {most})")
 
 
@@ -132,20 +131,21 @@ def _draw_errors_and_paths(path: File, results: Mapping[str, AteResult], title: 
 def _draw_shares(path: File, results: Mapping[str, RelationResult], title: str) -> None:
     with style.saved_figure(path, size=(10.0, 4.2), title=title, columns=(1, 1)) as figure:
         distance, angle = figure.subplots(1, 2, sharey=True)
+        unit, factor = fitting("m", [result.translation.mean for result in results.values()])
         for i, (name, result) in enumerate(results.items()):
             look = {"lw": 1.2, **line_look(i)}
-            label = f"{name}, mean {number(result.translation.mean)} m over {result.pairs} relations"
-            distance.ecdf(result.errors, label=label, **look)
+            label = f"{name}, mean {number(factor * result.translation.mean)} {unit} over {result.pairs} relations"
+            distance.ecdf(factor * result.errors, label=label, **look)
             angle.ecdf(np.rad2deg(result.rotation_errors), **look)
-        far = np.concatenate([one.errors for one in results.values()])
+        far = factor * np.concatenate([one.errors for one in results.values()])
         turned = np.rad2deg(np.concatenate([one.rotation_errors for one in results.values()]))
-        for axes, label, values in ((distance, "translation error [m]", far), (angle, "rotation error [deg]", turned)):
+        panels = (distance, f"translation error [{unit}]", far), (angle, "rotation error [deg]", turned)
+        for axes, label, values in panels:
             axes.set_xlabel(label)
             axes.grid(color="0.9", lw=0.6)
             if len(above := values[values > 0]):
                 style.log_axis(axes, float(np.quantile(above, 0.01)), 1.2 * float(above.max()), "x")
-        distance.set_ylabel("share of the relations below")
-        distance.set_ylim(0, 1)
+        distance.set(ylabel="share of the relations below", ylim=(0, 1))
 
 
 def _short(names: list[str]) -> list[str]:

@@ -113,7 +113,7 @@ def draw_loops(
     others = [f"{count} {verdict}" for verdict, count in counts.items() if count and verdict not in drawn]
     with style.saved_plan(path, np.concatenate((poses, map_corners(occupancy))), title=title, columns=(3, 1)) as axes:
         draw_map(axes, occupancy)
-        axes.plot(*poses.T, color=style.SLAM, lw=0.7, label=style.FINAL)
+        style.draw_paths(axes, (poses, {"color": style.SLAM, "lw": 0.7, "label": style.FINAL}), start=poses)
         look: dict[str, Any] = {"color": ACCEPTED, "lw": 1.6, "ls": "-", "ms": 3.5, "zorder": 5}
         axes.plot(*_lines(trajectory, accepted).T, marker="o", mew=0, label=f"accepted: {len(accepted)}", **look)
         look = {"color": REJECTED, "lw": 0.8, "ls": "--", "ms": 2.5, "zorder": 4}
@@ -121,8 +121,6 @@ def draw_loops(
         axes.plot(*_lines(trajectory, rejected).T, marker="o", mew=0, label=label, **look)
         if others:
             axes.plot([], [], ls="", label=f"not drawn: {', '.join(others)}")
-        style.mark_start(axes, poses)
-        style.mark_ends(axes, (poses, style.SLAM))
 
 
 def _lines(trajectory: Trajectory, loops: Sequence[LoopCandidate]) -> Array:

@@ -78,7 +78,7 @@ def _draw_rates(axes: style.Axes, stamps: dict[str, Array], colours: dict[str, s
         style.log_axis(axes, *axes.get_ylim())
     else:
         axes.set_ylim(bottom=0)
-    axes.set_ylabel("readings a second [Hz]")
+    axes.set_ylabel("rate [Hz]")
     _legend(axes)
 
 
@@ -89,8 +89,8 @@ def _draw_ranges(above: style.Axes, below: style.Axes, lidar: LidarStream, first
     sample = np.asarray(lidar.ranges[some])[:, :: max(1, lidar.ranges.shape[1] // RANGES)]
     endpoints = np.isfinite(sample)
     above.plot(np.repeat(times[some, None], sample.shape[1], axis=1)[endpoints], sample[endpoints], ",", color="0.2")
-    above.set_ylim(0, 1.05 * float(np.quantile(sample[endpoints], 0.995)) if endpoints.any() else lidar.range_max)
-    above.set_ylabel("range [m]")
+    farthest = 1.05 * float(np.quantile(sample[endpoints], 0.995)) if endpoints.any() else lidar.range_max
+    above.set(ylim=(0, farthest), ylabel="range [m]")
     groups = np.arange(count) * min(BINS, count) // count
     beams, without, invalid = (np.zeros(groups[-1] + 1) for _ in range(3))
     for start in range(0, count, CHUNK):
@@ -102,8 +102,7 @@ def _draw_ranges(above: style.Axes, below: style.Axes, lidar: LidarStream, first
     for total, colour, name in ((without, SLAM, "no return"), (invalid, DEAD_RECKONING, "invalid")):
         label = f"{name}, {100 * total.sum() / max(beams.sum(), 1):.2g} %"
         below.plot(*style.broken(middle, 100 * total / np.maximum(beams, 1)), color=colour, label=label, lw=1.2)
-    below.set_ylabel("beams [%]")
-    below.set_ylim(bottom=0)
+    below.set(ylabel="beams [%]", ylim=(0, None))
     _legend(below)
 
 

@@ -165,8 +165,7 @@ def saved_plan(
 def plan(axes: Axes) -> None:
     """Axes of a floor plan: metres, and equal in x and y."""
     axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
+    axes.set(xlabel="x [m]", ylabel="y [m]")
 
 
 def draw_paths(axes: Axes, *paths: tuple[Array, dict[str, Any]], start: Array, end: str = "end") -> None:
@@ -194,8 +193,7 @@ def show_everything(axes: Axes, *paths: Array, margin: float = 0.5) -> None:
     """Limits that hold all of the points [n, 2] [m] and a margin [m]."""
     points = np.concatenate([np.reshape(path, (-1, 2)) for path in paths if len(path)])
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
 
 
 def curve_axes(axes: Axes, label: str) -> None:

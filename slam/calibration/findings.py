@@ -102,7 +102,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     certain = {figure.name.split(" ")[0]: figure for figure in figures if figure.certain}
     right = lidar_of(lidar, c, certain)
     if not c.correlation:
-        told.append(("odometry-unfit", "odometry: it turns at no offset of its clock as the scans do: left out"))
+        text = "odometry: it turns at no offset of its clock as the scans do: left out without --calibrate"
+        told.append(("odometry-unfit", text))
     elif not c.fits and c.fit.stands:
         text = "lidar: by its scans it turns as the odometry does, but does not move: it sees the floor, or the robot"
         told.append(("lidar-tilted", text))
@@ -131,7 +132,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     if c.sweep is not None and c.sweep < 0:
         text = "lidar: by its scans beams are not measured in their order, but the last ones before the first: the fan "
         text += "is turned round, or a part of each is of the turn before: turns are smeared"
-        told.append(("time-increment", text))
+        told.append(("scans-unfit", text))
     elif c.sweep is not None:
         stated, increment = sweep_seconds(recording, lidar), c.sweep / (lidar.ranges.shape[1] - 1)
         text = f"lidar: scans fit best if a sweep takes {c.sweep:.2g} s and not the {stated:.3g} s stated: turns are "
@@ -165,9 +166,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"ranges measure {_percent(scale)} odometry does; which of them is right scans cannot say. "
         if recording.encoders is not None and wheels is not None:
             again, count = int((np.diff(recording.encoders.stamps) == 0).sum()), len(recording.encoders)
-            text += (
-                f"{again} of {count} readings of wheels share a stamp: given twice? " if again > TWICE * count else ""
-            )
+            if again > TWICE * count:
+                text += f"{again} of {count} readings of the wheels share a stamp: are they given twice? "
             metres, track = (value * scale.value for value in (wheels.metres_per_count, wheels.effective_track))
             text += f"If ranges are, in platform.toml: [wheels] metres_per_count = {metres:.6g}, "
             text += f"effective_track = {track:.4g}"

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -108,8 +109,6 @@ def test_the_paper_page_gives_the_values_of_the_preset():
 @pytest.fixture(scope="module")
 def generate() -> ModuleType:
     spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
-    assert spec is not None
-    assert spec.loader is not None
     made = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(made)
     return made
@@ -206,7 +205,6 @@ def test_the_commands_of_the_tutorial_run(tmp_path: Path, monkeypatch: pytest.Mo
 @pytest.mark.slow
 def test_the_example_finds_its_way():
     example = re.search(r"```python\n(.*?)```", README, re.S)
-    assert example is not None
     command = [sys.executable, "-c", example.group(1)]
     run = subprocess.run(command, check=False, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
@@ -214,6 +212,22 @@ def test_the_example_finds_its_way():
     assert found is not None, run.stdout
     assert float(found.group(1)) < 20
     assert int(found.group(2)) >= 80
+
+
+@pytest.mark.slow
+def test_the_package_of_the_guide_is_installed_and_known(tmp_path: Path):
+    text = (ROOT / "docs" / "guide" / "external.md").read_text(encoding="utf-8").partition("as a package\n")[2]
+    for name, block in re.findall(r"`(\S+)`[^\n]*\n\n```\w+\n(.*?)^```", text, re.M | re.S)[:2]:
+        (tmp_path / name).write_text(block, encoding="utf-8")
+    command = next(line for page, line in WRITTEN if page == "external.md" and "method=mine" in line)
+    assert main.run(["simulate", "office", "--duration", "20", "--out", str(tmp_path / "drive")]) == 0
+    where = ["--target", "site", "--no-deps", "--no-build-isolation", "--no-index", "--quiet", "."]
+    search = os.pathsep.join(["site", os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+    for words in (["pip", "install", *where], ["moteslam", *shlex.split(command)]):
+        line, environment = [sys.executable, "-m", *words], {**os.environ, "PYTHONPATH": search}
+        run = subprocess.run(line, check=False, capture_output=True, text=True, cwd=tmp_path, env=environment)
+        assert run.returncode == 0, run.stderr
+    assert 'method = "mine"' in (tmp_path / "mine" / "config.toml").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

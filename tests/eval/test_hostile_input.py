@@ -1,7 +1,5 @@
 """Files and values that nobody means well with: refused at once, in one line, whatever reads them."""
 
-from __future__ import annotations
-
 import gzip
 import os
 import subprocess
@@ -132,8 +130,6 @@ def test_a_byte_order_mark_changes_nothing(capsys) -> None:
         Path(f"marked.{name}").write_bytes(b"\xef\xbb\xbf" + Path(name).read_bytes())
     assert read_tum("marked.ok.tum").poses.tobytes() == read_tum("ok.tum").poses.tobytes()
     with_mark, without = (open_recording(name).lidar for name in ("marked.ok.log", "ok.log"))
-    assert with_mark is not None
-    assert without is not None
     assert with_mark.ranges.tobytes() == without.ranges.tobytes()
     Path("marked.toml").write_bytes(b"\xef\xbb\xbfparticles = 7\n")
     assert "particles = 7\n" in printed(capsys, "demo", "--config", "marked.toml", "--print-config")

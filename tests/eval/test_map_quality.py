@@ -1,7 +1,5 @@
 """A map against the true one, and the map that scans draw: perfect is perfect, and what is worse scores worse."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -146,7 +144,6 @@ def test_walls_drawn_once_are_as_thick_as_the_noise() -> None:
     score, noisy = scored(), scored(noise=0.01)
     assert score.thickness == pytest.approx(0.003, rel=0.3)
     assert score.twice == 0.0
-    assert score.far is not None
     assert score.far < 0.02
     assert score.near < 0.03
     assert noisy.thickness == pytest.approx(0.01, rel=0.3)
@@ -174,7 +171,6 @@ def test_the_other_side_of_a_wall_is_not_the_same_wall_drawn_twice() -> None:
 
 def test_a_drive_that_comes_back_nowhere_has_no_far_distance() -> None:
     recording, truth = twice_around()
-    assert recording.lidar is not None
     few = replace(recording.lidar, stamps=recording.lidar.stamps[:30], ranges=recording.lidar.ranges[:30])
     score = map_consistency(Recording("wall", Platform(), lidar=few), Trajectory(truth.stamps[:30], truth.poses[:30]))
     assert score.far is score.twice is None
@@ -182,7 +178,6 @@ def test_a_drive_that_comes_back_nowhere_has_no_far_distance() -> None:
 
 def test_scans_without_an_endpoint_draw_no_map() -> None:
     recording, truth = twice_around()
-    assert recording.lidar is not None
     empty = replace(recording.lidar, ranges=np.full_like(recording.lidar.ranges, np.inf))
     with pytest.raises(InputError, match="lidar: scans without an endpoint"):
         map_consistency(Recording("empty", Platform(), lidar=empty), truth)

@@ -1,7 +1,5 @@
 """The report's page: what is gathered, what a player is given, and that nothing of a name is taken for markup."""
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import json
@@ -175,13 +173,11 @@ def test_names_are_text(tmp_path: Path) -> None:
 def test_the_policy_allows_the_scripts_of_the_page_and_no_others(tmp_path: Path) -> None:
     text = page(gather([sweep(tmp_path / "s.sweep")]), title="t")
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
-    assert policy is not None
     assert policy[1].startswith("default-src 'none'; ")
     assert "unsafe" not in policy[1]
     scripts = re.findall(r"<script>(.*?)</script>", text, flags=re.S)
     hashes = ["sha256-" + b64encode(hashlib.sha256(each.encode()).digest()).decode() for each in scripts]
     packed = re.search(r'id="library">([^<]*)<', text)
-    assert packed is not None
     library = gzip.decompress(b64decode(packed[1])).decode()
     hashes.append("sha256-" + b64encode(hashlib.sha256(library.encode()).digest()).decode())
     assert len(hashes) == 3
@@ -200,7 +196,6 @@ def test_data_cannot_end_their_script() -> None:
 def test_a_curve_has_medians_with_intervals_over_what_varies(tmp_path: Path) -> None:
     runs = gather([sweep(tmp_path / "s.sweep")]).runs
     figure = charts.curves(runs, "slam.particles", charts.Shown("final.ate", "final ATE [cm]", 100.0))
-    assert figure is not None
     assert [line["name"] for line in figure["data"]] == [
         *("corridor, default", "corridor, paper", "office, default", "office, paper")
     ]
@@ -221,7 +216,6 @@ def test_every_run_is_a_point_in_the_colour_of_its_scenario_under_a_name_that_is
         run_of(f"{long}-{k}", seed, scenario=place) for k in "ab" for seed in (0, 1) for place in ("hall", "office")
     ]
     figure = charts.spread(compared(runs), charts.Shown("final.ate", "final ATE [m]"))
-    assert figure is not None
     points = figure["data"][::2]
     assert [(each["name"], each["y"]) for each in points] == [
         (name, [0.1, 1.1, 0.1, 1.1]) for name in ("hall", "office")

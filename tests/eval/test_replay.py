@@ -1,7 +1,5 @@
 """Ways to run: messages on stdin, a known map, a lidar that is not as stated; and the issues that are told."""
 
-from __future__ import annotations
-
 import io
 import json
 import re
@@ -13,9 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from command_lines import codes, printed, refused, shown
+from parts.runs import messages
 from robot_logs import flaser, write_log
 from sim_logs import winding
-from slam_messages import cut, messages, platform_of, sparse_corridor
+from slam_messages import cut, platform_of, sparse_corridor
 
 from moteslam.eval.cli.main import run
 from moteslam.eval.cli.simulate import scenario_of
@@ -44,7 +43,7 @@ def recording() -> Recording:
 def lines(recording: Recording) -> Iterator[str]:
     """The recording as another program would write it."""
     yield json.dumps({"type": "platform", **platform_of(recording).model_dump(mode="json")})
-    for _, _, k, stream in messages(recording, {}):
+    for _, _, stream, k in messages(recording, {}):
         stamp = getattr(recording, stream).stamps[k]
         if stream == "lidar":
             ranges = [None if np.isnan(one) else float(one) for one in recording.lidar.ranges[k]]
@@ -216,7 +215,6 @@ def reversed_beams(office: Simulation, tmp_path_factory: pytest.TempPathFactory)
     folder = tmp_path_factory.mktemp("logs")
     recording = office.recording
     lidar = recording.lidar
-    assert lidar is not None
     poses = dead_reckon(recording).poses
     ranges = np.ascontiguousarray(lidar.ranges[:, ::-1])
     write_carmen(folder / "drive.log", recording.replace(lidar=replace(lidar, ranges=ranges, odometry=poses)))

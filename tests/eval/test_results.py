@@ -1,7 +1,5 @@
 """The result folder of a run, its figures and tables, reading them back, and what a notebook and viewers show."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -35,6 +33,7 @@ from moteslam.eval.run_tables import (
 )
 from moteslam.eval.runs import read_result_folder
 from moteslam.eval.scores import evidence_of, number, score_estimate
+from moteslam.files import result_folder
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.map_server import trinary
@@ -69,7 +68,7 @@ def test_what_is_written_is_what_was_estimated(run, simulation, tmp_path: Path) 
     assert (about["seed"], about["threads"]) == (1, 2)
     assert not list(tmp_path.glob("*figure*"))
     assert {file.suffix for file in tmp_path.iterdir()} == {
-        *(".tum", ".png", ".pgm", ".yaml", ".json", ".toml", ".csv", ".npz", ".g2o")
+        *(".tum", ".png", ".pgm", ".yaml", ".json", ".toml", ".csv", ".npz", ".g2o", "")
     }
     log_odds = read_map_arrays(tmp_path / "map.npz")
     assert log_odds.values.tobytes() == estimate.map.values.tobytes()
@@ -91,6 +90,20 @@ def test_without_truth_what_needs_it_is_absent(run, tmp_path: Path) -> None:
     assert number(figures, "effective_particles") > 1
     assert figures["localisation"]["compared"] is None
     assert not (tmp_path / "truth.tum").exists()
+
+
+def test_the_results_of_another_run_are_removed_and_nothing_else(run, simulation, tmp_path: Path) -> None:
+    (tmp_path / "truth.tum").touch()
+    with result_folder(tmp_path / "drive") as work:
+        (work / "drive.log").touch()
+    for folder in (tmp_path, tmp_path / "drive"):
+        write_results(folder, run[0], simulation.truth, figures=folder == tmp_path)
+        before = {path.name for path in folder.iterdir()}
+        write_results(folder, replace(run[0], loops=()), figures=False)
+        gone = before - {path.name for path in folder.iterdir()}
+        pictures = ("trajectories", "dead_reckoning", "particles", "effective_particles", "error")
+        assert gone == ({f"{name}.png" for name in pictures} if folder == tmp_path else {"truth.tum"})
+    assert (tmp_path / "drive" / "drive.log").exists()
 
 
 def test_a_truth_on_another_clock_writes_nothing(run, tmp_path: Path) -> None:
@@ -316,7 +329,6 @@ def test_replay_writes_it_where_it_is_asked_for(simulated_folder: Path, tmp_path
 def test_an_estimate_is_shown_as_its_map_and_path(run) -> None:
     estimate, _ = run
     image = cv2.imdecode(np.frombuffer(estimate._repr_png_(), np.uint8), cv2.IMREAD_COLOR)
-    assert image is not None
     assert max(image.shape) <= 800
     slam = (abs(image.astype(int) - (0xB2, 0x72, 0x00)) < 20).all(axis=2)
     assert slam.any()

@@ -17,7 +17,7 @@ from moteslam.robot.formats import format_of, open_recording
 from moteslam.robot.formats.csv_log import is_csv_log, read_csv_log
 from moteslam.robot.formats.written import write_csv
 from moteslam.robot.platforms import UCSD
-from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 
 GUIDE = Path(__file__).parents[2] / "docs" / "guide" / "own-logs.md"
 
@@ -348,19 +348,6 @@ def test_what_is_written_reads_back_bit_for_bit(
     assert (back.name, back.platform) == ("drawn", UCSD)
     assert_held("csv", recording, back)
     assert back.warnings == ()
-
-
-def test_what_csv_files_cannot_hold_is_an_issue(tmp_path: Path) -> None:
-    recording = Recording(
-        "x",
-        UCSD,
-        odometry=OdometryStream(np.zeros(1), np.zeros((1, 3))),
-        rgbd=RgbdStream(np.zeros(2), np.zeros(3)),
-    )
-    (issue,) = write_csv(tmp_path / "x.toml", recording)
-    assert (issue.code, issue.count) == ("not-written", 5)
-    assert str(issue) == "x: 5 images not written, no place in a CSV log"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["x-odometry.csv", "x.toml"]
 
 
 def test_nothing_and_other_names_are_not_written(tmp_path: Path) -> None:

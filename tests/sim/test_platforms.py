@@ -180,7 +180,7 @@ def test_the_top_speed_is_driven_and_kept(run: Run) -> None:
     assert 0.85 * wanted < speed < 1.02 * wanted
 
 
-NARROW = ("corridor", "doors", "office", "warehouse")
+NARROW = ("corridor", "doors")
 """Where the width of a robot matters: driven by all that drive unlike the others. The other scenarios are driven by the
 widest, but for `campus` and `mile`, which take long."""
 

@@ -32,7 +32,6 @@ def corridor() -> Recording:
 def beginning_late(recording: Recording) -> Recording:
     """The odometry repeats its first pose for eight seconds, while the robot drives, and only then moves."""
     odometry = logged(recording).odometry
-    assert odometry is not None
     first_poses = odometry.stamps < odometry.stamps[0] + 8.0
     poses = np.where(first_poses[:, None], odometry.poses[0], odometry.poses)
     return recording.replace(encoders=None, imu=None, odometry=OdometryStream(odometry.stamps, poses))

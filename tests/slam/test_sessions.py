@@ -19,7 +19,7 @@ from moteslam.slam.backend.graph.pose_graph import Edges
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.known_map.path_search import find_path
 from moteslam.slam.mapping.config import MapConfig
-from moteslam.slam.sessions import go_on
+from moteslam.slam.sessions import go_on, joined
 from moteslam.slam.settings import resolve_config
 
 ROOM = [((-4, -3), (4, -3)), ((4, -3), (4, 3)), ((4, 3), (-4, 3)), ((-4, 3), (-4, -3)), ((-4, -1), (-3, -1))]
@@ -118,7 +118,6 @@ def test_a_path_lies_at_the_one_place_that_does_not_contradict_it(others: list, 
         assert found is None
         assert number > 1
     else:
-        assert found is not None
         np.testing.assert_allclose(found.track[0], se2.compose(there, path[0]), atol=0.06)
 
 
@@ -138,10 +137,8 @@ def test_two_recordings_give_the_same_building_in_any_order(
     drive: Simulation, parts: list[Estimate], first: int
 ) -> None:
     old, new = parts[first], parts[1 - first]
-    assert old.building is not None
     found = go_on(new, old.building)
     building = found.building
-    assert building is not None
     assert [one.stamps[0] for one in building.sessions] == [each.trajectory.stamps[0] for each in (old, new)]
     assert building.between.sum() >= 2
     np.testing.assert_array_equal(found.trajectory_final.poses, building.sessions[1].path)
@@ -159,7 +156,6 @@ def test_two_recordings_give_the_same_building_in_any_order(
 @pytest.mark.slow
 def test_a_recording_of_another_building_stays_apart(parts: list[Estimate]) -> None:
     elsewhere = run(simulate(scenario_of("lab", 301, duration=40.0), 301).recording)
-    assert parts[0].building is not None
     found = go_on(elsewhere, parts[0].building)
     assert [issue.code for issue in found.warnings if issue not in elsewhere.warnings] == ["session-apart"]
     assert found.building is elsewhere.building
@@ -167,9 +163,26 @@ def test_a_recording_of_another_building_stays_apart(parts: list[Estimate]) -> N
 
 
 @pytest.mark.slow
+def test_a_recording_is_not_bound_to_itself(parts: list[Estimate]) -> None:
+    building = parts[0].building
+    found = go_on(parts[0], building)
+    assert [issue.code for issue in found.warnings if issue not in parts[0].warnings] == ["session-apart"]
+    assert "session 1" in found.warnings[-1].message
+    assert found.building is building
+
+
+@pytest.mark.usefixtures("taichi")
+def test_other_scans_with_the_same_stamps_are_another_recording() -> None:
+    building, other = (seen(ROOM + box(0, y), begins=0.0) for y in (1.5, -1.5))
+    for new, same in ((building, True), (other, False)):
+        why = joined(building, new, resolve_config())
+        assert isinstance(why, str)
+        assert ("session 1" in why) == same
+
+
+@pytest.mark.slow
 def test_sessions_need_a_graph(parts: list[Estimate]) -> None:
     building = parts[0].building
-    assert building is not None
     graph_less = replace(parts[1], config=resolve_config(settings=["backend.method=none"]))
     with pytest.raises(ConfigError) as caught:
         go_on(graph_less, building)

@@ -199,13 +199,12 @@ def test_scans_of_two_lidars_on_one_topic_are_refused(tmp_path: Path):
     assert caught.value.field == "/scan"
 
 
-def test_scans_of_a_robot_that_stands_are_no_doubles(tmp_path: Path) -> None:
-    events = [scan(0.12 * i, [1.0 + max(i - 20, 0), 2.0, 3.0]) for i in range(40)]
-    assert len(open_recording(make_bag(tmp_path, events)).lidar) == 40
-
-
-def test_scans_of_a_robot_at_rest_that_come_again_at_any_time_are_no_doubles(tmp_path: Path) -> None:
-    views = [*range(20), *np.random.default_rng(0).permutation(20)]
+@pytest.mark.parametrize(
+    "views",
+    [[max(i - 20, 0) for i in range(40)], [*range(20), *np.random.default_rng(0).permutation(20).tolist()]],
+    ids=["it stands", "at rest, at any time"],
+)
+def test_scans_of_a_robot_at_rest_are_no_doubles(tmp_path: Path, views: list[int]) -> None:
     events = [scan(0.12 * i, [1.0 + 0.01 * view, 2.0, 3.0]) for i, view in enumerate(views)]
     assert len(open_recording(make_bag(tmp_path, events)).lidar) == 40
 

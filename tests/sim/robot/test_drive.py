@@ -5,11 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sim_drives import room_table
 
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.noise import Noise
+from moteslam.robot.platforms import UCSD
 from moteslam.sim.robot.drive import Drive
+from moteslam.sim.robot.vehicle import Vehicle
 from moteslam.sim.scenario import Scenario, parse_scenario
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import Simulation, simulate, true_drive
@@ -22,13 +25,16 @@ def with_commands(table: dict[str, Any], *steps: dict[str, float], start: tuple[
     return {**without, "commands": {"start": list(start), "steps": list(steps)}}
 
 
+def test_wheels_that_spin_turn_as_they_are_asked_to() -> None:
+    vehicle = Vehicle(UCSD, np.zeros(3), World.of(parse_scenario(room_table()).world), Noise().drive)
+    for _ in range(400):
+        vehicle.spin(0.5, 0.8)
+    right, left = 0.5 + 0.8 * 0.73 / 2, 0.5 - 0.8 * 0.73 / 2
+    assert vehicle.state() == pytest.approx((0, 0, 0, 0, 0, 0, right, left, right, left))
+
+
 def commanded(table: dict[str, Any], *steps: dict[str, float], start: tuple[float, ...]) -> Scenario:
     return parse_scenario(with_commands(table, *steps, start=start))
-
-
-def travel_of_sides(drive: Drive) -> tuple[np.ndarray, np.ndarray]:
-    """The travel of the left and right wheels since the start [m]."""
-    return drive.wheel_travel[:, [1, 3]].mean(1), drive.wheel_travel[:, [0, 2]].mean(1)
 
 
 def test_it_rests_drives_and_rests(scenario: Scenario) -> None:
@@ -47,7 +53,7 @@ def test_it_rests_drives_and_rests(scenario: Scenario) -> None:
 @pytest.mark.parametrize("rate", [-1.0, 0.3, 1.2])
 def test_turning_on_the_spot_takes_the_effective_track(table: dict[str, Any], rate: float) -> None:
     run = true_drive(commanded(table, {"duration": 10.0, "turn_rate": rate}, start=(5.0, 4.0, 0.0)))
-    left, right = travel_of_sides(run)
+    left, right = (run.wheel_travel[:, side].mean(axis=1) for side in ([1, 3], [0, 2]))
     turned = run.poses[-1, 2] - run.poses[0, 2]
     assert (right[-1] - left[-1]) / turned == pytest.approx(0.73, rel=0.02)
     assert turned == pytest.approx(rate * 10.0, rel=0.06)  # what is lost in starting

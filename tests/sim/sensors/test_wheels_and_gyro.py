@@ -146,3 +146,11 @@ def test_the_bias_walks_with_the_root_of_time() -> None:
         assert size == pytest.approx(walk * np.sqrt(seconds), rel=0.15)
     steps = np.diff(readings[0], axis=0)
     assert steps.std() == pytest.approx(walk * np.sqrt(0.01), rel=0.05)
+
+
+def test_the_bias_is_as_measured_to_either_side_with_its_spread_and_five_times_that_of_roll_and_pitch() -> None:
+    bias = [angular_velocity(steady(0.1), seed, gyro_bias=1e-3, gyro_bias_spread=0.1)[0] for seed in range(300)]
+    size = np.abs(bias) / 1e-3
+    assert size.mean(axis=0) == pytest.approx((5, 5, 1), rel=0.03)
+    assert size.std(axis=0) == pytest.approx((0.5, 0.5, 0.1), rel=0.15)
+    assert (np.array(bias) > 0).mean(axis=0) == pytest.approx(0.5, abs=0.1)

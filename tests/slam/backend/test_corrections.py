@@ -62,7 +62,6 @@ def closing_of(nodes: int, found: tuple[float, float, float]) -> tuple[backend.G
     for k in range(nodes + 1):
         one.add(key_scan(k, (1.0 if k else 0.0, 0.0, 0.0), pose=(k, 0.0, 0.0)))
     closing = one._closing
-    assert closing is not None
     enter(closing.graph, 0, 18, found)
     closing.news.add((0, 18))
     return one, closing
@@ -90,7 +89,6 @@ def test_the_first_correction_leaves_the_map_in_its_frame(monkeypatch: pytest.Mo
     monkeypatch.setattr(one, "_registered", lambda graph, endpoints, off: turned[:21])
     monkeypatch.setattr(closing.graph, "misfit", lambda pairs, poses: 0.1 if poses[-1, 2] == 0 else 0.05)
     corrected = one._correction(closing)
-    assert corrected is not None
     assert np.abs(turned - before)[:21].max() > 0.35
     assert np.abs(corrected - before).max() < 0.1
 

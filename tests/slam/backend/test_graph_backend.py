@@ -11,7 +11,7 @@ from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.loops import score_loops
 from moteslam.eval.metrics.relations import evaluate_relations, read_relations
 from moteslam.robot import se2
-from moteslam.robot.formats import open_recording
+from moteslam.robot.formats import Cut, cut, open_recording
 from moteslam.robot.platforms import load_platform
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
@@ -28,7 +28,6 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 def error(trajectory: Trajectory, case: Case) -> float:
     """The ATE RMSE against the truth [m]."""
-    assert case.reference is not None
     return ate(trajectory, case.reference)
 
 
@@ -59,18 +58,15 @@ def test_where_a_door_opens_the_odometry_is_kept(doors: Case, alone: Estimate, b
     assert error(behind.trajectory_final, doors) < 1.1 * error(alone.trajectory_final, doors)
     assert alone.loops == ()
     assert any(loop.accepted for loop in behind.loops)
-    assert doors.reference is not None
     assert score_loops(behind.loops, doors.reference, doors.recording).false == 0
 
 
 def test_the_graph_of_an_estimate_is_what_was_measured_at_the_final_poses(alone: Estimate, behind: Estimate):
     assert alone.graph is None
     graph = behind.graph
-    assert graph is not None
     accepted = [loop for loop in behind.loops if loop.accepted]
     chain, loops = np.flatnonzero(~graph.loops), np.flatnonzero(graph.loops)
     np.testing.assert_array_equal(graph.second[chain], np.arange(1, len(graph)))
-    assert graph.stamps is not None
     assert [tuple(graph.stamps[[graph.first[k], graph.second[k]]]) for k in loops] == [loop.stamps for loop in accepted]
     np.testing.assert_array_equal(graph.relative[loops], [loop.found for loop in accepted])
     scans = np.searchsorted(behind.trajectory_final.stamps, graph.stamps)
@@ -93,7 +89,6 @@ def test_a_closed_loop_corrects_the_filter_while_it_drives():
 
     def rmse(estimated: Estimate, final: Estimate) -> float:
         """Online after the last correction, laid on the truth as a final trajectory is."""
-        assert case.reference is not None
         placed = absolute_trajectory_error(final.trajectory_final, case.reference).transform
         online = estimated.trajectory
         laid = Trajectory(online.stamps, np.asarray(se2.compose(placed, online.poses)))
@@ -154,13 +149,13 @@ def test_in_a_round_tank_the_odometry_decides_about_turns(tmp_path: Path):
 
 @pytest.mark.slow
 def test_a_pose_that_is_stale_after_a_gap_does_not_bend_the_building(data_folder: Path):
-    """ACES, every scan: at 610 s nothing is recorded for 3 s while the robot turns by 80 degrees."""
+    """ACES, every scan of seven minutes: at 610 s nothing is recorded for 3 s while the robot turns by 80 degrees."""
     folder = data_folder / "radish"
     if not folder.is_dir():
         pytest.skip("no radish/aces.log.gz")
-    found = run(open_recording(folder / "aces.log.gz"))
+    found = run(cut(open_recording(folder / "aces.log.gz"), Cut(350.0, 800.0)))
     relations = read_relations(folder / "aces.relations")
-    assert evaluate_relations(found.trajectory_final, relations).translation.mean < 0.040
+    assert evaluate_relations(found.trajectory_final, relations).translation.mean < 0.036
 
 
 def test_with_every_stage_switched_off_the_filters_path_remains(doors: Case, alone: Estimate):
@@ -184,7 +179,6 @@ def test_after_an_outage_a_second_hypothesis_finds_the_way():
     """Three corridors look alike where the lidar is back; a niche in one of them shows which, ten metres on."""
     case = wheels_case("fork", 211, step_noise=STEP_NOISE)
     found = estimate(case)
-    assert case.reference is not None
     assert score_loops(found.loops, case.reference, case.recording).false == 0
     assert error(found.trajectory_final, case) < 0.05
     assert error(estimate(case, "particles=1").trajectory_final, case) > 0.5
@@ -197,7 +191,6 @@ def test_a_loop_closes_at_the_right_one_of_equal_openings():
     for seed in (205, 210):
         case = wheels_case("lookalikes", seed, platform="urg04lx", step_noise=(0.1, 0.1))
         found = estimate(case)
-        assert case.reference is not None
         scores = score_loops(found.loops, case.reference, case.recording)
         assert scores.pairs >= 5
         assert scores.false == 0

@@ -214,7 +214,6 @@ def test_a_loop_between_bare_walls_keeps_the_prediction_along_them_and_binds_les
     def searched(config: GraphConfig, along: float) -> tuple[float, float]:
         """By how much the prediction is changed along the walls, and the information along them."""
         found = LoopSearch(nodes, submaps, config).match(4, 6, np.array((along, 0.06, 0.02)), covariance)
-        assert found is not None
         np.testing.assert_allclose(found.candidate.found[1:], 0.0, atol=0.005)
         return abs(float(found.candidate.found[0]) - along), float(found.information[0, 0])
 

@@ -45,7 +45,6 @@ def texture(driven: Driven, recording: Recording) -> TextureMap:
 
 
 def true_floor(simulation: Simulation, texture: TextureMap) -> np.ndarray:
-    assert simulation.scenario.floor is not None
     left, right, bottom, top = texture.extent
     image = rasterise(simulation.scenario.floor, (left, bottom, right, top), texture.cell_size, samples=4)
     assert image.values.shape == texture.values.shape
@@ -64,7 +63,6 @@ def test_colours_are_right_and_in_place(driven: Driven, texture: TextureMap) -> 
 
 def test_nearly_all_that_the_camera_saw_is_coloured(driven: Driven, texture: TextureMap) -> None:
     frames = driven[0].frames
-    assert frames is not None
     coloured = np.pad(texture.known, 20)
     x, y = np.array(texture.origin[:2]) - 20 * texture.cell_size
     seen = seen_cells(frames, (x, y), coloured.shape, texture.cell_size)
@@ -131,7 +129,6 @@ def test_run_slam_colours_the_floor_along_what_it_found(recording: Recording) ->
     settings = ["particles=4", "texture.cell_size=0.2", "texture.interval=1.0", "texture.largest_gap=0.09"]
     config = resolve_config("paper", settings)
     estimate = run_slam(recording, config)
-    assert estimate.texture is not None
     expected = map_texture(recording, estimate.trajectory_final, config.texture)
     assert expected.known.sum() > 100
     np.testing.assert_array_equal(estimate.texture.values, expected.values)

@@ -30,7 +30,6 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 QUICK = ["particles=6", "texture.enabled=false"]
 CONFIG = resolve_config("default", ["colours.enabled=true", *QUICK])
-assert isinstance(CONFIG, TsdfFilterConfig)
 Room = tuple[Simulation, Recording]
 OLDEST = CONFIG.colours.largest_age
 
@@ -68,7 +67,6 @@ def same(a: Estimate, b: Estimate) -> bool:
 
 def test_a_scan_gets_the_newest_frame_and_each_frame_is_used_once(room: Room) -> None:
     recording = room[1]
-    assert recording.lidar is not None
     views = views_of(recording)
     ages, last = [], -np.inf
     for index in range(40, len(recording.lidar), 5):
@@ -133,7 +131,6 @@ def test_the_odometrys_error_is_spread_over_the_motion(room: Room) -> None:
 
 def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(room: Room) -> None:
     simulation, recording = room
-    assert recording.lidar is not None
     stamps = recording.lidar.stamps
     apart = np.array([(0.0, 0.0, 0.0), (3.0, 1.0, 0.5), (-2.0, 0.4, -2.0), (40.0, 50.0, 3.0)])
     tracker, views = FloorLikelihood(TsdfFilterConfig(colours=ColourConfig(map_length=0.5))), views_of(recording)
@@ -146,13 +143,11 @@ def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(room: R
             tracker.add(view, poses, 0, 0.12)
     off = np.array([(0.0, 0.0, 0.0), (0.03, -0.02, 0.0), (-0.02, 0.0, 0.0), (0.0, 0.025, 0.0)])
     fit = tracker.fit(view, se2.compose(poses, off), 0)
-    assert fit is not None
     np.testing.assert_allclose(fit.offsets, -off, atol=0.005)
     np.testing.assert_allclose(fit.offsets[1:] - fit.offsets[0], -off[1:], atol=1e-9)
     assert np.linalg.eigvalsh(fit.information[:2, :2]).min() > 1 / 0.02**2
     assert not fit.information[2].any()
     worse = tracker.fit(view, se2.compose(poses, off), 1)  # searched around another one: the same is found
-    assert worse is not None
     np.testing.assert_allclose(worse.offsets, fit.offsets, atol=0.003)
     assert tracker.fit(view, se2.compose(poses, (5.0, 5.0, 0.0)), 0) is None  # where no floor is known
     nothing = replace(view, frame=replace(view.frame, disparity=np.full_like(view.frame.disparity, 2047)))
@@ -160,7 +155,6 @@ def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(room: R
     parents = np.array([3, 3, 1])
     tracker.resample(parents)
     children = tracker.fit(view, poses[parents], 0)
-    assert children is not None
     np.testing.assert_allclose(children.offsets, 0.0, atol=0.01)
     blank = replace(view, frame=replace(view.frame, rgb=np.full_like(view.frame.rgb, 128)))
     plain = FloorLikelihood(TsdfFilterConfig())
@@ -205,7 +199,6 @@ def test_the_same_seed_gives_the_same_bytes_and_frames_are_read_at_updates_alone
 
 def of_broken_files(recording: Recording, folder: Path) -> Recording:
     stream, broken = recording.rgbd, folder / "broken.png"
-    assert stream is not None
     broken.write_bytes(b"no image")
     colours = (broken, *[None] * (len(stream.rgb_stamps) - 1))
     disparities = tuple(broken if k % 3 else None for k in range(len(stream.disparity_stamps)))
@@ -214,7 +207,6 @@ def of_broken_files(recording: Recording, folder: Path) -> Recording:
 
 def of_late_frames(recording: Recording, _: Path) -> Recording:
     stream = recording.rgbd
-    assert stream is not None
     late = {name: getattr(stream, name) + 60.0 for name in ("rgb_stamps", "disparity_stamps")}
     return recording.replace(rgbd=replace(stream, **late))
 

@@ -1,6 +1,8 @@
 """The TSDF filter a step at a time: weights and score are those of its proposals, the odometry is calibrated."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -8,28 +10,25 @@ import pytest
 from slam_rooms import blind, circled_room, run
 from tile_pools import ROOM, room_scan, thinned
 
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.filter.update_policy import Travelled
-from moteslam.slam.inputs.step import steps
+from moteslam.slam.inputs.config import SyncConfig, ThinningConfig
+from moteslam.slam.inputs.scans import Scans
+from moteslam.slam.inputs.step import steps, thin_some
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.registrar import prior_spread
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf import filter as tsdf_filter
-from moteslam.slam.tsdf.config import ProposalConfig, TsdfFilterConfig
+from moteslam.slam.tsdf.config import ProposalConfig
 from moteslam.slam.tsdf.filter import TsdfFilter
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.proposal import Proposal, propose
 
 pytestmark = pytest.mark.usefixtures("taichi")
-
-
-def config_of(*settings: str) -> TsdfFilterConfig:
-    config = resolve_config("default", [*settings])
-    assert isinstance(config, TsdfFilterConfig)
-    return config
 
 
 @pytest.fixture
@@ -49,7 +48,7 @@ def proposals(monkeypatch: pytest.MonkeyPatch) -> list[Proposal]:
 def test_weights_are_the_product_of_the_proposals_likelihoods_and_the_score_is_the_best_particles(
     proposals: list[Proposal],
 ):
-    config = config_of("particles=12", "resample_below=0")
+    config = resolve_config("default", ["particles=12", "resample_below=0"])
     tsdf = TsdfFilter(config, 0)
     product, unlike_the_first = np.zeros(12), 0
     for step in steps(synchronise(circled_room(scans=40)[0], config.sync)):
@@ -176,3 +175,25 @@ def test_the_map_begins_with_the_first_scan_that_has_points(value: float):
     assert found.diagnostics["updated"][:16].tolist() == [True, *[False] * 14, True]
     since = se2.between(found.trajectory.poses[15], found.trajectory.poses[15:])
     assert np.abs(since - se2.between(true[15], true[15:]))[:, :2].max() < 0.03
+
+
+def test_a_map_is_drawn_anew_from_the_first_scans_of_each_place(monkeypatch: pytest.MonkeyPatch):
+    """The later ones were placed by the map that they are in: it creeps with them."""
+    inputs = synchronise(circled_room()[0], SyncConfig())
+    tsdf, updates = TsdfFilter(resolve_config("default", ["particles=3"]), seed=0), []
+    for step in islice(steps(inputs, None, thinning=tsdf.thinning), 40):
+        if tsdf.step(step).updated:
+            updates.append(step.index)
+    path = tsdf.history.path(tsdf.best_particle)
+    drawn: list[int] = []
+
+    def watched(scans: Scans, indices: Sequence[int], config: ThinningConfig) -> list[ThinnedScan]:
+        drawn.extend(indices)
+        return thin_some(scans, indices, config)
+
+    monkeypatch.setattr(tsdf_filter, "thin_some", watched)
+    monkeypatch.setattr(tsdf_filter, "ENOUGH", 1)
+    tsdf.revise(path, np.array(updates), inputs.scans)
+    places = [tuple(np.floor(pose / 0.5)) for pose in path]
+    assert drawn == [update for k, update in enumerate(updates) if places[k] not in places[:k]]
+    assert 1 < len(drawn) < len(updates)
