@@ -266,10 +266,8 @@ def _dead_reckon(
             write_atomically(folder / "config.toml", config.to_toml())
             if not run.no_figures:
                 from moteslam.eval.report.maps import draw_dead_reckoning
-                from moteslam.eval.results import from_same_start
 
                 truth, _ = _truth_beside(path, trajectory.stamps)
-                truth = None if truth is None else from_same_start(truth, trajectory)
                 file, title = folder / "dead_reckoning.png", f"{recording.name}: dead reckoning"
                 draw_dead_reckoning(file, trajectory, recording=recording, truth=truth, title=title)
     x, y, theta = trajectory.poses[-1].tolist()

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.errors import InputError
 from moteslam.eval.tables import literal, shortened
 from moteslam.files import write_atomically
 
@@ -112,6 +113,8 @@ def saved_figure(
 
     Under it is one legend for all panels without one, of that many columns where it is wider than 7 inch, and else.
     """
+    if not isinstance(path, str | PathLike):
+        raise InputError(f"{type(path).__name__}, expected a file to write", field="path")
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports font caches
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
