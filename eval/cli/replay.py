@@ -162,7 +162,7 @@ def localize(
 
     file = known / "map.yaml" if known.is_dir() else known
     start = [] if near is None else [f"start=[{', '.join(map(repr, near))}]"]
-    with options.named(known_map="--map", start="--near"):
+    with options.named(**({} if near is None else {"--set start": "--near"})):
         config = run.resolved("localize", [f"known_map={json.dumps(str(file.absolute()))}", *start])
         if not isinstance(config, KnownMapConfig):
             raise ConfigError(f'method "{config.method}", expected one that takes a known map', field="--preset")

@@ -291,14 +291,14 @@ def _draw_medians(
             axes.plot(x[failed], y[failed], "o", clip_on=False, mec=looks[index]["color"], mfc="white", ms=9, zorder=5)
             axes.plot([], [], "o", mec="0.4", mfc="white", ms=9, label="half of the runs or more failed")
     if few:
-        axes.plot([], [], ".", color="0.4", label="every run")
+        axes.plot([], [], ".", color="0.4", label=f"every run{'; large: their median' * (len(lines) > 1)}")
     names = [f"{value:g}" if isinstance(value, float) else str(value) for value in places]
     axes.set_xticks(list(places.values()), names, parse_math=False)
     if far_apart(finite):
         style.log_axis(axes, low, high)
     axes.set_ylim(low, high)
     axes.minorticks_off()
-    axes.set_ylabel(f"median {title}")
+    axes.set_ylabel(title if few else f"median {title}")
     axes.grid(axis="y", color="0.9", lw=0.6)
 
 
