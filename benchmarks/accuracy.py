@@ -28,8 +28,6 @@ simulation. Scored is the ATE RMSE after alignment [m], of Intel the mean error 
 on, and stays in the medians. Every run is on one thread.
 """
 
-from __future__ import annotations
-
 import itertools
 import sys
 import tempfile

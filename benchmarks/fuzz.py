@@ -8,8 +8,6 @@ dropped or repeated. Whatever raises anything but the project's own error of one
 than 1 GB, is a failure.
 """
 
-from __future__ import annotations
-
 import sys
 
 from parts.fuzzing import fuzz, limit_memory

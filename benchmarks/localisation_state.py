@@ -11,8 +11,6 @@ Precision and recall are over all scans, every run counted alike; NEES is the me
 docs/theory/am-i-lost.md.
 """
 
-from __future__ import annotations
-
 import statistics
 import sys
 from collections.abc import Mapping, Sequence

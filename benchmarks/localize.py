@@ -15,8 +15,6 @@ Right is within 0.3 m and 5 degrees of the truth. The map is the true one in cel
 places are right for a while. On one thread; milliseconds are processor time of a search.
 """
 
-from __future__ import annotations
-
 import statistics
 import sys
 import tempfile

@@ -12,8 +12,6 @@
 Right is a loop within 0.3 m and 5 degrees of the truth; `bound` sessions are those that were bound.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from itertools import permutations

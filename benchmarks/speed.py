@@ -11,8 +11,6 @@ uses them is measured. Before a task is timed all must give the same result, els
 is 1. The C loops (loops.c, maps.c) are compiled by CC, gcc, clang or cc.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import os

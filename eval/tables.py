@@ -105,8 +105,8 @@ class Column(NamedTuple):
         if self.form == "number":
             unit, factor = fitting(self.unit, _at(rows, self.like or self.place))
             return [f"{self.head} [{unit}]", *(number(None if one is None else factor * one) for one in found)]
-        shown = (one if one is None or isinstance(one, str) else f"{self.factor * one:{self.form}}" for one in found)
-        return [self.head, *(number(None) if one is None else f"{one} {self.unit}".rstrip() for one in shown)]
+        values = (one if one is None or isinstance(one, str) else self.factor * one for one in found)
+        return [self.head, *("-" if one is None else f"{one:{self.form}} {self.unit}".rstrip() for one in values)]
 
 
 def _at(rows: Iterable[Any], place: str) -> list[Any]:

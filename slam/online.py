@@ -162,9 +162,7 @@ class OnlineSlam(Core):
 
     @property
     def warnings(self) -> tuple[Issue, ...]:
-        """What is told so far, at no cost: what was noticed as messages came, and what ``estimate`` found last when it
-        held them against each other, which takes it seconds.
-        """
+        """What was noticed so far, at no cost; ``estimate`` holds the messages against each other, too, for seconds."""
         return () if self._taken is None else self._warnings(check=False)
 
     def finish(self) -> Update | None:

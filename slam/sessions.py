@@ -73,14 +73,11 @@ def joined(building: Building, new: Building, config: SlamConfig) -> Building | 
 
 def _holds(old: Session, new: Session) -> bool:
     """Whether all scans of a session are those of an older one: simulated ones may have the same stamps alone."""
-    if not np.isin(new.stamps, old.stamps).all():
-        return False
-    each = ((one.stamps[one.nodes], np.split(one.points, one.begins[1:])) for one in (old, new))
-    (before, there), (after, here) = each
-    _, i, j = np.intersect1d(before, after, return_indices=True)
+    there, here = (np.split(one.points, one.begins[1:]) for one in (old, new))
+    _, i, j = np.intersect1d(old.stamps[old.nodes], new.stamps[new.nodes], return_indices=True)
     pairs = [(there[a], here[b]) for a, b in zip(i, j, strict=True) if len(here[b])]
-    alike = [len(a) == len(b) and bool(np.abs(a - b).max() < SAME) for a, b in pairs]
-    return 2 * sum(alike) > len(alike)
+    alike = [len(a) == len(b) and bool((np.abs(a - b) < SAME).all()) for a, b in pairs]
+    return bool(np.isin(new.stamps, old.stamps).all()) and 2 * sum(alike) > len(alike)
 
 
 def _apart(estimate: Estimate, why: str) -> Estimate:

@@ -1,7 +1,5 @@
 """Command lines that end well, and those that must be refused."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -2,8 +2,6 @@
 and what the format states.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import fields
 from math import inf

@@ -1,7 +1,5 @@
 """What evo makes of two drives."""
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a figure shows, for tests."""
 
-from __future__ import annotations
-
 from matplotlib.figure import Figure
 
 

@@ -1,7 +1,5 @@
 """A picture of the floor against the true floor: colours, place, and which cells a camera saw."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -1,7 +1,5 @@
 """Key scans, nodes and loops for tests of the back end."""
 
-from __future__ import annotations
-
 import numpy as np
 from loop_candidates import candidate
 from numpy.typing import ArrayLike, NDArray

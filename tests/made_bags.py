@@ -1,7 +1,5 @@
 """Bags made for tests: messages of plain values, written by rosbags in every kind there is."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Sweeps without runs: results that are made up, in files as a sweep writes them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 It sees channels of 16 bits, and opacity as one of them.
 """
 
-from __future__ import annotations
-
 from math import floor
 from typing import NamedTuple
 

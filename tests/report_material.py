@@ -1,7 +1,5 @@
 """Sweeps as if they had been made, and names that nobody means well with, for tests of the report."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from made_sweeps import Values, recorded

@@ -1,7 +1,5 @@
 """CARMEN lines for tests."""
 
-from __future__ import annotations
-
 import gzip
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the stages of the back end cost: the cases of ``cost.py`` that measure them alone."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Office floors drawn at random as PNG: rooms along both sides of a corridor, as a map_server plan with a route."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

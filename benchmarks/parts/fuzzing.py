@@ -1,7 +1,5 @@
 """Readers run on mutated files, each input within bounds of time and memory."""
 
-from __future__ import annotations
-
 import resource
 import signal
 import tempfile

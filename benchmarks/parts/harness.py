@@ -1,7 +1,5 @@
 """What the benchmarks share: options, processes, rows in a CSV file, and their summary beside what is asked of them."""
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

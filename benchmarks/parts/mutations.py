@@ -1,7 +1,5 @@
 """Damaged and hostile variants of a file: what disks, networks, editors and attackers make of it."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 import zlib

@@ -1,7 +1,5 @@
 """All that reads files from elsewhere, each with a file that it can read."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -3,8 +3,6 @@
 The twins in Python and NumPy are those of the tests; being slow, they do some of the work only.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 from collections.abc import Callable, Mapping

@@ -214,7 +214,7 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     from moteslam.robot.values import Issue
     from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS
     from moteslam.slam.calibration.findings import checked
-    from moteslam.slam.calibration.mended import calibrated
+    from moteslam.slam.calibration.mended import NOT_MENDED, calibrated
 
     found, about = checked(recording, PAIRS if side is not None else FEW_PAIRS)
     if found is None or about is None:
@@ -223,11 +223,12 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
         told = side is None or any(issue.code == "not-calibrated" for issue in unfit)
         return recording, unfit if told else (*unfit, Issue("not-calibrated", text))
     if side is None:
-        ends = dict.fromkeys(about.decided, "corrected")
-        moves = tuple(Issue(one.code, f"{one.message}; {ends.get(one.code, 'see --calibrate')}") for one in about.moves)
+        ends = dict.fromkeys(about.decided, "; corrected") | dict.fromkeys(NOT_MENDED, "")
+        moves = tuple(Issue(one.code, one.message + ends.get(one.code, "; see --calibrate")) for one in about.moves)
         return (calibrated(recording, found, None) if about.decided else recording), moves
-    mended = calibrated(recording, found, side)
-    return mended, tuple(Issue(issue.code, f"{issue.message}; mended by the {side}") for issue in about.issues)
+    ends = dict.fromkeys(NOT_MENDED, "")
+    issues = (Issue(one.code, one.message + ends.get(one.code, f"; mended by the {side}")) for one in about.issues)
+    return calibrated(recording, found, side), tuple(issues)
 
 
 def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory | None, tuple[Issue, ...]]:

@@ -56,7 +56,7 @@ def _draw_errors(
     distance: style.Axes, angle: style.Axes | None, lines: Sequence[Line], *, logarithmic: bool = False
 ) -> None:
     start = min(float(errors.stamps[0]) for _, errors, _ in lines)
-    unit, factor = fitting("m", [float(errors.errors.max()) for _, errors, _ in lines])
+    unit, factor = fitting("m", [errors.rmse for _, errors, _ in lines])
     far, turned = [factor * errors.errors for _, errors, _ in lines], []
     for label, errors, look in lines:
         time = errors.stamps - start

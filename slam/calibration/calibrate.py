@@ -32,8 +32,7 @@ from moteslam.slam.calibration.unmeasured import (
     UnfitScansError,
     UnmeasuredError,
     expect_beams_in_place,
-    expect_new_scans,
-    expect_one_lidar,
+    expect_sound,
     unmeasured,
 )
 from moteslam.slam.inputs.config import SyncConfig
@@ -135,8 +134,7 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
         return None
     try:
         with np.errstate(all="ignore"):
-            expect_one_lidar(some)
-            expect_new_scans(some)
+            expect_sound(some)
             return _without_step(recording, _in_some_reading(recording, in_order(lidar), pairs), pairs)
     except (InputError, np.linalg.LinAlgError):  # encoders without wheels; values that are not finite
         return None
@@ -171,22 +169,20 @@ def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Ca
     chosen = choose_pairs(lidar, odometry, pairs)
     stated, found, unfit = None, None, None
     for some in (chosen, choose_pairs(lidar, odometry, pairs, NEARER)):
-        if len(some[0]) < FEWEST:
-            unmeasured(odometry)
-            return None
-        scans = RegisteredPairs(recording, lidar, *some)
-        stated = stated or scans
+        scans, again = RegisteredPairs(recording, lidar, *some) if len(some[0]) >= FEWEST else None, None
         try:
-            found = _calibrate(recording, lidar, path, scans)
+            again = _calibrate(recording, lidar, path, scans) if scans is not None else None
         except UnfitScansError as error:
             unfit = unfit or error
-            continue
-        if found is None:
+        stated, found = stated or scans, again or found
+        if found is None and unfit is None:
             unmeasured(odometry)
             return None
-        turned = found.fit.values[Parameter.TURNS]
-        if found.fits and abs(found.angle_scale - 1) < FAR_OFF and abs(turned - 1) < TURNS_OFF:
-            return found
+        if again is None or not again.correlation:  # in a square room a long turn may pass for one of a quarter less
+            continue
+        turned = again.fit.values[Parameter.TURNS]
+        if again.fits and abs(again.angle_scale - 1) < FAR_OFF and abs(turned - 1) < TURNS_OFF:
+            return again
         break
     scale = best_scale(recording, lidar, *chosen)
     scaled = replace(lidar, angle_increment=scale * lidar.angle_increment)

@@ -100,7 +100,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     certain = {figure.name.split(" ")[0]: figure for figure in figures if figure.certain}
     right = lidar_of(lidar, c, certain)
     if not c.correlation:
-        told.append(("odometry-unfit", "odometry: it turns at no offset of its clock as the scans do: left out"))
+        text = "odometry: it turns at no offset of its clock as the scans do: left out without --calibrate"
+        told.append(("odometry-unfit", text))
     elif not c.fits and c.fit.stands:
         text = "lidar: by its scans it turns as the odometry does, but does not move: it sees the floor, or the robot"
         told.append(("lidar-tilted", text))

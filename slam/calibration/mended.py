@@ -19,6 +19,9 @@ from moteslam.slam.inputs.odometry_path import OdometryPath
 Array = NDArray[np.float64]
 Side = Literal["lidar", "odometry"]
 
+NOT_MENDED = "odometry-unfit", "lidar-tilted", "range-change", "range-max", "mount-moves"
+"""What is told and not mended."""
+
 
 def calibrated(recording: Recording, calibration: Calibration, side: Side | None) -> Recording:
     """A recording mended by what is certain.

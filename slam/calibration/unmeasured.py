@@ -17,6 +17,9 @@ at an end, and in so many numbers: a part that the robot hides has one."""
 BACKWARDS, SOME_BACKWARDS = 3.0, 0.1
 """Neighbouring scans are in opposite order where one, turned round, is this many times more like the other, and of two
 lidars where the next but one is; told of more than this share of them."""
+NEARLY, DROPS, CODES = 0.05, 0.03, 10
+"""Nearly the longest range, and nearly 0, by this share of it; of sound lidars at most 1 % of the scans drop from there
+to here from one beam to the next, and in more of them to few ranges, which are codes."""
 EDGE, AT_REST = 0.3, 0.1
 """A beam passes an edge where its range changes by more than the first [m], and by less than the second share of that
 from the scan before to the former."""
@@ -48,7 +51,14 @@ def unmeasured(odometry: Array) -> None:
         raise UnmeasuredError("not-calibrated", text)
 
 
-def expect_one_lidar(ranges: NDArray[np.float32]) -> None:
+def expect_sound(ranges: NDArray[np.float32]) -> None:
+    """Raise ``UnmeasuredError`` where scans [k, beams], one after the other, are not those of one lidar."""
+    _expect_one_lidar(ranges)
+    _expect_new_scans(ranges)
+    _expect_whole_ranges(ranges)
+
+
+def _expect_one_lidar(ranges: NDArray[np.float32]) -> None:
     """Raise ``UnmeasuredError`` where beams of some scans [k, beams], one after another, go the other way, or each scan
     is like the next but one, and not like the next.
     """
@@ -64,6 +74,24 @@ def expect_one_lidar(ranges: NDArray[np.float32]) -> None:
         if count > SOME_BACKWARDS * len(one):
             text = f"lidar: {count} of {len(one)} scans {how}, as of two lidars in one stream: a map of them is wrong. "
             raise UnmeasuredError("scans-unfit", text + mend)
+
+
+def _expect_whole_ranges(ranges: NDArray[np.float32]) -> None:
+    """Raise ``UnmeasuredError`` where ranges of scans [k, beams] begin again at 0, as of a number of too few bits.
+
+    From one beam to the next they then drop from nearly the longest to anything near 0.
+    """
+    ends = np.isfinite(ranges)
+    most, both = float(np.max(ranges, initial=0.0, where=ends)), ends[:, :-1] & ends[:, 1:]
+    nearer, farther = (each(ranges[:, :-1], ranges[:, 1:]) for each in (np.minimum, np.maximum))
+    drops = both & (farther > (1 - NEARLY) * most) & (nearer < NEARLY * most)
+    count = int(drops.any(axis=1).sum())
+    if count > DROPS * len(ranges) and len(np.unique(nearer[drops])) > CODES:
+        text = (
+            f"lidar: from one beam to the next ranges drop from {most:.2f} m to nearly 0, in {count} of {len(ranges)} "
+        )
+        text += "scans, as a number of too few bits begins again: what is farther off is taken to be near, and a map "
+        raise UnmeasuredError("scans-unfit", f"{text}of them is wrong. Read them with all their bits")
 
 
 def expect_beams_in_place(ranges: NDArray[np.float32]) -> None:
@@ -83,7 +111,7 @@ def expect_beams_in_place(ranges: NDArray[np.float32]) -> None:
         raise UnmeasuredError("scans-unfit", f"{text}map of them, are wrong. Keep a range of 0 or inf in its place")
 
 
-def expect_new_scans(ranges: NDArray[np.float32]) -> None:
+def _expect_new_scans(ranges: NDArray[np.float32]) -> None:
     """Raise ``UnmeasuredError`` where scans [k, beams], one after the other, are means of several.
 
     Where a beam passes an edge its range changes at once; that of a mean changes in several steps.

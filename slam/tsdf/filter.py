@@ -17,12 +17,11 @@ from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import BLOCK, Step, thin, thin_some
-from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.doubt import Doubt
 from moteslam.slam.tsdf.floor import FloorLikelihood
 from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate
-from moteslam.slam.tsdf.particles import Particles
+from moteslam.slam.tsdf.particles import Particles, TsdfMaps
 from moteslam.slam.tsdf.pose_covariance import PoseCovariance
 from moteslam.slam.tsdf.proposal import Proposal, propose, sample
 from moteslam.slam.tsdf.relocation import Relocation

@@ -13,6 +13,8 @@ from moteslam.slam.filter.weights import Weights
 from moteslam.slam.mapping.config import APART, TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps
 
+__all__ = ["OPEN", "Particles", "TsdfMaps"]
+
 OPEN = 0.001  # Weight of the particles of other hypotheses than the best from which on the place is open
 
 

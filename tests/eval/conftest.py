@@ -1,7 +1,5 @@
 """A small simulated recording, a run over it, and the program run as a user runs it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Noise as recorded: the scans of a simulated LMS200 lie as far from each other as those of real logs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The program as a user meets it: what each command prints, and how it leaves."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

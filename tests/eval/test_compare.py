@@ -1,7 +1,5 @@
 """Runs summed up and compared: statistics, pairs of configurations, where sweeps differ, tables in every format."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

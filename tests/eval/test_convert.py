@@ -1,7 +1,5 @@
 """``moteslam convert``: every format of recordings and trajectories into every other; nothing of a user is lost."""
 
-from __future__ import annotations
-
 import json
 import math
 from itertools import pairwise

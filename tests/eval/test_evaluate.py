@@ -1,7 +1,5 @@
 """``moteslam evaluate``: one trajectory or several, short ones, relations between poses, results kept and drawn."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -178,10 +176,6 @@ def test_the_map_of_any_slam_is_scored_by_the_true_one(folder: Path, capsys: pyt
     assert "final RPE over 2 m" in lines
 
 
-def changed(about: str, change: str, by: str) -> None:
-    Path("wrong.yaml").write_text(Path(about).read_text().replace(change, by))
-
-
 @pytest.mark.parametrize(
     ("change", "by", "said"),
     [
@@ -202,7 +196,7 @@ def test_a_map_that_is_not_where_the_path_is(
     folder: Path, capsys: pytest.CaptureFixture[str], which: str, change: str, by: str, said: str
 ) -> None:
     write_map("true.pgm", a_room())
-    changed("true.yaml", change, by)
+    Path("wrong.yaml").write_text(Path("true.yaml").read_text().replace(change, by))
     maps = ("--map", "wrong.yaml", "--true-map", "true.yaml")
     if which == "true-map":
         maps, said = ("--map", "true.yaml", "--true-map", "wrong.yaml"), said.replace("wrong.yaml are", "true.yaml are")

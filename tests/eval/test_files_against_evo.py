@@ -1,7 +1,5 @@
 """Files as people have them score as evo scores them, to 1e-9: camera axes, other clocks and units, sparse ones."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Files and values that nobody means well with: refused at once, in one line, whatever reads them."""
 
-from __future__ import annotations
-
 import gzip
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Covariances and states against the truth, relative to the map around the robot, and anchored at the start."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

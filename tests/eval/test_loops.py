@@ -1,7 +1,5 @@
 """Precision and recall of loops: rounds in a square room, what is false, what binds, and what cannot be had."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace
@@ -246,4 +244,4 @@ def test_loops_join_the_final_poses_of_their_scans(tmp_path: Path, drawn: list[F
     assert figure.axes[0].get_aspect() == 1.0
     assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("x [m]", "y [m]")
     drawn_as = ["accepted: 2", "rejected: 0 overruled, 0 contradicted, 1 ambiguous", "not drawn: 2 weak"]
-    assert legend_of(figure) == ["SLAM (final)", *drawn_as, "start", "end"]
+    assert legend_of(figure) == ["SLAM (final)", "start", "end", *drawn_as]

@@ -1,7 +1,5 @@
 """A map against the true one, and the map that scans draw: perfect is perfect, and what is worse scores worse."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise

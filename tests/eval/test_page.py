@@ -1,7 +1,5 @@
 """The report's page: what is gathered, what a player is given, and that nothing of a name is taken for markup."""
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """The report in headless Chromium: no errors, no network, a player that plays, tables that sort, names as text."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Whatever is wrong: one line on stderr that names it, exit code 2, no traceback, nothing left behind."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

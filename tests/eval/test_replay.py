@@ -1,7 +1,5 @@
 """Ways to run: messages on stdin, a known map, a lidar that is not as stated; and the issues that are told."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

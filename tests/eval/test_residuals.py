@@ -1,7 +1,5 @@
 """Residuals of scans: walls with known noise, places that another scan did not see, and the command."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +13,7 @@ from moteslam.errors import InputError
 from moteslam.eval.cli import main
 from moteslam.eval.metrics import residuals
 from moteslam.eval.scores import under_recording
+from moteslam.eval.tables import number
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.platform import Platform
@@ -259,7 +258,7 @@ def test_the_command_scores_by_scans_and_reference(folder: Path, capsys: pytest.
     text = capsys.readouterr().out
     poor, true = (line.split() for line in text[text.index("scans of wall.log") :].splitlines()[2:])
     shares = [f"{100 * share:.1f}%" for share in (result.beyond_3_cm, result.unseen, result.no_return)]
-    expected = ["true.tum", "15", f"{1e3 * result.median:.1f}", f"{1e3 * result.quantile_90:.1f}"]
+    expected = ["true.tum", "15", number(1e3 * result.median), number(1e3 * result.quantile_90)]
     assert " ".join(true).replace(" %", "%").split() == [*expected, *shares]
     assert float(poor[2]) > 2 * float(true[2])
     for row in json.loads((folder / "o.json").read_text(encoding="utf-8"))["results"]:

@@ -1,7 +1,5 @@
 """The result folder of a run, its figures and tables, reading them back, and what a notebook and viewers show."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

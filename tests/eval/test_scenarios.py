@@ -1,7 +1,5 @@
 """Scenarios: pictures and films of them, and what simulate records, alone and by the dozen."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

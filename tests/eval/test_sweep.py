@@ -1,7 +1,5 @@
 """Sweeps: what is planned, made, recorded, merged and summed up; what becomes of runs that go wrong."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

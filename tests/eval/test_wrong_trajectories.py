@@ -1,7 +1,5 @@
 """Trajectories that are not what they seem: each is told with what it means, or refused; sound ones are silent."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -340,10 +338,6 @@ def test_stamps_in_few_digits_are_named_where_nothing_matches(tmp_path: Path, ca
     assert "of 6000 poses have the stamp of the one before" in told(capsys, "convert", files[1], tmp_path / "out.tum")
 
 
-def angles(table: Table, factor: float) -> Table:
-    return np.column_stack((table[:, :3], factor * 2 * np.arctan2(table[:, 6], table[:, 7])))
-
-
 @pytest.mark.parametrize(
     ("header", "factor", "expected"),
     [
@@ -355,7 +349,9 @@ def angles(table: Table, factor: float) -> Table:
     ],
 )
 def test_headings_that_do_not_follow_the_path(tmp_path: Path, header: str, factor: float, expected: list[str]) -> None:
-    path = write(tmp_path / "t.csv", angles(drive(0.2), factor), header=header, separator=",")
+    table = drive(0.2)
+    headings = factor * 2 * np.arctan2(table[:, 6], table[:, 7])
+    path = write(tmp_path / "t.csv", np.column_stack((table[:, :3], headings)), header=header, separator=",")
     assert [issue.code for issue in read_trajectory(path).warnings] == expected
 
 

@@ -14,14 +14,10 @@ from moteslam.robot import se2
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def random_poses(seed: int, n: int) -> np.ndarray:
-    generator = np.random.default_rng(seed)
-    return np.column_stack((generator.uniform(-500, 500, (n, 2)), generator.uniform(-np.pi, np.pi, n)))
-
-
 @pytest.mark.parametrize(("seed", "step", "n"), [(0, 0, 1), (3, 17, 333), (2**63 + 5, 2**32 - 1, 50), (1, 1, 0)])
 def test_equals_the_twin(seed: int, step: int, n: int) -> None:
-    poses = random_poses(1, n)
+    generator = np.random.default_rng(1)
+    poses = np.column_stack((generator.uniform(-500, 500, (n, 2)), generator.uniform(-np.pi, np.pi, n)))
     motion, spread = np.array((0.3, -0.02, 4.0)), np.array((0.05, 0.01, 0.6))
     expected = se2.compose(poses, motion + spread * normals(seed, step, n, STREAM)[:, :3])
     sample_motion(poses, motion, spread, seed=seed, step=step)

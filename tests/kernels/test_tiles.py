@@ -95,7 +95,6 @@ def test_one_free_tile_is_taken_for_each_tile_written_to_and_no_other() -> None:
     free = pool.free.copy()
     left = pool.add([MIDDLE] * 3, thinned(room_scan()))
     named = np.unique(pool.tables[pool.tables != 0])
-    assert left is not None
     assert len(named) == (pool.tables != 0).sum() == len(free) - left  # each particle has tiles of its own
     assert set(named) == set(free[left:].tolist())
     assert (pool.shares[named] == 1).all()

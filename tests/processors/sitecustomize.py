@@ -4,8 +4,6 @@
 What threads can run on is not changed: a machine of two runs eight threads on its two.
 """
 
-from __future__ import annotations
-
 import os
 
 count = int(os.environ.get("MOTESLAM_TEST_PROCESSORS", "0"))

@@ -35,10 +35,6 @@ def kept(recording: Recording, **limits: float) -> list[int]:
     return indices.tolist()
 
 
-def indices_of(thin: Recording, dense: Recording) -> np.ndarray:
-    return np.searchsorted(dense.lidar.stamps, thin.lidar.stamps)
-
-
 def steps(recording: Recording) -> np.ndarray:
     return se2.between(recording.odometry.poses[:-1], recording.odometry.poses[1:])
 
@@ -83,7 +79,7 @@ def test_counts_are_conserved(late: float) -> None:
 def test_slam_measures_the_same_at_the_kept_scans(gyro: bool, config: SyncConfig) -> None:
     dense = with_odometry(winding(), gyro=gyro)
     thin = key_scans(dense)
-    expected = dead_reckon(dense).poses[indices_of(thin, dense)]
+    expected = dead_reckon(dense).poses[np.searchsorted(dense.lidar.stamps, thin.lidar.stamps)]
     assert 90 < len(expected) < 120
     np.testing.assert_allclose(dead_reckon(thin, config).poses, expected, atol=1e-12)
     inputs = synchronise(thin, config)

@@ -15,7 +15,6 @@ from moteslam.slam.tsdf.config import TsdfFilterConfig
 
 def test_the_paper_preset_has_the_papers_parameters():
     paper = load_preset("paper")
-    assert isinstance(paper, PaperFilterConfig)
     assert paper.particles == 100
     assert paper.resample_below == 1.0  # III.4 as printed: docs/theory/paper.md
     assert paper.search.offsets_xy == paper.search.offsets_theta == (-0.1, -0.05, 0.0, 0.05, 0.1)

@@ -1,6 +1,6 @@
 """The filters in a room small enough to reason about, the paper's a step at a time; and the trajectories of a run."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
@@ -156,20 +156,14 @@ def test_an_estimate_before_any_scan_and_a_seed_out_of_bounds_are_refused():
 
 
 def config_of(*settings: str) -> PaperFilterConfig:
-    config = resolve_config("paper", ["particles=20", *settings])
-    assert isinstance(config, PaperFilterConfig)
-    return config
-
-
-def room_steps(config: PaperFilterConfig) -> Iterator[Step]:
-    return steps(synchronise(circled_room(scans=40)[0], config.sync))
+    return resolve_config("paper", ["particles=20", *settings])
 
 
 def test_the_reported_score_is_the_best_particles_in_the_map_before_the_scan():
     config = config_of()
     paper = PaperFilter(config, 0)
     updates, unlike_the_first = 0, 0
-    for step in room_steps(config):
+    for step in steps(synchronise(circled_room(scans=40)[0], config.sync)):
         occupied, origin = paper.grid.occupied.copy(), paper.grid.origin
         result = paper.step(step)
         if not result.updated or not step.index:

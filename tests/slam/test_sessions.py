@@ -137,7 +137,6 @@ def test_two_recordings_give_the_same_building_in_any_order(
     drive: Simulation, parts: list[Estimate], first: int
 ) -> None:
     old, new = parts[first], parts[1 - first]
-    assert old.building is not None
     found = go_on(new, old.building)
     building = found.building
     assert [one.stamps[0] for one in building.sessions] == [each.trajectory.stamps[0] for each in (old, new)]
@@ -157,7 +156,6 @@ def test_two_recordings_give_the_same_building_in_any_order(
 @pytest.mark.slow
 def test_a_recording_of_another_building_stays_apart(parts: list[Estimate]) -> None:
     elsewhere = run(simulate(scenario_of("lab", 301, duration=40.0), 301).recording)
-    assert parts[0].building is not None
     found = go_on(elsewhere, parts[0].building)
     assert [issue.code for issue in found.warnings if issue not in elsewhere.warnings] == ["session-apart"]
     assert found.building is elsewhere.building
@@ -167,7 +165,6 @@ def test_a_recording_of_another_building_stays_apart(parts: list[Estimate]) -> N
 @pytest.mark.slow
 def test_a_recording_is_not_bound_to_itself(parts: list[Estimate]) -> None:
     building = parts[0].building
-    assert building is not None
     found = go_on(parts[0], building)
     assert [issue.code for issue in found.warnings if issue not in parts[0].warnings] == ["session-apart"]
     assert "session 1" in found.warnings[-1].message
@@ -186,7 +183,6 @@ def test_other_scans_with_the_same_stamps_are_another_recording() -> None:
 @pytest.mark.slow
 def test_sessions_need_a_graph(parts: list[Estimate]) -> None:
     building = parts[0].building
-    assert building is not None
     graph_less = replace(parts[1], config=resolve_config(settings=["backend.method=none"]))
     with pytest.raises(ConfigError) as caught:
         go_on(graph_less, building)

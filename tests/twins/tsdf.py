@@ -157,9 +157,7 @@ def normal_equations(
             for sign in (1, -1):
                 moved = np.array(offset, float)
                 moved[k] += sign * small
-                side = residual(tsdf, pose, moved, point, cell_size=cell_size, scale=scale)
-                assert side is not None
-                sides.append(side)
+                sides.append(residual(tsdf, pose, moved, point, cell_size=cell_size, scale=scale))
             jacobian[k] = (sides[0] - sides[1]) / (2 * small)
         information += np.outer(jacobian, jacobian)
         pull -= jacobian * r

@@ -76,11 +76,6 @@ def in_a_chunk(content: bytes) -> bytes:
     return content[:size] + bytes(4) + content[size + 4 : data] + bytes(4) + content[data + 4 : -200_000]
 
 
-def long_bag(folder: Path, kind: str) -> bytes:
-    """A bag of two chunks: 120 scans, 86 of them in the first."""
-    return make_bag(folder, (scan(0.1 * index, np.ones(3000)) for index in range(120)), kind).read_bytes()
-
-
 @pytest.mark.parametrize(
     ("kind", "change", "scans"),
     [
@@ -98,7 +93,8 @@ def test_what_was_not_closed_is_gone_through(
     tmp_path: Path, kind: str, change: Callable[[bytes], bytes], scans: int
 ) -> None:
     path = tmp_path / "x"
-    path.write_bytes(change(long_bag(tmp_path, kind)))
+    scans_of_two_chunks = (scan(0.1 * index, np.ones(3000)) for index in range(120))  # 86 of them in the first
+    path.write_bytes(change(make_bag(tmp_path, scans_of_two_chunks, kind).read_bytes()))
     recording = open_recording(path)
     assert abs(len(recording.lidar) - scans) <= 2
     assert recording.lidar.ranges[len(recording.lidar) - 1, 0] == 1.0

@@ -14,7 +14,6 @@ from moteslam.robot.platforms import bundled_platform
 from moteslam.robot.wheel_odometry import wheel_path
 
 TURTLEBOT = bundled_platform("turtlebot3")
-assert TURTLEBOT.wheels is not None
 STEP = angle_of_count(TURTLEBOT.wheels)
 
 

@@ -37,11 +37,6 @@ def commanded(table: dict[str, Any], *steps: dict[str, float], start: tuple[floa
     return parse_scenario(with_commands(table, *steps, start=start))
 
 
-def travel_of_sides(drive: Drive) -> tuple[np.ndarray, np.ndarray]:
-    """The travel of the left and right wheels since the start [m]."""
-    return drive.wheel_travel[:, [1, 3]].mean(1), drive.wheel_travel[:, [0, 2]].mean(1)
-
-
 def test_it_rests_drives_and_rests(scenario: Scenario) -> None:
     run = true_drive(scenario)
     assert run.end == "arrived"
@@ -58,7 +53,7 @@ def test_it_rests_drives_and_rests(scenario: Scenario) -> None:
 @pytest.mark.parametrize("rate", [-1.0, 0.3, 1.2])
 def test_turning_on_the_spot_takes_the_effective_track(table: dict[str, Any], rate: float) -> None:
     run = true_drive(commanded(table, {"duration": 10.0, "turn_rate": rate}, start=(5.0, 4.0, 0.0)))
-    left, right = travel_of_sides(run)
+    left, right = (run.wheel_travel[:, side].mean(axis=1) for side in ([1, 3], [0, 2]))
     turned = run.poses[-1, 2] - run.poses[0, 2]
     assert (right[-1] - left[-1]) / turned == pytest.approx(0.73, rel=0.02)
     assert turned == pytest.approx(rate * 10.0, rel=0.06)  # what is lost in starting

@@ -1,7 +1,5 @@
 """Lidars and odometry that are not as stated: from simulated recordings with a fault, and of motions that are known."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -19,6 +17,7 @@ from moteslam.robot.values import Issue
 from moteslam.sim.logged import with_odometry
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
+from moteslam.slam.calibration import calibrate as calibrating
 from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS, Calibration, calibrate
 from moteslam.slam.calibration.findings import WITHIN, Findings, checked, findings, trusting
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
@@ -660,6 +659,14 @@ def test_scans_of_two_lidars_in_one_stream_are_said_to_be() -> None:
     assert "two lidars" in issue.message
 
 
+@pytest.mark.parametrize("bits", [12, 13])
+def test_ranges_that_begin_again_are_said_to(bits: int) -> None:
+    recording = lidar(ranges=lambda s: s.ranges % np.float32(0.001 * 2**bits))(driven("lms200", "loop"))
+    (issue,) = checked(recording)[1].moves
+    assert issue.code == "scans-unfit"
+    assert "too few bits" in issue.message
+
+
 @pytest.mark.slow
 def test_poses_of_the_lidar_itself_are_said_to_be() -> None:
     """The mount is known from the poses of both, as of a log, and these are exchanged."""
@@ -775,3 +782,19 @@ def test_wheels_that_slip_aside_in_turns_do_not_move_the_mount() -> None:
     found = fitted(slip=0.1)
     assert found.values[Parameter.SLIP] == pytest.approx(0.1, rel=0.05)
     assert found.values[: Parameter.LENGTHS] == pytest.approx(MOUNT, abs=0.002)
+
+
+def test_where_turns_do_not_agree_pairs_of_scans_nearer_to_each_other_are_tried(monkeypatch: pytest.MonkeyPatch):
+    """In a square room a long turn passes for one that is shorter by a quarter."""
+    tried: list[Calibration] = []
+    calibrate = calibrating._calibrate
+
+    def watched(*arguments: Any) -> Calibration | None:
+        found = calibrate(*arguments)
+        assert found is not None
+        tried.append(found)
+        return found if len(tried) > 1 else replace(found, correlation=0.0)
+
+    monkeypatch.setattr(calibrating, "_calibrate", watched)
+    found = calibrating.calibrate(driven("rplidar_a1"))
+    assert found is tried[1]

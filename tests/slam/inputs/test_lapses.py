@@ -1,7 +1,5 @@
 """Gaps of the log, stale odometry, jumps, and what travels with the robot: what is not measured, and what is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any

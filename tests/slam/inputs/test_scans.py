@@ -1,7 +1,5 @@
 """Scans as points, de-skewed by the odometry."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

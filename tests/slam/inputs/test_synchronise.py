@@ -1,7 +1,5 @@
 """Streams with their own clocks become the motion between scans."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -30,7 +30,6 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 QUICK = ["particles=6", "texture.enabled=false"]
 CONFIG = resolve_config("default", ["colours.enabled=true", *QUICK])
-assert isinstance(CONFIG, TsdfFilterConfig)
 Room = tuple[Simulation, Recording]
 OLDEST = CONFIG.colours.largest_age
 

@@ -22,19 +22,13 @@ from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.registrar import prior_spread
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf import filter as tsdf_filter
-from moteslam.slam.tsdf.config import ProposalConfig, TsdfFilterConfig
+from moteslam.slam.tsdf.config import ProposalConfig
 from moteslam.slam.tsdf.filter import TsdfFilter
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.proposal import Proposal, propose
 
 pytestmark = pytest.mark.usefixtures("taichi")
-
-
-def config_of(*settings: str) -> TsdfFilterConfig:
-    config = resolve_config("default", [*settings])
-    assert isinstance(config, TsdfFilterConfig)
-    return config
 
 
 @pytest.fixture
@@ -54,7 +48,7 @@ def proposals(monkeypatch: pytest.MonkeyPatch) -> list[Proposal]:
 def test_weights_are_the_product_of_the_proposals_likelihoods_and_the_score_is_the_best_particles(
     proposals: list[Proposal],
 ):
-    config = config_of("particles=12", "resample_below=0")
+    config = resolve_config("default", ["particles=12", "resample_below=0"])
     tsdf = TsdfFilter(config, 0)
     product, unlike_the_first = np.zeros(12), 0
     for step in steps(synchronise(circled_room(scans=40)[0], config.sync)):
@@ -186,7 +180,7 @@ def test_the_map_begins_with_the_first_scan_that_has_points(value: float):
 def test_a_map_is_drawn_anew_from_the_first_scans_of_each_place(monkeypatch: pytest.MonkeyPatch):
     """The later ones were placed by the map that they are in: it creeps with them."""
     inputs = synchronise(circled_room()[0], SyncConfig())
-    tsdf, updates = TsdfFilter(config_of("particles=3"), seed=0), []
+    tsdf, updates = TsdfFilter(resolve_config("default", ["particles=3"]), seed=0), []
     for step in islice(steps(inputs, None, thinning=tsdf.thinning), 40):
         if tsdf.step(step).updated:
             updates.append(step.index)
