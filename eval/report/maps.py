@@ -69,14 +69,13 @@ def draw_trajectories(
     """The map, and on it the paths of the truth, of SLAM as known at the end, and of dead reckoning, in SLAM's frame.
 
     With a truth both paths lie on it by least squares, as for the absolute error; without, they start at one pose.
+    Dead reckoning without odometry, which stands still, is no path.
     """
-    true, odometry = None, None if dead_reckoning is None else dead_reckoning.poses
-    if truth is not None:
-        true, back = _in_frame_of(slam, truth)
-        if dead_reckoning is not None:
-            odometry = compose(back, compose(inverse(_in_frame_of(dead_reckoning, truth)[1]), dead_reckoning.poses))
-    elif odometry is not None:
-        odometry = compose(slam.poses[0], between(odometry[0], odometry))
+    true, back = (None, slam.poses[0]) if truth is None else _in_frame_of(slam, truth)
+    odometry = None
+    if dead_reckoning is not None and dead_reckoning.length > 0:
+        begin = dead_reckoning.poses[0] if truth is None else _in_frame_of(dead_reckoning, truth)[1]
+        odometry = compose(back, between(begin, dead_reckoning.poses))
     given: tuple[tuple[Array | None, dict[str, Any]], ...] = (
         (true, {**style.TRUTH_BAND, "label": "reference"}),
         (odometry, {"color": style.DEAD_RECKONING, "lw": 1.1, "ls": "--", "label": "dead reckoning"}),

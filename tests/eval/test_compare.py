@@ -147,7 +147,7 @@ def test_dead_reckoning_which_no_configuration_changes_is_not_shown_unasked(
 ) -> None:
     names = [f"{track}.rpe_1m" for track in ("online", "dead_reckoning", "final")]
     given = f'metrics = ["rpe_1m"]\n{TWO}'
-    file = recorded(tmp_path / "a.sweep", given, lambda _: {name: (0.01, "m") for name in names})
+    file = recorded(tmp_path / "a.sweep", given, lambda _: dict.fromkeys(names, (0.01, "m")))
     assert list(shown(capsys, "compare", file)["metrics"]) == ["final.rpe_1m", "online.rpe_1m"]
     assert list(shown(capsys, "sweep", "show", file)["groups"][0]["metrics"]) == ["final.rpe_1m", "online.rpe_1m"]
     asked = printed(capsys, "compare", file, "--metric", names[1])
