@@ -25,7 +25,6 @@ from moteslam.files import Shape, cleared, mark, read_arrays, write_atomically
 from moteslam.robot.formats.map_server import map_image, trinary, write_map, write_picture
 from moteslam.robot.raster import Raster, encode_png, write_map_arrays
 from moteslam.robot.recording import Recording
-from moteslam.robot.se2 import Poses, between, compose
 from moteslam.robot.trajectories.text import write_g2o, write_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import expect_type, processor_count
@@ -168,16 +167,15 @@ def draw_figures(
 
     online, final, odometry = estimate.trajectory, estimate.trajectory_final, estimate.dead_reckoning
     truth, diagnostics = run.truth, estimate.diagnostics
-    true, true_odometry = (None if truth is None else from_same_start(truth, one) for one in (final, odometry))
-    text, paths = "the map and the paths, all from the start", {"slam": final, "truth": true}
-    begun = _begun_at(final.poses[0], odometry)
-    drawn(maps.draw_trajectories, "trajectories", text, estimate.map, dead_reckoning=begun, **paths)
+    text = f"the map and the paths, {'from one start' if truth is None else 'laid on the reference, rigidly'}"
+    paths = {"slam": final, "dead_reckoning": odometry, "truth": truth}
+    drawn(maps.draw_trajectories, "trajectories", text, estimate.map, **paths)
     if snapshots:
         drawn(maps.draw_over_time, "over_time", "trajectory and map over time", snapshots, trajectory=online)
     if stages:
         text, given = "map and coloured floor over time", (stages, estimate.map)
         drawn(maps.draw_texture_over_time, "texture_over_time", text, *given, trajectory=final)
-    known = {"recording": run.recording, "truth": true_odometry}
+    known = {"recording": run.recording, "truth": truth}
     drawn(maps.draw_dead_reckoning, "dead_reckoning", "dead reckoning", odometry, **known)
     if estimate.loops:
         drawn(maps.draw_loops, "loops", "loops on the map", estimate.map, estimate.loops, trajectory=final)
@@ -191,17 +189,6 @@ def draw_figures(
         slam, last, first = (run.track(name).ate for name in (ONLINE, FINAL, DEAD_RECKONING))
         text, errors = "error over time, after alignment", {"slam": slam, "final": last, "dead_reckoning": first}
         drawn(curves.draw_error, "error", text, **errors)
-
-
-def from_same_start(truth: Trajectory, trajectory: Trajectory) -> Trajectory:
-    """The truth over the time of a trajectory, moved so that both start at the same pose: how they part is drift."""
-    first, last = trajectory.stamps[[0, -1]]
-    within = (truth.stamps > first) & (truth.stamps < last)
-    return _begun_at(trajectory.poses[0], truth.at(np.concatenate(([first], truth.stamps[within], [last]))))
-
-
-def _begun_at(pose: Poses, trajectory: Trajectory) -> Trajectory:
-    return Trajectory(trajectory.stamps, compose(pose, between(trajectory.poses[0], trajectory.poses)))
 
 
 def write_json(path: Path, value: Mapping[str, Any]) -> None:

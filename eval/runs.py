@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.eval.metrics.evidence import DEAD_RECKONING
 from moteslam.eval.metrics.registry import COSTS, Metric, chosen, metric, split, title_of
 from moteslam.eval.statistics import Better, Comparison, Proportion, Summary, compare
 from moteslam.eval.sweep.plan import PlannedRun
@@ -199,14 +200,31 @@ def headings(
     return found
 
 
+def driven(rows: Iterable[Row]) -> float | None:
+    """The median of the distances driven [m], where these are known."""
+    metres = [row.known["distance"] for row in rows if "distance" in row.known]
+    return median(metres) if metres else None
+
+
+def unlike(distances: Iterable[float | None]) -> bool:
+    """Whether so different distances were driven that errors say little of which is better."""
+    known = [each for each in distances if each is not None]
+    return bool(known) and max(known) > UNLIKE * min(known)
+
+
 def also_of(columns: Mapping[str, Sequence[Row]], axis: str) -> str:
     """What differs, too, where whole robots are compared, with the distances driven where these are unlike."""
-    each = {name: [row.known["distance"] for row in rows if "distance" in row.known] for name, rows in columns.items()}
-    driven = {name: median(metres) for name, metres in each.items() if metres}
+    far = {name: driven(rows) for name, rows in columns.items()}
     text = "wheels, gyro and speed of a platform may differ, too"
-    if driven and max(driven.values()) > UNLIKE * min(driven.values()):
-        text += f"; driven: {', '.join(f'{name} {number(metres)} m' for name, metres in driven.items())}"
+    if unlike(far.values()):
+        text += f"; driven: {', '.join(f'{name} {number(metres)} m' for name, metres in far.items() if metres)}"
     return text if axis == "platform" else ""
+
+
+def _of_slam(name: str) -> str:
+    """A metric's name without that of SLAM's trajectory; dead reckoning is the same in all configurations."""
+    track, short = split(name)
+    return "" if track == DEAD_RECKONING else short
 
 
 def metric_names(given: list[str] | None, rows: Sequence[Row] = ()) -> list[str]:
@@ -216,7 +234,7 @@ def metric_names(given: list[str] | None, rows: Sequence[Row] = ()) -> list[str]
     chosen(given or ())
     there = dict.fromkeys(name for row in rows for name in row.scores)
     named = dict.fromkeys(name for row in rows for name in row.run.metrics)
-    found = dict.fromkeys(one for name in named for one in there if name in (one, split(one)[1]))
+    found = dict.fromkeys(one for name in named for one in there if one == name or _of_slam(one) == name)
     usual = [name for name in ("final.ate", *there) if name in there and name not in ("scans", "distance")]
     return given or [*found][:MOST_NAMED] or usual[:1] or ["final.ate"]
 

@@ -190,6 +190,8 @@ FORMATS: dict[str, Callable[[Rows], str]] = {
     "csv": comma_separated,
 }
 """What writes rows in each format, without a line feed at the end."""
+BETWEEN = {"text": "{}", "markdown": "\n{}\n", "latex": "% {}", "csv": ""}
+"""Lines between tables; CSV has none."""
 
 
 def _numeric(rows: Rows) -> set[int]:

@@ -13,7 +13,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer, note, progress_bar
-from moteslam.eval.tables import FORMATS, aligned, literal, number
+from moteslam.eval.tables import BETWEEN, FORMATS, aligned, literal, number
 
 if TYPE_CHECKING:
     from moteslam.eval.sweep.store import Row, Store
@@ -119,7 +119,7 @@ def median_cells(one: Mapping[str, Any], factor: float, *, sign: bool = False) -
 
 def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], Titles]:
     """A sweep's hash, its runs by status, and its groups with successes and summaries; how its metrics are shown."""
-    from moteslam.eval.runs import grouped, headings, success_of, summary_of
+    from moteslam.eval.runs import driven, grouped, headings, success_of, summary_of
 
     rows = [row for row in store.rows() if row.status]
     names = _measured(rows, wanted, store)
@@ -127,6 +127,7 @@ def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], T
         {
             "group": dict(about),
             "runs": len(members),
+            "driven_m": driven(members),
             "success": None if (share := success_of(members)) is None else share.as_dict(),
             "metrics": {name: asdict(summary_of(members, name)) for name in names},
         }
@@ -156,29 +157,34 @@ def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[s
 
 def summary_lines(found: dict[str, Any], titles: Titles, form: str) -> Iterator[str]:
     """A row a group: of each metric the median with its interval."""
-    from moteslam.eval.runs import success_words, varying
+    from moteslam.eval.runs import success_words, unlike, varying
     from moteslam.eval.statistics import FEWEST
 
     groups = found["groups"]
     if groups:
         about = varying([each["group"] for each in groups])
         alike = [key for key in about if len({str(each["group"].get(key, "")) for each in groups}) == 1]
-        if form == "text" and len(groups) > 1:
-            about = [key for key in about if key not in alike]
-        rows = [[*about, "runs", "success"]]
+        alike = alike if form != "csv" and len(groups) > 1 else []
+        about = [key for key in about if key not in alike]
+        far: dict[Any, list[float | None]] = {}
+        for each in groups:
+            far.setdefault(each["group"].get("scenario"), []).append(each["driven_m"])
+        apart = ["driven [m]"] * any(map(unlike, far.values()))
+        rows = [[*about, "runs", "success", *apart]]
         for each in groups:
             one = each["success"]
             success = "-" if one is None else f"{one['count']} ({100 * one['low']:.0f} to {100 * one['high']:.0f} %)"
             rows.append([*(str(each["group"].get(key, "")) for key in about), str(each["runs"]), success])
+            rows[-1] += [number(each["driven_m"])] * len(apart)
         for name, (title, factor) in titles.items():
             rows[0] += [title, "95 %"]
             for row, each in zip(rows[1:], groups, strict=True):
                 row += median_cells(each["metrics"][name], factor)
-        if form == "text" and all(each["runs"] < FEWEST for each in groups):
+        if form != "csv" and all(each["runs"] < FEWEST for each in groups):
             rows = [[cell for k, cell in enumerate(row) if rows[0][k] != "95 %"] for row in rows]
         yield FORMATS[form](rows)
+        yield from (BETWEEN[form].format(f"{key} {literal(groups[0]['group'][key])} throughout") for key in alike)
         if form == "text":
-            yield from (f"{key} {literal(groups[0]['group'][key])} throughout" for key in alike if len(groups) > 1)
             if any(each["runs"] < FEWEST for each in groups):
                 yield f"medians; fewer than {FEWEST} runs have no 95 % interval"
             missing = ", not measured" * any(each["success"] is None for each in groups)

@@ -13,7 +13,7 @@ from moteslam.errors import InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import answer, note, warn
-from moteslam.eval.tables import FORMATS, Column, fitting, literal, number, rows_of
+from moteslam.eval.tables import BETWEEN, FORMATS, Column, fitting, literal, number, rows_of
 
 NEEDED = {
     "a recording": ("sequence", "platform"),
@@ -188,9 +188,8 @@ def evaluate(
         for doubt in _doubts(rows):
             note(f"warning: {doubt}")
     one_or_all = rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}
-    between = {"text": "{}", "markdown": "\n{}\n", "latex": "% {}"}.get(form, "")  # tables; CSV has nothing there
-    parts = [part for part in _parts(rows, found) if between or not isinstance(part, str)]
-    lines = (between.format(part) if isinstance(part, str) else FORMATS[form](part) for part in parts)
+    parts = [part for part in _parts(rows, found) if BETWEEN[form] or not isinstance(part, str)]
+    lines = (BETWEEN[form].format(part) if isinstance(part, str) else FORMATS[form](part) for part in parts)
     answer(one_or_all | found, lines, as_json=as_json)
 
 
@@ -289,7 +288,7 @@ def _comparison(rows: Sequence[Row]) -> Table:
         Column("ATE RMSE", rmse, "number", "m"),
         *(Column(name, f"ate/translation_m/{name}", "number", "m", like=rmse) for name in ("median", "max")),
         Column("heading RMSE", "ate/rotation_deg/rmse", "number", "deg"),
-        *(Column(head, "rpe/translation_m/rmse", "number", "m") for head in pairs[:1]),
+        *(Column(head, "rpe/translation_m/rmse", "number", "m", like=rmse) for head in pairs[:1]),
     ]
     return [*map(list, rows_of(columns, rows))]
 

@@ -134,7 +134,8 @@ def _failed(error: Any) -> int:
             message = (
                 f"No such option: --out: tables go to stdout, > FILE keeps them{', --save FILE all as JSON' * saves}"
             )
-        note(f"{message}{hint}")
+        near = ": X Y [m], THETA [rad], and SPREAD, the standard deviation of X and Y [m]" * ("'--near'" in message)
+        note(f"{message.rstrip('.') if near else message}{near}{hint}")
     elif isinstance(error, MoteslamError):  # what is below the command line names none of its options
         force = ", or replace it with --force" * isinstance(error, ExistsError)
         note(f"{error}{force}{' (option --sequence)' * (error.field == 'sequence')}")

@@ -162,7 +162,7 @@ def localize(
 
     file = known / "map.yaml" if known.is_dir() else known
     start = [] if near is None else [f"start=[{', '.join(map(repr, near))}]"]
-    with options.named(known_map="--map", start="--near"):
+    with options.named(**({} if near is None else {"--set start": "--near"})):
         config = run.resolved("localize", [f"known_map={json.dumps(str(file.absolute()))}", *start])
         if not isinstance(config, KnownMapConfig):
             raise ConfigError(f'method "{config.method}", expected one that takes a known map', field="--preset")
@@ -267,10 +267,8 @@ def _dead_reckon(
             write_atomically(folder / "config.toml", config.to_toml())
             if not run.no_figures:
                 from moteslam.eval.report.maps import draw_dead_reckoning
-                from moteslam.eval.results import from_same_start
 
                 truth, _ = _truth_beside(path, trajectory.stamps)
-                truth = None if truth is None else from_same_start(truth, trajectory)
                 file, title = folder / "dead_reckoning.png", f"{recording.name}: dead reckoning"
                 draw_dead_reckoning(file, trajectory, recording=recording, truth=truth, title=title)
     x, y, theta = trajectory.poses[-1].tolist()

@@ -36,7 +36,7 @@ SCORES = (
     Column("laid on the truth, rigidly", "title"),
     Column("ATE RMSE", "ate", "number", "m"),
     *(Column(name, f"ate_{name}", "number", "m", like="ate") for name in ("median", "max")),
-    Column("RPE over 1 m", "rpe_1m", "number", "m"),
+    Column("RPE over 1 m", "rpe_1m", "number", "m", like="ate"),
     Column("heading RMSE", "heading", "number", "deg"),
 )
 TRACKS = {"dead reckoning": DEAD_RECKONING, "SLAM (online)": ONLINE, "SLAM (final)": FINAL}

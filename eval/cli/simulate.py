@@ -147,8 +147,15 @@ def scenario_of(
 
     numbered = f"{name}-{seed or 0}" if name == RANDOM_CORRIDORS else name
     flags = {} if platform is None else dict.fromkeys(("platform", platform), f"--platform {platform}")
-    with options.named(settings="--set", **flags):
-        loaded = load_scenario(numbered, platform=platform, noise=noise, settings=settings)
+    try:
+        with options.named(settings="--set", **flags):
+            loaded = load_scenario(numbered, platform=platform, noise=noise, settings=settings)
+    except ConfigError as error:
+        stated = dict(one.partition("=")[::2] for one in settings).get("duration")
+        if error.field != "duration" or stated is None:
+            raise
+        scaled = f"{error.problem}; duration={stated} is longer in proportion for a slower robot"
+        raise ConfigError(f"{scaled}, --duration {stated} ends the drive", file=error.file, field="duration") from error
     return loaded.model_copy(update={"duration": min(inf if duration is None else duration, loaded.duration)})
 
 

@@ -152,7 +152,7 @@ def list_specs(
 def show(
     file: File, metrics: options.Metrics = None, form: options.Format = "text", as_json: options.Json = False
 ) -> None:
-    """Sum up the runs recorded so far: successes, and medians with their 95 % intervals; quartiles in csv and --json.
+    """Sum up the runs recorded so far: successes, and medians with their 95 % intervals; quartiles in --json.
 
     \b
     Examples:

@@ -28,6 +28,8 @@ Shown = tuple[str, str, float]
 Line = tuple[str, AteResult, Look]
 """Label, to which its RMSE is added, errors and look of a curve."""
 
+BESIDE = 30
+"""Characters of a curve's name, so many that three stand side by side in a legend."""
 RUG = 1.05
 """Where the marks of resampling stand, as a share of the particles."""
 FAR_APART, BELOW = 20, 0.05
@@ -117,7 +119,8 @@ def _draw_errors_and_paths(path: File, results: Mapping[str, AteResult], title: 
         (f"{name}{', scale fitted' if ate.scale != 1 else ''}, ATE RMSE", ate, line_look(i))
         for i, (name, ate) in enumerate(results.items())
     ]
-    with style.saved_figure(path, size=(12.0, 5.5), title=title, columns=(1, 1)) as figure:
+    columns = 3 if max(len(name) for name, *_ in lines) <= BESIDE else 1
+    with style.saved_figure(path, size=(12.0, 5.5), title=title, columns=(columns, 1)) as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
         distance = figure.add_subplot(grid[0, 0] if has_heading else grid[:, 0])
         plan = figure.add_subplot(grid[:, 1])
@@ -291,14 +294,14 @@ def _draw_medians(
             axes.plot(x[failed], y[failed], "o", clip_on=False, mec=looks[index]["color"], mfc="white", ms=9, zorder=5)
             axes.plot([], [], "o", mec="0.4", mfc="white", ms=9, label="half of the runs or more failed")
     if few:
-        axes.plot([], [], ".", color="0.4", label="every run")
+        axes.plot([], [], ".", color="0.4", label=f"every run{'; large: their median' * (len(lines) > 1)}")
     names = [f"{value:g}" if isinstance(value, float) else str(value) for value in places]
     axes.set_xticks(list(places.values()), names, parse_math=False)
     if far_apart(finite):
         style.log_axis(axes, low, high)
     axes.set_ylim(low, high)
     axes.minorticks_off()
-    axes.set_ylabel(f"median {title}")
+    axes.set_ylabel(title if few else f"median {title}")
     axes.grid(axis="y", color="0.9", lw=0.6)
 
 

@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.metrics.association import evenly
+from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import style
 from moteslam.eval.report.style import STYLE, File
 from moteslam.eval.run_tables import loop_counts
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.se2 import compose
+from moteslam.robot.se2 import between, compose, inverse, umeyama
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.values import expect_type
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.scan_records import Update
@@ -40,6 +42,10 @@ REJECTED_DRAWN = ("overruled", "contradicted", "ambiguous")
 
 def draw_map(axes: style.Axes, occupancy: Raster) -> None:
     """The map: white where free, a light grey where unknown and beyond, dark where occupied."""
+    from matplotlib.axes import Axes
+
+    expect_type(axes, Axes, "axes", "pyplot.subplots() makes them")
+    expect_type(occupancy, Raster, "occupancy", "estimate.map is one")
     belief = np.tanh(np.asarray(occupancy.values, np.float64) / 2)  # 2 p - 1: -1 free, 0 unknown, 1 occupied
     end = np.where(belief < 0, STYLE.map_free, STYLE.map_occupied)
     greys = STYLE.map_unknown + (end - STYLE.map_unknown) * np.abs(belief)
@@ -50,6 +56,7 @@ def draw_map(axes: style.Axes, occupancy: Raster) -> None:
 
 def map_corners(occupancy: Raster) -> Array:
     """Lower left and upper right corner [2, 2] of what the map knows [m]; none [0, 2] of an empty map."""
+    expect_type(occupancy, Raster, "occupancy", "estimate.map is one")
     known = np.argwhere(occupancy.values != 0)[:, ::-1]
     if not len(known):
         return np.zeros((0, 2))
@@ -59,17 +66,35 @@ def map_corners(occupancy: Raster) -> Array:
 def draw_trajectories(
     path: File, occupancy: Raster, *, slam: Trajectory, dead_reckoning: Way = None, truth: Way = None, title: str = ""
 ) -> None:
-    """The map, and on it the paths of the truth, of SLAM as known at the end, and of dead reckoning, in its frame."""
-    given: tuple[tuple[Way, dict[str, Any]], ...] = (
-        (truth, {**style.TRUTH_BAND, "label": "truth"}),
-        (dead_reckoning, {"color": style.DEAD_RECKONING, "lw": 1.1, "ls": "--", "label": "dead reckoning"}),
-        (slam, {"color": style.SLAM, "lw": 1.3, "label": style.FINAL}),
+    """The map, and on it the paths of the truth, of SLAM as known at the end, and of dead reckoning, in SLAM's frame.
+
+    With a truth both paths lie on it by least squares, as for the absolute error; without, they start at one pose.
+    Dead reckoning without odometry, which stands still, is no path.
+    """
+    true, back = (None, slam.poses[0]) if truth is None else _in_frame_of(slam, truth)
+    odometry = None
+    if dead_reckoning is not None and dead_reckoning.length > 0:
+        begin = dead_reckoning.poses[0] if truth is None else _in_frame_of(dead_reckoning, truth)[1]
+        odometry = compose(back, between(begin, dead_reckoning.poses))
+    given: tuple[tuple[Array | None, dict[str, Any]], ...] = (
+        (true, {**style.TRUTH_BAND, "label": "reference"}),
+        (odometry, {"color": style.DEAD_RECKONING, "lw": 1.1, "ls": "--", "label": "dead reckoning"}),
+        (slam.poses, {"color": style.SLAM, "lw": 1.3, "label": style.FINAL}),
     )
-    shown = [(trajectory.poses, look) for trajectory, look in given if trajectory is not None]
+    shown = [(poses, look) for poses, look in given if poses is not None]
     points = np.concatenate([*(poses[:, :2] for poses, _ in shown), map_corners(occupancy)])
     with style.saved_plan(path, points, title=title) as axes:
         draw_map(axes, occupancy)
         style.draw_paths(axes, *shown, start=slam.poses)
+
+
+def _in_frame_of(trajectory: Trajectory, truth: Trajectory, *, from_start: bool = False) -> tuple[Array, Array]:
+    """The truth [n, 3] where a trajectory has been laid on it, and the motion [3] that takes it there."""
+    ate = absolute_trajectory_error(trajectory, truth, from_start=from_start)
+    back = inverse(ate.transform)
+    if ate.space is not None:  # its poses are those in the plane of motion
+        back = umeyama(ate.aligned[:, :2], trajectory.at(ate.stamps).poses[:, :2])
+    return compose(back, ate.reference), np.asarray(back)
 
 
 def draw_dead_reckoning(
@@ -77,7 +102,8 @@ def draw_dead_reckoning(
 ) -> None:
     """Dead reckoning, with the scans where it would put them (figures 5 and 6): their walls drift apart.
 
-    Scans are drawn where the trajectory has a pose for each. The truth starts at the same pose as dead reckoning.
+    Scans are drawn where the trajectory has a pose for each. The truth starts at the first pose that both have;
+    without headings it is laid by least squares.
     """
     walls = np.zeros((0, 2))
     if recording is not None and recording.lidar is not None and len(recording.lidar) == len(trajectory):
@@ -90,7 +116,8 @@ def draw_dead_reckoning(
         directions = heading + lidar.angles[beams]
         ends = np.stack((x + ranges * np.cos(directions), y + ranges * np.sin(directions)), axis=-1)
         walls = np.asarray(ends[np.isfinite(ranges)])
-    paths = [] if truth is None else [(truth.poses, {**style.TRUTH_BAND, "label": "truth"})]
+    true = None if truth is None else _in_frame_of(trajectory, truth, from_start=truth.oriented)[0]
+    paths = [] if true is None else [(true, {**style.TRUTH_BAND, "label": "reference"})]
     paths.append((trajectory.poses, {"color": style.DEAD_RECKONING, "lw": 1.4, "label": "dead reckoning"}))
     limits = np.quantile(walls, (STRAY, 1 - STRAY), axis=0) if len(walls) else walls
     points = np.concatenate([*(poses[:, :2] for poses, _ in paths), limits])

@@ -12,6 +12,7 @@ from moteslam.eval.metrics.association import travelled
 from moteslam.eval.report import style
 from moteslam.eval.report.style import STEPS, File, broken
 from moteslam.robot.se2 import between, compose
+from moteslam.robot.values import expect_type
 from moteslam.slam.estimate import Estimate
 
 Array = NDArray[np.float64]
@@ -75,6 +76,7 @@ class Cloud:
 
 def draw_particles(path: File, cloud: Cloud, *, title: str = "") -> None:
     """The particles' deviations, magnified on the plan and over time, and their ancestors (figure 8 of the paper)."""
+    expect_type(cloud, Cloud, "cloud", "Cloud.of(estimate) makes one")
     count = len(cloud.paths)
     drawn = np.unique(np.linspace(0, count - 1, min(count, PARTICLES_DRAWN)).round().astype(np.int64))
     with style.saved_figure(path, size=(14.0, 8.5), title=title) as figure:
@@ -137,7 +139,8 @@ def _draw_deviations(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64], c
     axes.set_ylim(-1.1 * top, 1.1 * top)
     highest = int(np.nanargmax(sigma))
     if sigma[highest] > 1.1 * top:
-        axes.set_title(f"standard deviation up to {sigma[highest]:.3g} at {time[highest]:.0f} s", loc="right")
+        most = f"{sigma[highest]:.3g} {label.split('[')[1][:-1]}"
+        axes.set_title(f"standard deviation up to {most} at {time[highest]:.0f} s", loc="right")
     style.curve_axes(axes, label)
 
 

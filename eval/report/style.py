@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.errors import InputError
 from moteslam.eval.tables import literal, shortened
 from moteslam.files import write_atomically
 
@@ -96,6 +97,7 @@ TRUTH_BAND: dict[str, Any] = {"color": TRUTH, "lw": 4.0, "alpha": 0.55}
 """The path of the truth, under the others."""
 SINGLE_VALUES, WINDOWS, MEDIANS = 300, 240, 60
 """A curve of more values is unreadable: their range in windows and their running median are drawn, so many a run."""
+MEDIANS_AND_RANGES = "lines: running medians, bands: ranges"
 GAP = 10
 """Median intervals, and at least a second: a curve is broken at a longer gap, in which nothing was measured."""
 
@@ -112,6 +114,8 @@ def saved_figure(
 
     Under it is one legend for all panels without one, of that many columns where it is wider than 7 inch, and else.
     """
+    if not isinstance(path, str | PathLike):
+        raise InputError(f"{type(path).__name__}, expected a file to write", field="path")
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports font caches
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -129,6 +133,8 @@ def saved_figure(
         shown: dict[str, Any] = {}
         for handle, label in (pair for each in shared for pair in zip(*each, strict=True)):
             shown.setdefault(literal(label), handle)
+        if MEDIANS_AND_RANGES in shown:  # it is about all lines
+            shown[MEDIANS_AND_RANGES] = shown.pop(MEDIANS_AND_RANGES)
         if shown:
             ncols = columns[0] if size[0] > 7 else columns[1]
             legend = figure.legend(list(shown.values()), list(shown), loc="outside lower center", ncols=ncols)
@@ -237,7 +243,7 @@ def draw_curve(axes: Axes, time: Array, values: Array, *, label: str = "", **loo
     trend = np.array([np.median(values[max(k - half, 0) : k + half + 1]) for k in middle])
     axes.plot(*broken(time[middle], trend), lw=1.4, label=label, **look)
     if label:
-        axes.plot([], [], " ", label="lines: running medians, bands: ranges")
+        axes.plot([], [], " ", label=MEDIANS_AND_RANGES)
 
 
 def line_look(index: int) -> dict[str, Any]:

@@ -77,7 +77,7 @@ def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, pl
     if own.is_nothing and given.is_nothing and not is_its:
         text = f"{folder}: no platform.toml, a lidar that is not the UCSD robot's; wheels and mount are assumed its"
         issues.append(Issue("assumed-robot", text))
-    return Recording(f"{folder.resolve().name}-{number}", robot, warnings=tuple(issues), **streams)
+    return Recording(folder.resolve().name + f"-{number}" * (len(known) > 1), robot, warnings=tuple(issues), **streams)
 
 
 def _lidar(path: Path, sensors: Sensors) -> LidarStream:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from math import tau
 from typing import Annotated, Literal
 
-from pydantic import Field, SerializeAsAny
+from pydantic import Field, SerializeAsAny, field_validator
 
 from moteslam.robot.values import Number, Positive, Whole
 from moteslam.slam.backend.protocol import BackendConfig, NoBackendConfig
@@ -29,6 +30,13 @@ class KnownMapConfig(TsdfFilterConfig):
     tsdf: TsdfConfig = TsdfConfig(cell_size=0.05)
     registration: RegistrationConfig = RegistrationConfig(residual=0.03, outlier_cost=4.0, unknown_cost=4.0)
     backend: SerializeAsAny[BackendConfig] = NoBackendConfig()
+
+    @field_validator("start")
+    @classmethod
+    def _is_in_radians(cls, start: tuple[float, ...]) -> tuple[float, ...]:
+        if len(start) > 2 and abs(start[2]) > tau:
+            raise ValueError(f"a heading of {start[2]:g}, expected radians, at most a whole turn")
+        return start
 
 
 METHOD = Method(KnownMapConfig, made_on_demand("moteslam.slam.known_map.filter", "KnownMapFilter"))

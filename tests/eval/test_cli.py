@@ -126,6 +126,12 @@ def test_dead_reckoning_of_the_real_encoders(
     assert (tmp_path / "out" / "dead_reckoning.png").exists()
 
 
+def test_a_stated_duration_that_is_too_short_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    slow = ("--platform", "turtlebot3", "--set", "duration=60")
+    said = refused(capsys, "simulate", "corridor", *slow, "--out", tmp_path / "x")
+    assert all(words in said for words in ("corridor: duration: 259.091 s", "duration=60", "--duration 60"))
+
+
 def test_inspect(simulated_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = {}
     for line in printed(capsys, "inspect", simulated_folder).splitlines():

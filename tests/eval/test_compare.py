@@ -75,8 +75,8 @@ def test_the_scores_of_a_run_have_one_unit_on_the_terminal_and_in_tables(
     }
     figures = {"metrics": {name: {"value": one[0], "unit": one[1]} for name, one in values.items()}}
     head, *_, last = next(score_lines(figures)).splitlines()
-    assert re.findall(r"\[(\w+)\]", head) == ["mm", "mm", "mm", "cm", "deg"]  # of the middle one
-    assert last.split()[2:] == ["2.00", "1.60", "60.0", "0.600", "0.0020"]
+    assert re.findall(r"\[(\w+)\]", head) == ["mm", "mm", "mm", "mm", "deg"]  # of the middle ATE
+    assert last.split()[2:] == ["2.00", "1.60", "60.0", "6.00", "0.0020"]
     file = recorded(tmp_path / "a.sweep", 'scenarios = ["corridor"]\n[configurations.plain]\n', lambda _: values)
     shown = printed(capsys, "sweep", "show", file, *(f"--metric=final.{name}" for name in errors))
     assert re.findall(r"\[(\w+)\]", shown) == ["mm", "mm", "mm", "cm", "deg"]
@@ -129,6 +129,10 @@ def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: pyte
 
     far, alike = made("far.sweep", 4.0), made("alike.sweep", 9.0)
     assert "driven: ucsd 10.0 m, turtlebot3 4.00 m" in printed(capsys, "compare", far)
+    head, *lines = printed(capsys, "sweep", "show", far).splitlines()
+    assert "driven [m]" in head
+    assert [line.split()[8] for line in lines[:4]] == ["10.0", "4.00"] * 2
+    assert "driven" not in printed(capsys, "sweep", "show", alike)
     last = printed(capsys, "compare", alike).splitlines()[-1]
     assert last == "wheels, gyro and speed of a platform may differ, too"
     assert "wheels" not in printed(capsys, "compare", far, "--by", "scenario")
@@ -136,6 +140,18 @@ def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: pyte
     text = page(gather([far]))
     assert "driven: ucsd 10.0 m, turtlebot3 4.00 m. The" in text
     assert "all else the same" not in text
+
+
+def test_dead_reckoning_which_no_configuration_changes_is_not_shown_unasked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = [f"{track}.rpe_1m" for track in ("online", "dead_reckoning", "final")]
+    given = f'metrics = ["rpe_1m"]\n{TWO}'
+    file = recorded(tmp_path / "a.sweep", given, lambda _: dict.fromkeys(names, (0.01, "m")))
+    assert list(shown(capsys, "compare", file)["metrics"]) == ["final.rpe_1m", "online.rpe_1m"]
+    assert list(shown(capsys, "sweep", "show", file)["groups"][0]["metrics"]) == ["final.rpe_1m", "online.rpe_1m"]
+    asked = printed(capsys, "compare", file, "--metric", names[1])
+    assert "dead reckoning RPE over 1 m" in asked
 
 
 THREE = 'scenarios = ["corridor"]\nmetrics = ["online.ate", "map_f1"]\nseeds = "0-1"\n[vary]\nslam.particles = [1, 2]\n'
@@ -362,11 +378,12 @@ def test_numbers_have_a_unit_that_fits(unit: str, values: list[float | None], sh
 def test_a_sweep_in_every_format(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = swept(tmp_path)
     lines = printed(capsys, "sweep", "show", file, "--format", "markdown").splitlines()
-    assert len(lines) == 2 + 4
-    assert lines[4].startswith(r"| corridor | a\_b | 1.0 | 4 | 4 (51 to 100 %) | 11.5 | - |")
-    assert " | failed | " in lines[5]
+    assert len(lines) == 2 + 4 + 3
+    assert lines[4].startswith(r"| a\_b | 1.0 | 4 | 4 (51 to 100 %) | 11.5 |")
+    assert lines[5].endswith(" | failed |")
     tex = printed(capsys, "sweep", "show", file, "--format", "latex").splitlines()
-    assert tex[7].startswith(r"corridor & a\_b & 1.0 & 4 & 4 (51 to 100 \%) & 11.5 & ")
+    assert tex[7] == r"a\_b & 1.0 & 4 & 4 (51 to 100 \%) & 11.5 \\"
+    assert tex[-1] == "% scenario corridor throughout"
     table = list(csv.DictReader(printed(capsys, "sweep", "show", file, "--format", "csv").splitlines()))
     assert [row["final ATE [cm]"] for row in table] == ["11.5", "21.5", "11.5", "failed"]
     assert shown(capsys, "sweep", "show", file)["hash"] == "ab"

@@ -193,7 +193,8 @@ def test_poses_are_in_the_frame_of_the_map_which_does_not_change(
         (("--map", "nowhere.yaml"), "nowhere.yaml"),
         (("--map", "map.pgm"), "map.pgm"),
         (("--map", "map.yaml", "--preset", "default"), "--set known_map"),
-        (("--map", "map.yaml", "--near", "0", "0", "0", "x"), "--near"),
+        (("--map", "map.yaml", "--near", "0", "0", "0", "x"), "THETA [rad], and SPREAD"),
+        (("--map", "map.yaml", "--near", "0", "0", "90", "0.5"), "--near: a heading of 90, expected radians"),
     ],
 )
 def test_bad_input_is_one_line(

@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import combinations
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from sim_logs import winding
 
+from moteslam.errors import InputError
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, maps
@@ -34,6 +36,7 @@ from moteslam.robot.inspection import inspect_recording
 from moteslam.robot.platform import Platform
 from moteslam.robot.raster import Raster, read_map_arrays
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
+from moteslam.robot.se2 import compose
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import given_up
 from moteslam.sim.logged import with_odometry
@@ -94,6 +97,47 @@ def test_figures_are_white_outside_and_drawn_inside(run, simulation, tmp_path: P
         assert (image[0] == 255).all()
         assert (image[:, 0] == 255).all()
         assert len(np.unique(image.astype(int) @ [1, 256, 65536])) > 20
+
+
+@pytest.mark.parametrize("oriented", [True, False])
+def test_the_truth_is_laid_on_the_paths_wherever_its_frame_is(
+    run, simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, oriented: bool
+) -> None:
+    drawn: list[list[np.ndarray]] = []
+    monkeypatch.setattr(maps.style, "draw_paths", lambda _, *paths, **__: drawn.append([one for one, _ in paths]))
+    final, odometry, true = run[0].trajectory_final, run[0].dead_reckoning, simulation.truth
+    later = true.stamps > 5.0  # the truth may also begin later
+    truth = Trajectory(true.stamps[later], compose((40.0, -7.0, 2.0), true.poses[later]), oriented)
+    moved = Trajectory(odometry.stamps, compose((0.0, 9.0, 1.0), odometry.poses))
+    maps.draw_trajectories(tmp_path / "a.png", run[0].map, slam=final, dead_reckoning=moved, truth=truth)
+    maps.draw_dead_reckoning(tmp_path / "b.png", moved, truth=truth)
+    within = final.stamps >= truth.stamps[0]
+
+    def apart(path: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        return np.hypot(*(path[within] - reference)[:, :2].T)
+
+    (reference, laid, slam), (begun, dead) = drawn
+    rmse = [absolute_trajectory_error(one, truth).rmse for one in (final, moved)]
+    assert [np.sqrt(np.square(apart(one, reference)).mean()) for one in (slam, laid)] == pytest.approx(rmse, rel=1e-6)
+    assert (apart(dead, begun)[0] < 1e-9) == oriented
+    assert oriented or np.sqrt(np.square(apart(dead, begun)).mean()) == pytest.approx(rmse[1], rel=1e-6)
+    np.testing.assert_array_equal(slam, final.poses)
+
+
+@pytest.mark.parametrize(
+    ("draw", "field"),
+    [
+        (lambda estimate, axes, _: maps.draw_map(axes, estimate), "occupancy"),
+        (lambda estimate, _, file: maps.draw_map(file, estimate.map), "axes"),
+        (lambda estimate, axes, _: maps.draw_trajectories(axes, estimate.map, slam=estimate.trajectory), "path"),
+        (lambda estimate, _, file: maps.draw_loops(file, estimate, [], trajectory=estimate.trajectory), "occupancy"),
+        (lambda estimate, _, file: draw_particles(file, estimate), "cloud"),
+    ],
+)
+def test_what_is_drawn_of_and_on_is_of_its_kind(run, tmp_path: Path, draw: Any, field: str) -> None:
+    with pytest.raises(InputError, match="expected") as caught:
+        draw(run[0], Figure().subplots(), tmp_path / "x.png")
+    assert (caught.value.field, list(tmp_path.iterdir())) == (field, [])
 
 
 def test_a_robot_that_never_moved_can_be_drawn(occupancy: Raster, tmp_path: Path) -> None:

@@ -57,8 +57,9 @@ def test_round_trip_is_the_same_bit_for_bit(tmp_path: Path) -> None:
     assert again.rgbd.disparity_stamps.tobytes() == recording.rgbd.disparity_stamps.tobytes()
     assert again.platform == recording.platform
     assert messages(again.warnings) == ()
-    assert again.name == f"{tmp_path.name}-20"
+    assert again.name == tmp_path.name
     write_ucsd(tmp_path, again, sequence=21)
+    assert open_recording(tmp_path, sequence=21).name == f"{tmp_path.name}-21"
     for name in ("Hokuyo", "Encoders", "Imu", "Kinect"):
         assert (tmp_path / f"{name}20.npz").read_bytes() == (tmp_path / f"{name}21.npz").read_bytes()
 
