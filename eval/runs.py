@@ -31,6 +31,7 @@ MOST_NAMED, UNLIKE = 6, 1.2
 """Metrics that are shown unasked, and from which ratio on robots have driven other distances."""
 G = TypeVar("G", bound=Hashable)
 M = TypeVar("M", bound=BaseModel)
+R = TypeVar("R")
 
 
 class _Score(BaseModel):
@@ -99,9 +100,9 @@ def prefix_of(path: Path, paths: Sequence[Path]) -> str:
     return f"{path if alike else path.stem}: "
 
 
-def grouped(rows: Iterable[Row], by: Callable[[Row], G]) -> dict[G, list[Row]]:
+def grouped(rows: Iterable[R], by: Callable[[R], G]) -> dict[G, list[R]]:
     """Runs by what they have in common, in the order of the first ones."""
-    groups: dict[G, list[Row]] = {}
+    groups: dict[G, list[R]] = {}
     for row in rows:
         groups.setdefault(by(row), []).append(row)
     return groups

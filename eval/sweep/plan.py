@@ -184,19 +184,16 @@ def _runs(spec: SweepSpec) -> Iterator[PlannedRun]:
 def _run(
     spec: SweepSpec, case: tuple[str, str, str, str, int], name: str, one: Configuration, varied: dict[str, Scalar]
 ) -> PlannedRun:
-    scenario, recording, platform, noise, seed = case
+    where: dict[str, Any] = dict(zip(("scenario", "recording", "platform", "noise", "seed"), case, strict=True))
+    recording = where["recording"]
     settings = {key: value for key, value in (one.set | varied).items() if not recording or key.startswith("slam.")}
     written = {key: tomli_w.dumps({"": value}).strip().partition("= ")[2] for key, value in settings.items()}
     command: tuple[tuple[str, ...] | str, ...] = ()
     if one.command:  # the version only where one was given: a run's name follows from these
         command = one.command, one.format, one.trajectory, one.map, *([str(one.version)] if one.version else [])
     return PlannedRun(
-        scenario=scenario,
-        recording=recording,
-        platform=platform,
-        noise=noise,
+        **where,
         duration=None if recording else spec.duration,
-        seed=seed,
         configuration=name,
         preset=one.preset,
         settings=tuple(sorted(map("=".join, written.items()))),
