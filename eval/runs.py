@@ -59,12 +59,8 @@ def read_result_folder(folder: Path) -> Row:
     """Read ``metrics.json`` and ``run.json``; the configuration is named by the folder."""
     found = _read(_Scores, folder / "metrics.json")
     about = _read(_About, folder / "run.json")
-    run = PlannedRun(
-        scenario=about.scenario or about.recording or folder.absolute().name,
-        platform=about.platform,
-        seed=about.seed,
-        configuration=str(folder),
-    )
+    name = about.scenario or about.recording or folder.absolute().name
+    run = PlannedRun(scenario=name, platform=about.platform, seed=about.seed, configuration=str(folder))
     scores = {name: one.model_dump(exclude_none=True) for name, one in found.metrics.items()}
     scores |= {} if found.scans is None else {"scans": {"value": found.scans}}
     tables = {"versions": about.versions, "hardware": about.hardware}

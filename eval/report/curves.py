@@ -266,9 +266,7 @@ def _draw_medians(
         axes.set_xscale("log")
     aside = 0.2 * words
     axes.plot([first - aside, last + aside], [high, high], ls="")  # every panel has all places
-    for place in (
-        x for value, x in places.items() if all(value not in one or one[value].median is None for one in summed)
-    ):
+    for place in [x for at, x in places.items() if all(at not in one or one[at].median is None for one in summed)]:
         axes.text(place, 0.02, "-", transform=axes.get_xaxis_transform(), ha="center", size="x-large")
     for index, (line, groups) in enumerate(zip(lines, summed, strict=True)):
         having = [(value, x, groups[value]) for value, x in places.items() if value in groups]

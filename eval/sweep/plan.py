@@ -30,23 +30,16 @@ WORDS = ("description", "why")
 class PlannedRun(Section):
     """One run of a sweep; two that are equal give the same result columns."""
 
-    scenario: str
-    """Its name, or the path of its file; empty where a recording is replayed."""
-    recording: str = ""
-    """Path of it; empty where a scenario is simulated."""
+    scenario: str  # Its name, or the path of its file; empty where a recording is replayed
+    recording: str = ""  # Path of it; empty where a scenario is simulated
     platform: str = ""
-    noise: str = ""
-    """In place of the scenario's own; empty for that."""
-    duration: float | None = None
-    """The drive ends after this time [s]; None for the scenario's own."""
-    seed: int
-    """Of simulation and SLAM."""
+    noise: str = ""  # In place of the scenario's own; empty for that
+    duration: float | None = None  # The drive ends after this time [s]; None for the scenario's own
+    seed: int  # Of simulation and SLAM
     configuration: str
     preset: str = ""
-    settings: tuple[str, ...] = ()
-    """``key=value`` over scenario, robot and preset, with their prefixes; sorted."""
-    varied: tuple[tuple[str, Scalar], ...] = ()
-    """Keys and values of what varies, in the order of the specification."""
+    settings: tuple[str, ...] = ()  # ``key=value`` over scenario, robot and preset, with their prefixes; sorted
+    varied: tuple[tuple[str, Scalar], ...] = ()  # Keys and values of what varies, in the order of the specification
     metrics: tuple[str, ...] = ()
     command: tuple[tuple[str, ...] | str, ...] = ()
     """An external SLAM in place of the preset: see ``Command``; empty for none."""
