@@ -65,9 +65,9 @@ class Summarised:
 def _brief(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return str(value.round(4).tolist()) if value.shape == (3,) else f"{value.dtype}{list(value.shape)}"
-    if isinstance(value, tuple | list | dict):
-        return counted(len(value), "item")
-    return repr(value) if isinstance(value, str | int | float | Summarised) else type(value).__name__
+    if isinstance(value, tuple | list | dict | float):
+        return f"{value:.14g}" if isinstance(value, float) else counted(len(value), "item")
+    return repr(value) if isinstance(value, str | int | Summarised) else type(value).__name__
 
 
 def span(stamps: NDArray[np.float64]) -> str:

@@ -158,16 +158,11 @@ def with_texture(
     return replace(estimate, texture=texture, warnings=(*estimate.warnings, *texture.warnings))
 
 
-BLUE = (0x00, 0x72, 0xB2)
-"""Of paths, as in all pictures of SLAM."""
-LONGEST = 800
-"""The longer side of a preview, at most [pixel]."""
-ENLARGED = 8
-"""At most this number of pixels for a side of a cell."""
-MARGIN = 0.5
-"""Around all that is known and the path [m]."""
-SUBPIXEL = 4
-"""Bits of a pixel that corners of lines are rounded to."""
+BLUE = (0x00, 0x72, 0xB2)  # Of paths, as in all pictures of SLAM
+LONGEST = 800  # The longer side of a preview, at most [pixel]
+ENLARGED = 8  # At most this number of pixels for a side of a cell
+MARGIN = 0.5  # Around all that is known and the path [m]
+SUBPIXEL = 4  # Bits of a pixel that corners of lines are rounded to
 
 
 def preview_png(occupancy: Raster, path: NDArray[np.float64]) -> bytes:

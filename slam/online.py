@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from numbers import Real
 from typing import Any
 
@@ -87,7 +87,8 @@ class OnlineSlam(Core):
         """
         live = self._live("odometry", stamp)
         if (pose is None) is (counts is None):
-            raise InputError("both or neither, expected poses or counts", field="odometry")
+            given = "neither a pose nor counts" if pose is None else "a pose and counts"
+            raise InputError(f"{given}, expected one of them", field="odometry")
         if pose is not None:
             live.hear("odometry", stamp, _numbers(pose, np.float64, 3, "odometry.pose"))
         else:
@@ -119,7 +120,7 @@ class OnlineSlam(Core):
         pose = None if odometry is None else _numbers(odometry, np.float64, 3, "lidar.odometry")
         live.add_scan(_numbers(ranges, np.float32, None, "lidar.ranges"), stamp, pose)
         if live.beginning.is_due():
-            _expect_units(live.beginning.recording(self.name, limited=False))
+            self._expect_units(other_units(live.beginning.recording(self.name, limited=False)))
         return self._take_in(live)
 
     def add_image(self, stamp: float, image: ArrayLike) -> Update | None:
@@ -169,7 +170,8 @@ class OnlineSlam(Core):
         """Take in the scans that still wait: nothing more is to come."""
         if self._camera is not None:
             self._camera.decide(np.inf)
-        update = self._take_in(self._taken, finish=True) if isinstance(self._taken, LiveInputs) else None
+        live = self._taken
+        update = self._take_in(live, finish=True) if isinstance(live, LiveInputs) and not self._doubts else None
         self._settle()
         return update
 
@@ -184,7 +186,8 @@ class OnlineSlam(Core):
         """
         expect_type(recording, Recording, "recording", "open_recording(path) reads one")
         slam = cls(recording.platform, config, seed, method=method, name=recording.name)
-        slam._doubts = _expect_units(recording)
+        slam._doubts = tuple(other_units(recording))
+        slam._expect_units(slam._doubts)
         slam._taken = inputs = synchronise(recording, slam.config.sync, max_range=slam.config.max_range)
         slam._recording = recording
         if inputs.path is None and METHODS[slam.config.method].needs_odometry:
@@ -233,7 +236,7 @@ class OnlineSlam(Core):
             kept, since = beginning.recording(self.name), f"in the first {len(beginning)} scans: " * beginning.full
             about = checked(kept, FEW_PAIRS)[1]
             found = [
-                *other_units(beginning.recording(self.name, limited=False)),
+                *(() if self._doubts else other_units(beginning.recording(self.name, limited=False))),
                 *(() if about is None else about.moves),
             ]
             path = odometry_path(kept, self.config.sync)
@@ -250,29 +253,29 @@ class OnlineSlam(Core):
             self._taken = LiveInputs(self._platform, sync, max_range=max_range, patience=self._patience)
         if not isinstance(self._taken, LiveInputs):
             raise ConfigError("a message after a recording, expected an OnlineSlam of its own", field=stream)
+        self._expect_units(self._doubts)
         return self._taken
 
     def _take_in(self, live: LiveInputs, *, finish: bool = False) -> Update | None:
         update = None
+        self._expect_units(live.too_fast)
         while (index := live.take_next(finish=finish)) is not None:
             step = next(steps(live, self._views, thinning=self._filter.thinning, first=index))
             try:
                 update = self._step(step)
             except ConfigError:  # a map that grows too large, for one
-                _expect_units(live.beginning.recording(self.name, limited=False))
+                self._expect_units(other_units(live.beginning.recording(self.name, limited=False)))
                 raise
             if not update.updated:
                 live.scans.forget_latest()
         return update
 
-
-def _expect_units(recording: Recording) -> tuple[Issue, ...]:
-    """What is told of units; refused where nothing is left to make a map of."""
-    doubts = tuple(other_units(recording))
-    for doubt in doubts:
-        if doubt.code != "implausible-speed":
-            raise InputError(doubt.message, file=recording.name)
-    return doubts
+    def _expect_units(self, doubts: Iterable[Issue]) -> None:
+        """Refuse units in which nothing is left to make a map of, and each message from then on."""
+        for doubt in doubts:
+            if doubt.code != "implausible-speed":
+                self._doubts = (doubt,)
+                raise InputError(doubt.message, file=self.name)
 
 
 def _numbers(values: Any, dtype: type, count: int | None, field: str) -> NDArray[Any]:
@@ -281,9 +284,8 @@ def _numbers(values: Any, dtype: type, count: int | None, field: str) -> NDArray
         given = np.asarray(values, np.float64)
     except (TypeError, ValueError):
         given = np.empty((0, 0))
-    expected = f"[{count or 'beams'}] {'whole ' if dtype is np.int64 else ''}numbers"
-    if given.ndim != 1 or count not in (None, len(given)):
-        raise InputError(f"{shortened(values)}, expected {expected}", field=field)
-    if count is not None and not (np.isfinite(given).all() and (given.astype(dtype) == given).all()):
-        raise InputError(f"{shortened(values)}, expected {expected}", field=field)
+    sound = given.ndim == 1 and count in (None, len(given))
+    if not sound or (count and not (np.isfinite(given).all() and (given.astype(dtype) == given).all())):
+        shown, whole = shortened(given.tolist() if given.ndim == 1 else values), "whole " * (dtype is np.int64)
+        raise InputError(f"{shown}, expected [{count or 'beams'}] {whole}numbers", field=field)
     return given.astype(dtype)

@@ -163,7 +163,7 @@ def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Ca
     """With the angles as stated; where scans do not fit or the angles are far off, with the scale that fits best."""
     poses = lidar.odometry
     path = odometry_path(recording, SyncConfig()) if poses is None else OdometryPath(lidar.stamps, poses)
-    if path is None or apart(lidar, path):  # of another clock: SLAM refuses it
+    if path is None or apart(lidar.stamps, path.stamps[0], path.stamps[-1]):  # of another clock: SLAM refuses it
         return None
     odometry = path.at(lidar.stamps)
     chosen = choose_pairs(lidar, odometry, pairs)

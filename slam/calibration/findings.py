@@ -32,6 +32,8 @@ TURNS = 0.15
 """Likewise of turns by scans over the odometry's."""
 CHANGE, CHANGE_SIGMAS = 0.03, 6.0
 """Lengths over the odometry's change by less in mid drive where wheels slip a little, or with so few deviations."""
+TWICE = 0.4
+"""Readings of wheels may be given twice where a larger share of them has the stamp of the one before."""
 CURL = 0.1
 """Odometry that turns by more over a metre than the scans draws a circle of 60 m: the worst of sound ones has 0.08
 [rad/m]."""
@@ -127,7 +129,11 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"lidar: most endpoints from {limit:g} m on are no walls, but no return written as a range: from nearer "
         text += "it sees through them, and the map has walls that are not there. In platform.toml: [lidar] "
         told.append(("range-max", f"{text}range_max = {limit:g}"))
-    if c.sweep is not None:
+    if c.sweep is not None and c.sweep < 0:
+        text = "lidar: by its scans beams are not measured in their order, but the last ones before the first: the fan "
+        text += "is turned round, or a part of each is of the turn before: turns are smeared"
+        told.append(("scans-unfit", text))
+    elif c.sweep is not None:
         stated, increment = sweep_seconds(recording, lidar), c.sweep / (lidar.ranges.shape[1] - 1)
         text = f"lidar: scans fit best if a sweep takes {c.sweep:.2g} s and not the {stated:.3g} s stated: turns are "
         told.append(("time-increment", f"{text}smeared; by --platform give [lidar] time_increment = {increment:.2g}"))
@@ -159,6 +165,9 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         wheels = recording.platform.wheels
         text = f"ranges measure {_percent(scale)} odometry does; which of them is right scans cannot say. "
         if recording.encoders is not None and wheels is not None:
+            again, count = int((np.diff(recording.encoders.stamps) == 0).sum()), len(recording.encoders)
+            if again > TWICE * count:
+                text += f"{again} of {count} readings of the wheels share a stamp: are they given twice? "
             metres, track = (value * scale.value for value in (wheels.metres_per_count, wheels.effective_track))
             text += f"If ranges are, in platform.toml: [wheels] metres_per_count = {metres:.6g}, "
             text += f"effective_track = {track:.4g}"

@@ -19,7 +19,7 @@ from moteslam.slam.inputs.odometry_path import OdometryPath
 Array = NDArray[np.float64]
 Side = Literal["lidar", "odometry"]
 
-NOT_MENDED = "odometry-unfit", "lidar-tilted", "range-change", "range-max", "mount-moves"
+NOT_MENDED = "odometry-unfit", "scans-unfit", "lidar-tilted", "range-change", "range-max", "mount-moves"
 """What is told and not mended."""
 
 
@@ -58,7 +58,7 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
     lidar = mended.lidar
     assert lidar is not None
     lidar = lidar_of(lidar, c, certain)
-    if c.sweep is not None and side is not None:
+    if c.sweep is not None and c.sweep >= 0 and side is not None:
         lidar = replace(lidar, time_increment=c.sweep / (lidar.ranges.shape[1] - 1))
     mended = mended.replace(lidar=lidar)
     if mirror in ("odometry", "gyro"):

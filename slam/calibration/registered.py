@@ -35,9 +35,9 @@ ANGLE_FLOOR, OFFSET_FLOOR, NOISY = 0.0015, 0.004, 1.5
 the usual residual: noise that grows with the range biases it, by 0.015 m of ranges that are off by 0.1 m at 1 %."""
 ORDER = 5.0
 """Standard errors by which scans fit better in one reading, of the beams in one order in time, say: then that is it."""
-SWEEP, LEAST_OFF = 0.02, 0.25
+SWEEP, LEAST_OFF, BACK = 0.02, 0.25, 0.1
 """A sweep that is off by less moves no result by a tenth of a metre [s]; a smaller share of the stated one, or of the
-scans' interval, may be an error of the odometry's turns."""
+scans' interval, may be an error of the odometry's turns; one below 0 by more than the last is in another order."""
 LEAST_DEVIATION = 0.003
 """Pairs do not count more than those of residuals of this size [m]."""
 LEAST_COST = 1e-4
@@ -155,13 +155,14 @@ class RegisteredPairs:
         return is_reversed
 
     def sweep_taken(self, recording: Recording, lidar: LidarStream, rates: tuple[Array, Array]) -> float | None:
-        """How long a sweep takes by the scans [s] where that clearly is not as stated, or none is stated.
+        """How long a sweep takes by the scans [s] where that clearly is not as stated, or none is stated; below 0 where
+        beams are measured in another order.
 
         By how much more the lidar turns in the latter sweep of a pair than in the former bends their scans apart. It is
         regressed on ``rates`` as of ``mirror``, whose errors would pass for a shorter sweep: those by the scans beside
         each, with errors of their own, are the instrument.
         """
-        share, deviation, stated, as_is = 1.0, 0.0, self._beams.sweep, self._found
+        share, free, deviation, stated, as_is = 1.0, 1.0, 0.0, self._beams.sweep, self._found
         period = float(np.median(np.diff(lidar.stamps)))
         sweep = stated or period
         if max(sweep, period) < SWEEP:
@@ -182,9 +183,12 @@ class RegisteredPairs:
             about = by * found.about_warps[use, -1, -1] * sweep * (rates[1] - rates[0])[use]
             step = -float(slope.sum() / about.sum())
             deviation = float(np.linalg.norm(parts_of(slope + step * about)) / abs(about.sum()))
-            share = float(np.clip(share + step, 0.0, max(1.0, 1.1 * period / sweep)))  # it ends before the next begins
-            if abs(step) < 0.02 or not share:
+            before, free = share, share + step
+            share = float(np.clip(free, 0.0, max(1.0, 1.1 * period / sweep)))  # it ends before the next begins
+            if abs(share - before) < 0.02:
                 break
+        if free < -max(BACK, ORDER * deviation, SWEEP / sweep):
+            return free * sweep
         both = as_is.good & found.good
         better = _clearly_above_zero(np.log(cost(as_is)[both] / cost(found)[both]))
         off = abs(1 - share) if stated else share

@@ -16,10 +16,8 @@ LEAST_MOVED = 0.15
 """Only where a wall would have moved by more than this, seen from the robot, it differs from what travels [m]."""
 SAME, OTHER = 0.25, 0.5
 """A range is where it was expected within this share of that displacement, and not from this share on."""
-ASIDE = 2
-"""An expected endpoint is looked for, and looked through, this many beams to either side."""
-BEAM = np.radians(1.0)
-"""Of a finer lidar beams this far apart are compared [rad]."""
+ASIDE = 2  # An expected endpoint is looked for, and looked through, this many beams to either side
+BEAM = np.radians(1.0)  # Of a finer lidar beams this far apart are compared [rad]
 
 
 class ComparedBeams:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, chunks
-from moteslam.robot.values import Issue
+from moteslam.robot.values import Issue, counted
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.lapses import Lapse, Lapses, Open, lapses
 from moteslam.slam.inputs.odometry_path import OdometryPath, Rows, jumps
@@ -66,9 +66,12 @@ class Inputs:
 
     @property
     def issues(self) -> tuple[Issue, ...]:
-        """What was seen to travel with the robot, and the lapses."""
+        """Odometry that never moves, what was seen to travel with the robot, and the lapses."""
         travels, seen = self.travels(NONE), tuple(sorted(self._seen.values(), key=lambda one: one.begin))
         issues = () if travels is None else travels.issues(self.stamps)
+        if self.path is not None and not self.moves and (still := int((~self.measured).sum())):
+            text = f"odometry that never moves: constant velocity over {counted(still, 'scan')}"
+            issues = (Issue("still-odometry", text, still), *issues)
         return (*issues, *Lapses(NONE, NONE, {}, {}, seen).issues(self.stamps))
 
     def travels(self, repeated: NDArray[np.bool_]) -> Travelling | None:

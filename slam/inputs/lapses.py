@@ -25,8 +25,7 @@ from moteslam.slam.inputs.odometry_path import OdometryPath, jumps
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-BEFORE = 0.5
-"""The speed before a lapse is the mean over so long [s]."""
+BEFORE = 0.5  # The speed before a lapse is the mean over so long [s]
 HARDEST, USUAL = 3.0, 1.0
 """Robots on wheels do not brake harder than the first, nor in a gap, which they know nothing of, than the second
 [m/s^2]."""
@@ -37,8 +36,7 @@ RESOLVED, LEAST_STOPPED = 4.0, 0.002
 STILL = 1e-9  # Odometry that moves by less stands still, to the last bits of its place [m]
 TURNS, WEAVES = 0.5, 0.05
 """How fast a robot that drives turns [rad/s]; how far aside one is that went round things, as a share of the way."""
-CURVATURE = 0.02
-"""Standard deviation of the heading that wheels alone measure [rad/m], as of the calibration's prior."""
+CURVATURE = 0.02  # Standard deviation of the heading that wheels alone measure [rad/m], as of the calibration's prior
 APART, FARTHEST = 0.25, 1.5
 """Whether the robot stands while its odometry does is asked when it would have gone as far as the first [m], again each
 time as far, up to the second."""
@@ -76,8 +74,7 @@ class Open(NamedTuple):
         return Open(*map(math.hypot, self, other))
 
 
-CLOSED = Open()
-"""Nothing is left open."""
+CLOSED = Open()  # Nothing is left open
 
 
 def left_open(scans: dict[int, Open], first: int, last: int) -> Open:
@@ -101,15 +98,12 @@ class Lapses:
 
     def issues(self, stamps: Array) -> tuple[Issue, ...]:
         """What there was, each kind with its times."""
+        drove, where = "nothing was recorded while the robot drove on", "is then the scans must say"
+        held = f"{drove}, and the next scan carries an odometry pose from before: where the robot {where}"
         issues = []
         for kind, code, text in (
-            ("gap", "gap", "nothing was recorded while the robot drove on: where it is then the scans must say"),
-            (
-                "held",
-                "gap",
-                "nothing was recorded while the robot drove on, and the next scan carries an odometry pose from "
-                "before: where the robot is then the scans must say",
-            ),
+            ("gap", "gap", f"{drove}: where it {where}"),
+            ("held", "gap", held),
             ("anew", "gap", "nothing was recorded, then odometry begins anew: two runs in one file? Cut it there"),
             ("stale", "stale-odometry", "the odometry stood still while the robot drove: the scans alone there"),
             ("missing", "no-odometry", "no odometry was recorded while the robot moved: the scans alone there"),

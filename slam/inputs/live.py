@@ -6,6 +6,7 @@ forgotten.
 
 from __future__ import annotations
 
+import math
 from array import array
 from bisect import bisect_left
 from collections import deque
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.formats.streams import CODES, MAX_STAMP
+from moteslam.robot.inspection import SPEEDS
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, gaps
 from moteslam.robot.values import Issue, given_up, when
@@ -24,21 +26,23 @@ from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.odometry_path import KEPT, OdometryPath, OdometryReadings, Rows
 from moteslam.slam.inputs.scans import Scans, without
-from moteslam.slam.inputs.synchronise import at_scans, sweeps
+from moteslam.slam.inputs.synchronise import about_blind, apart, at_scans, sweeps
 
 Array = NDArray[np.float64]
-BEFORE_WHEELS = 0.5
-"""Scans this long before the first reading of the wheels are not of a robot that is known to stand [s]."""
+BEFORE_WHEELS = 0.5  # Scans this long before the first reading of the wheels are not of a robot known to stand [s]
 FAR_AHEAD = 3600.0
 """A scan this much later than every message before, where other streams are heard, is of another clock [s]: the sound
-scans after it would be out of order. After a pause as long the other streams go on too, and the next scan is taken. Of
-the first two messages, so far apart, the first is of another clock."""
+scans after it would be out of order. After a pause as long the other streams go on too, and the next scan is taken. So
+is any message this much older than the newest. Of the first two, so far apart, the first is."""
 
 FIRST, FIRST_MESSAGES = 2000, 100_000
 """So many scans, and as many messages of the other streams, are kept to be held against each other: three minutes at
 ten scans a second, in which a robot turns, and some ten megabytes however long it drives."""
 FEW, SOON = 10, 10.0
 """Units are first looked at after so many scans and seconds: speeds are of a second each, and a single jump is none."""
+SURELY = 1.0
+"""Odometry faster than any robot in ``FEW`` steps in a row, and for so long [s], is in other units: no jump is so long,
+and nor are readings that come in a burst."""
 NOTHING, BLOCK = np.empty(0, np.float32), 256
 
 
@@ -153,6 +157,7 @@ class LiveInputs(Inputs):
         odometry_in: takes in the odometry's messages.
         beginning: the first messages.
         waiting: scans that are not taken in yet.
+        too_fast: what is told of odometry that no robot can have driven.
         awaited: streams that a scan waits for besides, as long: until they have come to its stamp.
     """
 
@@ -170,9 +175,12 @@ class LiveInputs(Inputs):
         self.scans = LiveScans(self._lidar, platform, max_range)
         self.odometry_in, self.beginning = OdometryReadings(platform, config), Beginning(platform, self._lidar)
         self.waiting: deque[Waiting] = deque()
+        self.too_fast: tuple[Issue, ...] = ()
         self.awaited: tuple[str, ...] = ()
         self._newest, self.messages = -np.inf, 0  # of all messages
         self._other_clock: tuple[Issue, ...] = ()
+        self._blind = 0
+        self._fast: dict[str, list[tuple[float, ...]]] = {}  # the latest steps, all too fast: stamp, way, x, y
         self._latest: dict[str, float] = {}  # stamps, by stream
         # of the latest scans stamp, odometry with wheels that spin, that logged with them; their ranges
         self._tail, self._ranges = Rows(7, order="F"), Rows(figures.beams, np.float32)
@@ -183,7 +191,8 @@ class LiveInputs(Inputs):
         """Note a message of a stream; its stamps do not fall."""
         if not abs(stamp) <= MAX_STAMP:
             raise InputError(f"{stamp:.6g}, expected seconds below {MAX_STAMP:g}", field=f"{stream}.stamp")
-        if self.messages == 1 and abs(stamp - self._newest) > FAR_AHEAD:
+        off = stamp - self._newest
+        if self.messages == 1 and abs(off) > FAR_AHEAD and not self._other_clock:
             text = f"the first message, at {self._newest} s, is left out: the next is at {stamp} s, by another clock"
             self._other_clock = (Issue("other-clock", text),)
             self.waiting.clear()
@@ -192,6 +201,10 @@ class LiveInputs(Inputs):
             self._newest, self.messages = -np.inf, 0
         if stamp < self._latest.get(stream, -np.inf):
             raise InputError(f"{stamp} s, expected rising seconds", field=f"{stream}.stamp")
+        far = off < -FAR_AHEAD or (stream == "lidar" and off > FAR_AHEAD)
+        if far and (others := ", ".join(sorted(self._latest.keys() - {stream}))):
+            text = f"{stamp} s, {abs(off):.0f} s {'after' if off > 0 else 'before'} the newest of {others}"
+            raise InputError(f"{text}, expected one clock for all streams", field=f"{stream}.stamp")
         self._latest[stream] = stamp
         self._newest = max(self._newest, stamp)
         self.messages += 1
@@ -201,6 +214,8 @@ class LiveInputs(Inputs):
         self.arrives("odometry" if stream == "encoders" else stream, stamp)
         message = [float(stamp), *values.tolist()]
         self.odometry_in.hear(stream, message)
+        if stream == "odometry":
+            self._expect_speed(stream, *message[:3])
         self.beginning.add(stream, message)
 
     def add_scan(self, ranges: Any, stamp: float, odometry: Array | None) -> None:
@@ -208,16 +223,26 @@ class LiveInputs(Inputs):
         lidar, row = self._lidar, np.array(ranges, np.float32)
         if row.shape != lidar.ranges.shape[1:]:
             raise InputError(f"{list(row.shape)}, expected [{lidar.ranges.shape[1]}]", field="ranges")
-        if self.messages > 1 and stamp - self._newest > FAR_AHEAD and self._latest.keys() - {"lidar"}:
-            text = f"{stamp} s, {stamp - self._newest:.0f} s after the newest message, expected the clock of the others"
-            raise InputError(text, field="lidar.stamp")
         self.arrives("lidar", stamp)
+        if odometry is not None:
+            self._expect_speed("lidar", stamp, *odometry[:2].tolist())
         none = np.isin(row, np.array(self._platform.lidar.no_return, np.float32))
         row[row < lidar.range_min] = np.nan
         row[none] = np.inf
         self.beginning.add("lidar", [stamp, *((np.nan,) * 3 if odometry is None else odometry.tolist())], row)
         row[row >= np.float32(lidar.range_max)] = np.inf
         self.waiting.append(Waiting(stamp, given_up(row), odometry))
+
+    def _expect_speed(self, stream: str, stamp: float, x: float, y: float) -> None:
+        """Note where the odometry is; ``too_fast`` if it has been faster than any robot for long enough."""
+        run = self._fast.setdefault(stream, [])
+        way = math.hypot(x - run[-1][2], y - run[-1][3]) if run else 0.0
+        if run and way <= SPEEDS[1] * (stamp - run[-1][0]):
+            run.clear()
+        run.append((stamp, way + run[-1][1] if run else 0.0, x, y))
+        if len(run) > FEW and (seconds := stamp - run[0][0]) >= SURELY:
+            text = f"odometry: moves at {run[-1][1] / seconds:.3g} m/s over {len(run)} readings, expected a robot's "
+            self.too_fast = (Issue("odometry-units", text + "speed: are its stamps in s and its lengths in m?"),)
 
     def take_next(self, *, finish: bool = False) -> int | None:
         """Take in the scan that waits longest, if the odometry covers it, or it has waited long enough.
@@ -247,15 +272,21 @@ class LiveInputs(Inputs):
         if finish and not covered and path is not None:  # the log ends with its scans
             covered = not gaps(np.append(path.stamps, (self.waiting or [scan])[-1].stamp))[-1]
         covered |= scan.odometry is not None
+        self._blind += not np.isfinite(scan.ranges).any()
         self._take(scan, path, covered=covered)
         return len(self) - 1
 
     @property
     def issues(self) -> tuple[Issue, ...]:
-        """A first message of another clock, what was seen to travel along, the lapses, and scans without odometry."""
-        told = (*self._other_clock, *super().issues)
+        """What was noticed: of clocks, what all inputs tell, blind scans, and those without odometry."""
+        told = [*self._other_clock, *super().issues]
+        if self._blind:
+            told.append(Issue("blind-scans", about_blind(self._blind, len(self), self._lidar), self._blind))
+        scans, begin, end = self.stamps, self.odometry_in.begins, self.odometry_in.until
+        if len(self) and min(scans[-1] - scans[0], end - begin) > SOON and (text := apart(scans, begin, end)):
+            told.append(Issue("other-clock", text))
         if not len(late := np.array(self._late)):
-            return told
+            return tuple(told)
         spans = np.split(self.stamps[late], np.flatnonzero(np.diff(late) > 1) + 1)
         text = f"{len(late)} of {len(self)} scans for which no odometry came within {self._patience:g} s: how the "
         text += f"robot moved is not known; {when([(float(some[0]), float(some[-1])) for some in spans])}"

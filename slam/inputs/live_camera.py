@@ -16,8 +16,7 @@ from moteslam.robot.raster import encode_png
 from moteslam.robot.recording import Images, RgbdStream, nearest_stamp
 from moteslam.robot.rgbd import HEIGHT, WIDTH, FrameChoice, decode_disparity, decode_rgb, disparity_of
 
-BEHIND = 1.0
-"""Images are kept for so much longer than a scan waits [s]: a filter asks for frames from before a scan."""
+BEHIND = 1.0  # Images are kept for so much longer than a scan waits [s]: a filter asks for frames from before a scan
 RGB, DISPARITY = "rgb", "disparity"
 
 

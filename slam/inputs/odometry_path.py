@@ -20,8 +20,7 @@ from moteslam.robot.wheel_odometry import arc_increment, gyro_covers, wheel_moti
 from moteslam.slam.inputs.config import SyncConfig
 
 Array = NDArray[np.float64]
-LATEST = 1000
-"""How many steps are compared with."""
+LATEST = 1000  # How many steps are compared with
 KEPT, MOST_KEPT = LATEST + 100, 4 * LATEST
 """Readings that are kept from before the last scan, and of odometry that stands still from before it did at most."""
 
@@ -302,8 +301,7 @@ def _summed(start: float, steps: Array) -> Array:
     return np.cumsum(np.append(start, steps))[1:]
 
 
-USUAL = 90
-"""The percentile of the latest steps that a step is compared with."""
+USUAL = 90  # The percentile of the latest steps that a step is compared with
 
 
 def jumps(

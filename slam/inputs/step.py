@@ -17,8 +17,7 @@ from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.lapses import Open
 from moteslam.slam.inputs.scans import Scans
 
-BLOCK = 64
-"""Scans that are projected and thinned at a time: of 1081 beams 0.5 MB."""
+BLOCK = 64  # Scans that are projected and thinned at a time: of 1081 beams 0.5 MB
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -29,14 +29,10 @@ FASTEST, CROWDED = 0.01, 0.1
 bundles."""
 UNMAPPED, BESIDE = 1.0, 0.1
 """A robot that drives farther [m] and longer [s] before its first scan or after its last has a part without a map."""
-ALIKE = 0.1
-"""Jumps whose sizes differ by less than this share are of one cause."""
-FEWEST = 10
-"""Fewer steps or bundles say nothing of a clock."""
-SAME = 1e-5
-"""Poses that differ by less are one: logs have six digits."""
-APART = 1.0
-"""Scans and odometry whose times are this far apart [s] are of different recordings, or on different clocks."""
+ALIKE = 0.1  # Jumps whose sizes differ by less than this share are of one cause
+FEWEST = 10  # Fewer steps or bundles say nothing of a clock
+SAME = 1e-5  # Poses that differ by less are one: logs have six digits
+APART = 1.0  # Scans and odometry whose times are this far apart [s] are of different recordings, or on different clocks
 
 
 def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_range: float = np.inf) -> Inputs:
@@ -110,25 +106,21 @@ def _without(recording: Recording, path: OdometryPath) -> NDArray[np.bool_]:
     return np.asarray(late | ((stamps < path.stamps[0]) & gaps(np.append(-path.stamps[LATEST::-1], -stamps[0]))[-1]))
 
 
-def apart(lidar: LidarStream, path: OdometryPath) -> float:
-    """How much later than the scans an odometry begins that is of another time than they [s]; 0 if it is not."""
-    if lidar.stamps[-1] < path.stamps[0] - APART or lidar.stamps[0] > path.stamps[-1] + APART:
-        return float(path.stamps[0] - lidar.stamps[0])
-    return 0.0
+def apart(scans: Array, begin: float, end: float) -> str:
+    """That odometry from a stamp to another is of another time than scans at stamps [n] [s]; empty if it is not."""
+    if scans[-1] >= begin - APART and scans[0] <= end + APART:
+        return ""
+    off, side = abs(begin - scans[0]), "after" if begin > scans[0] else "before"
+    text = f"scans from {scans[0]:.3f} to {scans[-1]:.3f} s, odometry from {begin:.3f} to {end:.3f} s, {off:.0f} s "
+    return f"{text}{side} them, expected streams that overlap in time"
 
 
 def _at_recorded_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, name: str) -> Array:
     """The odometry's pose [n, 3] at every scan."""
     if lidar.odometry is not None and lidar.sequence is not None:
         return lidar.odometry  # by its stamp a scan may lie in a gap that it was not taken in
-    if lidar.odometry is None and (late := apart(lidar, path)):
-        raise InputError(
-            f"scans from {lidar.stamps[0]:.3f} to {lidar.stamps[-1]:.3f} s, odometry from {path.stamps[0]:.3f} to "
-            f"{path.stamps[-1]:.3f} s, {abs(late):.0f} s {'after' if late > 0 else 'before'} them, expected "
-            "streams that overlap in time",
-            file=name,
-            field="time_stamps",
-        )
+    if lidar.odometry is None and (text := apart(lidar.stamps, path.stamps[0], path.stamps[-1])):
+        raise InputError(text, file=name, field="time_stamps")
     return at_scans(lidar.stamps, lidar.odometry, path, config)
 
 
@@ -197,10 +189,7 @@ def warnings(
         beyond += int((~(none | (ends & (some <= limit)).any(axis=1))).sum())
     text = f"{beyond} of {n} scans with all ranges beyond their limit of {lidar.range_max:g} m: are they in m?"
     told.append(("blind-scans", beyond, text))
-    text = f"{blind} of {n} scans without an endpoint: odometry alone there"
-    if blind > n / 2:
-        text += f": are its ranges in m, and do its limits of {lidar.range_min:g} and {lidar.range_max:g} m hold?"
-    told.append(("blind-scans", blind, text))
+    told.append(("blind-scans", blind, about_blind(blind, n, lidar)))
     if encoders is not None and len(encoders):
         without = len(encoders)
         if imu is not None and len(imu) > 1:
@@ -216,12 +205,16 @@ def warnings(
             f"{count} of {n} scans before or after all odometry: constant velocity there, dead reckoning stands still"
         )
         told.append(("no-odometry", count, text))
-    if path is not None and not inputs.moves:
-        scans = int((~inputs.measured).sum())
-        told.append(("still-odometry", scans, f"odometry that never moves: constant velocity over {scans} scans"))
     codes = {issue.code for issue in own}
     issues = (Issue(code, text, count) for code, count, text in told if count and code not in codes)
     return (*unknown_mount(recording.platform), *doubtful_stamps(recording, path), *issues, *own)
+
+
+def about_blind(blind: int, scans: int, lidar: LidarStream) -> str:
+    """That so many of the scans show nothing."""
+    text = f"{blind} of {scans} scans without an endpoint: odometry alone there"
+    limits = f"{lidar.range_min:g} and {lidar.range_max:g} m"
+    return text + f": are its ranges in m, and do its limits of {limits} hold?" * (blind > scans / 2)
 
 
 def unknown_mount(platform: Platform) -> tuple[Issue, ...]:

@@ -22,36 +22,26 @@ from moteslam.slam.inputs.comparison import ComparedBeams, compare_scans
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-STEP = 0.25
-"""Scans this far apart by odometry are compared [m]; a turn counts as a metre a radian."""
-FARTHEST = 0.6
-"""Scans farther apart are not compared [m]: on the way the odometry errs and the view changes too much."""
-TRAVELS = 3
-"""An endpoint travels that was seen to do so in this many comparisons, less those in which it did not."""
-MOST = 12
-"""As many speak for it at most."""
-NEAR, NEAR_SHARE = 0.1, 0.03
-"""A range within this [m], and this share of it, of one that travels does so, too."""
-WIDE = 3
-"""Fewer beams than this side by side are no load: a glancing ray, a corner."""
+STEP = 0.25  # Scans this far apart by odometry are compared [m]; a turn counts as a metre a radian
+FARTHEST = 0.6  # Scans farther apart are not compared [m]: on the way the odometry errs and the view changes too much
+TRAVELS = 3  # An endpoint travels that was seen to do so in this many comparisons, less those in which it did not
+MOST = 12  # As many speak for it at most
+NEAR, NEAR_SHARE = 0.1, 0.03  # A range within this [m], and this share of it, of one that travels does so, too
+WIDE = 3  # Fewer beams than this side by side are no load: a glancing ray, a corner
 LINE_BEAMS, LINE_WIDTH = 8, 1.0
 """A straight line that travels is seen by as many beams, and is this wide [m]: wider than what a robot pushes."""
-LEAST_FACING = 0.2
-"""It is met by beams at this cosine to its normal at least."""
-STANDS = 1e-3
-"""Odometry that moves by less than this [m] or [rad] stands."""
+LEAST_FACING = 0.2  # It is met by beams at this cosine to its normal at least
+STANDS = 1e-3  # Odometry that moves by less than this [m] or [rad] stands
 BEAMS, ALONE = 5, 3
 """Fewer beams than the first say nothing of the wheels, or than the second where no range changes but by noise."""
 REPEATED = 5e-3
 """A scan is the one before again where no range differs by more [m], as the noise of a lidar does in some beams, though
 the robot has moved by ``STEP`` and ``ALONE`` endpoints travel: along a bare corridor none does."""
-TURNED = 0.5
-"""An endpoint that keeps its range to ``REPEATED`` while the robot turns by this [rad] travels, too."""
+TURNED = 0.5  # An endpoint that keeps its range to ``REPEATED`` while the robot turns by this [rad] travels, too
 TRUSTED = 0.5
 """Share of the endpoints that may stand or travel that stood so far: 0.6 to 0.95 where odometry, mount and clock are
 right; 0.1 to 0.45 where they are not, and nothing follows from walls that are elsewhere."""
-MEMORY = 4
-"""Walls that were seen in the latest comparisons, this many, must be seen now."""
+MEMORY = 4  # Walls that were seen in the latest comparisons, this many, must be seen now
 
 
 class Episode(NamedTuple):
@@ -84,19 +74,13 @@ class Travelling:
         along = any(one.kind == "along" for one in self.seen)
         nearest, far = np.nanpercentile(self.ranges, (0, 50)) if along else (0.0, 0.0)
         load = f"something {nearest:.1f} to {far:.1f} m away travels with the robot (a load, beams that are stuck, or "
+        again = "the lidar gives the same scan again while the odometry moves: odometry alone there"
+        stands = "the wheels turn while all that the lidar sees stands still: the robot is taken to stand"
         issues = []
         for kind, code, text in (
             ("along", "travels-along", load + "floor before a tilted lidar): left out"),
-            (
-                "repeated",
-                "scans-repeat",
-                "the lidar gives the same scan again while the odometry moves: odometry alone there",
-            ),
-            (
-                "spins",
-                "wheels-spin",
-                "the wheels turn while all that the lidar sees stands still: the robot is taken to stand",
-            ),
+            ("repeated", "scans-repeat", again),
+            ("spins", "wheels-spin", stands),
         ):
             if some := [one for one in self.seen if one.kind == kind]:
                 spans = [(float(stamps[one.first]), float(stamps[one.last])) for one in some]

@@ -142,9 +142,11 @@ class TsdfFilter(FilterDefaults):
         """There is no map yet: the odometry moves the robot, and the first scan with enough points begins one."""
         motion = self._tracker.predict(as_pose(step.motion), step.dt, measured=step.measured, left=step.open)
         self._tracker.pose = compose_one(self._tracker.pose, motion.corrected)
+        self._covariance.step(motion, motion.corrected, None)
         self._unseen = len(scan.points) < self._config.tracking.min_points
         if not self._unseen:
             self._particles.begin_anew(np.array(self._tracker.pose), scan)
+            self._covariance = PoseCovariance(self._config.registration)
         return self._unweighed_result(motion.corrected, updated=not self._unseen)
 
     def _unweighed_result(self, motion: Pose, *, updated: bool) -> StepResult:

@@ -107,6 +107,8 @@ class Relocation:
         Returns [3] and the share of the endpoints there; None and 0 where no place is sure.
         """
         points = np.concatenate([_seen_from(pose, at, scan) for _, at, scan in self._seen])
+        if not len(points):
+            return None, 0.0
         view, few = self._maps.of(self._particle), subsample(points, START_POINTS)
         lattice = SearchConfig(search_prior=1e-6)
         starts = candidates(view, middle, half, few, Window(half, STEP, TURN), STARTS, lattice)

@@ -47,9 +47,10 @@ def test_other_values_show_the_type_and_shape_of_arrays() -> None:
         first: np.ndarray
         files: tuple[Path, ...] = ()
         count: int = 3
+        share: float = 49.99999999999999  # of rounding
         missing: str | None = None
 
-    assert repr(Pair(np.zeros((2, 3)))) == "Pair(first=float64[2, 3], files=0 items, count=3)"
+    assert repr(Pair(np.zeros((2, 3)))) == "Pair(first=float64[2, 3], files=0 items, count=3, share=50)"
 
 
 def test_every_dataclass_with_arrays_that_users_meet_is_summarised() -> None:

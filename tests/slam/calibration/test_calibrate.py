@@ -12,7 +12,7 @@ import pytest
 
 from moteslam.robot import se2
 from moteslam.robot.formats import Cut, cut
-from moteslam.robot.recording import ChunkedRanges, LidarStream, OdometryStream, Recording
+from moteslam.robot.recording import ChunkedRanges, EncoderStream, LidarStream, OdometryStream, Recording
 from moteslam.robot.values import Issue
 from moteslam.sim.logged import with_odometry
 from moteslam.sim.scenario import load_scenario
@@ -351,6 +351,15 @@ def test_odometry_that_curls_is_said_to(curl: float, told: bool) -> None:
     assert calibration.fit.curl[0] == pytest.approx(curl, abs=0.05)
 
 
+def test_readings_of_wheels_that_are_given_twice_are_said_to_be() -> None:
+    recording = driven("ucsd")
+    wheels = recording.encoders
+    twice = EncoderStream(np.repeat(wheels.stamps, 2), np.repeat(wheels.counts, 2, axis=0))
+    (issue,) = checked(recording.replace(encoders=twice), FEW_PAIRS)[1].moves
+    assert issue.code == "range-scale"
+    assert "given twice" in issue.message
+
+
 @pytest.mark.slow
 def test_ranges_in_feet_do_not_move_the_mount() -> None:
     recording, mended, found = mended_by(lidar(ranges=lambda s: s.ranges * np.float32(3.28)), "lms200", "lidar")
@@ -570,6 +579,26 @@ def test_a_sweep_that_is_not_stated_is_told_where_there_is_one(increment: float)
     found, about = found_in(lidar(time_increment=lambda _: 0.0)(true).replace(platform=stated))
     assert codes(about.moves) == ["time-increment"] * bool(increment)
     assert (found.sweep or 0.0) == pytest.approx(359 * increment, rel=0.1)
+
+
+def backwards(recording: Recording) -> Recording:
+    stream = recording.lidar
+    turned = {"angle_min": stream.angles[-1], "angle_increment": -stream.angle_increment}
+    return recording.replace(lidar=replace(stream, ranges=np.ascontiguousarray(stream.ranges[:, ::-1]), **turned))
+
+
+def half_of_the_turn_before(recording: Recording) -> Recording:
+    ranges = np.array(recording.lidar.ranges)
+    ranges[1:, 180:] = recording.lidar.ranges[:-1, 180:]
+    return recording.replace(lidar=replace(recording.lidar, ranges=ranges))
+
+
+@pytest.mark.parametrize("fault", [backwards, half_of_the_turn_before])
+def test_beams_that_are_measured_in_another_order_are_told(fault: Fault) -> None:
+    found, about = found_in(fault(driven("rplidar_a1")), FEW_PAIRS)
+    assert found.sweep < 0
+    assert codes(about.moves) == ["scans-unfit"]
+    assert "order" in about.moves[0].message
 
 
 def test_stamps_of_whole_seconds_are_not_taken_for_another_clock() -> None:

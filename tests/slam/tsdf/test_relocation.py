@@ -101,6 +101,16 @@ def test_no_place_is_preferred_for_a_robot_that_was_carried_while_it_was_not_see
     assert asked == [True]
 
 
+@pytest.mark.filterwarnings("error")
+def test_no_endpoints_are_found_nowhere():
+    path = np.column_stack((np.linspace(-2, 2, 9), np.zeros((9, 2))))
+    maps = TsdfMaps(TsdfConfig())
+    maps.draw(path, [thinned(room_scan(pose)) for pose in path])
+    looking = Relocation(maps, 0, path, RegistrationConfig(), begin=np.zeros(3), carried=True)
+    none = np.empty((0, 2), np.float32)
+    assert all(looking.search(np.array((x, 0.0, 0.0)), none) is None for x in np.arange(0, 9, 0.5))
+
+
 @pytest.mark.parametrize(("carried", "known"), [(False, True), (True, False)])
 def test_a_robot_that_has_drifted_is_found_near_where_it_was_tracked_to(carried: bool, known: bool):
     """Its room looks the same turned half round: who was carried may stand either way, who drifted is not turned."""
