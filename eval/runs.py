@@ -31,6 +31,7 @@ MOST_NAMED, UNLIKE = 6, 1.2
 """Metrics that are shown unasked, and from which ratio on robots have driven other distances."""
 G = TypeVar("G", bound=Hashable)
 M = TypeVar("M", bound=BaseModel)
+R = TypeVar("R")
 
 
 class _Score(BaseModel):
@@ -58,12 +59,8 @@ def read_result_folder(folder: Path) -> Row:
     """Read ``metrics.json`` and ``run.json``; the configuration is named by the folder."""
     found = _read(_Scores, folder / "metrics.json")
     about = _read(_About, folder / "run.json")
-    run = PlannedRun(
-        scenario=about.scenario or about.recording or folder.absolute().name,
-        platform=about.platform,
-        seed=about.seed,
-        configuration=str(folder),
-    )
+    name = about.scenario or about.recording or folder.absolute().name
+    run = PlannedRun(scenario=name, platform=about.platform, seed=about.seed, configuration=str(folder))
     scores = {name: one.model_dump(exclude_none=True) for name, one in found.metrics.items()}
     scores |= {} if found.scans is None else {"scans": {"value": found.scans}}
     tables = {"versions": about.versions, "hardware": about.hardware}
@@ -99,9 +96,9 @@ def prefix_of(path: Path, paths: Sequence[Path]) -> str:
     return f"{path if alike else path.stem}: "
 
 
-def grouped(rows: Iterable[Row], by: Callable[[Row], G]) -> dict[G, list[Row]]:
+def grouped(rows: Iterable[R], by: Callable[[R], G]) -> dict[G, list[R]]:
     """Runs by what they have in common, in the order of the first ones."""
-    groups: dict[G, list[Row]] = {}
+    groups: dict[G, list[R]] = {}
     for row in rows:
         groups.setdefault(by(row), []).append(row)
     return groups

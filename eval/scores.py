@@ -178,10 +178,8 @@ def against(
     """
     if isinstance(reference, Relations):
         tolerance = TOLERANCE if max_difference is None else max_difference
-        missed, other = (
-            evaluate_relations(estimate, one, tolerance=tolerance)
-            for one in (reference, replace(reference, poses=se2.inverse(reference.poses)))
-        )
+        both = reference, replace(reference, poses=se2.inverse(reference.poses))
+        missed, other = (evaluate_relations(estimate, one, tolerance=tolerance) for one in both)
         told: tuple[Issue, ...] = ()
         if other.translation.mean < INVERTED * missed.translation.mean:
             means = f"{length(other.translation.mean)} in place of {length(missed.translation.mean)}"

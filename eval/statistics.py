@@ -153,18 +153,11 @@ def compare(
     losses = len(apart) - wins
     differences = np.sort(np.array([b - a for a, b in values if isfinite(a) or isfinite(b)]))
     low, high = median_interval(differences)
-    return Comparison(
-        pairs=len(common),
-        wins=wins,
-        losses=losses,
-        ties=len(common) - wins - losses,
-        median=quantile(differences, 0.5) if len(differences) else None,
-        low=low,
-        high=high,
-        p=float(binomtest(wins, len(apart)).pvalue) if apart else 1.0,
-        failed=(sum(first[key] is None for key in common), sum(second[key] is None for key in common)),
-        apart=len(first) + len(second) - 2 * len(common),
-    )
+    median = quantile(differences, 0.5) if len(differences) else None
+    p = float(binomtest(wins, len(apart)).pvalue) if apart else 1.0
+    failed = sum(first[key] is None for key in common), sum(second[key] is None for key in common)
+    ties, alone = len(common) - len(apart), len(first) + len(second) - 2 * len(common)
+    return Comparison(len(common), wins, losses, ties, median, low, high, p, failed, alone)
 
 
 def quantile(ranked: Array, share: float) -> float:

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+SCAN = {"beams": "", "rate": "_hz", "range_min": "_m", "range_max": "_m"}
+SCAN |= {"angle_min": "_rad", "angle_increment": "_rad"}
+"""What is told of a robot's lidar, with its units."""
+
 
 def platforms(
     name: Annotated[
@@ -46,12 +50,7 @@ def platforms(
     found: dict[str, dict[str, Any]] = {
         each: {
             "description": robot.description,
-            "beams": robot.lidar.scan.beams,
-            "angle_min_rad": robot.lidar.scan.angle_min,
-            "angle_increment_rad": robot.lidar.scan.angle_increment,
-            "rate_hz": robot.lidar.scan.rate,
-            "range_min_m": robot.lidar.scan.range_min,
-            "range_max_m": robot.lidar.scan.range_max,
+            **{f"{key}{unit}": getattr(robot.lidar.scan, key) for key, unit in SCAN.items()},
             "top_speed_m_s": robot.top_speed,
             "noise_classes": ["datasheet"] if robot.as_recorded is None else ["datasheet", "as_recorded"],
         }

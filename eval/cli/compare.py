@@ -157,7 +157,7 @@ def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[s
 
 def summary_lines(found: dict[str, Any], titles: Titles, form: str) -> Iterator[str]:
     """A row a group: of each metric the median with its interval."""
-    from moteslam.eval.runs import success_words, unlike, varying
+    from moteslam.eval.runs import grouped, success_words, unlike, varying
     from moteslam.eval.statistics import FEWEST
 
     groups = found["groups"]
@@ -166,10 +166,8 @@ def summary_lines(found: dict[str, Any], titles: Titles, form: str) -> Iterator[
         alike = [key for key in about if len({str(each["group"].get(key, "")) for each in groups}) == 1]
         alike = alike if form != "csv" and len(groups) > 1 else []
         about = [key for key in about if key not in alike]
-        far: dict[Any, list[float | None]] = {}
-        for each in groups:
-            far.setdefault(each["group"].get("scenario"), []).append(each["driven_m"])
-        apart = ["driven [m]"] * any(map(unlike, far.values()))
+        places = grouped(groups, lambda each: str(each["group"].get("scenario"))).values()
+        apart = ["driven [m]"] * any(unlike(each["driven_m"] for each in some) for some in places)
         rows = [[*about, "runs", "success", *apart]]
         for each in groups:
             one = each["success"]

@@ -241,9 +241,8 @@ def _how(row: Row) -> str:
     """How the estimate was laid on the reference."""
     if not row["aligned"]:
         return "as they are, not aligned"
-    return (
-        f"laid on it rigidly{' and scaled' if row['scaled'] else ''}{', poses at the nearest stamps' * row['nearest']}"
-    )
+    scaled, nearest = " and scaled" * row["scaled"], ", poses at the nearest stamps" * row["nearest"]
+    return f"laid on it rigidly{scaled}{nearest}"
 
 
 def _doubts(rows: Sequence[Row]) -> Iterator[str]:

@@ -132,11 +132,8 @@ def _sensors(found: Inspection, platform: Platform) -> Iterator[Row]:
     if found.lidar is not None:
         yield from _lidar(found.lidar, rates.get("lidar"), platform)
     if found.wheels is not None:
-        yield (
-            "encoder rate",
-            _shown(rates.get("encoders"), ".1f", "Hz"),
-            _shown(_of(platform.encoders, "rate"), "g", "Hz"),
-        )
+        rate = _shown(rates.get("encoders"), ".1f", "Hz")
+        yield "encoder rate", rate, _shown(_of(platform.encoders, "rate"), "g", "Hz")
         yield "encoder counts FR FL RR RL", " ".join(map(str, found.wheels.counts)), NONE
     if "imu" in rates:
         yield "IMU rate", _shown(rates["imu"], ".1f", "Hz"), _shown(_of(platform.imu, "rate"), "g", "Hz")

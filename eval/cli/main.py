@@ -131,9 +131,8 @@ def _failed(error: Any) -> int:
         message = error.format_message().replace("Value error, ", "")
         if getattr(error, "option_name", "") == "--out" and context is not None:
             saves = any("--save" in parameter.opts for parameter in context.command.params)
-            message = (
-                f"No such option: --out: tables go to stdout, > FILE keeps them{', --save FILE all as JSON' * saves}"
-            )
+            message = "No such option: --out: tables go to stdout, > FILE keeps them"
+            message += ", --save FILE all as JSON" * saves
         near = ": X Y [m], THETA [rad], and SPREAD, the standard deviation of X and Y [m]" * ("'--near'" in message)
         note(f"{message.rstrip('.') if near else message}{near}{hint}")
     elif isinstance(error, MoteslamError):  # what is below the command line names none of its options

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from moteslam.eval.cli.options import SlamOptions
 
 SCORES = (
-    Column("laid on the truth, rigidly", "title"),
+    Column("laid on the reference, rigidly", "title"),
     Column("ATE RMSE", "ate", "number", "m"),
     *(Column(name, f"ate_{name}", "number", "m", like="ate") for name in ("median", "max")),
     Column("RPE over 1 m", "rpe_1m", "number", "m", like="ate"),

@@ -154,8 +154,8 @@ def scenario_of(
         stated = dict(one.partition("=")[::2] for one in settings).get("duration")
         if error.field != "duration" or stated is None:
             raise
-        scaled = f"{error.problem}; duration={stated} is longer in proportion for a slower robot"
-        raise ConfigError(f"{scaled}, --duration {stated} ends the drive", file=error.file, field="duration") from error
+        why = f"duration={stated} is longer in proportion for a slower robot, --duration {stated} ends the drive"
+        raise ConfigError(f"{error.problem}; {why}", file=error.file, field=error.field) from error
     return loaded.model_copy(update={"duration": min(inf if duration is None else duration, loaded.duration)})
 
 

@@ -114,18 +114,11 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
         raise InputError(problem, field="trajectory")
     no_return = sum(int(np.isinf(scans).sum()) for scans in chunks(lidar.ranges))
     beams = sum(int(measured(scans, lidar.interlace).sum()) for scans in chunks(lidar.ranges))
-    return ResidualResult(
-        median=float(np.median(everything)),
-        quantile_90=float(np.quantile(everything, 0.9)),
-        beyond_3_cm=float(np.mean(everything > FAR)),
-        unseen=unseen / endpoints,
-        no_return=no_return / beams,
-        residuals=len(everything),
-        endpoints=endpoints,
-        matched=len(index),
-        stamps=lidar.stamps[index[compared]],
-        medians=np.array([np.median(some) if len(some) else np.nan for some in residuals]),
-    )
+    median, most, beyond = np.median(everything), np.quantile(everything, 0.9), np.mean(everything > FAR)
+    shares = float(median), float(most), float(beyond), unseen / endpoints, no_return / beams
+    medians = np.array([np.median(some) if len(some) else np.nan for some in residuals])
+    counts = len(everything), endpoints, len(index)
+    return ResidualResult(*shares, *counts, lidar.stamps[index[compared]], medians)
 
 
 def surface_points(

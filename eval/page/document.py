@@ -82,9 +82,8 @@ def gather(paths: Sequence[Path]) -> Material:
             material.documents.append((f"Specification of {path.name}", tomli_w.dumps(spec)))
             for title, facts in store.environment.items():
                 material.facts.setdefault(f"{title} of {path.name}", dict(facts))
-            made = [
-                row.renamed(runs.prefix_of(path, found) + row.run.configuration) for row in store.rows() if row.status
-            ]
+            prefix = runs.prefix_of(path, found)
+            made = [row.renamed(prefix + row.run.configuration) for row in store.rows() if row.status]
             material.pending += len(store.pending())
         material.runs += made
         if programs := {row.run.configuration: row.run.version for row in made if row.run.version}:
@@ -114,9 +113,8 @@ def _within(top: Path) -> Iterator[Path]:
         is_result = {"metrics.json", "run.json"} <= set(names)
         deeper = len(Path(root).relative_to(top).parts) < DEPTH and not is_result
         folders[:] = sorted(name for name in folders if deeper and not name.startswith("."))
-        yield from (
-            [Path(root)] if is_result else (Path(root, name) for name in sorted(names) if name.endswith(".sweep"))
-        )
+        sweeps = [Path(root, name) for name in sorted(names) if name.endswith(".sweep")]
+        yield from [Path(root)] if is_result else sweeps
 
 
 def _config(row: Row) -> Path:
@@ -248,9 +246,8 @@ def data_block(value: Any) -> Markup:
 
 def _render(context: dict[str, Any]) -> str:
     assets = files("moteslam.eval.page")
-    style, *scripts = (
-        assets.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "player.js", "page.js")
-    )
+    names = "page.css", "player.js", "page.js"
+    style, *scripts = (assets.joinpath(name).read_text(encoding="utf-8") for name in names)
     library = distribution("plotly").locate_file("plotly/package_data/plotly.min.js")  # the package is not imported
     plotly = Path(str(library)).read_text(encoding="utf-8")
     environment = Environment(

@@ -59,9 +59,8 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
     Lengths are whole millimetres (errors tenths), angles milliradians, times milliseconds from the first scan; each
     number but the first of a list is the difference from the one before. Of errors each is the largest since the last.
     """
-    final, online, odometry = (
-        read_tum(folder / f"{name}.tum") for name in ("trajectory_final", "trajectory", "dead_reckoning")
-    )
+    names = "trajectory_final", "trajectory", "dead_reckoning"
+    final, online, odometry = (read_tum(folder / f"{name}.tum") for name in names)
     for name, other in (("trajectory", online), ("dead_reckoning", odometry)):
         if len(other) != len(final):
             problem = f"{len(other)} poses, expected {len(final)} as in trajectory_final.tum"

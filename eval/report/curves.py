@@ -28,8 +28,6 @@ Shown = tuple[str, str, float]
 Line = tuple[str, AteResult, Look]
 """Label, to which its RMSE is added, errors and look of a curve."""
 
-BESIDE = 30
-"""Characters of a curve's name, so many that three stand side by side in a legend."""
 RUG = 1.05
 """Where the marks of resampling stand, as a share of the particles."""
 FAR_APART, BELOW = 20, 0.05
@@ -119,8 +117,7 @@ def _draw_errors_and_paths(path: File, results: Mapping[str, AteResult], title: 
         (f"{name}{', scale fitted' if ate.scale != 1 else ''}, ATE RMSE", ate, line_look(i))
         for i, (name, ate) in enumerate(results.items())
     ]
-    columns = 3 if max(len(name) for name, *_ in lines) <= BESIDE else 1
-    with style.saved_figure(path, size=(12.0, 5.5), title=title, columns=(columns, 1)) as figure:
+    with style.saved_figure(path, size=(12.0, 5.5), title=title, columns=(2, 1)) as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
         distance = figure.add_subplot(grid[0, 0] if has_heading else grid[:, 0])
         plan = figure.add_subplot(grid[:, 1])
@@ -269,9 +266,7 @@ def _draw_medians(
         axes.set_xscale("log")
     aside = 0.2 * words
     axes.plot([first - aside, last + aside], [high, high], ls="")  # every panel has all places
-    for place in (
-        x for value, x in places.items() if all(value not in one or one[value].median is None for one in summed)
-    ):
+    for place in [x for at, x in places.items() if all(at not in one or one[at].median is None for one in summed)]:
         axes.text(place, 0.02, "-", transform=axes.get_xaxis_transform(), ha="center", size="x-large")
     for index, (line, groups) in enumerate(zip(lines, summed, strict=True)):
         having = [(value, x, groups[value]) for value, x in places.items() if value in groups]

@@ -14,8 +14,6 @@ from moteslam.robot.sensor_reports import turns, yaw_rate
 
 Array = NDArray[np.float64]
 
-STREAM_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""The palette of Okabe and Ito."""
 BINS = 240
 """Across the time of a recording."""
 RANGES = 180
@@ -28,7 +26,7 @@ def draw_streams(path: style.File, recording: Recording, found: Inspection) -> N
     first = min(float(some[0]) for some in stamps.values())
     last = max(float(some[-1]) for some in stamps.values())
     span = max(last - first, 1e-3)
-    colours = dict(zip(stamps, STREAM_COLOURS, strict=False))
+    colours = dict(zip(stamps, style.COLOURS, strict=False))
     rates = turns(recording)
     lidar = recording.lidar if recording.lidar is not None and recording.lidar.ranges.size else None
     heights = [0.35 * len(stamps) + 0.3, 1.4, *([1.6] if rates else []), *([2.0, 1.0] if lidar is not None else [])]
@@ -57,7 +55,7 @@ def draw_streams(path: style.File, recording: Recording, found: Inspection) -> N
             late = {clock.name: f"\n{1000 * clock.offset:+.0f} ms to {clock.reference}" for clock in found.clocks}
             times = np.linspace(first, last, 4 * BINS)
             for width, (name, rate) in zip(np.linspace(2.2, 0.8, len(rates)), rates.items(), strict=True):
-                label, colour = f"{name}{late.get(name, '')}", colours.get(name, STREAM_COLOURS[-1])
+                label, colour = f"{name}{late.get(name, '')}", colours.get(name, style.COLOURS[-1])
                 axes.plot(times - first, yaw_rate(*rate, times), color=colour, lw=width, label=label)
             axes.set_ylabel("yaw rate [rad/s]")
             _legend(axes)

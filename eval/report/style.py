@@ -133,8 +133,7 @@ def saved_figure(
         shown: dict[str, Any] = {}
         for handle, label in (pair for each in shared for pair in zip(*each, strict=True)):
             shown.setdefault(literal(label), handle)
-        if MEDIANS_AND_RANGES in shown:  # it is about all lines
-            shown[MEDIANS_AND_RANGES] = shown.pop(MEDIANS_AND_RANGES)
+        shown = dict(sorted(shown.items(), key=lambda one: one[0] == MEDIANS_AND_RANGES))  # which is about all lines
         if shown:
             ncols = columns[0] if size[0] > 7 else columns[1]
             legend = figure.legend(list(shown.values()), list(shown), loc="outside lower center", ncols=ncols)

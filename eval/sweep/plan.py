@@ -30,23 +30,16 @@ WORDS = ("description", "why")
 class PlannedRun(Section):
     """One run of a sweep; two that are equal give the same result columns."""
 
-    scenario: str
-    """Its name, or the path of its file; empty where a recording is replayed."""
-    recording: str = ""
-    """Path of it; empty where a scenario is simulated."""
+    scenario: str  # Its name, or the path of its file; empty where a recording is replayed
+    recording: str = ""  # Path of it; empty where a scenario is simulated
     platform: str = ""
-    noise: str = ""
-    """In place of the scenario's own; empty for that."""
-    duration: float | None = None
-    """The drive ends after this time [s]; None for the scenario's own."""
-    seed: int
-    """Of simulation and SLAM."""
+    noise: str = ""  # In place of the scenario's own; empty for that
+    duration: float | None = None  # The drive ends after this time [s]; None for the scenario's own
+    seed: int  # Of simulation and SLAM
     configuration: str
     preset: str = ""
-    settings: tuple[str, ...] = ()
-    """``key=value`` over scenario, robot and preset, with their prefixes; sorted."""
-    varied: tuple[tuple[str, Scalar], ...] = ()
-    """Keys and values of what varies, in the order of the specification."""
+    settings: tuple[str, ...] = ()  # ``key=value`` over scenario, robot and preset, with their prefixes; sorted
+    varied: tuple[tuple[str, Scalar], ...] = ()  # Keys and values of what varies, in the order of the specification
     metrics: tuple[str, ...] = ()
     command: tuple[tuple[str, ...] | str, ...] = ()
     """An external SLAM in place of the preset: see ``Command``; empty for none."""
@@ -184,19 +177,16 @@ def _runs(spec: SweepSpec) -> Iterator[PlannedRun]:
 def _run(
     spec: SweepSpec, case: tuple[str, str, str, str, int], name: str, one: Configuration, varied: dict[str, Scalar]
 ) -> PlannedRun:
-    scenario, recording, platform, noise, seed = case
+    where: dict[str, Any] = dict(zip(("scenario", "recording", "platform", "noise", "seed"), case, strict=True))
+    recording = where["recording"]
     settings = {key: value for key, value in (one.set | varied).items() if not recording or key.startswith("slam.")}
     written = {key: tomli_w.dumps({"": value}).strip().partition("= ")[2] for key, value in settings.items()}
     command: tuple[tuple[str, ...] | str, ...] = ()
     if one.command:  # the version only where one was given: a run's name follows from these
         command = one.command, one.format, one.trajectory, one.map, *([str(one.version)] if one.version else [])
     return PlannedRun(
-        scenario=scenario,
-        recording=recording,
-        platform=platform,
-        noise=noise,
+        **where,
         duration=None if recording else spec.duration,
-        seed=seed,
         configuration=name,
         preset=one.preset,
         settings=tuple(sorted(map("=".join, written.items()))),

@@ -89,18 +89,14 @@ def _dotted(table: Any, prefix: str = "") -> Any:
 class Configuration(Section):
     """A way to run SLAM: a preset of ours, or a command of anyone's."""
 
-    preset: str = DEFAULT_PRESET
-    """The preset that it starts from."""
+    preset: str = DEFAULT_PRESET  # The preset that it starts from
     command: tuple[str, ...] = ()
     """In place of a preset: a program and its arguments, see `Command`; `{here}` is the folder of this file."""
     version: str | tuple[str, ...] = ""
     """Of the command: a text, or a program and its arguments, the first line of which is recorded."""
-    format: RecordingFormat = "carmen"
-    """In which the command is given the recording."""
-    trajectory: Name = "trajectory.tum"
-    """Which file in `{out}` is the command's trajectory."""
-    map: Name = "map.yaml"
-    """Which file in `{out}` is its map, if it writes one."""
+    format: RecordingFormat = "carmen"  # In which the command is given the recording
+    trajectory: Name = "trajectory.tum"  # Which file in `{out}` is the command's trajectory
+    map: Name = "map.yaml"  # Which file in `{out}` is its map, if it writes one
     set: Annotated[dict[str, Any], BeforeValidator(_dotted)] = Field(default_factory=dict)
     """Keys over it: `slam.` of the preset, `scenario.` of the scenario, `platform.` of its robot."""
 
@@ -129,23 +125,17 @@ def _counted(seeds: Any) -> str:
 class SweepSpec(Section):
     """A sweep: every configuration, with every combination of what varies, on every case and every seed."""
 
-    name: Name = "sweep"
-    """Of the sweep."""
-    description: str = ""
-    """What it is for, one sentence; no run follows from it."""
-    scenarios: tuple[str, ...] = ()
-    """Names of bundled ones, or paths of TOML files, beside this one."""
+    name: Name = "sweep"  # Of the sweep
+    description: str = ""  # What it is for, one sentence; no run follows from it
+    scenarios: tuple[str, ...] = ()  # Names of bundled ones, or paths of TOML files, beside this one
     recordings: tuple[str, ...] = ()
     """Paths of recordings, beside this file; with a truth or a reference beside them they are scored by it.
 
     ``${NAME}`` in a path stands for that variable of the environment.
     """
-    platforms: tuple[str, ...] = ()
-    """Robots in place of the scenarios' own: names, or paths of TOML files."""
-    noise: tuple[Literal["datasheet", "as_recorded"], ...] = ()
-    """Classes of noise in place of the scenarios' own."""
-    duration: Positive | None = None
-    """The drives end after this time, if not before [s]."""
+    platforms: tuple[str, ...] = ()  # Robots in place of the scenarios' own: names, or paths of TOML files
+    noise: tuple[Literal["datasheet", "as_recorded"], ...] = ()  # Classes of noise in place of the scenarios' own
+    duration: Positive | None = None  # The drives end after this time, if not before [s]
     seeds: Annotated[str, BeforeValidator(_counted)] = "0-9"
     """Of the simulation and of SLAM: `0-9`, `3,5,10-19`, or a list."""
     configurations: dict[Name, Configuration] = Field(
@@ -154,12 +144,10 @@ class SweepSpec(Section):
     """By name."""
     vary: Annotated[dict[str, Values], BeforeValidator(_dotted)] = Field(default_factory=dict)
     """Keys that take these values, in every combination."""
-    metrics: tuple[str, ...] = ()
-    """What is measured, by name; all metrics that are not costly by default."""
+    metrics: tuple[str, ...] = ()  # What is measured, by name; all metrics that are not costly by default
     success: dict[str, NotNegative] = Field(default_factory=lambda: dict(SUCCESS))
     """A run succeeds if each of these metrics is present and at most this large."""
-    timeout: Positive = 1800.0
-    """A run that takes longer has failed [s]."""
+    timeout: Positive = 1800.0  # A run that takes longer has failed [s]
 
     @model_validator(mode="after")
     def _cases(self) -> SweepSpec:

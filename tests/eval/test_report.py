@@ -124,6 +124,18 @@ def test_the_truth_is_laid_on_the_paths_wherever_its_frame_is(
     np.testing.assert_array_equal(slam, final.poses)
 
 
+def test_what_is_no_path_has_no_line_and_a_note_of_all_lines_stands_last(tmp_path: Path, drawn: list[Figure]) -> None:
+    stamps = np.arange(400.0)
+    true = Trajectory(stamps, np.column_stack((stamps, np.zeros((400, 2)))))
+    still = Trajectory(stamps, np.zeros((400, 3)))
+    raster = Raster(np.ones((4, 4), np.float32), 1.0, (0.0, 0.0, 0.0))
+    maps.draw_trajectories(tmp_path / "a.png", raster, slam=true, dead_reckoning=still)
+    assert legend_of(drawn[0]) == ["SLAM (final)", "start", "end"]
+    ate = absolute_trajectory_error(true, true)
+    curves.draw_comparison(tmp_path / "b.png", {"one/a.tum": ate, "two/a.tum": ate})
+    assert legend_of(drawn[1])[-1] == "lines: running medians, bands: ranges"
+
+
 @pytest.mark.parametrize(
     ("draw", "field"),
     [
@@ -218,6 +230,16 @@ def test_what_is_not_magnified_says_nothing_of_it(cloud: Cloud, tmp_path: Path, 
     assert drawn[0].axes[0].get_title() == "ellipses: 2 standard deviations"
 
 
+def test_a_deviation_that_leaves_its_panel_is_told_with_its_unit(tmp_path: Path, drawn: list[Figure]) -> None:
+    spread = np.full((400, 3), 0.01)
+    spread[7] = 0.05, 0.05, np.deg2rad(9.0)
+    along = np.arange(400.0)
+    paths = np.stack([np.column_stack((along, np.zeros((400, 2))))] * 2)
+    draw_particles(tmp_path / "a.png", Cloud(along, paths, np.zeros((2, 400), np.int64), spread))
+    titles = [axes.get_title("right") for axes in drawn[0].axes[1:4]]
+    assert titles == [f"standard deviation up to {most} at 7 s" for most in ("5 cm", "5 cm", "9 deg")]
+
+
 @pytest.mark.parametrize("scale", [1.0, 1e-3])  # dead reckoning is off by metres, or by millimetres
 def test_the_floor_of_a_logarithmic_axis_follows_the_errors(scale: float, tmp_path: Path, drawn: list[Figure]) -> None:
     stamps = np.arange(100.0)
@@ -302,6 +324,7 @@ def test_commands_are_one_series_and_a_failed_one_is_a_whole_marker(tmp_path: Pa
         rows.append(replace(row, run=row.run.model_copy(update={"command": (("x",), "carmen", "a", "b", version)})))
     draw_sweep(tmp_path / "a.png", rows, ["final.ate"], column="configuration")
     assert legend_of(drawn[0]) == ["median", "half of the runs or more failed", "every run"]
+    assert drawn[0].axes[0].get_ylabel().startswith("final ATE")
     axes = drawn[0].axes[0]
     (failed,) = [line for line in axes.lines if line.get_markersize() == 9 and len(line.get_xdata())]
     assert not failed.get_clip_on()

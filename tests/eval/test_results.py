@@ -137,16 +137,22 @@ def _leaves(value: object) -> list[object]:
     return [leaf for below in value for leaf in _leaves(below)] if isinstance(value, list) else [value]
 
 
-def test_the_paths_of_the_picture_begin_at_one_pose(run, simulation, tmp_path: Path, drawn: list[Figure]) -> None:
+def test_the_paths_of_the_picture_lie_as_its_title_says(run, simulation, tmp_path: Path, drawn: list[Figure]) -> None:
     """Also where the back end has moved the first scan."""
     estimate, _ = run
     final = estimate.trajectory_final
     moved = Trajectory(final.stamps, np.asarray(se2.compose((0.8, 1.0, -0.1), final.poses)))
     apart = replace(estimate, trajectory_final=moved)
-    draw_figures(tmp_path, apart, evidence_of(apart, simulation.truth))
-    lines = {str(line.get_label()): line.get_xydata() for line in drawn[0].axes[0].lines}
-    for label in ("truth", "dead reckoning", "SLAM (final)"):
+    draw_figures(tmp_path, apart, evidence_of(apart))
+    first, title = drawn[0], drawn[0].get_suptitle()
+    assert title.endswith("from one start")
+    lines = {str(line.get_label()): line.get_xydata() for line in first.axes[0].lines}
+    for label in ("dead reckoning", "SLAM (final)"):
         np.testing.assert_allclose(lines[label][0], moved.poses[0, :2], atol=1e-9)
+    drawn.clear()
+    draw_figures(tmp_path, apart, evidence_of(apart, simulation.truth))
+    assert drawn[0].get_suptitle().endswith("laid on the reference, rigidly")
+    assert {"reference", "dead reckoning", "SLAM (final)"} < {line.get_label() for line in drawn[0].axes[0].lines}
 
 
 LOOPS = (
