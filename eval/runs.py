@@ -218,12 +218,6 @@ def also_of(columns: Mapping[str, Sequence[Row]], axis: str) -> str:
     return text if axis == "platform" else ""
 
 
-def _of_slam(name: str) -> str:
-    """A metric's name without that of SLAM's trajectory; dead reckoning is the same in all configurations."""
-    track, short = split(name)
-    return "" if track == DEAD_RECKONING else short
-
-
 def metric_names(given: list[str] | None, rows: Sequence[Row] = ()) -> list[str]:
     """The metrics that are asked for, an unknown one is refused; else the first of those that sweeps name and have
     measured, else ``final.ate``, or what there is.
@@ -231,7 +225,9 @@ def metric_names(given: list[str] | None, rows: Sequence[Row] = ()) -> list[str]
     chosen(given or ())
     there = dict.fromkeys(name for row in rows for name in row.scores)
     named = dict.fromkeys(name for row in rows for name in row.run.metrics)
-    found = dict.fromkeys(one for name in named for one in there if one == name or _of_slam(one) == name)
+    # dead reckoning is the same in all configurations
+    shown = {one: "" if split(one)[0] == DEAD_RECKONING else split(one)[1] for one in there}
+    found = dict.fromkeys(one for name in named for one, short in shown.items() if name in (one, short))
     usual = [name for name in ("final.ate", *there) if name in there and name not in ("scans", "distance")]
     return given or [*found][:MOST_NAMED] or usual[:1] or ["final.ate"]
 
