@@ -76,9 +76,8 @@ class Manifest(BaseModel):
 class _Reading:
     """A bag between its topics and its streams.
 
-    Of several topics with a type the one with most messages is read, and an issue names the others. Wheels are read
-    where they are named, or in a bag that this package wrote; images of such a bag alone, for others are of another
-    camera.
+    Of several topics with a type the one with most messages is read, and an issue names the others. Wheels are read if
+    they are named, or in a bag that this package wrote, and images only of such a bag: others are of another camera.
     """
 
     def __init__(self, bag: Bag, given: GivenRobot, topics: Topics, session: str | int | None) -> None:
@@ -108,8 +107,7 @@ class _Reading:
         self.images = [table for name in write.IMAGES for table in self._of("rgbd") if table.topic.name == name]
         others = sorted(one.name for one in bag.topics if one.kind in write.IMAGE_KINDS)
         if others and "rgbd" not in self.named and self.manifest is None:
-            what = "images of a bag that this package did not write: left out"
-            bag.tell("images-left", ", ".join(others[:4]), what, len(others))
+            bag.tell("images-left", ", ".join(others[:4]), "images of other programs: left out", len(others))
         self.frames.keep(motion.namespace(topic))
         odometry = [] if is_computed and "odometry" not in self.named else self._of("odometry")
         if not self.named.get("odometry"):
@@ -120,15 +118,16 @@ class _Reading:
         if self.odometry is None and not is_computed and "odometry" not in self.named:
             self.odometry = next(iter(edges), None)
             left_aside(bag, "odometry", edges)
+        joints = sorted(topic.name for topic in bag.topics if topic.kind == motion.JOINT_STATE)
+        if joints and self.odometry is None and self.encoders is None:
+            bag.tell("no-odometry", joints[0], "left out: --topics encoders=TOPIC reads it, if the robot has [wheels]")
         used = [*self.lidars, self.odometry, self.imu, self.encoders, *self.images]
         bag.choose_session([table for table in used if table is not None], session)
 
     def _expect_named(self) -> None:
         """Refuse streams that are none, and topics that are not there."""
-        known: dict[str, list[str]] = {stream: [] for stream in _STREAMS}
-        for topic in sorted(self.bag.topics):
-            if topic.kind in KINDS:
-                known[KINDS[topic.kind][0]].append(topic.name)
+        streams = [(KINDS[topic.kind][0], topic.name) for topic in sorted(self.bag.topics) if topic.kind in KINDS]
+        known = {stream: [name for of, name in streams if of == stream] for stream in _STREAMS}
         for stream, names in self.named.items():
             if stream not in known:
                 raise InputError(f"{stream!r}, expected {', '.join(known)}", file=self.bag.path, field="topics")

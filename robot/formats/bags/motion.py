@@ -261,13 +261,14 @@ def _no_headings(lengths: Array, headings: Array, along: Array | None) -> str | 
 
 
 def _path_headings(places: Array) -> Array | None:
-    """The directions [n] [rad] in which places [n, 2] follow each other, over twice `REACH`; None of a short path.
+    """The directions [n] [rad] in which places [n, 2] follow each other, over twice `REACH` or two steps at least; None
+    of a short path.
 
     A robot that turns by more than 120 degrees on the spot is taken to drive backward from there on.
     """
     travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))))
-    before = np.searchsorted(travelled, travelled - REACH)
-    after = np.searchsorted(travelled, travelled + REACH, side="right") - 1
+    before = np.maximum(np.searchsorted(travelled, travelled - REACH) - 1, 0)
+    after = np.minimum(np.searchsorted(travelled, travelled + REACH, side="right"), len(places) - 1)
     x, y = (places[after] - places[before]).T
     known = np.flatnonzero(np.hypot(x, y) > REACH / 3)
     if travelled[-1] < MIN_PATH or not len(known):

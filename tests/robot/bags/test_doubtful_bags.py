@@ -15,6 +15,7 @@ from made_bags import START, drive, imu, make_bag, odometry, placed, scan
 
 from moteslam import open_recording
 from moteslam.errors import ConfigError, InputError
+from moteslam.robot import se2
 from moteslam.robot.formats.bags.storage import zstd
 from moteslam.robot.formats.bags.write import Event, header
 from moteslam.robot.recording import Recording
@@ -452,6 +453,17 @@ def test_headings_that_are_none_are_named_and_not_used(
         np.testing.assert_allclose(
             headings, np.clip(np.linspace(0, 6 + math.pi / 2, 160) - 3, 0, math.pi / 2), atol=0.1
         )
+
+
+def test_headings_of_odometry_once_a_second_are_used(tmp_path: Path) -> None:
+    """It drives round, 0.7 m from one reading to the next, and slowly in between."""
+    s = np.cumsum(np.tile([0.7] * 12 + [0.05] * 3, 4))
+    yaw = se2.wrap(0.9 * s)
+    x, y = (np.cumsum(np.diff(s, prepend=0.0) * part(yaw)) for part in (np.cos, np.sin))
+    events = [odometry(float(k), (float(x[k]), float(y[k]), float(yaw[k]))) for k in range(len(s))]
+    recording = open_recording(make_bag(tmp_path, [*events, scan(0, [1.0, 2.0], frame="base_link")]))
+    assert codes(recording) == []
+    np.testing.assert_allclose(recording.odometry.poses[:, 2], yaw, atol=1e-6)
 
 
 def test_a_robot_that_drives_back_does_not_turn_round(tmp_path: Path) -> None:

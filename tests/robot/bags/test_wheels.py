@@ -35,6 +35,14 @@ def test_wheels_are_read_where_they_are_named(tmp_path: Path, kind: str) -> None
     np.testing.assert_array_equal(encoders.counts[0], [100, 10, 100, 10])  # less than 1 m: they stood at 0 before
 
 
+def test_wheels_that_could_be_the_odometry_are_named(tmp_path: Path) -> None:
+    scans = [event for event in drive(5) if event.topic in ("/scan", "/tf_static")]
+    path = make_bag(tmp_path, [*scans, *(joints(0.1 * i, ["left_wheel", "right_wheel"], [i, i]) for i in range(5))])
+    (issue,) = open_recording(path, platform="turtlebot3").warnings
+    assert issue.code == "no-odometry"
+    assert "/joint_states: left out: --topics encoders=TOPIC" in issue.message
+
+
 def test_wheels_that_had_gone_far_before_count_from_the_first_reading(tmp_path: Path) -> None:
     moves = [joints(0.1 * i, ["left_wheel", "right_wheel"], [1e6 * STEP, (1e6 + i) * STEP]) for i in range(5)]
     recording = open_recording(
