@@ -16,19 +16,18 @@ from moteslam.slam.filter.update_policy import update_due
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.scans import Scans
-from moteslam.slam.inputs.step import BLOCK, Step, thin, thin_some
+from moteslam.slam.inputs.step import Step, thin, thin_some
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.doubt import Doubt
 from moteslam.slam.tsdf.floor import FloorLikelihood
 from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate
-from moteslam.slam.tsdf.particles import Particles, TsdfMaps
+from moteslam.slam.tsdf.particles import Particles, Thinned
 from moteslam.slam.tsdf.pose_covariance import PoseCovariance
 from moteslam.slam.tsdf.proposal import Proposal, propose, sample
 from moteslam.slam.tsdf.relocation import Relocation
 from moteslam.slam.tsdf.tracking import Tracked, Tracker
 
 WRONG_WHILE_LOST = 0.95  # Probability of a wrong pose from when the robot is lost until it is found
-PLACE, ENOUGH = 0.5, 100  # Of some twenty passes: poses within a square [m], a sector [rad] that a map is drawn from
 
 
 class TsdfFilter(FilterDefaults):
@@ -116,21 +115,14 @@ class TsdfFilter(FilterDefaults):
         before = 0
         if self._relocation is not None:
             before = self._relocation.updates
-            self._relocation.revise(self._drawn(poses[:before], updates[:before], scans))
-        self._particles.revise(poses, self._drawn(poses[before:], updates[before:], scans))
+            self._relocation.revise(self._particles.drawn(poses[:before], self._thinned(scans, updates[:before])))
+        self._particles.revise(poses, self._particles.drawn(poses[before:], self._thinned(scans, updates[before:])))
         self._tracker.pose = as_pose(self._particles.best_pose)
         self._floor = FloorLikelihood(self._config)
 
-    def _drawn(self, path: Array, updates: NDArray[np.intp], scans: Scans) -> TsdfMaps:
-        """The one map of the scans of some updates [u] along a path [u, 3], of each place the first ``ENOUGH``.
-
-        Where the robot passes again and again the map has crept with the later ones, which are placed by it.
-        """
-        maps, drawn = TsdfMaps(self._config.tsdf), np.flatnonzero(_rank_at_place(path) < ENOUGH)
-        for first in range(0, len(drawn), BLOCK):
-            some = drawn[first : first + BLOCK]
-            maps.draw(path[some], thin_some(scans, updates[some].tolist(), self._config.thinning))
-        return maps
+    def _thinned(self, scans: Scans, updates: NDArray[np.intp]) -> Thinned:
+        """Some scans of updates [u], by their indices among these."""
+        return lambda some: thin_some(scans, updates[some].tolist(), self._config.thinning)
 
     def _start(self, scan: ThinnedScan) -> StepResult:
         """The first scan: there is nothing to register to; it goes into the one map that all particles share."""
@@ -253,13 +245,3 @@ class TsdfFilter(FilterDefaults):
     def _pose(self) -> Array:
         """The online pose [3]: the mean of the best particle's mode, moved by what was tracked since."""
         return np.array(compose_one(self._tracker.pose, self._mode_mean))
-
-
-def _rank_at_place(path: Array) -> NDArray[np.intp]:
-    """How many poses before it [u] each of a path [u, 3] has in its square of ``PLACE`` and its sector."""
-    _, places = np.unique(np.floor(path / PLACE), axis=0, return_inverse=True)
-    order = np.argsort(places.ravel(), kind="stable")
-    begins = np.flatnonzero(np.diff(places.ravel()[order], prepend=-1))
-    ranks = np.empty(len(path), np.intp)
-    ranks[order] = np.arange(len(path)) - np.repeat(begins, np.diff(begins, append=len(path)))
-    return ranks

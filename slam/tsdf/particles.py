@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,11 +13,12 @@ from moteslam.robot.se2 import Array
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.mapping.config import APART, TsdfConfig
-from moteslam.slam.mapping.tsdf import TsdfMaps
+from moteslam.slam.mapping.tsdf import DRAWN, TsdfMaps
 
-__all__ = ["OPEN", "Particles", "TsdfMaps"]
+Thinned = Callable[[NDArray[np.intp]], list[ThinnedScan]]
 
 OPEN = 0.001  # Weight of the particles of other hypotheses than the best from which on the place is open
+PLACE, ENOUGH = 0.5, 100  # Of some twenty passes: poses within a square [m], a sector [rad] that a map is drawn from
 
 
 class Particles:
@@ -107,6 +110,17 @@ class Particles:
         self.maps = TsdfMaps(self._config)
         self.start(scan)
 
+    def drawn(self, path: Array, thinned: Thinned) -> TsdfMaps:
+        """The one map along a path [u, 3], of each place the first ``ENOUGH`` scans.
+
+        Where the robot passes again and again the map has crept with the later ones, which are placed by it.
+        """
+        maps, drawn = TsdfMaps(self._config), np.flatnonzero(_rank_at_place(path) < ENOUGH)
+        for first in range(0, len(drawn), DRAWN):
+            some = drawn[first : first + DRAWN]
+            maps.draw(path[some], thinned(some))
+        return maps
+
     def revise(self, path: Array, drawn: TsdfMaps) -> None:
         """Move all particles by the correction of the best one's path [u, 3], and give all the map drawn along it."""
         last = self.best_pose
@@ -133,3 +147,13 @@ class Particles:
     def integrate(self, scan: ThinnedScan) -> None:
         """Average a scan into every particle's TSDF from its pose."""
         self.maps.integrate(self.poses, scan)
+
+
+def _rank_at_place(path: Array) -> NDArray[np.intp]:
+    """How many poses before it [u] each of a path [u, 3] has in its square of ``PLACE`` and its sector."""
+    _, places = np.unique(np.floor(path / PLACE), axis=0, return_inverse=True)
+    order = np.argsort(places.ravel(), kind="stable")
+    begins = np.flatnonzero(np.diff(places.ravel()[order], prepend=-1))
+    ranks = np.empty(len(path), np.intp)
+    ranks[order] = np.arange(len(path)) - np.repeat(begins, np.diff(begins, append=len(path)))
+    return ranks

@@ -22,6 +22,7 @@ from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.registrar import prior_spread
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf import filter as tsdf_filter
+from moteslam.slam.tsdf import particles as tsdf_particles
 from moteslam.slam.tsdf.config import ProposalConfig
 from moteslam.slam.tsdf.filter import TsdfFilter
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
@@ -193,7 +194,7 @@ def test_a_map_is_drawn_anew_from_the_first_scans_of_each_place(monkeypatch: pyt
         return thin_some(scans, indices, config)
 
     monkeypatch.setattr(tsdf_filter, "thin_some", watched)
-    monkeypatch.setattr(tsdf_filter, "ENOUGH", 1)
+    monkeypatch.setattr(tsdf_particles, "ENOUGH", 1)
     tsdf.revise(path, np.array(updates), inputs.scans)
     places = [tuple(np.floor(pose / 0.5)) for pose in path]
     assert drawn == [update for k, update in enumerate(updates) if places[k] not in places[:k]]
