@@ -1,11 +1,11 @@
 """The one seam to Taichi: quiet and offline, initialised once a process, its kernels launched fast.
 
-Every kernel file imports ``ti`` from here. Importing this module imports Taichi (0.2 s): modules that must load at once
-import it inside functions.
+Kernel files import ``ti`` from here. It imports Taichi (0.2 s): modules that must load at once import it in functions.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import io
 import os
@@ -123,6 +123,8 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
     if 1 < threads == len(processors):
         _pin([int(task.name) for task in tasks.iterdir() if task not in before], processors)
     _runtime = Runtime(arch, threads, debug, cache)
+    if cache:  # what was compiled is written when the program ends, which pydantic's classes hold to the last
+        atexit.register(_environment()(ti.reset))
     return _runtime
 
 

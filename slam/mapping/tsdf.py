@@ -17,7 +17,7 @@ from moteslam.robot.se2 import Array, Pose, as_pose
 from moteslam.slam.mapping.config import TsdfConfig
 
 TABLE_CHUNK = 8  # The tables grow by multiples of this many tiles
-FIRST_TILES = 256  # Tiles of the pool to begin with; it doubles
+FIRST_TILES = 32  # Tiles of the pool to begin with; it doubles
 MAX_TILES = 2**31 // CELLS  # More would need 64-bit addresses, and 4 GB
 MAX_ENTRIES = 2**29  # Of all tables together: 2 GB
 DRAWN = 64  # Scans that are drawn into a map at a time: the tables are made large enough for all of them before

@@ -71,6 +71,13 @@ def test_a_first_kernel_asks_no_network_prints_nothing_and_fills_the_cache_alone
     assert not list((tmp_path / "home").iterdir())
 
 
+def test_kernels_are_kept_though_a_configuration_was_read(tmp_path: Path) -> None:
+    """Pydantic's classes hold what they were made with to the end, Taichi's program too: it is not destroyed."""
+    code = KERNEL + "from moteslam.slam.settings import resolve_config; resolve_config()"
+    assert run(code, tmp_path) == ""
+    assert list(cache_of(tmp_path).glob("*.tic"))
+
+
 @POSIX
 def test_the_cache_folder_is_its_owners_alone_whatever_the_mask_and_whatever_it_was(tmp_path: Path) -> None:
     code = "import os; os.umask(0); from moteslam.kernels.runtime import init; print(init('cpu', 1).cache)"

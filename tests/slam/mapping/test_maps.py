@@ -184,8 +184,9 @@ def test_tables_that_would_take_all_memory_are_refused(monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("step", [0.003, 0.02, 0.05, 0.3, 1.0])
-def test_nobody_writes_into_the_empty_tile_or_one_that_is_shared(step: float) -> None:
+def test_nobody_writes_into_the_empty_tile_or_one_that_is_shared(step: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the path of the surface: every tile that a cell of it lies in is copied before."""
+    monkeypatch.setattr(tsdf, "FIRST_TILES", 256)  # where they run out, the last that shares one may write to it
     for seed in range(20):
         generator = np.random.default_rng(seed)
         path = np.cumsum(generator.normal(0, step, (generator.integers(2, 60), 2)), axis=0)
