@@ -24,11 +24,11 @@ from moteslam.slam.filter.certainty import certainty_of_particles, spread
 from moteslam.slam.filter.protocol import Filter, StepResult
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.lapses import left_open
-from moteslam.slam.inputs.odometry_path import Rows
 from moteslam.slam.inputs.step import Step
 from moteslam.slam.inputs.synchronise import about_jumps
 from moteslam.slam.mapping.occupancy import draw_map
 from moteslam.slam.odometry.dead_reckoning import dead_reckoning
+from moteslam.slam.rows import Rows
 from moteslam.slam.scan_records import Losses, ScanRecords, Update
 from moteslam.slam.settings import load_preset
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.values import Issue, Summarised
 from moteslam.slam.filter.certainty import LocalisationState, state_of
-from moteslam.slam.inputs.odometry_path import Rows
+from moteslam.slam.rows import Rows
 
 Array = NDArray[np.float64]
 DIAGNOSTICS = (

@@ -15,10 +15,12 @@ from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, chunks
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.inputs.config import SyncConfig
+from moteslam.slam.inputs.gyro import about_hanging
 from moteslam.slam.inputs.lapses import Lapse, Lapses, Open, lapses
-from moteslam.slam.inputs.odometry_path import OdometryPath, Rows, jumps
+from moteslam.slam.inputs.odometry_path import OdometryPath, jumps
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.travelling import Follower, Travelling
+from moteslam.slam.rows import Rows
 
 Array = NDArray[np.float64]
 NONE = np.empty(0, np.bool_)
@@ -72,6 +74,7 @@ class Inputs:
         if self.path is not None and not self.moves and (still := int((~self.measured).sum())):
             text = f"odometry that never moves: constant velocity over {counted(still, 'scan')}"
             issues = (Issue("still-odometry", text, still), *issues)
+        issues += about_hanging(self.path.hung) if self.path else ()
         return (*issues, *Lapses(NONE, NONE, {}, {}, seen).issues(self.stamps))
 
     def travels(self, repeated: NDArray[np.bool_]) -> Travelling | None:

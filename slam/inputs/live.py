@@ -23,10 +23,12 @@ from moteslam.robot.platform import Platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, gaps
 from moteslam.robot.values import Issue, given_up, when
 from moteslam.slam.inputs.config import SyncConfig
+from moteslam.slam.inputs.gyro import about_hanging
 from moteslam.slam.inputs.inputs import Inputs
-from moteslam.slam.inputs.odometry_path import KEPT, OdometryPath, OdometryReadings, Rows
+from moteslam.slam.inputs.odometry_path import KEPT, OdometryPath, OdometryReadings
 from moteslam.slam.inputs.scans import Scans, without
 from moteslam.slam.inputs.synchronise import about_blind, apart, at_scans, sweeps
+from moteslam.slam.rows import Rows
 
 Array = NDArray[np.float64]
 BEFORE_WHEELS = 0.5  # Scans this long before the first reading of the wheels are not of a robot known to stand [s]
@@ -279,7 +281,7 @@ class LiveInputs(Inputs):
     @property
     def issues(self) -> tuple[Issue, ...]:
         """What was noticed: of clocks, what all inputs tell, blind scans, and those without odometry."""
-        told = [*self._other_clock, *super().issues]
+        told = [*self._other_clock, *super().issues, *about_hanging(self.odometry_in.gyro.hung)]
         if self._blind:
             told.append(Issue("blind-scans", about_blind(self._blind, len(self), self._lidar), self._blind))
         scans, begin, end = self.stamps, self.odometry_in.begins, self.odometry_in.until

@@ -7,7 +7,7 @@ integrated is in `robot/wheel_odometry.py`; here are the choices of a configurat
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
-from moteslam.robot.recording import Recording, nearest_stamp
-from moteslam.robot.wheel_odometry import arc_increment, gyro_covers, wheel_motion
+from moteslam.robot.recording import Recording
+from moteslam.robot.wheel_odometry import arc_increment, wheel_motion
 from moteslam.slam.inputs.config import SyncConfig
+from moteslam.slam.inputs.gyro import Gyro
+from moteslam.slam.rows import Rows, summed
 
 Array = NDArray[np.float64]
 LATEST = 1000  # How many steps are compared with
@@ -34,6 +36,7 @@ class OdometryPath:
     by_wheels: Array | None = None  # [n, 3] the same with the wheels' own turns; None without a gyro
     # [n] the headings without a step of a whole turn, where the path has a beginning that is forgotten
     unwrapped: Array | None = None
+    hung: tuple[tuple[float, float], ...] = ()  # from when to when the gyro hung [s]
 
     def at(self, stamps: Array) -> Array:
         """The poses [m, 3] interpolated at stamps [m] [s]."""
@@ -65,7 +68,7 @@ def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | No
             raise InputError("encoders without wheels, expected a platform with [wheels]", file=recording.name)
         readings = OdometryReadings(recording.platform, config)
         if imu is not None and len(imu):
-            readings.add_yaw_rates(imu.stamps, imu.angular_velocity[:, 2:].astype(np.float64))
+            readings.gyro.add(imu.stamps, imu.angular_velocity[:, 2].astype(np.float64))
         readings.add_counts(encoders.stamps, encoders.counts)
         readings.integrate(waited=np.inf)
         return readings.path
@@ -76,76 +79,6 @@ def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | No
     return None
 
 
-class LowPass:
-    """A causal first-order Butterworth low-pass, settled at the first value.
-
-    The readings are taken to be evenly spaced: stamps jitter more than a sensor does. The rate is the mean one up to
-    each reading, so that no output follows from a later reading.
-
-    Args:
-        cut_off: [Hz]; 0 filters nothing, and nor does one at or above half the rate.
-    """
-
-    def __init__(self, cut_off: float) -> None:
-        self._cut_off, self._readings, self._first = cut_off, 0, 0.0
-        self._input = self._output = 0.0  # the latest
-
-    def of(self, value: float, stamp: float) -> float:
-        """The filtered value of the next reading; stamps rise [s]."""
-        if not self._cut_off > 0:
-            return value
-        self._first = self._first if self._readings else stamp
-        elapsed, before, pole = stamp - self._first, self._input, 0.0
-        self._input = value
-        if elapsed * 2 * self._cut_off < self._readings:
-            # the bilinear transform of the analogue filter: y_i = (1 - p) (x_i + x_{i-1}) / 2 + p y_{i-1}
-            warped = float(np.tan(np.pi * self._cut_off * elapsed / self._readings))
-            pole = (1 - warped) / (1 + warped)
-            value = (1 - pole) * (value + before) / 2
-        self._readings += 1
-        self._output = value + pole * self._output
-        return self._output
-
-
-class Rows:
-    """Rows [n, columns] that are added at the end, and may be forgotten from the beginning on.
-
-    With the ``order`` F each column lies in one piece: to be searched, which otherwise copies it first.
-    """
-
-    def __init__(self, columns: int, dtype: type = np.float64, order: Literal["C", "F"] = "C") -> None:
-        self._table: NDArray[Any] = np.empty((64, columns), dtype, order)
-        self._order = order
-        self._first = self._last = 0
-
-    def __len__(self) -> int:
-        return self._last - self._first
-
-    def add(self, *columns: NDArray[Any]) -> None:
-        """Add rows, of columns [m] and [m, k]."""
-        count, kept, column = len(columns[0]), self.values, 0
-        if self._last + count > len(self._table):
-            size = 2 * len(kept) + count
-            if size > len(self._table):
-                self._table = np.empty((size, kept.shape[1]), kept.dtype, self._order)
-            self._table[: len(kept)] = kept
-            self._first, self._last = 0, len(kept)
-        self._last += count
-        for some in columns:
-            wide = some if some.ndim > 1 else some[:, None]
-            self._table[self._last - count : self._last, column : column + wide.shape[1]] = wide
-            column += wide.shape[1]
-
-    @property
-    def values(self) -> NDArray[Any]:
-        """[n, columns]; they hold until the next row is added."""
-        return self._table[self._first : self._last]
-
-    def keep(self, count: int) -> None:
-        """Forget all but the latest."""
-        self._first = max(self._first, self._last - count)
-
-
 class OdometryReadings:
     """Takes in what wheels and gyro, or a base that integrates them itself, report.
 
@@ -153,6 +86,7 @@ class OdometryReadings:
 
     Attributes:
         counted: whether it is of wheel counters.
+        gyro: what it has measured.
         begins: stamp of the first reading that is part of the path [s].
         still: whether it has stood still for longer than is kept.
     """
@@ -165,8 +99,7 @@ class OdometryReadings:
         self._poses = np.zeros((2, 3))  # the latest, headings not wrapped: with the gyro, and of the wheels alone
         self._turns = 0.0  # what unwraps the heading
         self._waiting = Rows(3, order="F")  # readings of the wheels: stamp, distance, turn
-        self._low_pass = LowPass(config.low_pass_hz)
-        self._gyro = Rows(3, order="F")  # stamp, yaw rate, heading
+        self.gyro = Gyro(config)
         self._heard: dict[str, list[list[float]]] = {stream: [] for stream in ("imu", "encoders", "odometry")}
         self.counted, self.begins, self.still = False, np.inf, False
 
@@ -176,8 +109,8 @@ class OdometryReadings:
         if not len(self._rows):
             return None
         rows = self._rows.values
-        alone = rows[:, 5:] if self.counted and len(self._gyro) else None
-        return OdometryPath(rows[:, 0], rows[:, 1:4], alone, rows[:, 4])
+        alone = rows[:, 5:] if self.counted and len(self.gyro) else None
+        return OdometryPath(rows[:, 0], rows[:, 1:4], alone, rows[:, 4], tuple(self.gyro.hung))
 
     @property
     def until(self) -> float:
@@ -186,8 +119,8 @@ class OdometryReadings:
 
     def reaches(self, stamp: float, *, waited: float) -> bool:
         """Whether ``integrate`` would lead to a stamp or beyond [s]."""
-        turned = [message[0] for message in self._heard["imu"]] or self._gyro.values[-1:, 0].tolist()
-        known = max(waited, *turned[-1:], -np.inf) if turned or self._has_gyro else np.inf
+        turned = max([self.gyro.heard, *(message[0] for message in self._heard["imu"][-1:])])
+        known = max(waited, turned) if turned > -np.inf or self._has_gyro else np.inf
         waiting = (*self._waiting.values[:, 0].tolist(), *(message[0] for message in self._heard["encoders"]))
         after = [each for each in waiting if stamp <= each <= known]
         return bool(after or self.until >= stamp or any(pose[0] >= stamp for pose in self._heard["odometry"]))
@@ -213,31 +146,21 @@ class OdometryReadings:
         self.counted = True
         self._waiting.add(stamps, *wheel_motion(counts, self._wheels))
 
-    def add_yaw_rates(self, stamps: Array, rates: Array) -> None:
-        """Take in the gyro's yaw rates [m, 1] [rad/s]."""
-        rates = rates[:, 0]
-        if self._config.low_pass_hz > 0:
-            rates = np.array([self._low_pass.of(*each) for each in zip(rates.tolist(), stamps.tolist(), strict=True)])
-        last, rate, heading = self._gyro.values[-1] if len(self._gyro) else (stamps[:1], rates[:1], 0.0)
-        turns = (rates + np.append(rate, rates[:-1])) / 2 * np.diff(stamps, prepend=last)
-        self._gyro.add(stamps, rates, _summed(heading, turns))
-
     def integrate(self, *, waited: float) -> None:
         """Take in what was heard: poses, and the wheels' readings of which the gyro has said how the robot turned.
 
         Those up to a stamp have waited long enough [s], and go without.
         """
         for heard, take in zip(
-            self._heard.values(), (self.add_yaw_rates, self.add_counts, self.add_poses), strict=True
+            self._heard.values(), (self._add_yaw_rates, self.add_counts, self.add_poses), strict=True
         ):
             if heard:
                 table = np.array(heard)
                 take(table[:, 0], table[:, 1:])
                 heard.clear()
         stamps, distance, turn = self._waiting.values.T
-        if self._has_gyro or len(self._gyro):
-            newest = self._gyro.values[-1, 0] if len(self._gyro) else -np.inf
-            ready = np.searchsorted(stamps, max(newest, waited), side="right")
+        if self._has_gyro or len(self.gyro):
+            ready = np.searchsorted(stamps, max(self.gyro.heard, waited), side="right")
             stamps, distance, turn = stamps[:ready], distance[:ready], turn[:ready]
         if not len(stamps):
             return
@@ -245,7 +168,7 @@ class OdometryReadings:
         if not len(self._rows):
             distance[0] = turn[0] = 0.0  # has no interval before it
         before = self.until if len(self._rows) else stamps[0]
-        turned = self._gyro_turns(np.append(before, stamps), turn)
+        turned = self.gyro.turns(np.append(before, stamps), turn)
         steps = arc_increment(distance, np.stack((turned, turn)))
         if self._config.kinematics == "euler":
             steps[0] = euler_increment(distance, turned)
@@ -261,9 +184,7 @@ class OdometryReadings:
 
     def forget(self, before: float) -> None:
         """Forget the readings that nothing of after a stamp [s] is compared with."""
-        if len(self._gyro) > 2 * KEPT:
-            since = np.searchsorted(self._gyro.values[:, 0], self.until)
-            self._gyro.keep(max(KEPT, len(self._gyro) - int(since) + 1))
+        self.gyro.forget(self.until, KEPT)
         if len(self._rows) < 2 * KEPT:
             return
         first = int(np.searchsorted(self._rows.values[:, 0], before)) - KEPT
@@ -273,17 +194,8 @@ class OdometryReadings:
         self.still = kept > MOST_KEPT or (self.still and not len(moved))
         self._rows.keep(min(kept, MOST_KEPT))
 
-    def _gyro_turns(self, stamps: Array, turn: Array) -> Array:
-        """The turns [m] between stamps [m + 1], the gyro's where it measured them, else the wheels' own [rad]."""
-        known, rate, heading = self._gyro.values.T
-        covered = gyro_covers(stamps, known)[1:]
-        if not covered.any():
-            return turn
-        if self._config.method == "nearest":
-            by_gyro = rate[nearest_stamp(known, stamps[1:])] * np.diff(stamps)
-        else:
-            by_gyro = np.diff(np.interp(stamps, known, heading))
-        return np.where(covered, by_gyro, turn)
+    def _add_yaw_rates(self, stamps: Array, rates: Array) -> None:
+        self.gyro.add(stamps, rates[:, 0])
 
     def _add(self, stamps: Array, poses: Array, alone: Array) -> None:
         last = self._rows.values[-1, 3] if len(self._rows) else poses[0, 2]
@@ -291,14 +203,9 @@ class OdometryReadings:
         steps = np.diff(poses[:, 2], prepend=last)
         wrapped = (steps + np.pi) % (2 * np.pi) - np.pi  # as np.unwrap, to the last bit
         wrapped[(wrapped == -np.pi) & (steps > 0)] = np.pi
-        turns = _summed(self._turns, np.where(np.abs(steps) < np.pi, 0.0, wrapped - steps))
+        turns = summed(self._turns, np.where(np.abs(steps) < np.pi, 0.0, wrapped - steps))
         self._turns = float(turns[-1])
         self._rows.add(stamps, poses, poses[:, 2] + turns, alone)
-
-
-def _summed(start: float, steps: Array) -> Array:
-    """The running sum [m], added up one by one from a start."""
-    return np.cumsum(np.append(start, steps))[1:]
 
 
 USUAL = 90  # The percentile of the latest steps that a step is compared with

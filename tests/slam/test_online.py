@@ -59,11 +59,19 @@ def about(estimate: Estimate) -> dict[str, bytes]:
     return {name: values.tobytes() for name, values in estimate.diagnostics.items() if name != "seconds"}
 
 
+def hanging(recording: Recording) -> Recording:
+    """The gyro repeats its reading after three seconds up to the tenth."""
+    imu = recording.imu
+    velocity, since = np.array(imu.angular_velocity), imu.stamps - imu.stamps[0]
+    velocity[(since > 3) & (since < 10)] = velocity[np.searchsorted(since, 3.0)]
+    return recording.replace(imu=replace(imu, angular_velocity=velocity))
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize(
     ("change", "late"),
-    [(lambda r: r, 0.0), (lambda r: r, 0.3), (logged, 0.05), (jumping, 0.3)],
-    ids=["wheels", "wheels late", "logged late", "jumping late"],
+    [(lambda r: r, 0.0), (lambda r: r, 0.3), (logged, 0.05), (jumping, 0.3), (hanging, 0.0), (hanging, 0.3)],
+    ids=["wheels", "wheels late", "logged late", "jumping late", "gyro hangs", "gyro hangs late"],
 )
 def test_messages_give_the_bytes_of_the_recording_however_late_the_odometry_is(
     corridor: Recording, change: Callable[[Recording], Recording], late: float, preset: str

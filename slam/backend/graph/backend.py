@@ -20,7 +20,7 @@ from moteslam.slam.backend.graph.measured_chain import CONTRADICTED
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.protocol import BackendKind, KeyScan
-from moteslam.slam.inputs.odometry_path import Rows
+from moteslam.slam.rows import Rows
 
 OFF, WELL_GROWN = 0.05, 1.25
 """The filter's path is corrected where a new loop is off by the first [m], and the path has grown by the second factor

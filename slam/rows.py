@@ -1,0 +1,52 @@
+"""Rows of numbers that are added one by one or many at once."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Rows:
+    """Rows [n, columns] that are added at the end, and may be forgotten from the beginning on.
+
+    With the ``order`` F each column lies in one piece: to be searched, which otherwise copies it first.
+    """
+
+    def __init__(self, columns: int, dtype: type = np.float64, order: Literal["C", "F"] = "C") -> None:
+        self._table: NDArray[Any] = np.empty((64, columns), dtype, order)
+        self._order = order
+        self._first = self._last = 0
+
+    def __len__(self) -> int:
+        return self._last - self._first
+
+    def add(self, *columns: NDArray[Any]) -> None:
+        """Add rows, of columns [m] and [m, k]."""
+        count, kept, column = len(columns[0]), self.values, 0
+        if self._last + count > len(self._table):
+            size = 2 * len(kept) + count
+            if size > len(self._table):
+                self._table = np.empty((size, kept.shape[1]), kept.dtype, self._order)
+            self._table[: len(kept)] = kept
+            self._first, self._last = 0, len(kept)
+        self._last += count
+        for some in columns:
+            wide = some if some.ndim > 1 else some[:, None]
+            self._table[self._last - count : self._last, column : column + wide.shape[1]] = wide
+            column += wide.shape[1]
+
+    @property
+    def values(self) -> NDArray[Any]:
+        """[n, columns]; they hold until the next row is added."""
+        return self._table[self._first : self._last]
+
+    def keep(self, count: int) -> None:
+        """Forget all but the latest."""
+        self._first = max(self._first, self._last - count)
+
+
+def summed(start: float, steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The running sum [m], added up one by one from a start."""
+    return np.cumsum(np.append(start, steps))[1:]
