@@ -27,8 +27,8 @@ nothing of orientations."""
 FASTEST, MANY, ROUNDED, JUMP = 100.0, 0.1, 0.01, 5
 """No robot is faster [m/s]; stamps of which a larger share are those of the pose before, with more path between [m],
 were rounded; after poses that repeat each other so many times the usual step is a jump."""
-DIGITS, COARSE, FEW_VALUES = 0.05, 3.0, 4
-"""A coordinate of more values, all farther apart than the first [m] and so many usual steps, has lost its digits."""
+DIGITS, FEW_VALUES, MOST_VALUES = 0.015, 4, 0.9
+"""A coordinate of more values, and of fewer than this share of the poses, all multiples of more [m], was rounded."""
 STRIDE, ACROSS, FITS = 0.2, np.sin(np.deg2rad(10.0)) ** 2, 0.2
 """Directions of travel over some path [m] that are off a fixed direction of the body by more than the second, in the
 mean squared sine, do not follow it; other orientations that leave less than this share of it are what was meant."""
@@ -205,11 +205,11 @@ def _doubts(
         yield Issue("equal-stamps", f"{text}: stamps were rounded; errors are wrong by that much", int(shared.sum()))
     for name, values in zip("xyz", map(np.unique, places.T), strict=True):
         digit = float(np.diff(values).min(initial=np.inf))
-        if len(values) > FEW_VALUES and digit > max(DIGITS, COARSE * float(steps.mean())):
-            text = (
-                f"{path}: {name} comes in steps of {digit:.3g} m, for poses {100 * steps.mean():.3g} cm apart: digits"
-            )
-            yield Issue("positions-rounded", f"{text} were lost, in float32 or in writing? Errors hold half a step", n)
+        if FEW_VALUES < len(values) < MOST_VALUES * n and digit > DIGITS:
+            multiples = np.diff(values) / digit
+            if np.abs(multiples - np.round(multiples)).max() < ROUNDED:
+                text = f"{path}: {name} comes in steps of {digit:.3g} m: digits were lost, in float32 or in writing?"
+                yield Issue("positions-rounded", f"{text} Errors hold half a step", n)
     speed = float(steps.sum() / times.sum()) if times.max(initial=0) > 1e-3 else 0.0  # or no seconds at all
     if speed > FASTEST:
         yield Issue("implausible-speed", f"{path}: moves at {speed:.3g} m/s: positions in mm? Errors are, too", n)

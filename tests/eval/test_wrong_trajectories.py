@@ -191,6 +191,7 @@ def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
         (same, changed(lambda t: t.__setitem__((slice(None), 2), np.rint(2 * t[:, 2]) / 2)), ["positions-rounded"]),
         (same, changed(lambda t: t.__setitem__((slice(None), 2), np.rint(10 * t[:, 2]) / 10)), ["positions-rounded"]),
         (changed(lambda t: t.__setitem__((slice(None), slice(1, 3)), t[:, 1:3].round(2))), same, []),
+        (lambda t: np.hstack((t[::9, :1], t[::9, 1:3].round(1), t[::9, 3:])), same, ["positions-rounded"] * 2),
         (wxyz, same, ["orientation-order", "body-axes"]),
         (wxyz, wxyz, ["orientation-order", "orientation-order", "in-space"]),
         (scaled(6, -1.0), same, ["orientation-order", "body-axes"]),
