@@ -13,6 +13,7 @@ from moteslam.eval.cli.options import named
 from moteslam.eval.cli.text import progress_bar, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.metrics.relations import Relations
+from moteslam.eval.metrics.residuals import unfit_scans
 from moteslam.eval.report.maps import Snapshots, TextureStages
 from moteslam.eval.result_bag import write_result_bag
 from moteslam.eval.results import read_building, write_results
@@ -86,8 +87,10 @@ def run_into(
             estimate = go_on(estimate, building)
     seconds = time.perf_counter() - clock
     estimate, stages = _coloured(estimate, recording)
-    warn(estimate.warnings)
-    issues = (*issues, *estimate.warnings)
+    unfit = unfit_scans(recording, estimate.trajectory_final) if config.backend.method != "none" else ()
+    noticed = (*estimate.warnings, *unfit)  # a path without a back end may zigzag by as much
+    warn(noticed)
+    issues = (*issues, *noticed)
     found = write_results(
         folder,
         estimate,

@@ -73,6 +73,22 @@ def test_without_noise_there_are_no_residuals_else_the_median_is_087_of_it() -> 
     assert scan_residuals(*along_wall(200, noise=0.02)).beyond_3_cm > 0.2
 
 
+@pytest.mark.parametrize(
+    ("noise", "stated", "told"),
+    [(0.03, 0.0, False), (0.05, 0.0, True), (0.05, 0.05, False), (0.03, 0.01, True), (0.02, 0.001, False)],
+)
+def test_scans_that_fit_each_other_worse_than_their_noise_are_told(noise: float, stated: float, *, told: bool) -> None:
+    recording, truth = along_wall(200, noise=noise)
+    platform = recording.platform.with_(noise={"lidar": {"range_noise": stated}})
+    found = residuals.unfit_scans(recording.replace(platform=platform), truth)
+    assert [issue.code for issue in found] == ["scans-unfit"] * told
+
+
+def test_of_a_robot_that_stands_nothing_is_said_of_the_fit() -> None:
+    recording, truth = along_wall(20, step=0.0, noise=0.1)
+    assert residuals.unfit_scans(recording, truth) == ()
+
+
 @pytest.mark.parametrize(("off", "beyond"), [(0.04, 1.0), (0.02, 0.0)])
 def test_a_displaced_scan_is_as_far_off_as_it_is_displaced(off: float, beyond: float) -> None:
     recording, truth = along_wall(2)
