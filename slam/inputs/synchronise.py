@@ -167,6 +167,8 @@ def sweeps(path: OdometryPath, stamps: Array, seconds: float, config: SyncConfig
     return np.asarray(motion)
 
 
+FULL, MANY_FULL = (127, 128, 255, 32767, 32768, 65535), 10
+"""The largest numbers of one and two bytes; more readings of them are no chance."""
 GYRO_MARGIN = 3.0
 """Encoder readings this far outside the gyro's time count as covered [s]: a real robot's encoders run on for 1.5 s."""
 
@@ -197,6 +199,11 @@ def warnings(
             without = int(((encoders.stamps <= early) | (encoders.stamps >= late)).sum())
         text = f"{without} of {len(encoders)} encoder readings without a gyro: turns from the wheels alone there"
         told.append(("no-gyro", without, text))
+        most = int((sizes := np.abs(encoders.counts)).max(initial=0))
+        full = int((sizes == most).any(axis=1).sum()) if most in FULL else 0
+        text = f"{full} of {len(encoders)} encoder readings are {most} and none is more: what does not fit into their "
+        text += "bytes was cut off, and lengths and turns by the wheels are too small"
+        told.append(("counters-wrap", full if full > MANY_FULL else 0, text))
     if path is None:
         text = f"no odometry: constant velocity over {n} scans; dead reckoning stands still"
         told.append(("no-odometry", n, text))

@@ -179,6 +179,15 @@ def test_streams_that_do_not_overlap_are_refused_and_blind_ones_told():
     assert "without a gyro" in made_do(recording.replace(imu=None))[0]
 
 
+@pytest.mark.parametrize(("most", "told"), [(127, True), (120, False), (300, False)])
+def test_counts_that_were_cut_off_at_a_byte_are_told(most: int, *, told: bool) -> None:
+    recording = circle(seconds=4)
+    counts = np.minimum(np.random.default_rng(0).integers(80, 200, recording.encoders.counts.shape), most)
+    changed = recording.replace(encoders=replace(recording.encoders, counts=counts))
+    codes = [one.code for one in warnings(changed, synchronise(changed))]
+    assert ("counters-wrap" in codes) is told
+
+
 @pytest.mark.parametrize(
     ("sequence", "travelled", "end", "heading"),
     [(20, 95.9, (-2.1, -1.9), 2.4), (21, 91.8, None, -53.0)],
