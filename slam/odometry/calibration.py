@@ -80,10 +80,14 @@ class OdometryCalibration:
         about_x, about_y, about_turn = (1 / max(value, 1e-9) for value in information.diagonal().tolist())
         of_distance = (c.translation + c.translation_from_translation * abs(x)) ** 2
         of_turn = (c.rotation + c.rotation_from_rotation * abs(turn)) ** 2
+        # Noise in the regressor dilutes a slope (errors in variables): in a straight corridor, where the odometry turns
+        # by noise alone, to nothing. The turn by odometry and scan together is uncorrelated with the innovation
+        noise = max(of_turn, innovation[2] ** 2 - about_turn)
+        turned = (registered[2] - about_turn / (noise + about_turn) * innovation[2]) / self.turn_scale
         for gains, row, error, variance in (
             (self._distance, [x], innovation[0], of_distance + about_x),
             (self._offset, [swing], innovation[1], of_distance + about_y),
-            (self._turn, [turn, x], innovation[2], of_turn + about_turn),
+            (self._turn, [turned, x], innovation[2], of_turn + about_turn),
         ):
             gains.predict(abs(x))
             gains.update(row, error, variance, c.gate)

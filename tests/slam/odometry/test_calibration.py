@@ -83,3 +83,11 @@ def test_slips_are_gated_out() -> None:
     for _ in range(20):
         calibration.update(np.array([0.5, 0.0, 0.0]), np.array([0.1, 0.0, 0.0]), SURE)
     assert calibration.scale == before
+
+
+def test_headings_that_are_noise_alone_leave_the_scale_of_turns() -> None:
+    """In a straight corridor: a regression on them would end at 0."""
+    calibration, rng = OdometryCalibration(CalibrationConfig()), np.random.default_rng(3)
+    for _ in range(2000):
+        calibration.update(np.array([0.8, 0.0, 0.03 * rng.standard_normal()]), np.array([0.8, 0.0, 0.0]), SURE)
+    assert calibration.turn_scale == pytest.approx(1.0, abs=0.05)
