@@ -28,8 +28,8 @@ def drive(scenario: str, seconds: float, *settings: str, seed: int = 0) -> motes
 
 def key_scans() -> moteslam.Recording:
     """A large loop as key scans of a poor odometry."""
-    simulation = moteslam.simulate(moteslam.load_scenario("big_loop", settings=["platform=lms200"]), seed=0)
-    return logged(simulation, Logging(every=0.75, turn=0.5, noise=(0.1, 0.1))).recording
+    simulation = moteslam.simulate(moteslam.load_scenario("big_loop", settings=["platform=lms200"]), seed=2)
+    return logged(simulation, Logging(every=0.75, turn=0.5, noise=(0.2, 0.2))).recording
 
 
 def mounted(recording: moteslam.Recording, **mount: float) -> moteslam.Recording:

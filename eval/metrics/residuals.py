@@ -110,7 +110,7 @@ def unfit_scans(recording: Recording, trajectory: Trajectory) -> tuple[Issue, ..
     except InputError:  # nothing to compare
         return ()
     stated, ranges = recording.platform.noise.lidar, [lidar.ranges[k : k + 1] for k in index[compared].tolist()]
-    far = float(np.median(seen)) if len(seen := np.concatenate(ranges)[np.isfinite(np.concatenate(ranges))]) else 0.0
+    far = float(np.median((seen := np.concatenate(ranges))[np.isfinite(seen)]))
     noise = MEDIAN_OF_NOISE * (stated.range_noise + far * stated.range_noise_per_metre or UNKNOWN_NOISE)
     median = float(np.median(np.concatenate(residuals)))
     if median <= max(UNFIT, UNFIT_NOISE * noise):

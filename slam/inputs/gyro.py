@@ -70,9 +70,9 @@ class Gyro:
         return len(self._rows)
 
     def add(self, stamps: Array, rates: Array) -> None:
-        """Take in yaw rates [m] [rad/s]."""
-        sound = self._sound(stamps, rates)
-        stamps, rates = stamps[sound], rates[sound]
+        """Take in yaw rates [m, 1] [rad/s]."""
+        sound = self._sound(stamps, rates[:, 0])
+        stamps, rates = stamps[sound], rates[sound, 0]
         if not len(stamps):
             return
         if self._config.low_pass_hz > 0:

@@ -23,7 +23,6 @@ from moteslam.robot.platform import Platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, gaps
 from moteslam.robot.values import Issue, given_up, when
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.gyro import about_hanging
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.odometry_path import KEPT, OdometryPath, OdometryReadings
 from moteslam.slam.inputs.scans import Scans, without
@@ -281,7 +280,7 @@ class LiveInputs(Inputs):
     @property
     def issues(self) -> tuple[Issue, ...]:
         """What was noticed: of clocks, what all inputs tell, blind scans, and those without odometry."""
-        told = [*self._other_clock, *super().issues, *about_hanging(self.odometry_in.gyro.hung)]
+        told = [*self._other_clock, *super().issues]
         if self._blind:
             told.append(Issue("blind-scans", about_blind(self._blind, len(self), self._lidar), self._blind))
         scans, begin, end = self.stamps, self.odometry_in.begins, self.odometry_in.until

@@ -68,7 +68,7 @@ def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | No
             raise InputError("encoders without wheels, expected a platform with [wheels]", file=recording.name)
         readings = OdometryReadings(recording.platform, config)
         if imu is not None and len(imu):
-            readings.gyro.add(imu.stamps, imu.angular_velocity[:, 2].astype(np.float64))
+            readings.gyro.add(imu.stamps, imu.angular_velocity[:, 2:].astype(np.float64))
         readings.add_counts(encoders.stamps, encoders.counts)
         readings.integrate(waited=np.inf)
         return readings.path
@@ -119,7 +119,7 @@ class OdometryReadings:
 
     def reaches(self, stamp: float, *, waited: float) -> bool:
         """Whether ``integrate`` would lead to a stamp or beyond [s]."""
-        turned = max([self.gyro.heard, *(message[0] for message in self._heard["imu"][-1:])])
+        turned = self._heard["imu"][-1][0] if self._heard["imu"] else self.gyro.heard
         known = max(waited, turned) if turned > -np.inf or self._has_gyro else np.inf
         waiting = (*self._waiting.values[:, 0].tolist(), *(message[0] for message in self._heard["encoders"]))
         after = [each for each in waiting if stamp <= each <= known]
@@ -152,7 +152,7 @@ class OdometryReadings:
         Those up to a stamp have waited long enough [s], and go without.
         """
         for heard, take in zip(
-            self._heard.values(), (self._add_yaw_rates, self.add_counts, self.add_poses), strict=True
+            self._heard.values(), (self.gyro.add, self.add_counts, self.add_poses), strict=True
         ):
             if heard:
                 table = np.array(heard)
@@ -193,9 +193,6 @@ class OdometryReadings:
         kept = len(self._rows) - first + (stood + 100 if stood > 1 else 0)
         self.still = kept > MOST_KEPT or (self.still and not len(moved))
         self._rows.keep(min(kept, MOST_KEPT))
-
-    def _add_yaw_rates(self, stamps: Array, rates: Array) -> None:
-        self.gyro.add(stamps, rates[:, 0])
 
     def _add(self, stamps: Array, poses: Array, alone: Array) -> None:
         last = self._rows.values[-1, 3] if len(self._rows) else poses[0, 2]

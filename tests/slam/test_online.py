@@ -53,6 +53,8 @@ def check(recording: Recording, preset: str, **late: float) -> None:
     assert here.covariances.tobytes() == there.covariances.tobytes()
     assert [loop.accepted for loop in here.loops] == [loop.accepted for loop in there.loops]
     assert about(here) == about(there)
+    told = [issue.code for issue in here.warnings]
+    assert told.count("no-gyro") <= 1
 
 
 def about(estimate: Estimate) -> dict[str, bytes]:

@@ -34,7 +34,7 @@ def test_a_gyro_that_repeats_a_yaw_rate_hangs_and_the_wheels_say_how_the_robot_t
     for at_a_time in (1, 7, 3000):
         gyro = Gyro(config)
         for first in range(0, 3000, at_a_time):
-            gyro.add(stamps[first : first + at_a_time], rates[first : first + at_a_time])
+            gyro.add(stamps[first : first + at_a_time], rates[first : first + at_a_time, None])
         ends = stamps[::10]
         turns.append(gyro.turns(ends, np.full(len(ends) - 1, -1.0)))
         assert gyro.hung == [(stamps[1000], stamps[1999])]
@@ -60,7 +60,7 @@ def test_a_gyro_that_repeats_a_yaw_rate_hangs_and_the_wheels_say_how_the_robot_t
 )
 def test_a_gyro_that_repeats_what_it_measures_does_not_hang(rates: np.ndarray) -> None:
     gyro = Gyro(SyncConfig())
-    gyro.add(np.arange(3000) / 100, rates)
+    gyro.add(np.arange(3000) / 100, rates[:, None])
     assert not gyro.hung
     assert len(gyro) == 3000
     assert about_hanging(gyro.hung) == ()
