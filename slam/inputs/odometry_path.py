@@ -151,9 +151,7 @@ class OdometryReadings:
 
         Those up to a stamp have waited long enough [s], and go without.
         """
-        for heard, take in zip(
-            self._heard.values(), (self.gyro.add, self.add_counts, self.add_poses), strict=True
-        ):
+        for heard, take in zip(self._heard.values(), (self.gyro.add, self.add_counts, self.add_poses), strict=True):
             if heard:
                 table = np.array(heard)
                 take(table[:, 0], table[:, 1:])
