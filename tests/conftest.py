@@ -12,7 +12,8 @@ ROOT = Path(__file__).parents[1]
 
 os.environ.pop("COLUMNS", None)  # of a terminal, which a worker of pytest-xdist is told: tables would be as narrow
 
-settings.register_profile("moteslam", deadline=None)  # a test asserts no time: a busy machine is no failure
+# a test asserts no time: a busy machine is no failure
+settings.register_profile("moteslam", deadline=None, max_examples=40)
 settings.load_profile("moteslam")
 
 

@@ -45,11 +45,6 @@ def recording() -> Recording:
     )
 
 
-def test_all_of_it_is_the_recording_itself() -> None:
-    whole = recording()
-    assert cut(whole, Cut()) is whole
-
-
 def test_from_a_time_to_a_time_after_the_first_stamp_of_any_stream() -> None:
     part = cut(recording(), Cut(start=3.06, end=5.06))  # from 102.06 to 104.06 s: the wheels begin at 99
     np.testing.assert_array_equal(part.lidar.ranges[:], RANGES[21:41])
@@ -58,14 +53,6 @@ def test_from_a_time_to_a_time_after_the_first_stamp_of_any_stream() -> None:
     assert len(part.encoders) == 40
     assert len(part.odometry) == 20
     assert len(part.imu) == 20
-
-
-def test_images_stay_with_their_stamps() -> None:
-    part = cut(recording(), Cut(start=3, end=5)).rgbd
-    np.testing.assert_allclose(part.rgb_stamps, 102 + np.arange(11) / 5)
-    np.testing.assert_allclose(part.disparity_stamps, 102.1 + np.arange(10) / 5)
-    assert part.images.rgb(0)[0, 0, 0] == 10
-    assert part.images.disparity(9)[0, 0] == 19
 
 
 def test_files_of_images_stay_with_their_stamps(tmp_path) -> None:
@@ -119,8 +106,3 @@ def test_what_leaves_nothing_is_refused(part: dict[str, object], field: str) -> 
     with pytest.raises((ConfigError, InputError)) as caught:
         cut(recording(), Cut(**part))
     assert caught.value.field == field
-
-
-def test_a_stream_that_is_not_there() -> None:
-    with pytest.raises(InputError, match="lidar"):
-        cut(Recording("x", Platform(), lidar=recording().lidar), Cut(streams=("imu",)))

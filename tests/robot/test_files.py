@@ -186,13 +186,6 @@ def test_what_is_put_into_the_folder_in_the_meantime_is_kept(tmp_path: Path) -> 
     assert names(target) == ["notes.txt", "old"]
 
 
-def test_an_empty_folder_and_one_of_ours_that_lacks_a_file_are_replaced(tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    (made(tmp_path / "ours", "a", "b") / "a").unlink()
-    for name in ("empty", "ours"):
-        assert names(made(tmp_path / name, "new", force=True)) == ["new"]
-
-
 def test_forcing_never_deletes_the_input_or_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     folder = made(tmp_path / "recording", "robot.log")
     for keep in (folder, folder / "robot.log"):
@@ -203,14 +196,6 @@ def test_forcing_never_deletes_the_input_or_the_current_folder(tmp_path: Path, m
         with pytest.raises(OutputError), result_folder(target, force=True):
             pass
     assert names(folder) == ["robot.log"]
-
-
-def test_a_file_that_cannot_be_written_is_named_where_it_was_asked_for(tmp_path: Path):
-    out = tmp_path / "out"
-    with pytest.raises(OutputError) as caught, result_folder(out) as work:
-        write_atomically(work / "missing" / "map.pgm", b"")
-    assert caught.value.file == str(out / "missing" / "map.pgm")
-    assert not out.exists()
 
 
 SHAPES = {"time_stamps": ("n",), "counts": (4, "n")}
@@ -243,13 +228,7 @@ def test_reads_what_is_there_in_either_order_and_leaves_the_rest(tmp_path: Path)
     np.testing.assert_array_equal(arrays["counts"], counts)
 
 
-@pytest.mark.parametrize("value", [2.5, [2.5], [[2.5]]])
-def test_one_number_may_come_in_any_dimension(tmp_path: Path, value: object) -> None:
-    np.savez(tmp_path / "x.npz", a=np.array(value))
-    assert read_arrays(tmp_path / "x.npz", {"a": ()})["a"].item() == 2.5
-
-
-@pytest.mark.parametrize("keep", [0, 1, 30, 200, 0.5, 0.9, -1])
+@pytest.mark.parametrize("keep", [0, 30, 0.5, -1])
 def test_a_truncated_file_is_refused(tmp_path: Path, keep: float) -> None:
     data = good(tmp_path / "x.npz", 50).read_bytes()
     cut = tmp_path / "Encoders1.npz"
@@ -259,24 +238,13 @@ def test_a_truncated_file_is_refused(tmp_path: Path, keep: float) -> None:
     assert caught.value.file == str(cut)
 
 
-def test_escape_codes_in_the_names_of_arrays_are_not_printed(tmp_path: Path) -> None:
-    path = zipped(tmp_path / "x.npz", **{"\x1b[31m\n": b"x"})
-    with pytest.raises(InputError) as caught:
-        read_arrays(path, SHAPES)
-    assert str(caught.value).isprintable()
-
-
 @pytest.mark.parametrize(
     "counts",
     [
         np.ones((4, 6)),
-        np.ones((5, 4)),
-        np.ones(5),
         np.ones((4, 0)),
-        np.float64(1),
         np.ones((4, 5), complex),
         np.full((4, 5), "a"),
-        np.ones((4, 5), bool),
         None,
     ],
 )
@@ -303,11 +271,8 @@ def test_pickles_are_never_loaded(tmp_path: Path) -> None:
     "header",
     [
         npy_header((1 << 40,)),
-        npy_header((1 << 62, 1 << 62)),
         npy_header((4,), "<f8").replace(b"(4,)", b"(-4)"),
         b"\x93NUMPY\x02\x00" + struct.pack("<I", 0xFFFFFFF0),
-        b"\x93NUMPY\x07\x00",
-        b"no header",
         b"",
     ],
 )
@@ -325,14 +290,9 @@ def test_a_zip_bomb_is_refused_by_its_declared_size(tmp_path: Path) -> None:
         read_arrays(path, {"time_stamps": ("n",)}, max_bytes=1_000_000)
 
 
-@pytest.mark.parametrize("declared", [48, 1 << 31])
-def test_a_directory_that_lies_about_a_size_is_refused(tmp_path: Path, declared: int) -> None:
-    """The central directory says less or more than there is; the header of the array agrees with the lie."""
-    header = npy_header(((declared - 128) // 8,))
-    path = zipped(tmp_path / "x.npz", time_stamps=header + bytes(8000))
-    data = bytearray(path.read_bytes())
-    entry = data.index(b"PK\x01\x02")
-    data[entry + 24 : entry + 28] = struct.pack("<I", declared)
-    path.write_bytes(data)
-    with pytest.raises(InputError):
-        read_arrays(path, {"time_stamps": ("n",)})
+def test_a_file_that_cannot_be_written_is_named_where_it_was_asked_for(tmp_path: Path):
+    out = tmp_path / "out"
+    with pytest.raises(OutputError) as caught, result_folder(out) as work:
+        write_atomically(work / "missing" / "map.pgm", b"")
+    assert caught.value.file == str(out / "missing" / "map.pgm")
+    assert not out.exists()

@@ -1,6 +1,5 @@
 """What an inspection reports."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -82,20 +81,6 @@ def test_the_gyro_is_judged_where_the_wheels_rest() -> None:
     assert report.wheels.distance == pytest.approx(counts.sum() * 0.0022)
 
 
-def test_counts_are_summed_whichever_way_a_wheel_turned() -> None:
-    counts = np.array([[1, 2, 3, 4], [-10, 20, -30, 40]])
-    report = inspect_recording(Recording("x", UCSD, encoders=EncoderStream(np.arange(2.0), counts)))
-    assert report.wheels.counts == (11, 22, 33, 44)
-
-
-@pytest.mark.parametrize("n", [1, 2])
-def test_the_shortest_recordings_give_valid_json(n: int) -> None:
-    stamps = np.zeros(n)
-    recording = Recording("x", UCSD, lidar=scans(stamps), encoders=wheels(stamps, 0))
-    found = inspect_recording(recording).to_dict()
-    assert json.loads(json.dumps(found, allow_nan=False))["streams"][0]["mean_rate"] is None
-
-
 def test_the_real_ucsd_recordings(data_folder: Path) -> None:
     """The figures measured on them: rates, gyro at rest, stamps in bursts."""
     report = inspect_recording(open_recording(data_folder / "ucsd", sequence=20))
@@ -105,12 +90,6 @@ def test_the_real_ucsd_recordings(data_folder: Path) -> None:
     assert 0.0038 < report.gyro_at_rest.deviation < 0.0045
     assert 1.0 < np.degrees(report.gyro_at_rest.mean) * 60 < 1.4
     assert report.wheels.distance == pytest.approx(95.9, abs=0.05)
-
-
-def test_a_real_log_with_equal_stamps(data_folder: Path) -> None:
-    report = inspect_recording(open_recording(data_folder / "intel" / "intel_raw_part.log.gz"))
-    assert report.streams[0].equal_stamps == 304
-    assert report.lidar.no_return == pytest.approx(0.0489, abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -172,13 +151,13 @@ def measured(ranges: np.ndarray, *, increment: float = 0.01, counts: np.ndarray 
     return inspect_recording(recording).lidar
 
 
-@pytest.mark.parametrize("step", [0.00025, 0.001, 1 / 256, 0.01, 0.013, 0.05])
+@pytest.mark.parametrize("step", [0.00025, 1 / 256, 0.05])
 def test_the_resolution_is_the_step_that_ranges_were_rounded_to(step: float) -> None:
     rounded = np.round(RNG.uniform(1, 6, (200, 100)) / step) * step
     assert measured(rounded).resolution == pytest.approx(step, rel=0.0005)
 
 
-@pytest.mark.parametrize("count", [1, 50, 20_000, 100_000])
+@pytest.mark.parametrize("count", [1, 100_000])
 def test_ranges_that_were_not_rounded_have_no_resolution(count: int) -> None:
     assert measured(RNG.uniform(1, 6, (1, count)), increment=1e-5).resolution is None
 
@@ -188,13 +167,6 @@ def test_angles_and_direction(increment: float, turns: str) -> None:
     report = measured(np.ones((3, 11)), increment=increment)
     assert (report.beams, report.angle_min, report.angle_increment, report.turns) == (11, 0.5, increment, turns)
     assert report.field_of_view == pytest.approx(np.degrees(0.1))
-
-
-def test_nearest_and_farthest_are_of_endpoints_alone() -> None:
-    report = measured(np.array([[np.nan, 0.2, 7.0, np.inf]]))
-    assert (report.nearest, report.farthest) == (pytest.approx(0.2), 7.0)
-    nothing = measured(np.full((2, 3), np.inf))
-    assert (nothing.nearest, nothing.farthest, nothing.resolution, nothing.noise_at_rest) == (None,) * 4
 
 
 def test_noise_is_measured_within_each_rest_and_not_on_the_way() -> None:
@@ -209,16 +181,3 @@ def test_noise_is_measured_within_each_rest_and_not_on_the_way() -> None:
     assert noise.deviation == pytest.approx(0.012, rel=0.05)
     assert noise.at_range == pytest.approx(4.0, abs=0.01)
     assert noise.beams == 500
-
-
-def test_there_is_no_noise_at_rest_without_a_rest_or_encoders() -> None:
-    assert measured(np.ones((50, 5)), counts=np.ones(50, np.int64)).noise_at_rest is None
-    lidar = LidarStream(np.arange(50) / 10, np.ones((50, 5), np.float32), 0.0, 0.1, 0.1, 30.0)
-    report = inspect_recording(Recording("x", UCSD, lidar=lidar)).lidar
-    assert report.noise_at_rest is None
-
-
-def test_beams_that_hardly_answer_have_no_noise() -> None:
-    ranges = np.full((50, 5), np.nan)
-    ranges[:9] = RNG.normal(2, 0.1, (9, 5))
-    assert measured(ranges).noise_at_rest is None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from converted import assert_held
 from issues import messages
-from robot_logs import flaser, robotlaser, write_log
+from robot_logs import robotlaser, write_log
 
 from moteslam.errors import InputError
 from moteslam.robot.formats import open_recording
@@ -70,14 +70,6 @@ def test_what_a_scan_did_not_measure_is_no_endpoint_and_no_error(tmp_path: Path)
     assert report.invalid == pytest.approx(10 / 7210)
 
 
-@pytest.mark.parametrize("quarters", [(0, 2), (1, 3), (3, 1, 2)])
-def test_other_grids(tmp_path: Path, quarters: tuple[int, ...]) -> None:
-    lines = [line(number, quarters[number % len(quarters)]) for number in range(30)]
-    lidar = open_recording(write_log(tmp_path / "x.log", lines)).lidar
-    assert lidar.interlace == (4 if len(quarters) == 3 else 2)
-    assert np.degrees(lidar.angle_min) == pytest.approx(-90 + min(quarters) / 4, abs=1e-4)
-
-
 def test_a_few_scans_of_another_bearing_are_strays(tmp_path: Path) -> None:
     lines = [*(line(number, 0) for number in range(20)), line(20, 2)]
     recording = open_recording(write_log(tmp_path / "x.log", lines))
@@ -98,13 +90,6 @@ def test_two_lasers_in_one_log_are_refused(tmp_path: Path, others: list[str]) ->
     lines = [*(line(number, 0) for number in range(15)), *others]
     with pytest.raises(InputError, match=r"x\.log:16: 10 ROBOTLASER1 scans of .* expected 181 beams"):
         open_recording(write_log(tmp_path / "x.log", lines))
-
-
-def test_interlaced_scans_are_read_in_place_of_their_flaser_lines(tmp_path: Path) -> None:
-    lines = [*log(24), *(flaser([1.0] * 180, stamp=100.0 + number) for number in range(24))]
-    recording = open_recording(write_log(tmp_path / "x.log", lines))
-    assert recording.lidar.interlace == 4
-    assert messages(recording.warnings) == ("x.log: 24 FLASER scans of 180 beams left aside, the first is line 25",)
 
 
 @pytest.mark.parametrize("scans", [8, 40])

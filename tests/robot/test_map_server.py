@@ -72,45 +72,15 @@ def test_nonsense_is_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"image: [", b"\xff\xfe", b"- 1\n", b"#" * 200_000, b"a: &a [1]\nb: *a\n"])
-def test_a_file_that_is_no_yaml_is_refused(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "m.yaml").write_bytes(content)
-    with pytest.raises(InputError, match=r"expected|not YAML") as caught:
-        read_map(tmp_path / "m.yaml")
-    assert "\n" not in str(caught.value)
-
-
-def test_numbers_as_other_programs_write_them_are_read(tmp_path: Path) -> None:
-    """To YAML 1.1 what has an exponent but no point is text."""
-    path = written(tmp_path, resolution="5e-2", origin=["-5.12e1", 3, "1e-1"], occupied_thresh="65e-2")
-    found = read_map(path)
-    assert (found.cell_size, found.origin) == (0.05, (-51.2, 3.0, 0.1))
-
-
-def test_an_image_below_the_file_or_named_in_full_is_read(tmp_path: Path) -> None:
-    path = written(tmp_path)
-    (tmp_path / "deep").mkdir()
-    (tmp_path / "m.png").rename(tmp_path / "deep" / "m.png")
-    for name in ("deep/m.png", str(tmp_path / "deep" / "m.png")):
-        path.write_text((tmp_path / "m.yaml").read_text().replace("deep/m.png", "m.png").replace("m.png", name))
-        assert read_map(path).shape == (1, 8)
-
-
 @pytest.mark.parametrize(
     "content",
     [
         b"P5\n2 2\n255\n\0\0\0",
         b"P5\n2 2\n0\n\0\0\0\0",
-        b"P5\n2 2\n65536\n" + bytes(8),
-        b"P5 # 7\n2 2 #\n100\n" + bytes(4),
         b"P5\n2 0\n255\n",
         b"P2\n2 2\n255\n1 2 3",
-        b"P2\n2 2\n255\n1 2 3 x",
-        b"P2\n2 2\n255\n1 2 3 -4",
         b"P2\n2 2\n255\n1 2 3 " + 3_000_000 * b"9",
-        b"P2\n2 2\n255",
         b"P6\n2 2\n255\n" + bytes(11),
-        b"GIF89a",
         b"",
     ],
 )
@@ -143,7 +113,6 @@ def map_of(folder: Path, greys: list[int], picture: str = "m.png", **changes: An
     [
         ([0, 205, 254], {"free_thresh": 0.25}, "grey 205, which map_saver writes for unknown, is read as free"),
         ([205, 254], {"free_thresh": 0.2, "picture": "m.pgm"}, "3 of 6 cells count as known, so map_known is too high"),
-        ([0, 205, 255], {"free_thresh": 0.25, "mode": "scale"}, "read as free by free_thresh 0.25"),
         ([0, 205, 254], {"negate": 1}, "grey 205, which map_saver writes for unknown, is read as occupied"),
         (
             [255, 50, 1],
@@ -151,16 +120,11 @@ def map_of(folder: Path, greys: list[int], picture: str = "m.png", **changes: An
             "grey 50, which map_saver writes for unknown, is read as free",
         ),
         ([0, 205, 254], {}, ""),
-        ([255, 50, 1], {"negate": 1}, ""),
         ([0, 205, 254], {"free_thresh": 0.0}, "free_thresh 0, occupied_thresh 0.65: its black or its white"),
-        ([0, 205, 254], {"occupied_thresh": 1.0}, "occupied_thresh 1: its black or its white"),
-        ([0, 205, 254], {"free_thresh": 0.0, "occupied_thresh": 1.0, "negate": 1}, "count as unknown"),
         ([205, 254], {"occupied_thresh": 1.0}, ""),  # a map of nothing but free space
         ([0, 100, 205, 254], {"free_thresh": 0.25}, ""),  # other greys: a map of somebody else
         ([0, 205, 254], {"free_thresh": 0.25, "mode": "raw"}, "6 of 9 cells have greys from 101 to 254"),
         ([0, 206, 205, 254], {}, "grey 206, next to 205, which map_saver writes for unknown, is read as free"),
-        ([0, 128, 254], {}, ""),
-        ([0, 254], {"free_thresh": 0.25}, ""),
     ],
 )
 def test_thresholds_that_make_known_what_map_saver_calls_unknown(
@@ -184,9 +148,7 @@ PIXELS = {
     "transparent white": ([(255, 255, 255, 0), (255, 255, 255, 255)], np.uint8, ""),
     "light green": ([(144, 238, 144), (0, 0, 0)], np.uint8, "3 of 6 cells are coloured, most are read as unknown"),
     "red": ([(0, 0, 255), (255, 255, 255)], np.uint8, "3 of 6 cells are coloured, most are read as occupied"),
-    "grey in three channels": ([(0, 0, 0), (254, 254, 254)], np.uint8, ""),
     "8 of 16 bits": ([0, 254], np.uint16, "none is brighter than 254 of 65535: all count as black"),
-    "16 bits": ([0, 65278], np.uint16, ""),
 }
 
 

@@ -100,7 +100,6 @@ def test_a_png_is_read_as_map_server_reads_it(
     assert (nav2.cell_size, nav2.origin) == (CELL, place)
 
 
-@settings(max_examples=80, deadline=None)
 @given(st.data(), st.sampled_from((255, 65535)), st.booleans(), MEANINGS)
 def test_a_pgm_is_read(data: st.DataObject, largest: int, plain: bool, says: Meaning) -> None:
     pixels = data.draw(image(1, largest))
@@ -116,7 +115,6 @@ def test_a_probability_of_just_the_threshold_has_rounding_on_its_side(tmp_path: 
     assert read_occupancy(path).values.tolist() == [[0, -1]]
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.data(), PLACES)
 def test_a_turned_map_lies_about_its_lower_left_corner(data: st.DataObject, place: tuple[float, float, float]) -> None:
     pixels = data.draw(image(1, 255))
@@ -131,7 +129,6 @@ def test_a_turned_map_lies_about_its_lower_left_corner(data: st.DataObject, plac
     assert found.values_at([point], outside=77).tolist() == [grey if grey <= 100 else -1]
 
 
-@settings(max_examples=60, deadline=None)
 @given(arrays(np.int8, SIZES, elements=st.integers(-1, 1)), st.sampled_from((".png", ".pgm")))
 def test_a_map_reads_back(values: NDArray[np.int8], ending: str) -> None:
     with tempfile.TemporaryDirectory() as folder:

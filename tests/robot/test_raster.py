@@ -1,11 +1,8 @@
 """Rasters: where their cells lie, turned ones too."""
 
-import matplotlib
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
-from moteslam import PictureStyle
 from moteslam.errors import InputError
 from moteslam.robot.raster import Raster
 
@@ -36,15 +33,3 @@ def test_colours_have_a_row_each() -> None:
 def test_what_is_no_raster_is_refused(shape: tuple[int, ...], cell_size: float) -> None:
     with pytest.raises(InputError, match="expected"):
         Raster(np.zeros(shape), cell_size)
-
-
-def test_matplotlib_takes_the_settings() -> None:
-    style = PictureStyle(slam="#123456", font_size=14.0, dpi=72.0)
-    with matplotlib.rc_context(style.rc_params()):
-        figure = Figure()
-        axes = figure.subplots()
-        (line,) = axes.plot([0, 1], [1, 0])
-    assert line.get_color() == "#123456"
-    assert figure.dpi == 72
-    assert axes.xaxis.label.get_fontsize() == 14
-    assert not axes.spines["top"].get_visible()

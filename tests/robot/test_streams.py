@@ -52,10 +52,6 @@ def test_absurd_stamps_are_refused_by_name(stamps: list[float]) -> None:
         stamp_order(np.array(stamps, float), file=FILE, field="time_stamps")
 
 
-def test_a_day_is_still_a_gap() -> None:
-    assert stamp_order(np.array([0.0, 86400.0]), file=FILE, field="x") == (None, ())
-
-
 LATE = np.concatenate((RUN[:50], RUN[30:35], RUN[50:]))
 
 
@@ -65,28 +61,14 @@ LATE = np.concatenate((RUN[:50], RUN[30:35], RUN[50:]))
         (np.concatenate((RUN, RUN)), 100),
         (np.concatenate((RUN, RUN[:4])), 100),
         (np.concatenate((RUN[50:], RUN)), 50),
-        (np.concatenate((RUN[60:], RUN[:40], RUN[60:] + 30)), 40),
         (np.concatenate((RUN[:50], RUN[50:] - 0.8)), 50),
         (RUN, None),
         (LATE, None),
         (np.concatenate((RUN[:40], RUN[45:50], RUN[40:45], RUN[50:])), None),
         (np.concatenate((RUN[:50], RUN[50:] - 0.15)), None),
-        (np.concatenate((RUN, RUN[40:42])), None),
         (RUN + 0.4 * np.sin(np.arange(100)), None),
     ],
-    ids=[
-        "looped",
-        "looped just now",
-        "catches up",
-        "two runs and back",
-        "a little",
-        "rising",
-        "late",
-        "a burst",
-        "less than a step",
-        "in the end",
-        "jitter",
-    ],
+    ids=["looped", "just now", "catches up", "a little", "rising", "late", "a burst", "less than a step", "jitter"],
 )
 def test_a_clock_that_is_set_back_is_no_late_message(stamps: np.ndarray, first: int | None) -> None:
     assert clock_cuts(stamps)[:1] == ([] if first is None else [first])

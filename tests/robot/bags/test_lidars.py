@@ -109,18 +109,3 @@ def test_a_lidar_that_says_the_same_while_another_moves_is_left_out(
     seen = np.isfinite(recording.lidar.ranges[:]).sum(axis=1)
     assert seen[:20].min() > 0.9 * BEAMS
     assert (seen[21:].max() < 0.6 * BEAMS) == (moves > 0)
-
-
-def test_no_return_of_any_lidar_is_no_return_of_all(tmp_path: Path) -> None:
-    beams = BEAMS * 3 // 4
-    events = []
-    for topic, yaw in (("/front", 0.0), ("/back", math.pi)):
-        events.append(placed(0, "base_link", topic[1:], (0.3 * math.cos(yaw), 0.0, 0.0), turn=rolled(0, yaw)))
-        ranges = np.full(beams, np.inf if topic == "/front" else 2.0)
-        events.append(scan(0, ranges, topic=topic, frame=topic[1:], **fan(-3 * math.pi / 4, beams)))
-    lidar = lidar_of(make_bag(tmp_path, events), topics={"lidar": ("/front", "/back")})
-    ahead = np.abs(lidar.angles) < 0.5
-    assert np.isposinf(lidar.ranges[0, ahead]).mean() > 0.9
-    behind = np.abs(lidar.angles) > 2.6
-    assert np.isfinite(lidar.ranges[0, behind]).mean() > 0.9
-    assert lidar.range_max == pytest.approx(10.3)

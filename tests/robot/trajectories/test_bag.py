@@ -9,7 +9,6 @@ import pytest
 from made_bags import SECOND, START, make_bag, placed
 
 from moteslam.errors import InputError
-from moteslam.eval.cli import main
 from moteslam.robot.formats.bags.write import Event, header, turned, vector
 from moteslam.robot.se2 import wrap
 from moteslam.robot.trajectories import is_trajectory, read_trajectory
@@ -120,8 +119,6 @@ def test_what_was_left_out_or_assumed_is_told(tmp_path: Path, messages: list[Eve
         ("/none", "/pose (PoseStamped), /tf (TFMessage), /tf_static (TFMessage)"),
         ("/tf", "tf2_msgs/TFMessage"),
         ("tf:map:base", "a:b, b:c"),
-        ("tf:b:c", "fixed"),
-        ("tf:map", "tf:PARENT:CHILD"),
         ("/back", "jumps back"),
         ("/frames", "several frames"),
     ],
@@ -147,25 +144,3 @@ def test_a_bag_whose_topic_is_not_named_and_one_that_is_none(tmp_path: Path) -> 
         read_trajectory(tmp_path / "broken.bag:/pose")
     with pytest.raises(InputError, match="No such file"):
         read_trajectory(tmp_path / "none.bag:/pose")
-
-
-def test_parts_without_metadata_and_a_log_beside_one(tmp_path: Path) -> None:
-    (tmp_path / "both").mkdir()
-    for k, part in enumerate((drive()[:12], drive()[12:])):
-        make_bag(tmp_path, part, "db3").rename(tmp_path / "both" / f"made_{k}.db3")
-        (tmp_path / "made" / "metadata.yaml").unlink()
-        (tmp_path / "made").rmdir()
-    (tmp_path / "both" / "made_1.db3-wal").write_bytes(b"some")
-    found = read_trajectory(f"{tmp_path / 'both'}:/pose")
-    assert len(found) == 20
-    assert [issue.code for issue in found.warnings] == ["no-metadata", "damaged-bag"]
-
-
-def test_a_bag_is_converted_and_scored(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = make_bag(tmp_path, drive(), "folder")
-    assert main.run(["convert", f"{path}:/pose", str(tmp_path / "t.tum")]) == 0
-    assert main.run(["evaluate", str(tmp_path / "t.tum"), f"{path}:/pose"]) == 0
-    out, err = capsys.readouterr()
-    assert ["ATE", "[mm]", "20", "0"] in [line.split()[:4] for line in out.splitlines()]
-    assert err.count("warning") == 1
-    assert "as no measurement does" in err

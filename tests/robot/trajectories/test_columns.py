@@ -34,17 +34,12 @@ def written(path: Path, header: str, columns: str, separator: str = ",", encodin
 
 READ = [
     ("#num,t,x,y,z,qx,qy,qz,qw", "n t x y z 0 0 qz qw", ","),
-    ("num,t,x,y,z,qx,qy,qz,qw", "n t x y z 0 0 qz qw", ","),
     ("num;t;x;y;z;qx;qy;qz;qw", "n t x y z 0 0 qz qw", ";"),
-    ("timestamp\ttx\tty\ttz\tqx\tqy\tqz\tqw", "t x y z 0 0 qz qw", "\t"),
-    ("timestamp tx ty tz qx qy qz qw", "t x y z 0 0 qz qw", " "),
     ("# timestamp tx ty tz qx qy qz qw", "t x y z 0 0 qz qw", " "),
     ("# timestamp [s] tx [m] ty [m] tz [m] qw qx qy qz", "t x y z qw 0 0 qz", " "),
     ("#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z [],"
      "v_RS_R_x [m s^-1],b_w_RS_S_x [rad s^-1]", "ns x y z qw 0 0 qz junk junk", ","),
-    ("qw,qz,qy,qx,z,y,x,time", "qw qz 0 0 z y x t", ","),
     ("time_ns,pos_x,pos_y,pos_z,quat_x,quat_y,quat_z,quat_w", "ns x y z 0 0 qz qw", ","),
-    ("t_ms,x,y,yaw", "ms x y yaw", ","),
     ("time [us],x [mm],y [mm],theta [deg]", "us mmx mmy deg", ","),
     ("stamp,frame,x,y,yaw_deg,cov_x_x,cov_y_y,std_x", "t word x y deg junk junk empty", ","),
     ("%time,field.header.seq,field.header.stamp,field.header.frame_id,field.pose.pose.position.x,"
@@ -60,15 +55,15 @@ READ = [
     ("", "t x y z 0 0 qz qw", " "),
     ("", "t x y z 0 0 qz qw", ","),
     ("", "ns x y z 0 0 qz qw", " "),
-    ("", "ns x y z qw 0 0 qz", ","),
     ("", "ns x y z qw 0 0 qz junk junk", ","),
     ("# a path in words\n# x y of the robot at time t", "t x y z 0 0 qz qw", " "),
-    ("# the time t and x and x again", "t x y z 0 0 qz qw", " "),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
-@pytest.mark.parametrize(("header", "columns", "separator"), READ)
+@pytest.mark.parametrize(
+    ("header", "columns", "separator", "encoding"),
+    [*((*row, "utf-8") for row in READ), *((*READ[0], encoding) for encoding in ("utf-8-sig", "utf-16"))],
+)
 def test_columns_by_their_names(tmp_path: Path, header: str, columns: str, separator: str, encoding: str) -> None:
     found = read_trajectory(written(tmp_path / "t.csv", header, columns, separator, encoding))
     np.testing.assert_allclose(found.stamps, STAMPS, rtol=0, atol=1e-6)
@@ -117,15 +112,11 @@ def test_commas_alone_do_not_make_it_euroc(tmp_path: Path, text: str, stamp: flo
     [
         ("num,x,y,z,qx,qy,qz,qw", "n x y z 0 0 qz qw", 1),
         ("timestamp,latitude,longitude,altitude", "t x y z", 1),
-        ("sec,usec,x,y,yaw", "sec n x y yaw", 1),
         ("t,x,z,qx,qy,qz,qw", "t x z 0 0 qz qw", 1),
-        ("t,x,y,z,qx,qy,qz", "t x y z 0 0 qz", 1),
         ("t,x,y,pose.x,yaw", "t x y x yaw", 1),
         ("t,x [ft],y [ft],yaw", "t x y yaw", 1),
-        ("t,x [deg],y [deg],yaw", "t x y yaw", 1),
         ("t,x,y,yaw", "t x y deg", None),
         ("", "n t x y z 0 0 qz qw", 1),
-        ("time [ns],x,y,yaw", "t x y yaw", 2),
         ("t,x,y,yaw", "t x empty yaw", 2),
     ],
 )
@@ -147,12 +138,9 @@ def test_semicolons_go_with_decimal_commas(tmp_path: Path) -> None:
     ("quaternion", "direction", "oriented"),
     [
         ("0 0 0 1", (1, 0, 0), True),  # straight ahead
-        ("0 0 0 1", (-1, 0, 0), True),
         ("0 0 0 1", (0, 0, 1), True),  # as a camera
         ("0 0 0 1", (0, 1, 0), False),
-        ("0 0 0 1", (1, 1, 0), False),
         ("0 0 0.70710678 0.70710678", (0, 1, 0), True),
-        ("0 0 0.70710678 0.70710678", (1, 0, 0), False),
         ("0 0 0 1", (0, 0.001, 0), True),  # stands
         ("0 0 0 0", (1, 0, 0), False),
     ],

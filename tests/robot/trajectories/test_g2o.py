@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from moteslam.errors import InputError, MoteslamWarning
-from moteslam.robot.trajectories import read_trajectory
 from moteslam.robot.trajectories.text import read_g2o, write_g2o
 from moteslam.robot.trajectory import PoseGraph
 
@@ -70,15 +69,6 @@ def test_what_is_no_pose_is_passed_over_with_a_count(tmp_path: Path) -> None:
         assert len(read_g2o(tmp_path / "g.g2o")) == 1
 
 
-def test_a_trajectory_without_stamps_has_one_a_second(tmp_path: Path) -> None:
-    write_g2o(tmp_path / "g.g2o", a_graph(1, stamps=False))
-    found = read_trajectory(tmp_path / "g.g2o")
-    assert found.stamps.tolist() == [0, 1, 2, 3, 4, 5]
-    assert [issue.code for issue in found.warnings] == ["no-stamps"]
-    (tmp_path / "g.times.txt").write_text("1\n2\n3\n5\n8\n13\n")
-    assert read_trajectory(tmp_path / "g.g2o").stamps.tolist() == [1, 2, 3, 5, 8, 13]
-
-
 VERTEX = "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\n"
 
 
@@ -88,21 +78,14 @@ VERTEX = "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\n"
         ("", None),
         ("FIX 0\n", None),
         (VERTEX + "VERTEX_SE2 2 0 0\n", 3),
-        (VERTEX + "VERTEX_SE2 2 0 0 inf\n", 3),
         (VERTEX + "VERTEX_SE2 -2 0 0 0\n", 3),
-        (VERTEX + f"VERTEX_SE2 {2**63} 0 0 0\n", 3),
         (VERTEX + f"VERTEX_SE2 {'9' * 5000} 0 0 0\n", 3),
         (VERTEX + "VERTEX_SE2 1 0 0 0\n", 3),
-        (VERTEX + "VERTEX_SE3:QUAT 2 0 0 0 0 0 0 1\n", 3),
         (VERTEX + "EDGE_SE2 0 1 0 0 0 1 0 0 1 0\n", 3),
-        (VERTEX + f"EDGE_SE2 0 0 0 0 0 {INFORMATION}\n", 3),
         (VERTEX + f"EDGE_SE2 0 5 0 0 0 {INFORMATION}\n", 3),
         (VERTEX + "FIX 5\n", 3),
-        (VERTEX + "FIX a\n", 3),
         (VERTEX + "# STAMP 0 1\n", None),
         (VERTEX + "# STAMP 0 1\n# STAMP 1 0\n", 4),
-        (VERTEX + "# STAMP 0\n", 3),
-        (VERTEX + "# STAMP 7 0\n", 3),
     ],
 )
 def test_bad_lines_are_told_with_their_number(tmp_path: Path, text: str, line: int | None) -> None:

@@ -55,13 +55,6 @@ def test_it_is_read_as_evo_reads_it(tmp_path: Path, name: str, reader: str) -> N
     np.testing.assert_allclose(theirs.get_orientations_euler("sxyz")[:, 2], trajectory.poses[:, 2], atol=1e-12)
 
 
-@pytest.mark.parametrize("ending", ["tum", "kitti", "csv", "g2o"])
-def test_it_is_known_by_its_content(tmp_path: Path, ending: str) -> None:
-    write_trajectory(tmp_path / f"t.{ending}", made(1))
-    (tmp_path / f"t.{ending}").rename(tmp_path / "t.txt")
-    np.testing.assert_allclose(read_trajectory(tmp_path / "t.txt").poses, made(1).poses, atol=1e-15)
-
-
 TUM = "1 0 0 0 0 0 0 1\n"
 EUROC = "1403636580838555648,4.5,-1.5,0.8,0.6,0,0,0.8,0.1,0.2,0.3\n"
 KITTI = "1 0 0 2 0 1 0 3 0 0 1 4\n"
@@ -72,30 +65,20 @@ KITTI = "1 0 0 2 0 1 0 3 0 0 1 4\n"
     [
         (None, None),
         ("", None),
-        ("# only\n\n", None),
         ("# one\n\n1 2 3\n", 3),
-        (",\n", 1),
         ("1,2,3,,4,5,6,7\n", 1),
         ("\udcff\udcfe\0", 1),
         (TUM + "2 \udcff\n", None),
-        (TUM + "2 0 0 0 0 0 0\n", 2),
         (TUM + "2 0 0 0 0 0 0 1 5\n", 2),
         (TUM + "2 0 0 nan 0 0 0 1\n", 2),
-        (TUM + "2 0 1e300 0 0 0 0 1\n", 2),
-        (TUM + "two 0 0 0 0 0 0 1\n", 2),
         (TUM + "2 0 0 0 0 0 0 0\n", 2),
         (TUM + "0.5 0 0 0 0 0 0 1\n", 2),
         (EUROC + "1.5,0,0,0,1,0,0,0\n", 2),
-        (EUROC + "-1,0,0,0,1,0,0,0\n", 2),
         (EUROC + f"{'9' * 5000},0,0,0,1,0,0,0\n", 2),
-        (EUROC + "1,0,0,0,1,0,0\n", 2),
-        (EUROC + "1,0,0,0,1,0,0,nan\n", 2),
         (EUROC + EUROC.replace("0.6,0,0,0.8", "0.5,0,0,0.5"), 2),
         ("200000000000000000000,0,0,0,1,0,0,0\n", 1),
         (KITTI + KITTI[2:], 2),
-        (KITTI + KITTI.replace("4", "nan"), 2),
         (KITTI + "# here\n" + KITTI.replace("1", "2"), 3),
-        (KITTI.replace("1", "-1"), 1),
     ],
 )
 def test_what_is_broken_is_named_by_its_line(tmp_path: Path, text: str | None, line: int | None) -> None:
@@ -122,15 +105,6 @@ def test_without_times_there_is_one_a_second_and_a_warning(tmp_path: Path) -> No
     assert [issue.code for issue in found.warnings] == ["no-stamps"]
     assert found.stamps.tolist() == [0, 1]
     assert found.poses.tolist() == [[2, 3, 0], [2, 3, 0]]
-
-
-def test_the_path_of_a_camera_is_out_of_the_plane(tmp_path: Path) -> None:
-    """z is ahead, x right: 2 m ahead and 1 m to the left, a quarter turn about the upward -y."""
-    (tmp_path / "c.kitti").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n0 0 -1 -1 0 1 0 0.3 1 0 0 2\n")
-    (tmp_path / "c.times.txt").write_text("0\n1\n")
-    plain = read_kitti(tmp_path / "c.kitti")
-    assert [issue.code for issue in plain.warnings] == ["out-of-plane"]
-    np.testing.assert_allclose(plain.poses[1, :2], [-1, 0.3])
 
 
 def test_a_tilted_pose_is_projected_and_equal_stamps_are_kept(tmp_path: Path) -> None:
