@@ -1,9 +1,7 @@
 """The scripts of examples/ run, and each draws its picture; the notebook runs in a kernel of Jupyter."""
 
 import ast
-import gzip
 import json
-import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -52,23 +50,6 @@ def test_a_script_draws_its_picture(name: str, tmp_path: Path):
         assert (tmp_path / "new" / picture).stat().st_size > 5000
     least, most = MOST[name]
     assert all(least < each < most for each in (found.values() if isinstance(found, dict) else [found]))
-
-
-def test_a_drive_of_a_few_metres_is_scored_without_what_needs_more(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    stamps = np.arange(44) / 10
-    drive = moteslam.Trajectory(stamps, np.column_stack((stamps, 0.2 * np.sin(stamps), np.zeros(44))))
-    moteslam.write_tum(tmp_path / "a.tum", drive)
-    import_module("score_my_trajectory").main(tmp_path, *[str(tmp_path / "a.tum")] * 2)
-    text = capsys.readouterr().out
-    assert "RPE over 1 m" in text
-    assert "left out: " in text
-    assert "RPE over 5 m" not in text
-
-
-def test_the_filter_of_ones_own_is_a_method():
-    method = import_module("my_filter").METHOD
-    config = method.config.model_validate({"method": "icp"})
-    assert method.make(config, 0).poses.shape == (1, 3)
 
 
 @pytest.mark.slow
@@ -134,35 +115,3 @@ def test_the_public_names_that_a_script_uses_exist_and_it_is_short(path: Path):
     used = {node.attr for node in named if isinstance(node.value, ast.Name) and node.value.id == "moteslam"}
     assert used <= {name for names in moteslam.PUBLIC.values() for name in names}
     assert text.count("\n") <= 110
-
-
-PROGRAMS = {  # what those of MRPT 2.5.8 leave behind
-    "ros-map-yaml2mrpt": "touch room.gridmap.gz",
-    "carmen2rawlog": 'cp {folder}/given.gz "${{@: -1}}"',
-    "pf-localization": "for k in 1 2; do"
-    ' echo "[INFO] PDF estimation: (1.500,-2.000,90.00deg), ESS (B.R.)= 1 tr(cov): 0.0$k"; done',
-}
-
-
-@pytest.mark.parametrize("installed", [True, False])
-def test_localisation_of_mrpt_gives_a_pose_a_scan(installed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("PATH", str(tmp_path), prepend=":" if installed else None)
-    for name, script in PROGRAMS.items() if installed else ():
-        (tmp_path / name).write_text(f"#!/bin/bash\n{script.format(folder=tmp_path)}\n", encoding="utf-8")
-        (tmp_path / name).chmod(0o755)
-    scan = b"\xa2mrpt::obs::CObservation2DRangeScan" + bytes(40) + b"\x0b\x00\x00\x00ROBOTLASER1"
-    (tmp_path / "given.gz").write_bytes(gzip.compress(2 * scan))
-    lines = [f"ROBOTLASER1 0 -1 3 1 30 0.01 0 1 2 0 0 0 0 {k} 0 0 0 0 0 0 0 {5 + k}.0 host 0\n" for k in range(2)]
-    (tmp_path / "robot.log").write_text("".join(lines), encoding="utf-8")
-    script = EXAMPLES / "external/mrpt_localize.py"
-    words = ["--recording", tmp_path / "robot.log", "--map", "room.yaml", "--out", tmp_path, "--start", "1", "2", "0"]
-    done = subprocess.run([sys.executable, script, *words], capture_output=True, text=True, check=False)
-    if not installed:
-        assert (done.returncode, done.stderr.count("\n"), "ros-map-yaml2mrpt" in done.stderr) == (2, 1, True)
-        return
-    assert done.returncode == 0, done.stderr
-    half = 0.5**0.5
-    found = np.loadtxt(tmp_path / "trajectory.tum")
-    np.testing.assert_allclose(found, [(stamp, 1.5, -2, 0, 0, 0, half, half) for stamp in (5, 6)])
-    assert (tmp_path / "spread.txt").read_text(encoding="utf-8") == "0.01\n0.02\n"
-    assert "init_PDF_max_x = 1.5" in (tmp_path / "localize.ini").read_text(encoding="utf-8")

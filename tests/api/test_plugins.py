@@ -140,22 +140,6 @@ def test_one_that_fails_to_load_is_one_warning_and_an_error_where_it_is_asked_fo
 
 
 @pytest.mark.slow
-def test_an_error_in_a_plug_ins_own_code_names_it(recording: Path, tmp_path: Path):
-    code = (TOYS / "toy_filter.py").read_text(encoding="utf-8").replace("self.history.append(self.poses)", "1 / 0")
-    (tmp_path / "toy_filter.py").write_text(code, encoding="utf-8")
-    entries = "[moteslam.filters]\ntoy = toy_filter:METHOD\nbad = nowhere_at_all:METHOD\n"
-    broken = [installed(tmp_path / "site", entries), str(tmp_path)]
-    done = moteslam(broken, "replay", recording, "--out", "x", "--set", "method=toy", "--no-figures", cwd=tmp_path)
-    told = done.stderr.splitlines()[-1]
-    assert told.startswith("moteslam: plug-in 'toy' of package toys (moteslam.filters) failed: ZeroDivisionError")
-    assert "report it" not in told
-    done = moteslam(broken, "replay", recording, "--out", "x", "--set", "method=none", cwd=tmp_path)
-    told = done.stderr.splitlines()[-1]
-    assert told.startswith("moteslam: --set method: 'none', expected one of ")
-    assert told.endswith(", toy")
-
-
-@pytest.mark.slow
 def test_a_metric_that_fails_costs_a_warning_and_not_the_run(recording: Path, tmp_path: Path):
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "bad_metrics.py").write_text(

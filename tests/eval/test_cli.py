@@ -22,25 +22,20 @@ COMMANDS = (
 )
 
 
-@pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_help_is_instant_and_has_examples(command: str) -> None:
+def test_help_is_instant_and_has_examples() -> None:
     code = (
         "import sys\nfrom moteslam.eval.cli.main import run\n"
-        f"code = run({[*command.split(), '--help']!r})\n"
+        f"codes = [run([*command.split(), '--help']) for command in {('', *COMMANDS)!r}]\n"
         f"loaded = sorted({HEAVY!r} & set(sys.modules))\n"
         "loaded += [name for name in sys.modules if name.startswith(('moteslam.r', 'moteslam.s', 'moteslam.k'))]\n"
-        "assert code == 0 and not loaded, (code, loaded)\n"
+        "assert not any(codes) and not loaded, (codes, loaded)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "moteslam" in done.stdout
-    if command:
-        assert "Examples:" in done.stdout
-    else:
-        assert all(name in done.stdout for name in COMMANDS)
+    assert done.stdout.count("Examples:") >= len(COMMANDS)
 
 
-@pytest.mark.parametrize("command", ["demo", "replay"])
+@pytest.mark.parametrize("command", ["replay"])
 def test_print_config_reads_back(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, again = tmp_path / "mine.toml", tmp_path / "again.toml"
     file.write_text("particles = 7\n[map]\ncell_size = 0.1\n")
@@ -59,7 +54,7 @@ def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_pa
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["seed"] == 3
 
-    done = program("replay", "robot", "--out", "result", "--set", "particles=20", "--json", cwd=tmp_path)
+    done = program("replay", "robot", "--out", "result", "--set", "particles=5", "--json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     summary = json.loads(done.stdout)
     names = {file.name for file in (tmp_path / "result").iterdir()}
@@ -108,51 +103,3 @@ def test_a_log_is_scored_by_the_reference_and_the_relations_beside_it(
     assert "SLAM (final) misses the relations by " in out
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())["metrics"]
     assert metrics["final.relations"]["value"] < 0.05
-
-
-@pytest.mark.parametrize(
-    ("sequence", "distance", "end", "heading"),
-    [("20", 95.9, (-2.1, -1.9), 2.4), ("21", 91.8, (-2.53, -1.84), -53.0)],
-)
-def test_dead_reckoning_of_the_real_encoders(
-    sequence: str, distance: float, end: tuple[float, float], heading: float, data_folder: Path, tmp_path: Path, capsys
-) -> None:
-    replay = ("replay", data_folder / "ucsd", "--sequence", sequence, "--dead-reckoning")
-    found = shown(capsys, *replay, "--out", tmp_path / "out")
-    assert found["distance_m"] == pytest.approx(distance, abs=0.1)
-    assert found["end"]["heading_deg"] == pytest.approx(heading, abs=0.5)
-    assert (found["end"]["x_m"], found["end"]["y_m"]) == pytest.approx(end, abs=0.1)
-    assert len(read_tum(tmp_path / "out" / "dead_reckoning.tum")) == found["poses"]
-    assert (tmp_path / "out" / "dead_reckoning.png").exists()
-
-
-def test_a_stated_duration_that_is_too_short_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    slow = ("--platform", "turtlebot3", "--set", "duration=60")
-    said = refused(capsys, "simulate", "corridor", *slow, "--out", tmp_path / "x")
-    assert all(words in said for words in ("corridor: duration: 259.091 s", "duration=60", "--duration 60"))
-
-
-def test_inspect(simulated_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = {}
-    for line in printed(capsys, "inspect", simulated_folder).splitlines():
-        name, *cells = [cell.strip() for cell in line.split("  ") if cell.strip()]
-        found[name] = cells
-    assert found["sensors"] == ["measured", "platform"]
-    assert found["lidar beams"] == ["1081", "1081"]
-    assert found["first beam"] == ["-135 deg", "-135 deg"]
-    assert found["turns"] == ["counterclockwise", "counterclockwise"]
-    assert found["range resolution"] == ["1 mm", "1 mm"]
-    assert found["encoder rate"] == ["40.0 Hz", "40 Hz"]
-    assert found["gyro at rest, noise"][1] == "0.00400 rad/s"
-    lidar = shown(capsys, "inspect", simulated_folder)["lidar"]
-    assert lidar["resolution"] == pytest.approx(0.001)
-    assert lidar["noise_at_rest"]["deviation"] == pytest.approx(0.009, abs=0.002)
-
-
-def test_evaluate_knows_relations_by_their_content(data_folder: Path, tmp_path: Path, capsys) -> None:
-    relations = tmp_path / "truth.tum"  # the name says nothing
-    relations.write_bytes((data_folder / "intel/intel_raw_part.relations").read_bytes())
-    trajectory = data_folder / "intel/intel_key_scans.reference.tum"
-    found = shown(capsys, "evaluate", trajectory, relations, "--max-difference", "2")
-    assert found["kind"] == "relations"
-    assert found["all"]["translation_m"]["count"] == found["used"] > 100

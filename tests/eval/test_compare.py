@@ -1,23 +1,19 @@
 """Runs summed up and compared: statistics, pairs of configurations, where sweeps differ, tables in every format."""
 
-import csv
 import json
-import re
 from math import inf
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command_lines import printed, refused, shown, told
-from made_sweeps import Values, recorded, swept
+from made_sweeps import Values, recorded
 
 from moteslam.eval.cli import main
-from moteslam.eval.cli.running import score_lines
-from moteslam.eval.page.document import gather, page
 from moteslam.eval.runs import compared, read_runs
 from moteslam.eval.statistics import Proportion, Summary, compare
 from moteslam.eval.sweep.plan import PlannedRun
-from moteslam.eval.tables import aligned, fitting, latex, markdown, number
+from moteslam.eval.tables import fitting, latex, markdown, number
 
 TWO = 'scenarios = ["corridor"]\n[configurations.plain]\n[configurations.better]\nset = { slam.particles = 50 }\n'
 OTHER = 'scenarios = ["corridor"]\n[vary]\nslam.particles = [1, 10]\n'
@@ -47,39 +43,6 @@ def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFix
     text = printed(capsys, "compare", file, "--baseline", "better")
     assert text.startswith("final ATE [m], against better\n")
     assert text.splitlines()[2].split()[:4] == ["plain", "10", "1", "9"]
-
-
-def test_a_metric_has_one_unit_in_every_table_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    medians = {"plain": 0.012, "better": 0.03}  # apart by 18 mm, and the best run is off by 2 mm
-
-    def result(run: PlannedRun) -> Values | str:
-        return {"final.ate": (medians[run.configuration] + 0.01 * (run.seed - 1), "m")}
-
-    file = recorded(tmp_path / "a.sweep", f'seeds = "0-2"\n{TWO}', result)
-    assert "final ATE [cm]" in printed(capsys, "sweep", "show", file)
-    assert "final ATE [cm], against plain" in printed(capsys, "compare", file)
-    assert '<option value="0">final ATE [cm]' in page(gather([file]))
-    failed = recorded(tmp_path / "b.sweep", TWO, lambda run: "stuck" if run.configuration == "better" else result(run))
-    assert "[cm], against plain" in printed(capsys, "compare", failed)  # all differences are infinite
-
-
-def test_the_scores_of_a_run_have_one_unit_on_the_terminal_and_in_tables(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    tracks = {"dead_reckoning": 0.4, "online": 0.01, "final": 0.002}
-    errors = {"ate": 1.0, "ate_median": 0.8, "ate_max": 30.0, "rpe_1m": 3.0, "heading": 1.0}
-    values: Values = {
-        f"{of}.{name}": (size * each, "deg" if name == "heading" else "m")
-        for of, size in tracks.items()
-        for name, each in errors.items()
-    }
-    figures = {"metrics": {name: {"value": one[0], "unit": one[1]} for name, one in values.items()}}
-    head, *_, last = next(score_lines(figures)).splitlines()
-    assert re.findall(r"\[(\w+)\]", head) == ["mm", "mm", "mm", "mm", "deg"]  # of the middle ATE
-    assert last.split()[2:] == ["2.00", "1.60", "60.0", "6.00", "0.0020"]
-    file = recorded(tmp_path / "a.sweep", 'scenarios = ["corridor"]\n[configurations.plain]\n', lambda _: values)
-    shown = printed(capsys, "sweep", "show", file, *(f"--metric=final.{name}" for name in errors))
-    assert re.findall(r"\[(\w+)\]", shown) == ["mm", "mm", "mm", "cm", "deg"]
 
 
 def test_two_sweeps_are_matched_by_scenario_platform_and_seed(
@@ -119,65 +82,6 @@ def test_robots_are_compared_where_they_vary_and_each_scenario_has_a_row(
     assert "--by: 'seed', expected one of " in refused(capsys, "compare", file, "--by", "seed")
 
 
-def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def made(name: str, metres: float) -> Path:
-        driven = {"ucsd": 10.0, "turtlebot3": metres}
-        return recorded(
-            *(tmp_path / name, ROBOTS),
-            lambda run: {"final.ate": (0.1, "m"), "distance": (driven[run.platform], "m")},
-        )
-
-    far, alike = made("far.sweep", 4.0), made("alike.sweep", 9.0)
-    assert "driven: ucsd 10.0 m, turtlebot3 4.00 m" in printed(capsys, "compare", far)
-    head, *lines = printed(capsys, "sweep", "show", far).splitlines()
-    assert "driven [m]" in head
-    assert [line.split()[8] for line in lines[:4]] == ["10.0", "4.00"] * 2
-    assert "driven" not in printed(capsys, "sweep", "show", alike)
-    last = printed(capsys, "compare", alike).splitlines()[-1]
-    assert last == "wheels, gyro and speed of a platform may differ, too"
-    assert "wheels" not in printed(capsys, "compare", far, "--by", "scenario")
-    assert printed(capsys, "compare", far, "--format", "csv").count("wheels") == 0
-    text = page(gather([far]))
-    assert "driven: ucsd 10.0 m, turtlebot3 4.00 m. The" in text
-    assert "all else the same" not in text
-
-
-def test_dead_reckoning_which_no_configuration_changes_is_not_shown_unasked(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    names = [f"{track}.rpe_1m" for track in ("online", "dead_reckoning", "final")]
-    given = f'metrics = ["rpe_1m"]\n{TWO}'
-    file = recorded(tmp_path / "a.sweep", given, lambda _: dict.fromkeys(names, (0.01, "m")))
-    assert list(shown(capsys, "compare", file)["metrics"]) == ["final.rpe_1m", "online.rpe_1m"]
-    assert list(shown(capsys, "sweep", "show", file)["groups"][0]["metrics"]) == ["final.rpe_1m", "online.rpe_1m"]
-    asked = printed(capsys, "compare", file, "--metric", names[1])
-    assert "dead reckoning RPE over 1 m" in asked
-
-
-THREE = 'scenarios = ["corridor"]\nmetrics = ["online.ate", "map_f1"]\nseeds = "0-1"\n[vary]\nslam.particles = [1, 2]\n'
-
-
-def test_tables_have_the_metrics_of_the_sweep_and_no_success_that_was_not_measured(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def made(name: str, text: str) -> Path:
-        return recorded(tmp_path / name, text, lambda _: {"map_f1": (0.9, ""), "online.ate": (0.1, "m")})
-
-    file, limited = made("a.sweep", THREE), made("b.sweep", f'success = {{ "online.ate" = 0.5 }}\n{THREE}')
-    for (each, success), other in zip(((file, None), (limited, 2)), ("-", "2"), strict=True):
-        groups = shown(capsys, "sweep", "show", each)["groups"]
-        assert list(groups[0]["metrics"]) == ["online.ate", "map_f1"]
-        assert (groups[0]["success"] and groups[0]["success"]["count"]) == success
-        assert printed(capsys, "sweep", "show", each).splitlines()[1].split()[2] == other
-    assert list(shown(capsys, "compare", file)["metrics"]) == ["online.ate", "map_f1"]
-    only = printed(capsys, "compare", file, "--metric", "map_f1", "--json")
-    assert list(json.loads(only)["metrics"]) == ["map_f1"]
-    text = page(gather([file]))
-    assert "success was not measured" in text
-    assert "(0 to" not in text
-    printed(capsys, "sweep", "plot", file, "--out", tmp_path / "a.png")  # which has no final.ate
-
-
 def result(folder: Path, value: float, scans: int | None = None, **about: object) -> Path:
     """A result folder with this error [m]."""
     folder.mkdir()
@@ -206,15 +110,6 @@ def test_two_recordings_of_one_name_are_told_but_not_of_two_robots(
 ) -> None:
     both = [result(tmp_path / f"{k}", 0.1, scans[k], platform=platforms[k]) for k in (0, 1)]
     assert ("another recording of that name" in told(capsys, "compare", *both)) == doubted
-
-
-def test_another_program_may_write_another_number_of_poses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    spec = 'scenarios = ["corridor"]\n[configurations.ours]\n[configurations.theirs]\ncommand = ["slam", "{seed}"]\n'
-    scans = {"ours": 9.0, "theirs": 6.0}
-    file = recorded(
-        tmp_path / "both.sweep", spec, lambda run: {"final.ate": (1.0, "m"), "scans": (scans[run.configuration], "")}
-    )
-    assert "another recording" not in told(capsys, "compare", file)
 
 
 def test_where_two_sweeps_differ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -327,36 +222,16 @@ def test_markdown_marks_nothing_up() -> None:
     ("text", "expected"),
     [
         ("\\", r"\textbackslash{}"),
-        ("50 %", r"50 \%"),
-        ("map_f1", r"map\_f1"),
-        ("a & b", r"a \& b"),
         ("#$", r"\#\$"),
-        ("{}", r"\{\}"),
         ("~", r"\textasciitilde{}"),
-        ("^", r"\textasciicircum{}"),
         ("<|>", r"\textless{}\textbar{}\textgreater{}"),
         ("[m] *", "{[}m{]} {*}"),
         ("a--b---c", "a-{}-b-{}-{}-c"),
-        ("-0.5", "-0.5"),
         ("``a''", "`{}`a'{}'"),
-        ("a\nb", "a b"),
     ],
 )
 def test_latex_prints_what_it_is_given(text: str, expected: str) -> None:
     assert latex([(text,)]).splitlines()[3] == rf"{expected} \\"
-
-
-def test_a_table_wider_than_the_terminal_is_broken_between_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = [
-        ("scenario", "median of the final error [mm]", "what it is"),
-        ("corridor", "1.23", "a way of many turns"),
-    ]
-    monkeypatch.delenv("COLUMNS", raising=False)
-    assert len(aligned(rows).splitlines()) == 2
-    monkeypatch.setenv("COLUMNS", "40")
-    lines = aligned(rows).splitlines()
-    assert max(map(len, lines)) <= 40
-    assert set(" ".join(lines).split()) == {word for row in rows for cell in row for word in cell.split()}
 
 
 @pytest.mark.parametrize(
@@ -373,33 +248,3 @@ def test_a_table_wider_than_the_terminal_is_broken_between_words(monkeypatch: py
 def test_numbers_have_a_unit_that_fits(unit: str, values: list[float | None], shown: list[str]) -> None:
     unit, factor = fitting(unit, values)
     assert [unit, *(number(None if value is None else factor * value) for value in values)] == shown
-
-
-def test_a_sweep_in_every_format(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = swept(tmp_path)
-    lines = printed(capsys, "sweep", "show", file, "--format", "markdown").splitlines()
-    assert len(lines) == 2 + 4 + 3
-    assert lines[4].startswith(r"| a\_b | 1.0 | 4 | 4 (51 to 100 %) | 11.5 |")
-    assert lines[5].endswith(" | failed |")
-    tex = printed(capsys, "sweep", "show", file, "--format", "latex").splitlines()
-    assert tex[7] == r"a\_b & 1.0 & 4 & 4 (51 to 100 \%) & 11.5 \\"
-    assert tex[-1] == "% scenario corridor throughout"
-    table = list(csv.DictReader(printed(capsys, "sweep", "show", file, "--format", "csv").splitlines()))
-    assert [row["final ATE [cm]"] for row in table] == ["11.5", "21.5", "11.5", "failed"]
-    assert shown(capsys, "sweep", "show", file)["hash"] == "ab"
-
-
-def test_runs_without_a_result_are_counted_on_stderr(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = swept(tmp_path, whole=False)
-    assert "13 not made yet, 3 ok" in told(capsys, "sweep", "show", file, "--format", "csv")
-
-
-def test_configurations_compared_in_every_format(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = swept(tmp_path)
-    lines = printed(capsys, "compare", file, "--format", "markdown").splitlines()
-    assert re.match(r"\| final ATE \\\[cm\\\] \| a\\_b, slam.tracking.window=1.0 \| 4 \| 0 \| 0 \| 4 \|", lines[3])
-    assert r"a\_b, slam.tracking.window=1.0" in printed(capsys, "compare", file, "--format", "latex")
-    table = list(csv.DictReader(printed(capsys, "compare", file, "--format", "csv").splitlines()))
-    by_name = {row["configuration"]: row for row in table}
-    assert by_name["plain, slam.tracking.window=2.0"]["median difference"] == "+10.0"
-    assert by_name["a_b, slam.tracking.window=2.0"]["failed"] == "3"

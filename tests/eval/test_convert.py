@@ -14,8 +14,7 @@ from moteslam.eval.cli import main
 from moteslam.robot.formats import open_recording, write_recording
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectories import WRITERS, read_trajectory, write_trajectory
-from moteslam.robot.trajectories.text import write_g2o
-from moteslam.robot.trajectory import PoseGraph, Trajectory
+from moteslam.robot.trajectory import Trajectory
 
 
 @pytest.fixture(scope="session")
@@ -74,11 +73,6 @@ def test_a_truth_stays_where_it_is_and_is_named(simulated_folder: Path, tmp_path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.bag", "b.bag"]
 
 
-def test_a_topic_of_a_bag(drives: dict[str, Path], tmp_path: Path, capsys) -> None:
-    assert convert(drives["bag"], tmp_path / "a.toml", "--topics", "lidar=/scan") == 0
-    assert "/none" in refused(capsys, "convert", drives["bag"], tmp_path / "b.toml", "--topics", "lidar=/none")
-
-
 @pytest.mark.parametrize("form", ["ucsd", "csv"])
 def test_the_input_is_never_replaced_and_others_with_force_alone(form: str, drives: dict[str, Path], capsys) -> None:
     before = files_in(drives[form].parent)
@@ -119,35 +113,8 @@ def test_a_format_that_is_named_and_json(capsys) -> None:
 
 
 @pytest.mark.usefixtures("trajectories")
-def test_edges_that_are_lost_are_printed(capsys) -> None:
-    graph = PoseGraph(
-        ids=np.arange(3),
-        poses=PATH.poses[:3],
-        first=np.array([0, 1]),
-        second=np.array([1, 2]),
-        relative=np.ones((2, 3)),
-        information=np.tile(np.eye(3), (2, 1, 1)),
-        stamps=PATH.stamps[:3],
-        fixed=np.array([0]),
-    )
-    write_g2o("graph.g2o", graph)
-    assert convert("graph.g2o", "a.tum") == 0
-    assert capsys.readouterr().err == "moteslam: warning: graph.g2o: 2 edges not written, no part of a trajectory\n"
-    assert convert("graph.g2o", "b.g2o", "--json") == 0
-    [issue] = json.loads(capsys.readouterr().out)["warnings"]
-    assert (issue["code"], issue["count"]) == ("not-written", 2)
-
-
-@pytest.mark.usefixtures("trajectories")
 def test_the_poses_are_in_the_plane() -> None:
     """Of a trajectory in space x, y and the heading are kept, as by every command."""
     Path("space.tum").write_text("0 1 2 3 0 0 1 0\n1 4 5 6 0 0 0 1\n")
     assert convert("space.tum", "flat.g2o") == 0
     np.testing.assert_allclose(read_trajectory("flat.g2o").poses, [[1, 2, math.pi], [4, 5, 0]])
-
-
-@pytest.mark.usefixtures("trajectories")
-def test_heights_that_are_lost_are_printed(capsys) -> None:
-    Path("hill.tum").write_text("0 1 2 3 0 0 0 1\n1 4 5 3.5 0 0 0 1\n")
-    assert convert("hill.tum", "hill.csv") == 0
-    assert "hill.tum: z, which spans 0.50 m, roll and pitch not written" in capsys.readouterr().err

@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 from base64 import b64decode, b64encode
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +14,7 @@ from report_material import HOSTILE, run_of, sweep
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import main
-from moteslam.eval.page import charts
-from moteslam.eval.page.document import Material, data_block, gather, page
+from moteslam.eval.page.document import data_block, gather, page
 from moteslam.eval.page.player import Budget, budget_of, playable
 from moteslam.eval.results import write_results
 from moteslam.eval.run_tables import read_particles
@@ -57,19 +55,6 @@ def test_errors_are_those_of_the_metrics(result: Path) -> None:
     assert decoded(found["errors"]["final"], 1e-4).max() == pytest.approx(scores["final.ate_max"]["value"], abs=1e-4)
 
 
-def test_a_page_of_many_runs_holds_less_of_each(result: Path) -> None:
-    few, many = (playable(result, Budget(steps, 1_000_000, 20_000)) for steps in (2000, 20))
-    assert len(many["t"]) == 20
-    assert many["t"][0] == few["t"][0]
-    assert sum(many["t"]) == sum(few["t"])
-    most = [decoded(each["errors"]["online"], 1e-4).max() for each in (few, many)]
-    assert most[0] == pytest.approx(most[1])  # peaks are kept
-    small = playable(result, Budget(20, 500, 20_000))
-    assert len(small["map"]["source"]) < len(many["map"]["source"])
-    assert small["map"]["width"] == many["map"]["width"]
-    assert len(json.dumps(playable(result, budget_of(300)))) < 45_000
-
-
 def test_the_coloured_floor_is_a_layer_of_its_own(result: Path, tmp_path: Path) -> None:
     shutil.copytree(result, tmp_path / "result")
     floor = np.zeros((80, 120, 4), np.uint8)
@@ -107,18 +92,6 @@ def test_the_player_has_the_key_scans_where_they_were_taken(result: Path, run) -
     assert sum(few["t"]) == sum(found["t"])
 
 
-@pytest.mark.parametrize(
-    ("stamps", "value", "problem"), [((1.0, 0.0), 0.0, "stamps: stamps go back"), ((0.0, 1.0), np.nan, "paths: ")]
-)
-def test_damaged_particles_name_their_file(
-    tmp_path: Path, stamps: tuple[float, float], value: float, problem: str
-) -> None:
-    file = tmp_path / "particles.npz"
-    np.savez(file, stamps=stamps, paths=np.full((2, 2, 3), value), spread=np.zeros((2, 3)))
-    with pytest.raises(InputError, match=rf"particles\.npz: {problem}"):
-        read_particles(file)
-
-
 def test_what_is_gathered_of_a_sweep(tmp_path: Path) -> None:
     found = gather([sweep(tmp_path / "s.sweep", fail=1)])
     assert (len(found.runs), found.pending) == (58, 2)
@@ -126,25 +99,6 @@ def test_what_is_gathered_of_a_sweep(tmp_path: Path) -> None:
     names = list(compared(found.runs))
     assert names[:2] == ["default, slam.particles=1", "default, slam.particles=10"]
     assert [run.status for run in found.runs].count("failed") == 1
-
-
-def test_what_is_gathered_of_folders(result: Path) -> None:
-    for path in (result, result.parent):
-        found = gather([path])
-        assert [run.folder for run in found.runs] == [result]
-        assert found.runs[0].known["final.ate"] < 0.1
-        assert found.facts["Versions"]["numpy"]
-
-
-def test_folders_of_one_configuration_are_its_runs(result: Path, tmp_path: Path) -> None:
-    for name, change in (("one", ""), ("two", ""), ("other", "particles = 7\n")):
-        shutil.copytree(result, tmp_path / name)
-        file = tmp_path / name / "config.toml"
-        file.write_text(
-            re.sub(r"^particles = .*\n", change, file.read_text(), flags=re.M) if change else file.read_text()
-        )
-    found = gather([tmp_path])
-    assert [run.run.configuration for run in found.runs] == ["particles=10", "particles=10", "particles=7"]
 
 
 def test_a_report_of_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
@@ -191,92 +145,3 @@ def test_data_cannot_end_their_script() -> None:
     block = data_block(value)
     assert not set("<>&\u2028") & set(block)
     assert json.loads(block) == value
-
-
-def test_a_curve_has_medians_with_intervals_over_what_varies(tmp_path: Path) -> None:
-    runs = gather([sweep(tmp_path / "s.sweep")]).runs
-    figure = charts.curves(runs, "slam.particles", charts.Shown("final.ate", "final ATE [cm]", 100.0))
-    assert [line["name"] for line in figure["data"]] == [
-        *("corridor, default", "corridor, paper", "office, default", "office, paper")
-    ]
-    line = figure["data"][0]
-    assert line["x"] == [1, 10, 100]
-    np.testing.assert_allclose(line["y"], [20.2, 2.2, 0.4])
-    assert line["error_y"]["array"] == [0.0] * 3  # five runs have no interval
-    assert figure["layout"]["xaxis"]["type"] == "log"
-    assert {"0.5", "1", "2", "5", "10"} <= set(figure["layout"]["yaxis"]["ticktext"])
-    assert figure["layout"]["xaxis"]["title"]["text"] == "particles"
-    assert figure["layout"]["yaxis"]["title"]["text"] == "final ATE [cm]"
-    assert charts.curves(runs, "slam.particles", charts.Shown("map_f1", "map F1")) is None
-
-
-def test_every_run_is_a_point_in_the_colour_of_its_scenario_under_a_name_that_is_not_cut() -> None:
-    long = "a-name-that-is-longer-than-a-line-of-a-label"
-    runs = [
-        run_of(f"{long}-{k}", seed, scenario=place) for k in "ab" for seed in (0, 1) for place in ("hall", "office")
-    ]
-    figure = charts.spread(compared(runs), charts.Shown("final.ate", "final ATE [m]"))
-    points = figure["data"][::2]
-    assert [(each["name"], each["y"]) for each in points] == [
-        (name, [0.1, 1.1, 0.1, 1.1]) for name in ("hall", "office")
-    ]
-    assert points[0]["marker"]["color"] != points[1]["marker"]["color"]
-    assert [text[-2:] for text in figure["layout"]["xaxis"]["ticktext"]] == ["-a", "-b"]
-
-
-def test_robots_have_rows_of_their_own_and_the_title_says_what_was_asked() -> None:
-    runs = [run_of(seed=seed, platform=robot) for robot in ("ucsd", "turtlebot3") for seed in range(2)]
-    text = page(Material(runs=runs))
-    assert "<title>final ATE by platform: ucsd, turtlebot3</title>" in text
-    assert "4 runs: 2 platforms, 2 seeds;" in text
-    assert "Each platform against <strong><bdi>ucsd</bdi></strong>" in text
-    assert text.count('<tr><th scope="row"><bdi>turtlebot3</bdi></th>') == 2  # in the summary and among the pairs
-
-
-def test_a_scenario_has_a_row_of_its_own_in_the_summary() -> None:
-    errors = {"corridor": 0.012, "office": 0.018}  # whose common median would be 1.5 cm
-    runs = [run_of(name, ate=ate, scenario=place) for name in "ab" for place, ate in errors.items()]
-    text = page(Material(runs=runs))
-    summary = text[text.index('id="summary"') : text.index('id="pairs"')]
-    assert re.findall(r'row"><bdi>([^<]*)<.*?median">([^<]*)<', summary, flags=re.S) == [
-        *(("corridor, a", "12.0"), ("office, a", "18.0"), ("corridor, b", "12.0"), ("office, b", "18.0"))
-    ]
-
-
-def test_columns_that_are_empty_everywhere_are_left_out() -> None:
-    text = page(Material(runs=[run_of()]))
-    heads = re.findall("<button[^>]*>([^<]*)<", text[text.index('id="all"') :])
-    assert heads[:4] == ["scenario", "seed", "configuration", "status"]
-
-
-def test_the_first_metric_is_one_that_all_configurations_have() -> None:
-    scores = {"online.ate": {"value": 0.1}, "final.ate": {"value": 0.2}}
-    ours, theirs = replace(run_of("ours"), scores=scores), run_of("theirs")
-    text = page(Material(runs=[ours, theirs], wanted=["online.ate", "final.ate"]))
-    assert re.findall(r'<option value="[01]">([^<]*)<', text) == ["final ATE [cm]", "online ATE [cm]"]
-
-
-def test_a_run_alone_is_named_by_its_folder_and_its_seed_once(result: Path) -> None:
-    material = gather([result])
-    assert [run.run.configuration for run in material.runs] == ["result"]
-    (name,) = re.findall('<select id="run">\n<option[^>]*>([^<]*)<', page(material))
-    assert name.count("seed") == 1
-
-
-def test_failed_runs_count_as_the_worst() -> None:
-    material = Material(runs=[run_of("a", k) for k in range(3)] + [run_of("a", 9, "crashed")] * 4)
-    text = page(material, title="t")
-    assert "3 of 7 (16 to 75 %)" in text
-    assert '<span class="median">failed</span>' in text
-
-
-def test_a_page_needs_neither_taichi_nor_matplotlib_for_sweeps(tmp_path: Path, program) -> None:
-    import subprocess
-    import sys
-
-    sweep(tmp_path / "s.sweep")
-    code = (
-        "import sys; from moteslam.eval.cli import main; main.run(['report', 's.sweep']); "
-        "sys.exit(bool({'matplotlib', 'pymunk', 'plotly'} & set(sys.modules)))"
-    )
-    assert subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False).returncode == 0

@@ -86,13 +86,6 @@ def complaints(browser: Browser) -> list[str]:
     return found
 
 
-def column(browser: Browser, table: str, number: int) -> list[str]:
-    script = (
-        "return [...document.querySelectorAll(arguments[0] + ' tbody tr')].map((r) => r.cells[arguments[1]].innerText)"
-    )
-    return [str(text) for text in browser.execute_script(script, table, number)]
-
-
 def robot(browser: Browser) -> bytes:
     """The canvas as a picture, once it is drawn."""
     script = "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(() => done(0)))"
@@ -106,15 +99,6 @@ def test_no_error_and_no_request(name: str, browser: Browser, pages: dict[str, P
     for scheme in ("dark", "light", ""):
         Select(browser.find_element(By.ID, "scheme")).select_by_value(scheme)
     assert complaints(browser) == []
-
-
-def test_charts_are_drawn(browser: Browser, pages: dict[str, Path]) -> None:
-    opened(browser, pages["sweep"])
-    charts = browser.find_elements(By.CSS_SELECTOR, ".chart .main-svg")
-    assert len(charts) >= 6  # plotly.js puts three of them into each chart
-    assert len(browser.find_elements(By.CSS_SELECTOR, "#curves .scatter .point")) >= 12
-    Select(browser.find_element(By.ID, "metric")).select_by_index(0)
-    assert browser.find_element(By.CSS_SELECTOR, "#curves .ytitle").text == "final ATE [cm]"
 
 
 def test_slider_and_keyboard_move_the_robot(browser: Browser, pages: dict[str, Path]) -> None:
@@ -143,34 +127,6 @@ def test_slider_and_keyboard_move_the_robot(browser: Browser, pages: dict[str, P
     assert len({before, nearer, robot(browser)}) == 3
 
 
-def test_layers_and_runs_can_be_chosen(browser: Browser, pages: dict[str, Path]) -> None:
-    opened(browser, pages["runs"])
-    before = robot(browser)
-    browser.find_element(By.CSS_SELECTOR, "[data-layer=map]").click()
-    assert robot(browser) != before
-    browser.find_elements(By.CSS_SELECTOR, "button.show")[1].click()
-    assert browser.find_element(By.ID, "run").get_attribute("value") == "1"
-    assert browser.switch_to.active_element.get_attribute("id") == "play"
-    assert complaints(browser) == []
-
-
-def test_tables_sort(browser: Browser, pages: dict[str, Path]) -> None:
-    opened(browser, pages["sweep"])
-    head = browser.find_elements(By.CSS_SELECTOR, "#all thead button")[4]
-    head.send_keys(Keys.ENTER)
-    values = column(browser, "#all", 4)
-    numbers = [float(value) for value in values if value != "-"]
-    assert numbers == sorted(numbers)
-    assert values[-3:] == ["-"] * 3  # what is absent stands last
-    head.send_keys(Keys.ENTER)
-    assert column(browser, "#all", 4) == [*values[:-3][::-1], *values[-3:]] or numbers[0] == numbers[1]
-    assert head.find_element(By.XPATH, "..").get_attribute("aria-sort") == "descending"
-    browser.find_element(By.ID, "filter").send_keys("office")
-    shown = [row for row in browser.find_elements(By.CSS_SELECTOR, "#all tbody tr") if row.is_displayed()]
-    assert len(shown) == 28
-    assert browser.find_element(By.ID, "shown").text == "28 of 58 rows"
-
-
 def test_names_are_text_everywhere(browser: Browser, pages: dict[str, Path]) -> None:
     opened(browser, pages["hostile"])
     assert browser.title.startswith("</script><script>")
@@ -187,14 +143,3 @@ def test_names_are_text_everywhere(browser: Browser, pages: dict[str, Path]) -> 
     assert "</script><script>" in drawn
     assert "\u202e" not in drawn
     assert not browser.find_elements(By.CSS_SELECTOR, ".chart a")
-
-
-def test_a_narrow_screen_has_no_sideways_scroll(browser: Browser, pages: dict[str, Path]) -> None:
-    metrics = {"width": 380, "height": 800, "deviceScaleFactor": 2, "mobile": True}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-    try:
-        for name in ("runs", "sweep", "hostile"):
-            opened(browser, pages[name])
-            assert browser.execute_script("return document.documentElement.scrollWidth") <= 380
-    finally:
-        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})

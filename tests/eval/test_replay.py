@@ -79,14 +79,10 @@ def test_lines_of_json_give_the_result_of_the_recording(
 
 BAD = {
     "not json": "",
-    "[1]": "",
     '{"type": "laser", "stamp": 1}': "type",
-    '{"type": "imu", "stamp": "x", "yaw_rate": 1}': "imu.stamp",
     '{"type": "imu", "stamp": NaN, "yaw_rate": 1}': "imu.stamp",
     '{"type": "imu", "stamp": 9e9, "yaw_rate": null}': "imu.yaw_rate",
-    '{"type": "imu", "stamp": 1, "rate": 1}': "imu.rate",
     '{"type": "scan", "stamp": 9e9, "ranges": [1, 2]}': "ranges",
-    '{"type": "scan", "stamp": 9e9}': "lidar.ranges",
     json.dumps({"type": "scan", "stamp": 1.7e9, "ranges": [1] * 271}): "lidar.stamp",
     '{"type": "odometry", "stamp": 9e9, "counts": [1]}': "odometry.counts",
     '{"type": "platform", "name": "late"}': "platform",
@@ -110,8 +106,10 @@ def test_a_line_that_cannot_be_used_is_told_left_out_and_stops_nothing(
         assert told[-1] == f"moteslam: warning: stdin: {len(some)} of {len(good) + len(some)} lines were left out"
 
 
-@pytest.mark.parametrize("begins", [12.5, 1.7e9], ids=str)
-@pytest.mark.parametrize("first", [{"type": "scan", "ranges": [1] * 271}, {"type": "odometry", "counts": [9] * 4}])
+@pytest.mark.parametrize(
+    ("begins", "first"),
+    [(12.5, {"type": "scan", "ranges": [1] * 271}), (1.7e9, {"type": "odometry", "counts": [9] * 4})],
+)
 def test_a_first_message_of_another_clock_is_told_and_left_out(
     begins: float, first: dict, recording: Recording, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -129,7 +127,6 @@ def test_a_first_message_of_another_clock_is_told_and_left_out(
     ("text", "expected"),
     [
         ("", "stdin: 0 lines without a scan, expected some"),
-        ('{"type": "imu", "stamp": 1, "yaw_rate": 1}', "platform.lidar: beams, angle_min, angle_increment"),
         ('{"type": "imu", "stamp": 1, "yaw_rate": 1}', "--platform NAME, or a first line of type platform"),
         ('{"type": "platform", "lidar": {"beams": 0}}', "stdin:1: lidar.beams: "),
     ],
@@ -142,24 +139,6 @@ def test_input_without_a_scan_or_a_lidar_is_refused(
     assert told.startswith("moteslam: ")
     assert expected in told
     assert not list(tmp_path.iterdir())
-
-
-def test_units_in_which_nothing_is_left_end_the_run_and_are_no_broken_line(
-    recording: Recording, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("moteslam.slam.inputs.live.SOON", 2.0)
-    long = recording.replace(lidar=replace(recording.lidar, ranges=recording.lidar.ranges * np.float32(1e3)))
-    assert fed(monkeypatch, "\n".join(lines(long)), "--out", tmp_path / "out") == 2
-    told = capsys.readouterr().err.splitlines()
-    assert told[-1].startswith("moteslam: stdin: lidar: the median of its ranges is")
-    assert not [line for line in told if "left out" in line]
-    assert not list(tmp_path.iterdir())
-
-
-def test_options_of_a_recording_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    for more in (["robot.log"], ["--mcap"], ["--end", "3"], ["--dead-reckoning"]):
-        assert run(["replay", "--stdin", *more]) == 2
-        assert "--stdin" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
@@ -191,9 +170,7 @@ def test_poses_are_in_the_frame_of_the_map_which_does_not_change(
     ("arguments", "says"),
     [
         (("--map", "nowhere.yaml"), "nowhere.yaml"),
-        (("--map", "map.pgm"), "map.pgm"),
         (("--map", "map.yaml", "--preset", "default"), "--set known_map"),
-        (("--map", "map.yaml", "--near", "0", "0", "0", "x"), "THETA [rad], and SPREAD"),
         (("--map", "map.yaml", "--near", "0", "0", "90", "0.5"), "--near: a heading of 90, expected radians"),
     ],
 )
@@ -229,20 +206,6 @@ def test_inspect_gives_estimates_and_what_is_certain(reversed_beams: Path, capsy
     assert {"name", "value", "deviation", "stated", "certain"} == found["calibration"][0].keys()
 
 
-def test_inspect_says_where_nothing_could_be_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_recording(tmp_path / "short.mcap", winding(seconds=1.0).replace(encoders=None, imu=None))
-    assert "by scans and odometry: nothing measured" in printed(capsys, "inspect", tmp_path / "short.mcap")
-
-
-@pytest.mark.slow
-def test_replay_says_where_nothing_could_be_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    straight = load_scenario("corridor", platform="lms200", settings=["route.waypoints=[[3.5, 0.0], [12.0, 0.0]]"])
-    write_recording(tmp_path / "straight.mcap", with_odometry(simulate(straight, 0).recording))
-    for command in (["inspect"], ["replay", "--no-figures", "--out", str(tmp_path / "out")]):
-        for more in ([], ["--calibrate", "lidar", "--force"]) if len(command) > 1 else ([],):
-            assert codes(capsys, *command, tmp_path / "straight.mcap", *more).count("not-calibrated") == 1
-
-
 @pytest.mark.slow
 def test_inspect_says_all_that_replay_says_of_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording = with_odometry(winding(seconds=12.0)).replace(encoders=None, imu=None)
@@ -272,7 +235,8 @@ def test_what_travels_along_is_known_only_where_the_angles_are_right(
     lidar = replace(lidar, stamps=lidar.stamps[keep], ranges=ranges, angle_increment=step, odometry=None)
     write_recording(tmp_path / "drive.mcap", recording.replace(lidar=lidar, encoders=None, imu=None))
     asked, bag = {"lidar-angles", "travels-along"}, tmp_path / "drive.mcap"
-    for command in (("inspect", bag, "--deep"), ("replay", bag, "--out", tmp_path / "out", "--no-figures")):
+    cheap = ("--no-figures", "--set", "particles=5")
+    for command in (("inspect", bag, "--deep"), ("replay", bag, "--out", tmp_path / "out", *cheap)):
         assert asked.intersection(codes(capsys, *command)) == expected
 
 
@@ -280,7 +244,8 @@ def test_what_travels_along_is_known_only_where_the_angles_are_right(
 def test_replay_warns_and_mends(reversed_beams: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, options in (("as_is", []), ("mended", ["--calibrate", "lidar"])):
         out = str(tmp_path / name)
-        warnings = shown(capsys, "replay", reversed_beams, "--out", out, "--no-figures", *options)["warnings"]
+        cheap = ("--no-figures", "--set", "particles=5")
+        warnings = shown(capsys, "replay", reversed_beams, "--out", out, *cheap, *options)["warnings"]
         (mirrored,) = [issue["message"] for issue in warnings if issue["code"] == "mirrored"]
         assert mirrored.endswith("; mended by the lidar") == bool(options)
     truth = read_tum(reversed_beams.with_suffix(".tum"))

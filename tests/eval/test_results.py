@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from command_lines import printed, refused
 from loop_candidates import candidate
-from matplotlib.figure import Figure
 from rosbags.highlevel import AnyReader
 
 from moteslam.errors import InputError
@@ -20,7 +19,7 @@ from moteslam.eval.cli.running import described, run_lines, score_lines
 from moteslam.eval.cli.simulate import scenario_of
 from moteslam.eval.result_bag import write_result_bag
 from moteslam.eval.results import BUILDING as NAME
-from moteslam.eval.results import draw_figures, read_building, write_building, write_results
+from moteslam.eval.results import read_building, write_building, write_results
 from moteslam.eval.run_tables import (
     DIAGNOSTICS_COLUMNS,
     LOOP_COLUMNS,
@@ -137,24 +136,6 @@ def _leaves(value: object) -> list[object]:
     return [leaf for below in value for leaf in _leaves(below)] if isinstance(value, list) else [value]
 
 
-def test_the_paths_of_the_picture_lie_as_its_title_says(run, simulation, tmp_path: Path, drawn: list[Figure]) -> None:
-    """Also where the back end has moved the first scan."""
-    estimate, _ = run
-    final = estimate.trajectory_final
-    moved = Trajectory(final.stamps, np.asarray(se2.compose((0.8, 1.0, -0.1), final.poses)))
-    apart = replace(estimate, trajectory_final=moved)
-    draw_figures(tmp_path, apart, evidence_of(apart))
-    first, title = drawn[0], drawn[0].get_suptitle()
-    assert title.endswith("from one start")
-    lines = {str(line.get_label()): line.get_xydata() for line in first.axes[0].lines}
-    for label in ("dead reckoning", "SLAM (final)"):
-        np.testing.assert_allclose(lines[label][0], moved.poses[0, :2], atol=1e-9)
-    drawn.clear()
-    draw_figures(tmp_path, apart, evidence_of(apart, simulation.truth))
-    assert drawn[0].get_suptitle().endswith("laid on the reference, rigidly")
-    assert {"reference", "dead reckoning", "SLAM (final)"} < {line.get_label() for line in drawn[0].axes[0].lines}
-
-
 LOOPS = (
     candidate(3, 170, stamps=(1543234.3, 1543251.0), found=(0.1, -1 / 3, 3.1), predicted=(0.4, -1e-9, -3.1)),
     candidate(4, 171, verdict="weak"),
@@ -221,19 +202,14 @@ READERS = {"loops.csv": read_loops, "diagnostics.csv": read_diagnostics}
     ("name", "old", "new", "line", "field"),
     [
         ("loops.csv", None, "", 1, None),
-        ("loops.csv", ",weak", "", 3, None),
         ("loops.csv", "weak", "lost", 3, "verdict"),
         ("loops.csv", "\n4,", "\n4.5,", 3, "earlier"),
-        ("loops.csv", "\n4,", f"\n{9 * '9999'},", 3, "earlier"),
         ("loops.csv", "0.95", "nan", 2, "known"),
-        ("loops.csv", "1543234.3", "soon", 2, "earlier_stamp"),
         ("loops.csv", "\n9,", "\n182,", 5, "later"),
         ("diagnostics.csv", "nan", "inf", 2, "degenerate"),
         ("diagnostics.csv", "sure", "happy", 2, "state"),
         ("diagnostics.csv", "1.5", "nan", 2, "stamp"),
         ("metrics.json", None, "[", None, None),
-        ("metrics.json", None, "[]", None, None),
-        ("metrics.json", None, "{}", None, "metrics"),
         ("metrics.json", None, '{"metrics": {"ate": 1}}', None, "metrics.ate"),
     ],
 )
@@ -274,13 +250,6 @@ def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Pa
     assert "loop" not in "".join(score_lines(score_estimate(alone(run[0]), simulation.truth)))
 
 
-def test_without_a_candidate_there_is_the_header_alone_and_no_figure(run, tmp_path: Path) -> None:
-    write_results(tmp_path, looking(run[0], ()))
-    assert (tmp_path / "loops.csv").read_text() == ",".join(LOOP_COLUMNS) + "\n"
-    assert not (tmp_path / "loops.png").exists()
-    assert (tmp_path / "trajectories.png").exists()
-
-
 def test_the_bag_holds_map_paths_and_scans_and_its_transforms_lead_along_the_final_path(
     simulation, run, tmp_path: Path
 ) -> None:
@@ -315,17 +284,9 @@ def test_the_bag_holds_map_paths_and_scans_and_its_transforms_lead_along_the_fin
     assert back.lidar.ranges[:].tobytes() == simulation.recording.lidar.ranges[:].tobytes()
 
 
-def test_stamps_that_ros_does_not_hold_are_refused(simulation, run, tmp_path: Path) -> None:
-    estimate = run[0]
-    early = Trajectory(estimate.trajectory.stamps - 2e9, estimate.trajectory.poses)
-    with pytest.raises(InputError, match="expected 0 to"):
-        write_result_bag(tmp_path / "result.mcap", replace(estimate, trajectory=early), simulation.recording)
-    assert not list(tmp_path.iterdir())
-
-
 def test_replay_writes_it_where_it_is_asked_for(simulated_folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    options = ["--preset", "paper", "--set", "particles=3", "--no-figures", "--mcap"]
+    options = ["--preset", "paper", "--set", "particles=3", "--no-figures", "--end", "3", "--mcap"]
     assert main.run(["replay", str(simulated_folder), "--out", str(out), *options]) == 0
     assert "result.mcap" in (out / ".moteslam").read_text()
     assert main.run(["replay", str(simulated_folder), "--out", str(out), "--force", *options[:-1]]) == 0
@@ -360,7 +321,8 @@ def contents(folder: Path) -> dict[str, bytes]:
 @pytest.mark.slow
 def test_a_result_is_gone_on_with_and_stays_as_it_is(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = contents(folder / "result")
-    onto = ("--onto", folder / "result", "--no-figures")
+    few = ("--no-figures", "--set", "particles=5")
+    onto = ("--onto", folder / "result", *few)
     printed(capsys, "replay", folder / "log", "--start", 15, *onto, "--out", folder / "both")
     assert contents(folder / "result") == before
     building = read_building(folder / "both")
@@ -372,7 +334,7 @@ def test_a_result_is_gone_on_with_and_stays_as_it_is(folder: Path, capsys: pytes
     final = read_tum(folder / "both" / "trajectory_final.tum")
     np.testing.assert_allclose(final.poses, building.sessions[1].path, atol=1e-5)
     # what was bound is a result to go on with, too
-    printed(capsys, "replay", folder / "log", "--onto", folder / "both", "--no-figures", "--out", folder / "three")
+    printed(capsys, "replay", folder / "log", "--onto", folder / "both", *few, "--out", folder / "three")
     assert len(read_building(folder / "three").sessions) == 3
 
 
@@ -403,17 +365,11 @@ def put(name: str, change: Callable[[Any], Any]) -> Callable[[Arrays], Arrays]:
     ("change", "field"),
     [
         (put("version", lambda version: version + 1), "version"),
-        (without("version"), "version"),
         (without("steps"), "steps"),
         (put("path", lambda path: path * np.nan), "path"),
         (put("nodes", lambda nodes: nodes[::-1]), "nodes"),
-        (put("nodes", lambda nodes: nodes + 1_000_000), "nodes"),
         (put("sizes", lambda sizes: sizes + 1), "sizes"),
-        (put("scans", lambda scans: scans - 1), "scans"),
         (put("counts", lambda counts: counts + 1), "counts"),
-        (put("counts", lambda counts: counts.astype(np.float64)), "counts"),
-        (put("points", lambda points: points.astype(np.float32)), "points"),
-        (put("resolution", lambda _: np.float64(0)), "resolution"),
         (put("covariance", lambda covariance: -covariance), "covariance"),
         (put("prior_steps", lambda steps: steps[1:]), "prior_steps"),
         (put("first", lambda _: np.array([5])), "second"),
@@ -428,14 +384,12 @@ def test_a_broken_file_is_refused(folder: Path, tmp_path: Path, change: Callable
     assert (caught.value.field, Path(str(caught.value.file))) == (field, tmp_path / NAME)
 
 
-@pytest.mark.parametrize("what", ["version", "missing", "back end"])
+@pytest.mark.parametrize("what", ["missing", "back end"])
 def test_what_cannot_be_gone_on_with_is_one_line(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], what: str
 ) -> None:
     old, more = tmp_path / "old", []
     old.mkdir()
-    if what == "version":
-        np.savez(old / NAME, version=np.int64(9))
     if what == "back end":
         old, more = folder / "result", ["--set", "backend.method=none"]
     line = refused(capsys, "replay", folder / "log", "--onto", old, "--out", tmp_path / "out", *more)

@@ -101,31 +101,11 @@ def test_shards_hold_each_run_once_and_no_case_apart(tmp_path: Path) -> None:
     assert all(not cases[a] & cases[b] for a in range(3) for b in range(a))
 
 
-@pytest.mark.parametrize(
-    ("text", "values"),
-    [
-        ("{ first = 1, last = 9, steps = 3 }", [1, 5, 9]),
-        ("{ first = 2, last = 8, steps = 3, spacing = 'factor' }", [2, 4, 8]),
-        ("{ first = 1, last = 2, steps = 3 }", [1.0, 1.5, 2.0]),
-    ],
-)
-def test_ranges_of_whole_numbers_are_whole(text: str, values: list[float], tmp_path: Path) -> None:
-    found = read_spec(written(tmp_path, f"{HERE}[vary]\nslam.particles = {text}")).values("slam.particles")
-    assert [(type(value), value) for value in found] == [(type(value), value) for value in values]
-
-
 def test_seeds_as_text() -> None:
     assert numbers("7, 3, 5-6,3") == [7, 3, 5, 6]
     for wrong in ("", "a", "3-1", "1-", "-1", "1.5", "0-99999999"):
         with pytest.raises(ValueError, match="expected"):
             numbers(wrong)
-
-
-def test_seeds_as_a_list_and_values_in_their_order(tmp_path: Path) -> None:
-    runs = planned(tmp_path, f"{HERE}seeds = [2, 0]\n[vary]\nplatform.lidar.range_max = [12.0, 4.0]\n")
-    assert [(run.seed, dict(run.varied)["platform.lidar.range_max"]) for run in runs] == [
-        *((2, 12.0), (2, 4.0), (0, 12.0), (0, 4.0))
-    ]
 
 
 @pytest.mark.parametrize(("words", "count"), [('["slam", "{recording}"]', 1), ('["slam", "{seed}"]', 3)])
@@ -142,22 +122,16 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
         ("seeds = '0'", "neither scenarios nor recordings"),
         (HERE + "seed = '0'", "seed: "),
         (HERE + "seeds = '5-'", "seeds: '5-', "),
-        (HERE + "seeds = [0.5]", "seeds: [0.5], expected a text"),
         (
             HERE + "[configurations.a]\nset = { particles = 5 }",
             "a.set: 'particles', expected slam.particles",
         ),
         (HERE + "platforms = ['r2d2']", "platforms: 'r2d2', "),
         (HERE + "metrics = ['final.aet']", "metrics: 'final.aet', "),
-        (HERE + "[vary]\nparticles = [1]", "vary: 'particles', "),
         (HERE + "[vary]\nslam.particels = [1]", "vary.slam.particels: "),
-        (HERE + "[vary]\nslam.particles = []", "vary.slam.particles."),
         (HERE + "[vary]\nslam.particles = [-3]", "vary.slam.particles: "),
-        (HERE + "[vary]\nslam.particles = 3", "vary.slam.particles."),
         (HERE + "[vary]\nslam.particles = { first = 1, last = 9, steps = 0 }", "vary.slam.particles.range.steps: "),
-        (HERE + "[vary]\nscenario.speeed = [1]", "vary.scenario.speeed: "),
         (HERE + "seeds = '0'\n[vary]\nslam.particles = [2, 2]", "(corridor, seed 0, default, slam.particles=2)"),
-        (HERE + "[configurations.'a b']", "configurations.a b.[key]: 'a b', expected letters, digits, _ . + -"),
         (HERE + "[configurations.a]\npreset = 'b'", "configurations.a, b: no such preset"),
         (HERE + "[configurations.a]\nset = { slam.backend.method = 'no' }", "configurations.a, backend.method: "),
         (HERE + "[configurations.a]\ntrajectory = 'x'\n", "configurations.a: trajectory without a command"),
@@ -166,9 +140,7 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
             for more in ("preset = 'default'", "set = { slam.particles = 3 }", "format = 'bag'", "map = '/x'")
         ),
         ("scenarios = ['coridor']", "scenarios, coridor: "),
-        ("recordings = ['nothing.log']", "recordings: "),
         ("recordings = ['nothing.log']\n[vary]\nplatform.imu = [true]", "platform.imu: "),
-        ("scenarios = [", "not TOML"),
     ],
 )
 def test_a_specification_that_is_wrong_names_the_place(text: str, place: str, tmp_path: Path) -> None:
@@ -393,14 +365,6 @@ def test_results_that_contradict_each_other_are_not_merged(tmp_path: Path) -> No
     assert not list(tmp_path.glob("*new*"))
 
 
-def test_a_value_that_is_absent_is_recorded_with_its_reason(tmp_path: Path) -> None:
-    row = rows_of(recorded(tmp_path / "a.sweep", SPEC, lambda _: {"final.rpe_1m": "no pair"}))[0]
-    assert row.values == {"final.rpe_1m": None}
-    assert row.scores == {"final.rpe_1m": {"absent": "no pair"}}
-    summary = summary_of([row], "final.rpe_1m")
-    assert (summary.absent, summary.median) == (1, None)
-
-
 def test_the_specifications_of_the_documentation_are_what_they_say(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -517,28 +481,6 @@ def test_a_cluster_comes_to_the_same_though_a_worker_dies(whole: Path, tmp_path:
     assert all(row in results(whole) for row in made)
 
 
-def test_a_cluster_that_is_not_there(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("moteslam.eval.sweep.workers.CONNECT", 0.5)
-    line = refused(capsys, "sweep", written(tmp_path), "--scheduler", "tcp://127.0.0.1:9")
-    assert "--scheduler: no scheduler answers at tcp://127.0.0.1:9" in line
-
-
-@pytest.mark.slow
-def test_interrupted_it_says_how_to_go_on(tmp_path: Path) -> None:
-    spec, target = written(tmp_path), tmp_path / "spec.sweep"
-    command = [sys.executable, "-m", "moteslam", "sweep", str(spec), "--workers", "1"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    while process.poll() is None and not (target.exists() and any(row.status for row in rows_of(target))):
-        time.sleep(0.05)
-    process.send_signal(signal.SIGTERM)  # a job in the background ignores Ctrl-C
-    assert f"in {target}: the same command goes on" in process.communicate()[1].splitlines()[-1]
-    assert process.returncode == 143
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["spec.sweep", "spec.toml"]
-    assert main.run(["sweep", "show", str(target)]) == 0
-
-
 def test_variables_of_the_environment_in_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = written(tmp_path, 'recordings = ["${LOGS}/a.log", "b.log"]\n')
     monkeypatch.setenv("LOGS", "/logs")
@@ -546,23 +488,6 @@ def test_variables_of_the_environment_in_paths(tmp_path: Path, monkeypatch: pyte
     monkeypatch.delenv("LOGS")
     with pytest.raises(ConfigError, match=r"spec\.toml: recordings: .*the variable LOGS of the environment to be set"):
         read_spec(file)
-
-
-@pytest.mark.slow
-def test_a_sweep_in_which_no_run_ends_well_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = """
-scenarios = ["corridor"]
-duration = 7
-seeds = "0"
-[configurations.bad]
-command = ["sh", "-c", "echo '\\u001b[31m<b>' >&2; exit 3"]
-"""
-    assert main.run(["sweep", str(written(tmp_path, text)), "--workers", "1"]) == 1
-    assert "1 failed" in capsys.readouterr().out
-    table = as_csv(rows_of(tmp_path / "spec.sweep"))
-    assert r"ended with exit code 3: \x1b[31m<b>" in table
-    plot = ["sweep", "plot", str(tmp_path / "spec.sweep"), "--out", str(tmp_path / "a.png"), "--x", "configuration"]
-    assert main.run(plot) == 2
 
 
 SUITE_1 = "e6250b323c16c3c3ba468dcda1f89303fe1a35ee901fcc90a598da2345b8b252"
@@ -618,17 +543,6 @@ def test_the_hash_follows_from_scenarios_and_robots(tmp_path: Path, monkeypatch:
     assert digest(runs[1:]) != before
 
 
-def test_the_hash_follows_from_robots_that_scenarios_name(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text('base = "rplidar_a1"\nwidth = 0.3\n', encoding="utf-8")
-    scenario = (SCENARIOS / "corridor.toml").read_text(encoding="utf-8")
-    (tmp_path / "here.toml").write_text(f'platform = "mine.toml"\n{scenario}', encoding="utf-8")
-    (tmp_path / "spec.toml").write_text(ONE.replace('"corridor"', '"here.toml"'), encoding="utf-8")
-    runs = plan(read_spec(tmp_path / "spec.toml"))
-    before = digest(runs)
-    (tmp_path / "mine.toml").write_text('base = "rplidar_a1"\nwidth = 0.31\n', encoding="utf-8")
-    assert digest(runs) != before
-
-
 def test_the_hash_is_recorded_and_other_runs_of_the_same_names_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -640,17 +554,6 @@ def test_the_hash_is_recorded_and_other_runs_of_the_same_names_are_refused(
     printed(capsys, "sweep", spec)  # words are no other sweep
     monkeypatch.setattr("moteslam.eval.sweep.store.digest", lambda _: "0" * 64)
     assert "has runs of other scenarios or robots of these names" in refused(capsys, "sweep", spec)
-
-
-def test_a_bundled_one_is_run_by_its_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "particles").mkdir()  # the name is no path
-    monkeypatch.setattr("moteslam.eval.sweep.workers.make_all", lambda *_, **__: iter(()))
-    assert "recorded in particles.sweep" in printed(capsys, "sweep", "particles")
-    with opened(tmp_path / "particles.sweep") as store:
-        assert store.counts() == {"": len(runs_of("particles"))}
 
 
 def test_they_are_listed_and_printed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

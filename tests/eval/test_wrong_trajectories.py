@@ -144,8 +144,7 @@ def test_a_path_that_has_another_shape_or_none_is_said_to(tmp_path: Path, capsys
     assert words in told(capsys, "evaluate", *files)
 
 
-@pytest.mark.parametrize("begin", [0.8, 0.95])
-@pytest.mark.parametrize("whose", ["estimate", "reference"])
+@pytest.mark.parametrize(("whose", "begin"), [("estimate", 0.8), ("reference", 0.95)])
 def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
     tmp_path: Path, capsys, whose: str, begin: float
 ) -> None:
@@ -163,12 +162,6 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
     assert "clocks-differ" not in codes(capsys, "evaluate", *files)
 
 
-def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
-    files = files_of(tmp_path, same, tilted)
-    for given, named in ((files, files[1]), (files[::-1], files[1])):
-        assert f"{named}: moves in a plane" in told(capsys, "evaluate", *given)
-
-
 @pytest.mark.parametrize(
     ("estimate", "reference", "expected"),
     [
@@ -178,36 +171,26 @@ def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
         (inverted, same, ["poses-inverted"]),
         (lambda t: inverted(tilted(t)), tilted, ["in-space", "poses-inverted"]),
         (twice, twice, []),
-        (same, changed(lambda t: t[::100]), []),
         (scaled(2, -1.0), scaled(2, -1.0), ["orientation-order"] * 2),  # mirrored alike, but for the headings
         (rounded(16), same, ["equal-stamps", "few-matched"]),
         (same, rounded(1.0), ["equal-stamps"]),
-        (rounded(1.0), same, ["equal-stamps"]),
         (same, put(slice(1500, 1750), slice(1, 4), 0.0), ["poses-held"]),
-        (same, put(slice(1500, 1501), slice(1, 4), 0.0), ["poses-held"]),
         (same, frozen, ["poses-held"]),
-        (held(2), same, ["poses-held"]),
         (same, held(100), ["poses-held"]),
         (same, changed(lambda t: t.__setitem__((slice(None), 2), np.rint(2 * t[:, 2]) / 2)), ["positions-rounded"]),
-        (same, changed(lambda t: t.__setitem__((slice(None), 2), np.rint(10 * t[:, 2]) / 10)), ["positions-rounded"]),
         (changed(lambda t: t.__setitem__((slice(None), slice(1, 3)), t[:, 1:3].round(2))), same, []),
         (lambda t: np.hstack((t[::9, :1], t[::9, 1:3].round(1), t[::9, 3:])), same, ["positions-rounded"] * 2),
         (wxyz, same, ["orientation-order", "body-axes"]),
         (wxyz, wxyz, ["orientation-order", "orientation-order", "in-space"]),
-        (scaled(6, -1.0), same, ["orientation-order", "body-axes"]),
         (sideways, same, ["body-axes"]),
         (same, scaled(slice(1, 4), 1000.0), ["implausible-speed", "sizes-differ"]),
         (scaled(slice(1, 4), 1000.0), scaled(slice(1, 4), 1000.0), ["implausible-speed"] * 2),
         (same, put(slice(2501, 2502), 1, 100.0), ["implausible-speed"]),  # between stamps of the estimate
-        (same, put(slice(2500, 2503), 1, 100.0), ["implausible-speed"]),
         (put(slice(100, 101), 1, 100.0), same, ["implausible-speed"]),
-        (scaled(slice(1, 4), 1 / 0.3048), same, ["sizes-differ"]),
         (scaled(slice(1, 4), 0.95), same, ["sizes-differ"]),
         (clocked(1.01), same, ["clocks-differ"]),
-        (clocked(0.998), same, ["clocks-differ"]),
         (clocked(1.0, 18.0), same, ["clocks-differ"]),
         (same, between(40, 48), ["few-matched"]),
-        (between(40, 48), same, ["few-matched"]),
         (between(0, 50), same, ["few-matched"]),
         (between(40, 40.4), same, ["few-matched", "no-relative-error"]),
     ],
@@ -261,7 +244,7 @@ ARM, CAMERA = ["no-orientation", "lever-arm"], ["in-space", "lever-arm", "body-a
         (chain(wavy, at_arm(0.2, -0.1, 0.3)), wavy, ["in-space", "lever-arm"], (-0.2, 0.1, -0.3), "add it"),
         *(
             (same, chain(at_arm(-0.25, 0.1, 0), positions_only, thinned), ARM, (-0.25, 0.1, 0), "(--est-offset")
-            for thinned in (changed(lambda t, n=n: t[::n]) for n in (1, 10, 50, 250))
+            for thinned in (changed(lambda t, n=n: t[::n]) for n in (1, 250))
         ),
         (positions_only, at_arm(0.2, 0.1, 0), ARM, (-0.2, -0.1, 0), "exchange the files"),
     ],
@@ -309,8 +292,7 @@ def test_a_reference_that_is_the_estimate_is_told(tmp_path: Path, capsys, change
     assert codes(capsys, "evaluate", *files) == ["same-path"]
 
 
-@pytest.mark.parametrize("rate", [1.01, 0.998])
-@pytest.mark.parametrize("whose", ["estimate", "reference"])
+@pytest.mark.parametrize(("rate", "whose"), [(1.01, "estimate"), (0.998, "reference")])
 def test_a_clock_that_runs_fast_or_slow_is_measured(tmp_path: Path, capsys, rate: float, whose: str) -> None:
     changes = (clocked(rate), same) if whose == "estimate" else (same, clocked(rate))
     files = files_of(tmp_path, *changes)
@@ -344,9 +326,7 @@ def test_stamps_in_few_digits_are_named_where_nothing_matches(tmp_path: Path, ca
     [
         ("t,x,y,yaw", 1.0, []),
         ("t,x,y,yaw [deg]", 180 / np.pi, []),
-        ("t,x,y,yaw [rad]", 180 / np.pi, ["orientation-order"]),
         ("t,x,y,yaw [deg]", 1.0, ["orientation-order"]),
-        ("t,x,y,yaw", -1.0, ["orientation-order"]),
     ],
 )
 def test_headings_that_do_not_follow_the_path(tmp_path: Path, header: str, factor: float, expected: list[str]) -> None:
@@ -376,10 +356,8 @@ def test_euroc_without_names_says_which_order_follows_the_path(tmp_path: Path, o
         ),
         ("time,x,y,yaw\n20260101120000,0,0,0\n20260101120001,1,0,0\n", "t.csv:2: stamp taken for ms after 2286"),
         ("t,x,y,yaw\n0,0,5,0,25,0,1\n", "t.csv:2: 7 columns, expected 4"),
-        ("t x y yaw\n0,0 0,5 0,25 0,1\n", "t.csv:2: 8 columns, expected 4"),
         ("1,5 0,1 0,2 0,0 0,0 0,0 0,0 1,0\n", "decimal commas need semicolons"),
         ("t [s] x y yaw std bias\n0 1 2 0 0 0\n", "t.csv:2: 6 columns, expected 7"),
-        ("t,x,y,yaw\n0,0,nan,0\n", "t.csv:2: y: 'nan', expected a finite number"),
     ],
 )
 def test_what_is_no_table_is_refused_by_its_column(tmp_path: Path, capsys, text: str, said: str) -> None:
