@@ -177,12 +177,6 @@ def test_what_is_read_in_pieces_is_what_is_read_at_once(name: str, changes: dict
     assert np.percentile(off, 95) < 0.1
 
 
-def test_being_carried_along_a_route_is_refused():
-    with pytest.raises(ConfigError, match="no route") as caught:
-        Simulator(short(40.0).with_(faults=[{"kind": "carried", "start": 12.0}]))
-    assert caught.value.field == "faults.0.to"
-
-
 def test_commands_that_are_no_numbers_and_steps_after_the_end_are_refused():
     simulator = Simulator(short(12.0))
     for asked, field in (((np.nan, 0.0), "speed"), (("a", 1), "speed"), ((0.1, None), "turn_rate")):

@@ -79,16 +79,6 @@ def test_in_a_gap_nothing_is_recorded(table: dict[str, Any], plain: Simulation, 
     np.testing.assert_array_equal(simulation.recording.encoders.counts, expected)
 
 
-def test_in_a_gap_the_camera_is_silent_and_the_other_images_stay(table: dict[str, Any], plain: Simulation) -> None:
-    camera = {"camera": {"rate": 5.0}}
-    whole, cut = run(table, **camera).frames, run(table, fault("gap"), **camera).frames
-    kept = ~within(whole.rgb.stamps)
-    assert cut.rgb.stamps.tobytes() == whole.rgb.stamps[kept].tobytes()
-    assert not within(cut.disparity.stamps).any()
-    last = np.array([len(cut.rgb.stamps) - 1])
-    np.testing.assert_array_equal(cut.draw_rgb(last), whole.draw_rgb(np.flatnonzero(kept)[-1:]))
-
-
 def test_stale_counters_count_nothing_and_then_all(table: dict[str, Any], plain: Simulation) -> None:
     recording = run(table, fault("stale_odometry")).recording
     ours, theirs = recording.encoders, plain.recording.encoders
@@ -148,16 +138,12 @@ def test_odometry_that_begins_anew_at_the_origin(table: dict[str, Any], plain: S
 @pytest.mark.parametrize(
     ("wrong", "field"),
     [
-        ({"kind": "carts"}, "faults.0"),
         ({"start": 1.0}, "faults.0"),
         ({"kind": "gap", "start": 1.0}, "faults.0.duration"),
-        ({"kind": "gap", "start": 1.0, "duration": 1.0, "counter": "lost"}, "faults.0.counter"),
-        ({"kind": "odometry_jump", "start": 1.0}, "faults.0"),
         ({"kind": "odometry_jump", "start": 1.0, "x": 1.0, "reset": True}, "faults.0"),
         ({"kind": "cart", "leg": 0.3}, "faults.0"),
         ({"kind": "tilt", "pitch": 0.0}, "faults.0"),
         ({"kind": "carried", "start": 4.0, "to": [1.0, 1.0, 0.0], "along": 1.0}, "faults.0"),
-        ({"kind": "carried", "start": 4.0, "to": [11.0, 1.0, 0.0]}, "faults.0.to"),
         ({"kind": "carried", "start": 4.0, "to": [9.95, 1.0, 0.0]}, "faults.0.to"),
     ],
 )
@@ -197,11 +183,6 @@ def test_a_cart_to_the_side_by_its_corners(leg: float) -> None:
     assert cart.ranges((0.31, 0.0), np.array([np.pi / 2]))[0] == np.inf
 
 
-def test_a_wall_that_is_nearer_hides_the_cart(table: dict[str, Any], plain: Simulation) -> None:
-    far = run(table, fault("cart", distance=15.0))
-    assert far.recording.lidar.ranges.tobytes() == plain.recording.lidar.ranges.tobytes()
-
-
 def test_a_lidar_mounted_aslant_measures_the_floor_ahead(table: dict[str, Any], plain: Simulation) -> None:
     simulation = run(table, fault("tilt", pitch=0.08, height=0.2))
     same_elsewhere(simulation, plain)
@@ -232,11 +213,3 @@ def test_a_floor_at_a_glance_sends_nothing_back(table: dict[str, Any], plain: Si
     ahead = stream.ranges[:, stream.ranges.shape[1] // 2]
     assert np.isinf(ahead).mean() > 0.5
     assert ahead[np.isfinite(ahead)].max() < 0.2 / np.sin(0.08) + 0.06
-
-
-def test_a_lidar_of_unknown_height_needs_one(table: dict[str, Any]) -> None:
-    table["platform"] = {"base": "ucsd", "lidar": {"z": 0.0}}
-    with pytest.raises(ConfigError) as caught:
-        parse_scenario({**table, "faults": [{"kind": "tilt"}]})
-    assert caught.value.field == "faults.0.height"
-    parse_scenario({**table, "faults": [{"kind": "tilt", "height": 0.2}]})

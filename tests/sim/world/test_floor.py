@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import ConfigError
 from moteslam.robot.raster import Raster, write_map_arrays
 from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.world.floor import FloorSettings, rasterise
@@ -147,17 +147,6 @@ def test_a_turned_plan_is_solid_where_its_walls_say(tmp_path: Path) -> None:
     np.testing.assert_allclose(*lengths, atol=1e-9)
 
 
-def test_unknown_cells_are_free_or_walls_as_asked(tmp_path: Path) -> None:
-    path = plan_file(tmp_path, cave(4, (20, 20)))
-    image = cv2.imread(str(tmp_path / "plan.png"), cv2.IMREAD_GRAYSCALE)
-    image[5:10, 5:10] = 205  # as map_server writes what is not known: 0.196
-    cv2.imwrite(str(tmp_path / "plan.png"), image)
-    free = read_floor_plan(FloorPlan(file=str(path)))
-    wall = read_floor_plan(FloorPlan(file=str(path), unknown="wall"))
-    assert not free.values[10:15, 5:10].any()
-    assert wall.values[10:15, 5:10].all()
-
-
 def test_a_plan_that_is_none_is_refused_as_the_scenarios(tmp_path: Path, table: dict[str, Any]) -> None:
     path = plan_file(tmp_path, cave(0, (50, 60)))
     cv2.imwrite(str(tmp_path / "white.png"), np.full((9, 9), 254, np.uint8))
@@ -190,10 +179,3 @@ def test_log_odds_are_a_floor_plan_whatever_the_name(tmp_path: Path, name: str) 
     assert (found.cell_size, found.origin) == (0.1, (1.0, 2.0, 0.3))
     solid = read_floor_plan(FloorPlan(file=str(path), unknown="wall"))
     assert int(solid.values.sum()) == 30 * 40 - 18 * 28
-
-
-def test_arrays_that_are_no_floor_plan_are_refused(tmp_path: Path) -> None:
-    for changes in ({"values": np.zeros((3, 3))}, {"cell_size": 100.0}, {"name": "points"}):
-        with pytest.raises(InputError) as caught:
-            read_floor_plan(FloorPlan(file=str(arrays_file(tmp_path / "map.npz", **changes))))
-        assert caught.value.field == "log_odds"
