@@ -1,4 +1,4 @@
-"""The scripts in ``benchmarks/``: samples of them, and that kernels, plain C loops and twins do the same work."""
+"""The scripts in ``benchmarks/``: a sample of one, and that kernels, plain C loops and twins do the same work."""
 
 import csv
 import shutil
@@ -11,22 +11,15 @@ import pytest
 import speed
 
 ROOT = Path(__file__).parents[1]
-SAMPLES = {
-    "accuracy.py": ("scenarios", "--runs", "corridor", "--seeds", "0-0"),
-    "cost.py": ("--quick", "--cases", "every_scan_1", "solver", "--seeds", "1"),
-    "not_as_stated.py": ("--platforms", "lms200", "--worlds", "office", "--faults", "narrow", "--seeds", "100-100"),
-    "soak.py": ("--hours", "0.005"),
-}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("script", SAMPLES)
-def test_a_sample_holds_its_bars(script: str, tmp_path: Path):
+def test_a_sample_of_the_accuracies_is_measured(tmp_path: Path):
     out = tmp_path / "rows.csv"
-    command = [sys.executable, f"benchmarks/{script}", *SAMPLES[script], "--out", str(out)]
+    sample = ("scenarios", "--runs", "corridor", "--seeds", "0-0", "--out", str(out))
+    command = [sys.executable, "benchmarks/accuracy.py", *sample]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    held = (0, 1) if script == "cost.py" else (0,)  # a busy machine misses bars of time
-    assert done.returncode in held, done.stderr
+    assert done.returncode == 0, done.stderr
     rows = list(csv.DictReader(out.read_text().splitlines()))
     assert rows
     assert not any(row.get("error") for row in rows)

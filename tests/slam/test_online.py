@@ -14,7 +14,6 @@ from slam_rooms import circled_room
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.formats import open_recording
-from moteslam.robot.platform import Platform
 from moteslam.robot.recording import OdometryStream, Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
@@ -72,8 +71,8 @@ def hanging(recording: Recording) -> Recording:
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize(
     ("change", "late"),
-    [(lambda r: r, 0.0), (lambda r: r, 0.3), (logged, 0.05), (jumping, 0.3), (hanging, 0.0), (hanging, 0.3)],
-    ids=["wheels", "wheels late", "logged late", "jumping late", "gyro hangs", "gyro hangs late"],
+    [(lambda r: r, 0.0), (logged, 0.05), (jumping, 0.3), (hanging, 0.3)],
+    ids=["wheels", "logged late", "jumping late", "gyro hangs late"],
 )
 def test_messages_give_the_bytes_of_the_recording_however_late_the_odometry_is(
     corridor: Recording, change: Callable[[Recording], Recording], late: float, preset: str
@@ -96,9 +95,9 @@ def test_a_real_log_does_too(data_folder: Path, log: str, preset: str):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", PRESETS)
-@pytest.mark.parametrize("scenario", ["doors", "slippery"])
-def test_a_whole_drive_does_too(scenario: str, preset: str):
-    check(simulate(load_scenario(scenario, platform="lms200"), seed=1).recording, preset)
+@pytest.mark.parametrize("scenario", ["slippery"])
+def test_a_minute_of_a_drive_does_too(scenario: str, preset: str):
+    check(simulate(load_scenario(scenario, platform="lms200").with_(duration=60.0), seed=1).recording, preset)
 
 
 def silent(recording: Recording, seconds: float) -> Recording:
@@ -183,12 +182,12 @@ def test_what_is_kept_and_what_a_scan_costs_does_not_grow_with_the_scans():
     recording, _ = circled_room(scans=3)
     slam = OnlineSlam(platform_of(recording), resolve_config("paper", ["particles=5"]))
     ranges = np.array(recording.lidar.ranges[0])
-    for k in range(5000):
+    for k in range(3000):
         slam.add_odometry(k / 10, (0.0, 0.0, 0.0))
         slam.add_scan(ranges, k / 10)
     live = slam._taken
     assert isinstance(live, LiveInputs)
-    assert len(live) == 5000
+    assert len(live) == 3000
     assert len(live.scans) == 1
     assert max(len(live._tail), len(live._ranges)) <= 2 * KEPT
     assert len(live.odometry_in.path.stamps) <= 2 * KEPT + MOST_KEPT
@@ -200,13 +199,10 @@ def test_what_is_kept_and_what_a_scan_costs_does_not_grow_with_the_scans():
         (lambda slam: slam.add_scan([1.0, 2.0], 0.0), InputError, "ranges"),
         (lambda slam: slam.add_scan(np.ones((2, 2)), 0.0), InputError, "lidar.ranges"),
         (lambda slam: [slam.add_imu(stamp, 0.0) for stamp in (1.0, 0.5)], InputError, "imu.stamp"),
-        (lambda slam: slam.add_imu(np.nan, 0.0), InputError, "imu.stamp"),
         (lambda slam: slam.add_imu(0.0, np.inf), InputError, "imu.yaw_rate"),
         (lambda slam: slam.add_odometry(0.0), InputError, "odometry"),
         (lambda slam: slam.add_odometry(0.0, (0.0, np.nan, 0.0)), InputError, "odometry.pose"),
-        (lambda slam: slam.add_odometry(0.0, ("a", 0.0, 0.0)), InputError, "odometry.pose"),
         (lambda slam: slam.add_odometry(0.0, counts=(1.5, 0, 0, 0)), InputError, "odometry.counts"),
-        (lambda slam: slam.add_odometry(0.0, (0.0, 0.0)), InputError, "odometry.pose"),
         (lambda slam: slam.add_odometry(0.0, counts=(1, 1, 1, 1)), InputError, "counts"),
         (lambda slam: slam.estimate(), ConfigError, None),
     ],
@@ -216,11 +212,6 @@ def test_messages_that_make_no_sense_are_refused(add: Callable[[OnlineSlam], obj
     with pytest.raises(error) as caught:
         add(OnlineSlam(platform_of(recording)))
     assert caught.value.field == field
-
-
-def test_a_lidar_of_which_nothing_is_known_is_refused():
-    with pytest.raises(ConfigError, match="beams"):
-        OnlineSlam(Platform()).add_scan(np.ones(100), 0.0)
 
 
 def test_ranges_that_drivers_report_where_there_is_no_endpoint_are_none():
@@ -271,9 +262,7 @@ CHEAP = ["particles=2"]
         ({}, None),
         pytest.param({"ranges": 100.0}, "blind-scans", marks=pytest.mark.slow),
         ({"poses": (1, 1, 57.3)}, "odometry-headings"),
-        ({"poses": (1, -1, -1)}, "mirrored"),
         ({"turned": True}, "mirrored"),
-        pytest.param({"stamps": 1e3}, "implausible-speed", marks=pytest.mark.slow),
     ],
     ids=lambda value: str(value) if isinstance(value, dict) else "",
 )
@@ -316,29 +305,6 @@ def test_units_in_which_nothing_is_left_end_a_run_at_once_as_they_do_a_recording
         run_slam(recording, resolve_config("paper", CHEAP))
 
 
-@pytest.mark.slow
-def test_a_single_jump_and_codes_of_no_return_are_no_other_units(office: Recording):
-    poses, ranges = np.zeros_like(office.odometry.poses), np.full_like(office.lidar.ranges, 1000.0)
-    poses[1:] += (300.0, 0.0, 0.0)  # and then it stands
-    recording = office.replace(
-        odometry=OdometryStream(office.odometry.stamps, poses), lidar=replace(office.lidar, ranges=ranges)
-    )
-    slam = OnlineSlam(platform_of(office), resolve_config("paper", CHEAP))
-    list(fed(slam, cut(recording, 120)))
-    assert {"blind-scans"} <= {issue.code for issue in slam.estimate().warnings}
-
-
-@pytest.mark.slow
-def test_of_a_long_run_the_first_messages_are_kept(office: Recording, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("moteslam.slam.inputs.live.FIRST", 100)
-    slam = OnlineSlam(platform_of(office), resolve_config("paper", CHEAP))
-    list(fed(slam, wrong(cut(office, 120), ranges=100.0)))
-    assert len(slam._live("lidar", 0.0).beginning) == 100
-    (issue,) = [issue for issue in slam.estimate().warnings if issue.code == "blind-scans"]
-    assert issue.count == 120  # of all: they are counted as they come
-    assert any("in the first 100 scans" in issue.message for issue in slam.warnings)
-
-
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("nothing", [0.0, np.inf])
 def test_scans_that_see_nothing_are_told_at_once_and_nobody_is_sure_for_long(
@@ -356,7 +322,7 @@ def test_scans_that_see_nothing_are_told_at_once_and_nobody_is_sure_for_long(
     assert told in slam.estimate().warnings
 
 
-@pytest.mark.parametrize("order", ["os", "so", "oos", "sso", "ooosss"])
+@pytest.mark.parametrize("order", ["os", "sso", "ooosss"])
 @pytest.mark.parametrize("late", [1.3e9, -1.3e9])
 def test_scans_and_odometry_by_clocks_far_apart_are_refused_again_and_again(order: str, late: float):
     recording, _ = circled_room(scans=3)
@@ -415,11 +381,8 @@ def test_odometry_faster_than_any_robot_is_refused_within_a_second(
 @pytest.mark.parametrize(
     ("give", "field", "expected"),
     [
-        (lambda slam: slam.add_imu("x", 0), "imu.stamp", "a number, not text"),
         (lambda slam: slam.add_scan(np.ones(360), "12"), "lidar.stamp", "a number, not text"),
         (lambda slam: slam.add_odometry(None, (0, 0, 0)), "odometry.stamp", "a number, not NoneType"),
-        (lambda slam: slam.add_odometry(1, list(np.zeros(2))), "odometry.pose", r"\[3\] numbers"),
-        (lambda slam: slam.add_odometry(1), "odometry", "one of them"),
         (lambda slam: slam.add_odometry(1.3e12, (0, 0, 0)), "odometry.stamp", "seconds below 1e+11"),
         (lambda slam: (slam.add_odometry(1, counts=(0,) * 4), slam.add_odometry(2, (0,) * 3)), "odometry", "counts as"),
         (lambda slam: (slam.add_odometry(1, (0,) * 3), slam.add_odometry(2, counts=(0,) * 4)), "odometry", "poses as"),
@@ -432,8 +395,3 @@ def test_a_message_that_cannot_be_is_refused_in_one_line(
         give(OnlineSlam(platform_of(corridor).model_copy(update={"imu": None})))
     assert "float64" not in str(caught.value)
     assert caught.value.field == field
-
-
-def test_an_update_shows_its_state(corridor: Recording):
-    slam = OnlineSlam(platform_of(corridor), resolve_config("paper", CHEAP))
-    assert "state=SURE" in repr(next(fed(slam, corridor)))

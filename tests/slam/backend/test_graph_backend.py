@@ -199,7 +199,7 @@ def test_a_loop_closes_at_the_right_one_of_equal_openings():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["lab", "loop", "corridor", "doors"])
+@pytest.mark.parametrize("name", ["lab", "loop", "doors"])
 def test_key_scans_are_placed_within_centimetres(name: str):
     """Of `doors` one run in ten is off by 5 cm: where a door has opened the odometry alone decides."""
     case = wheels_case(name, 221, step_noise=STEP_NOISE)

@@ -19,7 +19,7 @@ from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.calibration import calibrate as calibrating
 from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS, Calibration, calibrate
-from moteslam.slam.calibration.findings import WITHIN, Findings, checked, findings, trusting
+from moteslam.slam.calibration.findings import Findings, checked, findings, trusting
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
 from moteslam.slam.calibration.mended import calibrated
 from moteslam.slam.calibration.readings import with_stamps
@@ -109,11 +109,8 @@ DRIFTS = lidar(stamps=lambda s: s.stamps[0] + (s.stamps - s.stamps[0]) * 1.005)
 
 FAULTS: dict[str, tuple[Fault, str, str, float, float]] = {
     "narrow": (NARROW, "lidar-angles", "angles", 1 / 0.95 - 1, 0.005),
-    "wide": (lidar(angle_increment=lambda s: s.angle_increment / 0.975), "lidar-angles", "angles", -0.025, 0.005),
     "long": (LONG, "range-scale", "lengths", 0.1, 0.02),
-    "longer": (lidar(ranges=lambda s: s.ranges * np.float32(1.04)), "range-scale", "lengths", 0.04, 0.012),
     "farther": (lidar(ranges=lambda s: s.ranges + np.float32(0.1)), "range-offset", "excess", 0.1, 0.02),
-    "nearer": (lidar(ranges=lambda s: s.ranges - np.float32(0.15)), "range-offset", "excess", -0.15, 0.02),
     "ahead": (mount(x=0.2), "lidar-mount", "x", -0.2, 0.04),
     "aside": (mount(y=-0.2), "lidar-mount", "y", 0.2, 0.04),
     "turned": (mount(yaw=np.radians(10)), "lidar-mount", "yaw", -10, 2),
@@ -157,7 +154,6 @@ def stepped(streams: tuple[str, ...], seconds: float, share: float) -> Fault:
     ("streams", "seconds", "share", "platform"),
     [
         (("lidar",), 0.9, 0.5, "lms200"),
-        slow(("odometry",), 0.6, 0.3, "rplidar_a1"),
         slow(("encoders", "imu"), 1.5, 0.6, "ucsd"),
     ],
 )
@@ -178,15 +174,6 @@ def test_a_clock_that_steps_is_told_and_corrected(
 
 
 @pytest.mark.slow
-def test_scans_that_are_missing_are_no_step_of_a_clock() -> None:
-    recording = driven("lms200")
-    keep = np.abs(np.arange(len(recording.lidar)) - len(recording.lidar) // 2) > 6
-    calibration, found = found_in(lidar(stamps=lambda s: s.stamps[keep], ranges=lambda s: s.ranges[keep])(recording))
-    assert calibration.step is None
-    assert found.issues == ()
-
-
-@pytest.mark.slow
 def test_a_clock_that_drifts_as_none_does_is_not_corrected() -> None:
     fault = lidar(stamps=lambda s: s.stamps[0] + (s.stamps - s.stamps[0]) * 1.02)
     _, found = found_in(fault(driven("lms200")))
@@ -200,7 +187,7 @@ def test_a_mount_that_is_off_by_less_than_0_15_metres_moves_the_result() -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("platform", "factor"), [("lms200", 2.0), ("rplidar_a1", 0.75)])
+@pytest.mark.parametrize(("platform", "factor"), [("rplidar_a1", 0.75)])
 def test_angles_that_are_off_by_a_factor_are_found(platform: str, factor: float) -> None:
     calibration, found = found_in(lidar(angle_increment=lambda s: s.angle_increment * factor)(driven(platform)))
     assert calibration.angle_scale == pytest.approx(1 / factor, rel=0.01)
@@ -208,7 +195,7 @@ def test_angles_that_are_off_by_a_factor_are_found(platform: str, factor: float)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("factor", [1.06, 0.9])
+@pytest.mark.parametrize("factor", [0.9])
 def test_ranges_that_change_in_mid_drive_are_told(factor: float) -> None:
     recording = driven("lms200")
     stamps = recording.lidar.stamps
@@ -256,12 +243,6 @@ def test_odometry_logged_late_with_scans_is_told_and_put_right(late: float) -> N
 
 
 @pytest.mark.slow
-def test_a_few_scans_of_one_place_show_no_other_angles() -> None:
-    part = cut(driven("turtlebot3", "lab", 204), Cut(24.0, 56.0))
-    assert "lidar-angles" not in codes(found_in(part)[1].issues)
-
-
-@pytest.mark.slow
 def test_scans_that_fit_each_other_in_no_reading_are_told() -> None:
     calibration, found = checked(lidar(ranges=lambda s: s.ranges * np.float32(100))(driven("lms200")))
     assert calibration is None
@@ -275,8 +256,7 @@ def packed(stream: LidarStream, end: int) -> np.ndarray:
     return np.take_along_axis(np.where(ranges < 4.0, ranges, np.nan).astype(np.float32), order, axis=1)
 
 
-@pytest.mark.parametrize("end", [1, -1])
-@pytest.mark.parametrize("platform", ["lms200", "rplidar_a1"])
+@pytest.mark.parametrize(("end", "platform"), [(1, "lms200"), (-1, "rplidar_a1")])
 def test_beams_that_are_packed_are_told_and_nothing_is_made_of_them(platform: str, end: int) -> None:
     calibration, found = checked(lidar(ranges=lambda s: packed(s, end))(driven(platform)))
     assert calibration is None
@@ -303,8 +283,7 @@ def half_as_before(stream: LidarStream) -> np.ndarray:
     return ranges
 
 
-@pytest.mark.parametrize("smoothed", [mean_of_four, half_as_before])
-@pytest.mark.parametrize("platform", ["lms200", "rplidar_a1"])
+@pytest.mark.parametrize(("smoothed", "platform"), [(mean_of_four, "rplidar_a1"), (half_as_before, "lms200")])
 def test_scans_that_are_means_of_several_are_told(platform: str, smoothed: Callable[[LidarStream], np.ndarray]) -> None:
     calibration, found = checked(lidar(ranges=smoothed)(driven(platform)))
     assert calibration is None
@@ -322,7 +301,7 @@ def test_a_lidar_that_turns_unevenly_is_told() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("degrees", "pairs"), [(15, 150), (-8, 300)])
+@pytest.mark.parametrize(("degrees", "pairs"), [(-8, 300)])
 def test_a_lidar_that_is_turned_in_mid_drive_is_said_to_be(degrees: int, pairs: int) -> None:
     def turned(s: LidarStream) -> np.ndarray:
         late = s.stamps > s.stamps[0] + 0.4 * np.ptp(s.stamps)
@@ -338,7 +317,7 @@ def test_a_lidar_that_is_turned_in_mid_drive_is_said_to_be(degrees: int, pairs: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("curl", "told"), [(0.2, True), (-0.2, True), (0.04, False)])
+@pytest.mark.parametrize(("curl", "told"), [(-0.2, True), (0.04, False)])
 def test_odometry_that_curls_is_said_to(curl: float, told: bool) -> None:
     def curled(poses: np.ndarray) -> np.ndarray:
         steps = se2.between(poses[:-1], poses[1:])
@@ -361,23 +340,15 @@ def test_readings_of_wheels_that_are_given_twice_are_said_to_be() -> None:
 
 
 @pytest.mark.slow
-def test_ranges_in_feet_do_not_move_the_mount() -> None:
-    recording, mended, found = mended_by(lidar(ranges=lambda s: s.ranges * np.float32(3.28)), "lms200", "lidar")
-    assert codes(found.issues) == ["range-scale"]
-    assert mended.platform.lidar == recording.platform.lidar
-
-
-@pytest.mark.slow
 def test_a_lidar_that_sees_the_floor_has_no_scale() -> None:
     def tilted(s: LidarStream) -> np.ndarray:
         down = 0.07 * np.cos(s.angles)
         return np.where(down > 1e-3, np.minimum(s.ranges, 0.2 / np.maximum(down, 1e-3)), s.ranges).astype(np.float32)
 
     recording = cut(driven("rplidar_a1", "loop", 12), Cut(0.0, 75.0))
-    for pairs in (150, 300):
-        calibration, found = checked(lidar(ranges=tilted)(recording), pairs)
-        assert calibration.fit.values[Parameter.LENGTHS] < 0.1
-        assert codes(found.issues) == ["lidar-tilted"]
+    calibration, found = checked(lidar(ranges=tilted)(recording), 300)
+    assert calibration.fit.values[Parameter.LENGTHS] < 0.1
+    assert codes(found.issues) == ["lidar-tilted"]
 
 
 @pytest.mark.slow
@@ -408,7 +379,6 @@ CLOCKWISE = lidar(angle_min=lambda s: -s.angle_min, angle_increment=lambda s: -s
         (REVERSED, "lms200"),
         slow(REVERSED, "rplidar_a1"),
         (CLOCKWISE, "lms200"),
-        slow(CLOCKWISE, "rplidar_a1"),
     ],
 )
 def test_beams_the_other_way_round_are_a_mirror_image_and_a_sweep_shows_whether_order_or_angles_are_wrong(
@@ -438,22 +408,16 @@ def gyro(by: float | tuple[float, ...]) -> Fault:
 MIRRORED, SCALED = poses(lambda p: p * (1, -1, -1)), poses(lambda p: p * (1.1, 1.1, 1))
 SIDES: dict[str, tuple[Fault, str, str, str]] = {
     "turns": (poses(lambda p: p * (1, 1, -1)), "turns", "odometry-signs", "odometry"),
-    "y": (poses(lambda p: p * (1, -1, 1)), "y", "odometry-signs", "odometry"),
     "x and y": (poses(lambda p: p[:, [1, 0, 2]]), "y", "odometry-signs", "odometry"),
-    "compass": (poses(lambda p: (0, 0, np.pi / 2) + p * (1, 1, -1)), "turns", "odometry-headings", "odometry"),
     "none": (poses(lambda p: p * (1, 1, 0)), "path", "odometry-headings", "odometry"),
     "quarter": (poses(lambda p: p + np.array((0, 0, np.pi / 2))), "stated", "odometry-headings", "odometry"),
     "mirrored, gyro": (with_gyro(MIRRORED), "stated", "mirrored", "odometry"),
     "beams": (REVERSED, "stated", "mirrored", "lidar"),
-    "beams, poses": (with_gyro(lambda r: REVERSED(poses_of(r))), "stated", "mirrored", "lidar"),
     "gyro": (gyro((1, 1, -1)), "stated", "mirrored", "imu"),
     "late gyro": (lambda r: r.replace(imu=replace(r.imu, stamps=r.imu.stamps + 0.3)), "stated", "clock-offset", "imu"),
     "late": (late(0.3), "stated", "clock-offset", "lidar"),
-    "early": (late(-5), "stated", "clock-offset", "lidar"),
     "mirrored": (MIRRORED, "stated", "mirrored", ""),
     "scaled": (SCALED, "stated", "range-scale", ""),
-    "millimetres": (poses(lambda p: p * (1000, 1000, 1)), "stated", "range-scale", ""),
-    "decimetres": (poses(lambda p: p * (0.1, 0.1, 1)), "stated", "range-scale", ""),
     "degrees": (gyro(1 / 57.3), "stated", "odometry-turn-scale", ""),
     "backwards": (mount(yaw=np.pi), "stated", "lidar-mount", ""),
 }
@@ -497,7 +461,7 @@ def test_odometry_of_another_drive_fits_in_no_way() -> None:
     assert corrected(recording, calibration).odometry is None
 
 
-@pytest.mark.parametrize("apart", [3600, -3600])
+@pytest.mark.parametrize("apart", [3600])
 def test_odometry_on_another_clock_is_not_calibrated(apart: float) -> None:
     recording = poses_of(driven("lms200"))
     odometry = replace(recording.odometry, stamps=recording.odometry.stamps + apart)
@@ -522,9 +486,7 @@ def test_scans_stamped_at_the_end_of_their_sweep_are_put_back(seconds: float, at
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("platform", "times", "noise"), [("lms200", 15, 0.0), ("rplidar_a1", 2, 0.05), ("rplidar_a1", 0.5, 0.0)]
-)
+@pytest.mark.parametrize(("platform", "times", "noise"), [("lms200", 15, 0.0), ("rplidar_a1", 2, 0.05)])
 def test_a_sweep_that_is_stated_too_long_or_short_is_told_and_mended_be_turns_of_odometry_ever_so_poor(
     platform: str, times: float, noise: float
 ) -> None:
@@ -540,34 +502,21 @@ def test_a_sweep_that_is_stated_too_long_or_short_is_told_and_mended_be_turns_of
     assert mended * beams == pytest.approx(increment * beams, abs=0.03)
 
 
-def random_below_the_limit(count: int, limit: float) -> np.ndarray:
-    return np.random.default_rng(0).uniform(0.85, 0.999, count) * limit
+def test_no_return_that_is_written_as_a_range_is_told() -> None:
+    """As any below the limit."""
 
-
-def limit_with_noise(count: int, limit: float) -> np.ndarray:
-    return limit + np.random.default_rng(0).normal(0, 0.01, count)
-
-
-@pytest.mark.parametrize("codes_of", [random_below_the_limit, slow(limit_with_noise)])
-def test_no_return_that_is_written_as_a_range_is_told(codes_of: Callable[[int, float], np.ndarray]) -> None:
     def written(stream: LidarStream) -> np.ndarray:
         ranges = np.array(stream.ranges)
         none = np.isposinf(ranges)
-        ranges[none] = codes_of(none.sum(), stream.range_max)
+        ranges[none] = np.random.default_rng(0).uniform(0.85, 0.999, none.sum()) * stream.range_max
         ranges[ranges >= stream.range_max] = np.inf
         return ranges
 
     true = driven("turtlebot3", "office")
     found, about = found_in(lidar(ranges=written)(true), FEW_PAIRS)
     assert codes(about.moves) == ["range-max"]
-    assert found.no_surfaces == pytest.approx(3.5 * (0.85 if codes_of is random_below_the_limit else 0.99), abs=0.05)
+    assert found.no_surfaces == pytest.approx(3.5 * 0.85, abs=0.05)
     assert found_in(true, FEW_PAIRS)[1].issues == ()
-
-
-@pytest.mark.slow
-def test_wheels_that_lead_the_robot_round_a_ring_move_no_lidar_aside() -> None:
-    recording = driven("lms200", "loop", 11)
-    assert found_in(with_odometry(recording).replace(encoders=None, imu=None))[1].issues == ()
 
 
 @pytest.mark.slow
@@ -609,7 +558,7 @@ def test_stamps_of_whole_seconds_are_not_taken_for_another_clock() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", [LONG, NARROW, DRIFTS, mount(x=0.2, y=0.2, yaw=0.2)])
+@pytest.mark.parametrize("fault", [NARROW, mount(x=0.2, y=0.2, yaw=0.2)])
 def test_a_recording_that_is_mended_is_right(fault: Fault) -> None:
     true, (_, mended, _) = driven("ucsd"), mended_by(fault, "ucsd", "lidar")
     assert mended.lidar.angle_increment == pytest.approx(true.lidar.angle_increment, rel=0.005)
@@ -624,7 +573,7 @@ def test_ranges_in_their_file_are_never_held_at_once_and_scaled_when_they_are_re
     lazy = ChunkedRanges(lambda first, last: ranges[first:last].copy(), *ranges.shape)
     monkeypatch.setattr(ChunkedRanges, "__array__", None)
     recording = lidar(ranges=lambda _: lazy)(recording)
-    mended = calibrated(recording, calibrate(recording), "lidar")
+    mended = calibrated(recording, calibrate(recording, pairs=FEW_PAIRS), "lidar")
     assert isinstance(mended.lidar.ranges, ChunkedRanges)
     shown = np.isfinite(ranges[5])
     assert mended.lidar.ranges[5][shown] == pytest.approx(ranges[5][shown] / 1.1, rel=0.02)
@@ -633,7 +582,7 @@ def test_ranges_in_their_file_are_never_held_at_once_and_scaled_when_they_are_re
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("platform", "scale", "told"),
-    [("turtlebot3", 1.0, []), ("rplidar_a1", 1.0, []), ("rplidar_a1", 0.95, ["lidar-angles"])],
+    [("rplidar_a1", 1.0, []), ("rplidar_a1", 0.95, ["lidar-angles"])],
 )
 def test_half_of_a_fan_along_a_wall(platform: str, scale: float, told: list[str]) -> None:
     """By its scans alone one would be 7 % wider than it is; the odometry must fit far better with it."""
@@ -655,16 +604,7 @@ def test_angles_that_are_not_certain_do_not_turn_the_mount() -> None:
     assert codes(found.issues) == []
 
 
-@pytest.mark.slow
-def test_ranges_of_much_noise_leave_their_excess_open() -> None:
-    recording = driven("turtlebot3", "office", 100)
-    calibration, found = found_in(lidar(ranges=lambda s: s.ranges + np.float32(0.1))(recording))
-    assert codes(found.issues) == ["range-offset"]
-    assert calibration.excess[0] == pytest.approx(0.1, abs=WITHIN * calibration.excess[1])
-
-
-@pytest.mark.parametrize("platform", PLATFORMS)
-@pytest.mark.parametrize("some", [slice(1, None, 2), slice(2, None, 5)])
+@pytest.mark.parametrize(("platform", "some"), [("lms200", slice(1, None, 2)), slow("rplidar_a1", slice(2, None, 5))])
 def test_scans_that_are_turned_round_are_said_to_be(platform: str, some: slice) -> None:
     def turned(stream: LidarStream) -> np.ndarray:
         ranges = np.array(stream.ranges)
@@ -688,7 +628,7 @@ def test_scans_of_two_lidars_in_one_stream_are_said_to_be() -> None:
     assert "two lidars" in issue.message
 
 
-@pytest.mark.parametrize("bits", [12, 13])
+@pytest.mark.parametrize("bits", [13])
 def test_ranges_that_begin_again_are_said_to(bits: int) -> None:
     recording = lidar(ranges=lambda s: s.ranges % np.float32(0.001 * 2**bits))(driven("lms200", "loop"))
     (issue,) = checked(recording)[1].moves
@@ -746,16 +686,7 @@ def test_too_little_is_not_calibrated() -> None:
 
 
 @pytest.mark.slow
-def test_half_of_a_fan_is_not_said_to_be_too_narrow() -> None:
-    """Scans of one side alone would say so, of an angle 4.6 % wider; the odometry does not bear it out."""
-    recording = simulate(load_scenario("lab", platform="rplidar_a1").model_copy(update={"duration": 60.0}), 8).recording
-    calibration, found = found_in(lidar(ranges=lambda s: np.ascontiguousarray(s.ranges[:, :180]))(recording))
-    assert abs(calibration.angle_scale - 1) > 0.02
-    assert found.issues == ()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("factor", [0.97, 1.03])
+@pytest.mark.parametrize("factor", [0.97])
 def test_angles_are_found_in_half_a_minute_whatever_the_odometry_says(factor: float) -> None:
     recording = poses_of(driven("lms200"))
     early = recording.lidar.stamps < recording.lidar.stamps[0] + 32.0
@@ -795,8 +726,8 @@ def fitted(*, turns: float = 1.0, noise: float = 0.0, slip: float = 0.0, spin: f
     return fit(pairs, lambda times: poses[np.rint(times).astype(int)], (0.0, 0.0), shared=True)
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.05, 0.15])
-@pytest.mark.parametrize("turns", [1.0, 1.05, 1.1, 0.9])
+@pytest.mark.parametrize("noise", [0.0, 0.15])
+@pytest.mark.parametrize("turns", [1.0, 1.1, 0.9])
 def test_noise_of_the_odometry_is_no_scale_of_its_turns(turns: float, noise: float) -> None:
     found = fitted(turns=turns, noise=noise)
     assert found.values[Parameter.TURNS] == pytest.approx(turns, abs=1e-4 + 3 * noise / 0.2 / 1000**0.5)
@@ -825,5 +756,5 @@ def test_where_turns_do_not_agree_pairs_of_scans_nearer_to_each_other_are_tried(
         return found if len(tried) > 1 else replace(found, correlation=0.0)
 
     monkeypatch.setattr(calibrating, "_calibrate", watched)
-    found = calibrating.calibrate(driven("rplidar_a1"))
+    found = calibrating.calibrate(driven("rplidar_a1"), pairs=FEW_PAIRS)
     assert found is tried[1]

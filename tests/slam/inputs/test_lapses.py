@@ -126,13 +126,6 @@ def test_a_counter_that_is_full_is_named_as_the_cause_of_jumps(full: float | Non
     assert ("a counter that is full" in issue.message) == (full is not None)
 
 
-def test_stamps_of_whole_seconds_show_no_lapses():
-    lidar = driven().lidar
-    inputs = synchronise(driven().replace(lidar=replace(lidar, stamps=np.floor(lidar.stamps))))
-    assert codes(inputs) == []
-    assert inputs.measured[1:].all()
-
-
 def test_a_robot_that_stops_is_not_stale():
     """It brakes at 2.5 m/s^2 and stands for 3 s."""
     going = GOING.copy()
@@ -196,7 +189,7 @@ def test_a_turn_that_counters_alone_leap_by_is_a_jump_though_a_gyro_knows_better
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
-@pytest.mark.parametrize(("platform", "counters"), [("ucsd", "kept"), ("lms200", "lost")])
+@pytest.mark.parametrize(("platform", "counters"), [("lms200", "lost")])
 def test_after_a_gap_into_a_new_place_the_robot_is_lost_until_it_is_found(platform: str, counters: str):
     fault = f'faults=[{{kind="gap", start=54.4, duration=10, counters="{counters}"}}]'
     simulation = simulate(load_scenario("loop", platform=platform, settings=[fault]), 200)
@@ -295,7 +288,7 @@ def test_what_travels_is_known_by_what_came_before_alone():
     np.testing.assert_array_equal(whole.odometry[:40], part.odometry)
 
 
-@pytest.mark.parametrize("doorways", [DOORWAYS, [6.0], [0.5]])
+@pytest.mark.parametrize("doorways", [DOORWAYS, [0.5]])
 def test_wheels_that_spin_move_nothing(doorways: list[float]):
     """The robot stands from 2.4 m on for 20 scans while its odometry goes on."""
     true = along_it(0.06 * np.concatenate((np.arange(40), np.full(20, 39), np.arange(40, 60))))
@@ -309,16 +302,6 @@ def test_wheels_that_spin_move_nothing(doorways: list[float]):
     expected = se2.between(true[0], true[-1])
     assert np.hypot(*(travelled - expected)[:2]) < 0.3  # without: 1.2
     assert not synchronise(recorded(corridor(true, doorways), true)).issues
-
-
-def test_a_scan_that_the_driver_gives_again_with_a_little_noise_is_none():
-    ranges = corridor(along_it())
-    ranges[40:60] = ranges[39] + np.random.default_rng(1).normal(0, 0.001, (20, len(ANGLES)))
-    inputs = synchronise(recorded(ranges, along_it()))
-    assert codes(inputs) == ["scans-repeat"]
-    assert [len(inputs.scans.points(scan)) for scan in (39, 46, 59, 60)] == [len(ANGLES), 0, 0, len(ANGLES)]
-    still = np.repeat(along_it()[39:40], TAKEN, axis=0)
-    assert not synchronise(recorded(np.repeat(ranges[39:40], TAKEN, axis=0), still)).issues
 
 
 @pytest.mark.parametrize("noise", [0.0002, 0.005])
@@ -349,13 +332,3 @@ def test_scans_far_apart_and_the_papers_filter_are_left_alone():
     some = slice(None, None, 13)
     sparse = replace(lidar, stamps=lidar.stamps[some], ranges=lidar.ranges[some], odometry=lidar.odometry[some])
     assert not synchronise(replace(recording, lidar=sparse)).issues
-
-
-@pytest.mark.slow
-def test_by_a_mount_that_is_wrong_nothing_spins_or_travels():
-    recording = simulate(load_scenario("office", platform="urg04lx"), 8).recording
-    lidar = recording.platform.lidar
-    backwards = lidar.model_copy(update={"yaw": lidar.yaw + np.pi})
-    assert codes(synchronise(recording)) == []
-    wrong = recording.platform.model_copy(update={"lidar": backwards})
-    assert codes(synchronise(recording.replace(platform=wrong))) == []

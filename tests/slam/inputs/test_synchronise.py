@@ -6,12 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from issues import messages
-from slam_rooms import circled_room
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
-from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.slam.inputs.config import SyncConfig
@@ -155,7 +153,7 @@ def test_a_way_that_is_driven_without_scans_is_told(first: int, last: int, told:
     assert doubtful_stamps(recording, None) == []
 
 
-CLOCKS = [(1.0, "whole seconds"), (0.5, "too coarse"), (0.1, ""), (100.0, "stands at 0 s")]
+CLOCKS = [(1.0, "whole seconds"), (0.1, ""), (100.0, "stands at 0 s")]
 
 
 @pytest.mark.parametrize(("step", "words"), CLOCKS)
@@ -208,15 +206,6 @@ def test_the_real_sequences_end_where_they_are_known_to(
         assert np.hypot(*(path.poses[-1, :2] - end)) < 1.0
 
 
-def test_a_lidar_of_which_nobody_knows_where_it_stands_is_told():
-    recording = circle(imu=False).replace(encoders=None)
-    assert not [issue for issue in warnings(recording, synchronise(recording)) if issue.code == "no-mount"]
-    for platform, told in ((Platform(), 1), (Platform(lidar=LidarSpec(x=0.0)), 0)):
-        changed = recording.replace(platform=platform)
-        codes = [issue.code for issue in warnings(changed, synchronise(changed))]
-        assert codes.count("no-mount") == told
-
-
 def test_scans_that_come_in_bundles_are_spread_over_the_time_since_the_bundle_before():
     taken = 0.1 * np.arange(200)
     arrived = np.append(taken[4::5], np.inf)[np.arange(200) // 5] + 0.002 * (np.arange(200) % 5)
@@ -234,15 +223,13 @@ def test_scans_that_come_in_bundles_are_spread_over_the_time_since_the_bundle_be
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda stamps, rng: stamps + rng.uniform(-0.1, 0.1, len(stamps)), True),
         (lambda stamps, rng: np.sort(stamps + rng.uniform(-0.2, 0.2, len(stamps))), True),
         (lambda stamps, rng: stamps + rng.uniform(-0.02, 0.02, len(stamps)), False),
         (lambda stamps, rng: stamps[rng.random(len(stamps)) > 0.5], False),  # lost scans are no jitter
-        (lambda stamps, rng: np.cumsum(rng.choice((0.2, 0.4, 0.6), len(stamps))), False),
         (lambda stamps, rng: np.ceil(stamps / 1.6 + 1e-6) * 1.6 + stamps / 100, True),
         (lambda stamps, rng: stamps / 20 + 60 * (stamps > 30) + 60 * (stamps > 50), False),  # a fast lidar that pauses
     ],
-    ids=["jitter", "sorted", "little", "lost", "uneven", "bundles", "pauses"],
+    ids=["sorted", "little", "lost", "bundles", "pauses"],
 )
 def test_stamps_that_jitter_are_told(change, told: bool):
     stamps = change(np.arange(0.0, 80.0, 0.2), np.random.default_rng(0))
@@ -251,11 +238,3 @@ def test_stamps_that_jitter_are_told(change, told: bool):
     assert codes == ["stamps-jitter"] * told
     logged = replace(lidar, odometry=np.zeros((len(stamps), 3)))  # motion does not depend on stamps
     assert not doubtful_stamps(Recording("drive", UCSD, lidar=logged), None)
-
-
-def test_ranges_of_a_recording_in_memory_that_are_all_beyond_the_limit_are_told():
-    recording, _ = circled_room(scans=20)
-    lidar = replace(recording.lidar, ranges=recording.lidar.ranges * np.float32(100), range_max=30.0)
-    changed = recording.replace(lidar=lidar)
-    (issue,) = [one for one in warnings(changed, synchronise(changed)) if one.code == "blind-scans"]
-    assert (issue.count, "30 m" in issue.message) == (20, True)

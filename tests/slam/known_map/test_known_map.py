@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from slam_rooms import OTHER_ROOM, carried_into_another_room, circled_room, endpoints
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import InputError
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
@@ -17,7 +17,7 @@ from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.known_map import hypotheses, search
 from moteslam.slam.known_map.config import KnownMapConfig
-from moteslam.slam.known_map.filter import KnownMapFilter, Presence
+from moteslam.slam.known_map.filter import Presence
 from moteslam.slam.known_map.map_scale import MapScale
 from moteslam.slam.known_map.maps import KnownMaps, upright
 from moteslam.slam.known_map.search import Sight, WholeMapSearch
@@ -85,7 +85,7 @@ def test_what_lies_inside_of_a_solid_is_no_surface() -> None:
     assert (abs(distance[0]) > 0.4, known[0]) == (True, False)
 
 
-@pytest.mark.parametrize("yaw", np.radians((90.0, -125.0, 20.0)))
+@pytest.mark.parametrize("yaw", np.radians((90.0, -125.0)))
 def test_a_turned_map_is_read_upright_cell_by_cell_from_corner_to_corner(yaw: float) -> None:
     values = np.random.default_rng(0).choice(np.array((FREE, OCCUPIED, UNKNOWN), np.int8), (12, 30))
     turned, size = Raster(values, CELL, (1.03, -2.02, yaw)), np.array((30, 12)) * CELL
@@ -106,7 +106,7 @@ def test_a_map_without_walls_or_without_room_is_refused(value: int) -> None:
         KnownMaps(Raster(np.full((40, 40), value, np.int8), CELL), CONFIG.tsdf).free_squares(0.2)
 
 
-@pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (-1.7, 1.1, 2.5), (2.2, 1.7, -1.9)])
+@pytest.mark.parametrize("pose", [(-1.7, 1.1, 2.5), (2.2, 1.7, -1.9)])
 def test_one_scan_is_found_in_the_whole_map(pose: tuple[float, float, float]) -> None:
     maps = KnownMaps(drawn([*WALLS, *BOX]), CONFIG.tsdf)
     true = np.array(pose)
@@ -140,13 +140,10 @@ def test_the_search_finds_what_an_exhaustive_one_finds() -> None:
 @pytest.mark.parametrize(
     ("strain", "short", "words"),
     [
-        ((0.0, 0.0, 0.0), 0.0, ()),
         ((0.0, 0.0, 0.0), 0.03, ()),  # walls are drawn thick
         ((0.016, 0.016, 0.0), 0.0, ("% larger",)),
         ((-0.03, -0.03, 0.0), 0.03, ("% smaller",)),
-        ((0.04, 0.04, 0.0), 0.0, ("% larger",)),
         ((0.05, 0.0, 0.0), 0.0, ("longer along x", "stretched")),
-        ((0.0, 0.05, 0.0), 0.0, ("longer along y", "stretched")),
         ((0.0, 0.0, 0.03), 0.0, ("along 45", "skewed")),
         ((0.0, 0.0, -0.03), 0.0, ("along -45", "skewed")),
     ],
@@ -324,7 +321,7 @@ def test_a_start_that_is_far_off_is_told(tmp_path: Path) -> None:
     assert any("the start that was given is wrong" in issue.message for issue in estimate.warnings)
 
 
-@pytest.mark.parametrize("larger", [1.0, 1.03, 0.97])
+@pytest.mark.parametrize("larger", [1.0, 0.97])
 def test_a_map_whose_resolution_is_off_is_told(tmp_path: Path, larger: float) -> None:
     recording, _ = circled_room()
     occupancy = drawn([*WALLS, *BOX], cell=0.02)
@@ -359,15 +356,6 @@ def test_how_far_off_a_robot_is_found_again_is_told(tmp_path: Path) -> None:
     assert "start" not in searched[0]
 
 
-def test_places_that_were_given_up_one_after_the_other_are_told(tmp_path: Path) -> None:
-    write_map(tmp_path / "map.pgm", drawn([*WALLS, *BOX]))
-    made = KnownMapFilter(KnownMapConfig(known_map=str(tmp_path / "map.yaml")), 0)
-    made._was_sure = True
-    for given_up, codes in ((1, set()), (2, {"places-given-up"})):
-        made._most_given_up = given_up
-        assert {issue.code for issue in made.issues} == codes
-
-
 def test_after_places_that_were_given_up_a_longer_drive_must_prove_the_next() -> None:
     for given_up, metres in ((0, 1.0), (1, 2.0), (3, 4.0)):
         presence, driven = Presence(given_up), 0.0
@@ -375,12 +363,6 @@ def test_after_places_that_were_given_up_a_longer_drive_must_prove_the_next() ->
             presence.observe(0.1, ScanFit(1.0, 200, 200, 0, 0))
             driven += 0.1
         assert driven == pytest.approx(metres, abs=0.11)
-
-
-def test_a_missing_map_is_refused() -> None:
-    with pytest.raises(ConfigError) as refused:
-        run_slam(circled_room(scans=5)[0], resolve_config("localize"))
-    assert refused.value.field == "known_map"
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.01])

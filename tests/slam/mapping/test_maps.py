@@ -39,7 +39,7 @@ def test_one_scan_marks_endpoints_and_the_way_to_them():
     assert grid.occupied.sum() == 2
 
 
-@pytest.mark.parametrize("target", [(100.05, 3.05), (-100.05, 3.05), (3.05, 100.05), (-7.05, -100.05)])
+@pytest.mark.parametrize("target", [(100.05, 3.05), (-7.05, -100.05)])
 def test_growing_keeps_what_is_there(target: tuple[float, float]):
     grid = OccupancyGrid(MapConfig(cell_size=0.1))
     grid.add_scan((0.05, 0.05), np.array([[1.05, 0.05]]))
@@ -183,7 +183,7 @@ def test_tables_that_would_take_all_memory_are_refused(monkeypatch: pytest.Monke
         maps.all()
 
 
-@pytest.mark.parametrize("step", [0.003, 0.02, 0.05, 0.3, 1.0])
+@pytest.mark.parametrize("step", [0.003, 0.05, 1.0])
 def test_nobody_writes_into_the_empty_tile_or_one_that_is_shared(step: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the path of the surface: every tile that a cell of it lies in is copied before."""
     monkeypatch.setattr(tsdf, "FIRST_TILES", 256)  # where they run out, the last that shares one may write to it
