@@ -103,3 +103,43 @@ def test_a_log_is_scored_by_the_reference_and_the_relations_beside_it(
     assert "SLAM (final) misses the relations by " in out
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())["metrics"]
     assert metrics["final.relations"]["value"] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("sequence", "distance", "end", "heading"),
+    [("20", 95.9, (-2.1, -1.9), 2.4), ("21", 91.8, (-2.53, -1.84), -53.0)],
+)
+def test_dead_reckoning_of_the_real_encoders(
+    sequence: str, distance: float, end: tuple[float, float], heading: float, data_folder: Path, tmp_path: Path, capsys
+) -> None:
+    replay = ("replay", data_folder / "ucsd", "--sequence", sequence, "--dead-reckoning")
+    found = shown(capsys, *replay, "--out", tmp_path / "out")
+    assert found["distance_m"] == pytest.approx(distance, abs=0.1)
+    assert found["end"]["heading_deg"] == pytest.approx(heading, abs=0.5)
+    assert (found["end"]["x_m"], found["end"]["y_m"]) == pytest.approx(end, abs=0.1)
+    assert len(read_tum(tmp_path / "out" / "dead_reckoning.tum")) == found["poses"]
+    assert (tmp_path / "out" / "dead_reckoning.png").exists()
+
+
+def test_a_stated_duration_that_is_too_short_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    slow = ("--platform", "turtlebot3", "--set", "duration=60")
+    said = refused(capsys, "simulate", "corridor", *slow, "--out", tmp_path / "x")
+    assert all(words in said for words in ("corridor: duration: 259.091 s", "duration=60", "--duration 60"))
+
+
+def test_inspect(simulated_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = {}
+    for line in printed(capsys, "inspect", simulated_folder).splitlines():
+        name, *cells = [cell.strip() for cell in line.split("  ") if cell.strip()]
+        found[name] = cells
+    assert found["sensors"] == ["measured", "platform"]
+    assert found["lidar beams"] == ["1081", "1081"]
+    assert found["first beam"] == ["-135 deg", "-135 deg"]
+    assert found["turns"] == ["counterclockwise", "counterclockwise"]
+    assert found["range resolution"] == ["1 mm", "1 mm"]
+    assert found["encoder rate"] == ["40.0 Hz", "40 Hz"]
+    assert found["gyro at rest, noise"][1] == "0.00400 rad/s"
+    lidar = shown(capsys, "inspect", simulated_folder, "--plot", tmp_path / "a.PNG")["lidar"]
+    assert (tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
+    assert lidar["resolution"] == pytest.approx(0.001)
+    assert lidar["noise_at_rest"]["deviation"] == pytest.approx(0.009, abs=0.002)

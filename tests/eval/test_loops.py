@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_lines import shown
+from figures import legend_of
 from loop_candidates import candidate
 from matplotlib.figure import Figure
 
@@ -25,12 +26,6 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.trajectories.text import read_tum, write_tum
 from moteslam.robot.trajectory import Trajectory
-
-
-def legend_of(figure: Figure) -> list[str]:
-    """The texts of a figure's legend."""
-    return [text.get_text() for text in figure.legends[0].get_texts()]
-
 
 RADIUS = 3.0
 """Of the rounds [m]; one of them is 18.8 m."""

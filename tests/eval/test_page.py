@@ -145,3 +145,15 @@ def test_data_cannot_end_their_script() -> None:
     block = data_block(value)
     assert not set("<>&\u2028") & set(block)
     assert json.loads(block) == value
+
+
+@pytest.mark.parametrize(
+    ("stamps", "value", "problem"), [((1.0, 0.0), 0.0, "stamps: stamps go back"), ((0.0, 1.0), np.nan, "paths: ")]
+)
+def test_damaged_particles_name_their_file(
+    tmp_path: Path, stamps: tuple[float, float], value: float, problem: str
+) -> None:
+    file = tmp_path / "particles.npz"
+    np.savez(file, stamps=stamps, paths=np.full((2, 2, 3), value), spread=np.zeros((2, 3)))
+    with pytest.raises(InputError, match=rf"particles\.npz: {problem}"):
+        read_particles(file)

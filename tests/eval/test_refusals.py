@@ -11,7 +11,7 @@ import pytest
 from command_lines import refused
 from made_sweeps import swept
 
-from moteslam.eval.cli import main
+from moteslam.eval.cli import interrupt, main
 
 TUM = "".join(f"{t} {t} 0 0 0 0 0 1\n" for t in range(10))
 FAR_WALL = "[[world.walls]]\npoints = [[-90.0, -90.0], [-90.0, 90.0]]\n"
@@ -26,21 +26,29 @@ LINES = {
     ],
     "simulate ": [
         ("random-corridors --out x --batch 2 --seed 9223372036854775807", "--seed: 9223372036854775807"),
+        ("random-corridors-9223372036854775808 --out x", "no such building, expected a number up to"),
         ("wide.toml --true-map 0.001 --out x", "moteslam: --true-map: "),
         ("corridor --out robot", "robot: exists already; name a new folder, or replace it with --force\n"),
     ],
     "simulate room.toml --out new/and/x ": [
         ("--platform nobody", "--platform nobody: no robot of this name, expected one of lms200, rplidar_a1, "),
+        ("--log-every nan", "--log-every: nan, expected a finite number above 0"),
         ("--odometry-noise 0.1 2", "--odometry-noise: 0.1 2, expected 0 to 1"),
     ],
     "scenarios ": [
         ("show lab --out there.png", "there.png: exists already"),
+        ("show lab --out x.jpg", "x.jpg: expected a name"),
+        ("animate lab --out x.gif --fps 51", "--fps: 51, expected"),
     ],
     "convert robot ": [
         ("a.log --start -1", "--start: -1 s, expected a finite time of at least 0"),
         ("a.log --streams laser", "--streams: 'laser', expected some of lidar, encoders, odometry, imu, rgbd"),
+        ("a.log --topics lidar", "--topics: 'lidar', expected STREAM=TOPIC with a stream of lidar, odometry, "),
+        ("a.log --topics lidar=/a --topics lidar=/b", "--topics: lidar twice, expected lidars to merge as "),
+        ("a.log --topics lidar=/scan", "has no topics, expected no names of topics"),
         ("a.log --sequence 7", " (option --sequence)\n"),
         ("a.xyz", "--to: 'a.xyz' has the ending of no format, expected one of .log, .log.gz, .clf, "),
+        ("a.log --to db3", "--to: 'db3' is only read, expected one of ucsd, carmen, csv, bag, rosbag2, mcap"),
     ],
     "convert ": [
         ("good.tum a.bag", "--to: good.tum is a trajectory: expected a name that ends in .csv, .g2o, .kitti, "),
@@ -54,11 +62,15 @@ LINES = {
         ("good.tum truth.tum --map a.yaml --true-map b.yaml", "'--map': given with several EST"),
         ("truth.tum --map a.yaml --true-map b.yaml", "a.yaml: "),
         ("truth.tum --metric nothing", "--metric: 'nothing'"),
+        ("truth.tum --delta nan", "--delta: nan m"),
         ("truth.tum --out t.tex", "--out: "),
     ],
     "sweep ": [
         ("spec.toml --shard 3/2", "--shard: "),
         ("spec.toml --time --workers 2", "--time: "),
+        ("spec.toml --scheduler tcp://127.0.0.1:9 --workers 2", "--workers: "),
+        ("particle", "particle: no specification of this name, expected one of corridor-suite-1, "),
+        ("show spec.toml", "spec.toml: no file of a sweep"),
         ("show a.sweep --metric ate", "--metric: 'ate', which was not measured, expected one of final.ate"),
         ("export empty.sweep --out y.csv", "empty.sweep: is empty"),
         ("diff a.sweep x.csv", "expected a table that `moteslam sweep export` wrote"),
@@ -66,16 +78,19 @@ LINES = {
     "sweep plot a.sweep --out ": [
         ("there.png", "there.png: exists already"),
         ("b.png --x seed", "--x: 'seed', expected one of scenario, configuration"),
+        ("b.png --metric map_f1", "a.sweep: no run that ended well has map_f1"),
         ("b.png --metric mapf1", "'mapf1', expected one of"),
     ],
     "report ": [
         ("nowhere", "nowhere: there is no such file or folder"),
         ("empty", "empty: no result folder and no .sweep file in it"),
         ("a.sweep --metric nees", "--metric: 'nees', which no run has"),
+        ("a.sweep --baseline x", "--baseline: 'x', expected one of"),
     ],
     "compare ": [
         ("a.sweep --baseline best", "'best', expected one of 'plain, slam.tracking.window=1.0', "),
         ("a.sweep --metric final.aet", "expected one of ate"),
+        ("no.sweep", "there is no such file"),
         ("one", "1 configuration, expected two"),
     ],
 }
@@ -237,3 +252,13 @@ def test_a_fault_of_ours_is_one_line_too(monkeypatch, capsys) -> None:
     monkeypatch.setenv("MOTESLAM_TRACEBACK", "1")
     with pytest.raises(ZeroDivisionError):
         main.run(["scenarios"])
+
+
+@pytest.mark.parametrize(("module", "name"), [("pymunk._callbacks", "called"), ("pymunk.body", "freebody")])
+def test_an_interrupt_within_c_that_calls_python_waits(module: str, name: str, monkeypatch) -> None:
+    monkeypatch.setattr(interrupt, "_asked", [])
+    called_by_c = {"__name__": module, "ask": lambda: interrupt._interrupt(signal.SIGINT, sys._getframe())}
+    exec(f"def {name}():\n    ask()", called_by_c)
+    called_by_c[name]()
+    with pytest.raises(interrupt.Interrupted):
+        interrupt.check_interrupt()

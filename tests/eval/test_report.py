@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from made_sweeps import swept
 from matplotlib.figure import Figure
 from PIL import Image
 from sim_logs import winding
@@ -17,7 +18,7 @@ from moteslam.errors import InputError
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, maps
-from moteslam.eval.report.curves import draw_sweep
+from moteslam.eval.report.curves import draw_sweep, places_of
 from moteslam.eval.report.maps import draw_over_time, with_opacity
 from moteslam.eval.report.particles import Cloud, draw_particles
 from moteslam.eval.report.streams import draw_streams
@@ -302,3 +303,24 @@ def test_odd_recordings(name: str, tmp_path: Path, drawn: list[Figure]) -> None:
     figure = drawn_of(Recording(name, Platform(), **ODD[name]), tmp_path, drawn)  # type: ignore[arg-type]
     for axes in figure.axes:
         assert np.isfinite([*axes.get_xlim(), *axes.get_ylim()]).all()
+
+
+@pytest.mark.parametrize(
+    ("values", "places"),
+    [
+        ([10, 1.0, 3], {1.0: 1.0, 3: 3.0, 10: 10.0}),
+        (["90", "45"], {"45": 45.0, "90": 90.0}),
+        (["none", "graph", "none"], {"none": 0.0, "graph": 1.0}),
+        ([True, False], {True: 0.0, False: 1.0}),
+    ],
+)
+def test_numbers_lie_where_they_are_and_words_side_by_side(values: list[object], places: dict[object, float]) -> None:
+    assert list(places_of(values).items()) == list(places.items())
+
+
+def test_the_command(tmp_path: Path) -> None:
+    file, out = swept(tmp_path), tmp_path / "new" / "a.png"
+    assert main.run(["sweep", "plot", str(file), "--out", str(out), "--label", "window"]) == 0
+    before = out.read_bytes()
+    assert main.run(["sweep", "plot", str(file), "--out", str(out), "--x", "configuration", "--force"]) == 0
+    assert out.read_bytes() != before

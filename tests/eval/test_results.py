@@ -202,9 +202,11 @@ READERS = {"loops.csv": read_loops, "diagnostics.csv": read_diagnostics}
     ("name", "old", "new", "line", "field"),
     [
         ("loops.csv", None, "", 1, None),
+        ("loops.csv", ",weak", "", 3, None),
         ("loops.csv", "weak", "lost", 3, "verdict"),
         ("loops.csv", "\n4,", "\n4.5,", 3, "earlier"),
         ("loops.csv", "0.95", "nan", 2, "known"),
+        ("loops.csv", "1543234.3", "soon", 2, "earlier_stamp"),
         ("loops.csv", "\n9,", "\n182,", 5, "later"),
         ("diagnostics.csv", "nan", "inf", 2, "degenerate"),
         ("diagnostics.csv", "sure", "happy", 2, "state"),
@@ -395,3 +397,11 @@ def test_what_cannot_be_gone_on_with_is_one_line(
     line = refused(capsys, "replay", folder / "log", "--onto", old, "--out", tmp_path / "out", *more)
     assert ("--onto" if what == "back end" else str(old / NAME)) in line
     assert not (tmp_path / "out").exists()
+
+
+def test_stamps_that_ros_does_not_hold_are_refused(simulation, run, tmp_path: Path) -> None:
+    estimate = run[0]
+    early = Trajectory(estimate.trajectory.stamps - 2e9, estimate.trajectory.poses)
+    with pytest.raises(InputError, match="expected 0 to"):
+        write_result_bag(tmp_path / "result.mcap", replace(estimate, trajectory=early), simulation.recording)
+    assert not list(tmp_path.iterdir())

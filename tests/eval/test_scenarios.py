@@ -11,15 +11,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from command_lines import printed, shown
+from command_lines import printed, refused, shown
+from figures import legend_of
+from matplotlib.figure import Figure
 from PIL import Image
 
 from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.cli.main import run
+from moteslam.eval.report import film as video
 from moteslam.eval.report.film import CODECS, MAX_FRAMES, Pace, check_film, write_film
+from moteslam.eval.report.scenarios import draw_scenario
 from moteslam.robot.formats import open_recording
 from moteslam.robot.platforms import bundled_platform, bundled_platforms, load_platform
 from moteslam.robot.recording import Recording
+from moteslam.sim.scenario import load_scenario
 
 SHADES = (20, 120, 240)
 FRAMES = [np.full((61, 81, 3), (shade, shade, 40), np.uint8) for shade in SHADES]
@@ -128,3 +133,43 @@ def test_what_platforms_prints_is_the_robot(name: str, tmp_path: Path, capsys) -
     file.write_text(printed(capsys, "platforms", name))
     assert load_platform(file) == bundled_platform(name)
     assert shown(capsys, "platforms", file) == tomllib.loads(file.read_text())
+
+
+def test_the_legend_names_what_is_there(tmp_path: Path, drawn: list[Figure]) -> None:
+    draw_scenario(tmp_path / "a.png", load_scenario("lab"))
+    draw_scenario(tmp_path / "b.png", load_scenario("people"))
+    draw_scenario(tmp_path / "c.png", load_scenario("doors"))
+    lab, people, doors = map(legend_of, drawn)
+    assert lab == [
+        *("free space", "shelf (3)", "table (7)", "chair (8)", "box (6)", "wall", "black", "shiny"),
+        *("start", "route, 80 m", "goal"),
+    ]
+    assert people[-2:] == ["person, there and back", "person, strolls about"]
+    assert doors[-2:] == ["door, shut", "door, as it opens"]
+
+
+def test_a_film_of_another_kind_is_refused(tmp_path: Path) -> None:
+    for name in ("x.avi", "x", "x.png"):
+        with pytest.raises(OutputError, match=r"x.*: expected a name"):
+            write_film(tmp_path / name, FRAMES)
+
+
+def test_an_mp4_that_no_browser_would_play_is_refused_before_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(video, "CODECS", dict.fromkeys(("none",), "H.264, VP9, AV1"))
+    line = refused(capsys, "scenarios", "animate", "hall", "--out", tmp_path / "x.mp4")
+    assert "no encoder that browsers play (H.264, VP9, AV1), expected .webp or .gif" in line
+    with pytest.raises(OutputError, match=r"expected \.webp or \.gif"):
+        write_film(tmp_path / "x.mp4", iter([]))
+
+
+def test_a_random_building_of_the_demo_is_that_of_its_seed(taichi, tmp_path: Path, capsys) -> None:
+    options = ("--duration", "12", "--set", "particles=2", "--no-figures", "--out", str(tmp_path / "out"))
+    assert run(["demo", "--scenario", "random-corridors", "--seed", "3", *options]) == 0
+    assert capsys.readouterr().out.startswith("random-corridors-3: ")
+
+
+def test_platforms_lists_all(capsys) -> None:
+    assert [line.split()[0] for line in printed(capsys, "platforms").splitlines()[1:]] == sorted(bundled_platforms())
+    assert shown(capsys, "platforms")["urg04lx"]["beams"] == 682

@@ -122,6 +122,7 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
         ("seeds = '0'", "neither scenarios nor recordings"),
         (HERE + "seed = '0'", "seed: "),
         (HERE + "seeds = '5-'", "seeds: '5-', "),
+        (HERE + "seeds = [0.5]", "seeds: [0.5], expected a text"),
         (
             HERE + "[configurations.a]\nset = { particles = 5 }",
             "a.set: 'particles', expected slam.particles",
@@ -140,6 +141,7 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
             for more in ("preset = 'default'", "set = { slam.particles = 3 }", "format = 'bag'", "map = '/x'")
         ),
         ("scenarios = ['coridor']", "scenarios, coridor: "),
+        ("recordings = ['nothing.log']", "recordings: "),
         ("recordings = ['nothing.log']\n[vary]\nplatform.imu = [true]", "platform.imu: "),
     ],
 )
@@ -573,3 +575,29 @@ def test_the_published_results_of_the_suite_are_of_its_runs() -> None:
     table = read_table(PUBLISHED)
     assert set(table) == {run.id for run in runs_of("corridor-suite-1")}
     assert {row["status"] for row in table.values()} == {"ok"}
+
+
+def test_seeds_as_a_list_and_values_in_their_order(tmp_path: Path) -> None:
+    runs = planned(tmp_path, f"{HERE}seeds = [2, 0]\n[vary]\nplatform.lidar.range_max = [12.0, 4.0]\n")
+    assert [(run.seed, dict(run.varied)["platform.lidar.range_max"]) for run in runs] == [
+        *((2, 12.0), (2, 4.0), (0, 12.0), (0, 4.0))
+    ]
+
+
+def test_a_cluster_that_is_not_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("moteslam.eval.sweep.workers.CONNECT", 0.5)
+    line = refused(capsys, "sweep", written(tmp_path), "--scheduler", "tcp://127.0.0.1:9")
+    assert "--scheduler: no scheduler answers at tcp://127.0.0.1:9" in line
+
+
+def test_the_hash_follows_from_robots_that_scenarios_name(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text('base = "rplidar_a1"\nwidth = 0.3\n', encoding="utf-8")
+    scenario = (SCENARIOS / "corridor.toml").read_text(encoding="utf-8")
+    (tmp_path / "here.toml").write_text(f'platform = "mine.toml"\n{scenario}', encoding="utf-8")
+    (tmp_path / "spec.toml").write_text(ONE.replace('"corridor"', '"here.toml"'), encoding="utf-8")
+    runs = plan(read_spec(tmp_path / "spec.toml"))
+    before = digest(runs)
+    (tmp_path / "mine.toml").write_text('base = "rplidar_a1"\nwidth = 0.31\n', encoding="utf-8")
+    assert digest(runs) != before

@@ -374,3 +374,9 @@ def test_another_building_is_no_other_scale(tmp_path: Path, capsys: pytest.Captu
     aside = 0.6 * here[:, 1:3].std(axis=0).max() * np.column_stack((np.sin(since / 7), np.cos(since / 5)))
     there[:, 1:3] = 4 * (here[:, 1:3] + aside)
     assert codes(capsys, "evaluate", write(tmp_path / "a.tum", there), write(tmp_path / "b.tum", here)) == ["unlike"]
+
+
+def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
+    files = files_of(tmp_path, same, tilted)
+    for given, named in ((files, files[1]), (files[::-1], files[1])):
+        assert f"{named}: moves in a plane" in told(capsys, "evaluate", *given)

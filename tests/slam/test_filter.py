@@ -278,3 +278,9 @@ def test_a_method_that_is_no_filter_is_refused(method: object, field: str, told:
         run_slam(circled_room(scans=5)[0], resolve_config("paper", ["particles=2"]), method=method)
     assert caught.value.field == field
     assert told in caught.value.problem
+
+
+def test_a_filter_made_of_another_method_than_the_configurations_is_refused():
+    with pytest.raises(ConfigError, match="tsdf") as caught:
+        run_slam(circled_room(scans=5)[0], resolve_config("default", ["particles=2"]), method=NoResult)
+    assert caught.value.field == "method"

@@ -202,6 +202,7 @@ def test_what_is_kept_and_what_a_scan_costs_does_not_grow_with_the_scans():
         (lambda slam: slam.add_imu(0.0, np.inf), InputError, "imu.yaw_rate"),
         (lambda slam: slam.add_odometry(0.0), InputError, "odometry"),
         (lambda slam: slam.add_odometry(0.0, (0.0, np.nan, 0.0)), InputError, "odometry.pose"),
+        (lambda slam: slam.add_odometry(0.0, ("a", 0.0, 0.0)), InputError, "odometry.pose"),
         (lambda slam: slam.add_odometry(0.0, counts=(1.5, 0, 0, 0)), InputError, "odometry.counts"),
         (lambda slam: slam.add_odometry(0.0, counts=(1, 1, 1, 1)), InputError, "counts"),
         (lambda slam: slam.estimate(), ConfigError, None),
@@ -395,3 +396,8 @@ def test_a_message_that_cannot_be_is_refused_in_one_line(
         give(OnlineSlam(platform_of(corridor).model_copy(update={"imu": None})))
     assert "float64" not in str(caught.value)
     assert caught.value.field == field
+
+
+def test_an_update_shows_its_state(corridor: Recording):
+    slam = OnlineSlam(platform_of(corridor), resolve_config("paper", CHEAP))
+    assert "state=SURE" in repr(next(fed(slam, corridor)))

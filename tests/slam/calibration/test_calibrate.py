@@ -43,6 +43,7 @@ def driven(platform: str, world: str = "", seed: int = 200) -> Recording:
     return simulate(load_scenario(world or WORLDS[platform], platform=platform), seed).recording
 
 
+@cache
 def poses_of(recording: Recording) -> Recording:
     """The same with odometry poses in place of wheels and gyro."""
     path = dead_reckon(recording)

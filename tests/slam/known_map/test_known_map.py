@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from slam_rooms import OTHER_ROOM, carried_into_another_room, circled_room, endpoints
 
-from moteslam.errors import InputError
+from moteslam.errors import ConfigError, InputError
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
@@ -17,7 +17,7 @@ from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.known_map import hypotheses, search
 from moteslam.slam.known_map.config import KnownMapConfig
-from moteslam.slam.known_map.filter import Presence
+from moteslam.slam.known_map.filter import KnownMapFilter, Presence
 from moteslam.slam.known_map.map_scale import MapScale
 from moteslam.slam.known_map.maps import KnownMaps, upright
 from moteslam.slam.known_map.search import Sight, WholeMapSearch
@@ -374,3 +374,18 @@ def test_tracking_resolves_a_wall_between_the_cells_of_its_field(tmp_path: Path,
     estimate = localized(tmp_path, recording, moved, f"start=[{shift}, {shift}, 0.0]")
     errors = estimate.trajectory.poses[5:, :2] - true[5:, :2] - shift
     assert np.abs(errors.mean(axis=0)).max() < 0.015
+
+
+def test_places_that_were_given_up_one_after_the_other_are_told(tmp_path: Path) -> None:
+    write_map(tmp_path / "map.pgm", drawn([*WALLS, *BOX]))
+    made = KnownMapFilter(KnownMapConfig(known_map=str(tmp_path / "map.yaml")), 0)
+    made._was_sure = True
+    for given_up, codes in ((1, set()), (2, {"places-given-up"})):
+        made._most_given_up = given_up
+        assert {issue.code for issue in made.issues} == codes
+
+
+def test_a_missing_map_is_refused() -> None:
+    with pytest.raises(ConfigError) as refused:
+        run_slam(circled_room(scans=5)[0], resolve_config("localize"))
+    assert refused.value.field == "known_map"
