@@ -186,3 +186,9 @@ def test_commands_that_are_no_numbers_and_steps_after_the_end_are_refused():
     with pytest.raises(ConfigError) as caught:
         simulator.step(0.0, 0.0)
     assert caught.value.field == "duration"
+
+
+def test_being_carried_along_a_route_is_refused():
+    with pytest.raises(ConfigError, match="no route") as caught:
+        Simulator(short(40.0).with_(faults=[{"kind": "carried", "start": 12.0}]))
+    assert caught.value.field == "faults.0.to"

@@ -213,3 +213,21 @@ def test_a_floor_at_a_glance_sends_nothing_back(table: dict[str, Any], plain: Si
     ahead = stream.ranges[:, stream.ranges.shape[1] // 2]
     assert np.isinf(ahead).mean() > 0.5
     assert ahead[np.isfinite(ahead)].max() < 0.2 / np.sin(0.08) + 0.06
+
+
+def test_in_a_gap_the_camera_is_silent_and_the_other_images_stay(table: dict[str, Any], plain: Simulation) -> None:
+    camera = {"camera": {"rate": 5.0}}
+    whole, cut = run(table, **camera).frames, run(table, fault("gap"), **camera).frames
+    kept = ~within(whole.rgb.stamps)
+    assert cut.rgb.stamps.tobytes() == whole.rgb.stamps[kept].tobytes()
+    assert not within(cut.disparity.stamps).any()
+    last = np.array([len(cut.rgb.stamps) - 1])
+    np.testing.assert_array_equal(cut.draw_rgb(last), whole.draw_rgb(np.flatnonzero(kept)[-1:]))
+
+
+def test_a_lidar_of_unknown_height_needs_one(table: dict[str, Any]) -> None:
+    table["platform"] = {"base": "ucsd", "lidar": {"z": 0.0}}
+    with pytest.raises(ConfigError) as caught:
+        parse_scenario({**table, "faults": [{"kind": "tilt"}]})
+    assert caught.value.field == "faults.0.height"
+    parse_scenario({**table, "faults": [{"kind": "tilt", "height": 0.2}]})

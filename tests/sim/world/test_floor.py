@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, InputError
 from moteslam.robot.raster import Raster, write_map_arrays
 from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.world.floor import FloorSettings, rasterise
@@ -179,3 +179,10 @@ def test_log_odds_are_a_floor_plan_whatever_the_name(tmp_path: Path, name: str) 
     assert (found.cell_size, found.origin) == (0.1, (1.0, 2.0, 0.3))
     solid = read_floor_plan(FloorPlan(file=str(path), unknown="wall"))
     assert int(solid.values.sum()) == 30 * 40 - 18 * 28
+
+
+def test_arrays_that_are_no_floor_plan_are_refused(tmp_path: Path) -> None:
+    for changes in ({"values": np.zeros((3, 3))}, {"cell_size": 100.0}, {"name": "points"}):
+        with pytest.raises(InputError) as caught:
+            read_floor_plan(FloorPlan(file=str(arrays_file(tmp_path / "map.npz", **changes))))
+        assert caught.value.field == "log_odds"
