@@ -125,7 +125,9 @@ BROKEN = {
     "too many beams declared": GOOD[0].replace("FLASER 3", "FLASER 999999999"),
     "a pose that is NaN": flaser([1, 2, 3], robot=(math.nan, 0, 0)),
     "odometry off the globe": "ODOM 0 -2e7 0 0 0 0 1 host 1",
+    "a stamp in milliseconds": flaser([1, 2, 3], stamp=1.2e12),
     "a word for a range": GOOD[0].replace("2.0", "two"),
+    "no angles": robotlaser([1.0], step=0.0),
     "escape codes": "FLASER 1 \x1b[31m" + "x" * 999 + GOOD[0][9:],
     "what a file system leaves of a log when the power is lost": "\0" * 1_000_000,
 }

@@ -106,3 +106,8 @@ def test_what_leaves_nothing_is_refused(part: dict[str, object], field: str) -> 
     with pytest.raises((ConfigError, InputError)) as caught:
         cut(recording(), Cut(**part))
     assert caught.value.field == field
+
+
+def test_a_stream_that_is_not_there() -> None:
+    with pytest.raises(InputError, match="lidar"):
+        cut(Recording("x", Platform(), lidar=recording().lidar), Cut(streams=("imu",)))

@@ -46,6 +46,7 @@ def test_the_ucsd_robot_is_that_of_the_drawing() -> None:
         ("name = ", None),
         ('base = "nobody"', "base"),
         ("[lidar]\nbeams = 361\nangle_increment = 0.0349", "lidar"),
+        ("[lidar]\nangle_increment = 0", "lidar"),
         ("[lidar]\nrange_min = 2\nrange_max = 1", "lidar"),
         ("nmae = 'x'", "nmae"),
         ("[lidar]\nx = 'far'", "lidar.x"),

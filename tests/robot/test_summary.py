@@ -4,7 +4,37 @@ import dataclasses
 import importlib
 import pkgutil
 
-from moteslam.robot.values import Summarised
+import numpy as np
+import pytest
+
+from moteslam.robot.platforms import UCSD
+from moteslam.robot.raster import Raster
+from moteslam.robot.recording import EncoderStream, LidarStream, Recording, RgbdStream
+from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.values import Issue, Summarised
+
+STAMPS = np.arange(11) / 2
+LIDAR = LidarStream(STAMPS, np.ones((11, 181), np.float32), -1.5, 0.01, 0.1, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (Trajectory(STAMPS, np.outer(STAMPS, (1, 0, 0))), "Trajectory(11 poses, 5.0 s, 5.0 m)"),
+        (Trajectory(STAMPS[:0], np.zeros((0, 3))), "Trajectory(0 poses, 0.0 s, 0.0 m)"),
+        (LIDAR, "LidarStream(11 scans of 181 beams, 5.0 s)"),
+        (EncoderStream(STAMPS, np.zeros((11, 4), np.int64)), "EncoderStream(11 readings, 5.0 s)"),
+        (RgbdStream(STAMPS, STAMPS[1:]), "RgbdStream(11 colour images, 10 disparity images)"),
+        (
+            Recording("two\n", UCSD, lidar=LIDAR, warnings=(Issue("gaps", "a gap"),)),
+            r"Recording('two\n'; lidar: 11 scans of 181 beams, 5.0 s; 1 warning)",
+        ),
+        (Recording("none", UCSD), "Recording('none')"),
+        (Raster(np.zeros((20, 40), np.int8), 0.05), "Raster(int8[20, 40], 2.0 x 1.0 m in cells of 0.05 m)"),
+    ],
+)
+def test_what_is_shown(value: object, shown: str) -> None:
+    assert repr(value) == shown
 
 
 def test_every_dataclass_with_arrays_that_users_meet_is_summarised() -> None:

@@ -188,3 +188,30 @@ def test_a_platform_file_lies_over_what_the_recording_states(tmp_path: Path) -> 
 def test_a_sequence_that_is_no_file_name_is_refused(tmp_path: Path, sequence: str) -> None:
     with pytest.raises(ConfigError, match="sequence"):
         write_ucsd(tmp_path, make_recording(), sequence=sequence)
+
+
+def test_images_are_listed_in_numeric_order_and_missing_ones_counted(tmp_path: Path) -> None:
+    written(tmp_path)
+    folder = tmp_path / "dataRGBD" / "Disparity20"
+    folder.mkdir(parents=True)
+    for index in (1, 2, 3, 4):
+        (folder / f"disparity20_{index}.png").touch()
+    rgbd = read_ucsd(tmp_path).rgbd
+    assert rgbd.disparity_files == tuple(folder / f"disparity20_{k}.png" for k in (1, 2, 3, 4))
+    assert rgbd.rgb_files == ()
+    assert messages(read_ucsd(tmp_path).warnings) == ("RGB20: 6 of 6 images missing, the first rgb20_1.png",)
+    (folder.parent / "RGB20").mkdir()
+    (folder.parent / "RGB20" / "rgb20_1.png").touch()
+    (folder / "disparity20_3.png").rename(folder / "disparity20_5.png")
+    recording = read_ucsd(tmp_path)
+    assert recording.rgbd.disparity_files == (*rgbd.disparity_files[:2], None, rgbd.disparity_files[3])
+    assert messages(recording.warnings) == (
+        "RGB20: 5 of 6 images missing, the first rgb20_2.png",
+        "Disparity20: 1 of 4 images missing, the first disparity20_3.png",
+        "Disparity20: 1 image beyond the 4 stamps left out",
+    )
+    for path in folder.iterdir():
+        path.unlink()
+    recording = read_ucsd(tmp_path)
+    assert recording.rgbd.disparity_files == ()
+    assert messages(recording.warnings[1:]) == ("Disparity20: 4 of 4 images missing, the first disparity20_1.png",)

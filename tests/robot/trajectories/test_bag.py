@@ -119,6 +119,8 @@ def test_what_was_left_out_or_assumed_is_told(tmp_path: Path, messages: list[Eve
         ("/none", "/pose (PoseStamped), /tf (TFMessage), /tf_static (TFMessage)"),
         ("/tf", "tf2_msgs/TFMessage"),
         ("tf:map:base", "a:b, b:c"),
+        ("tf:b:c", "fixed"),
+        ("tf:map", "tf:PARENT:CHILD"),
         ("/back", "jumps back"),
         ("/frames", "several frames"),
     ],

@@ -57,6 +57,7 @@ READ = [
     ("", "ns x y z 0 0 qz qw", " "),
     ("", "ns x y z qw 0 0 qz junk junk", ","),
     ("# a path in words\n# x y of the robot at time t", "t x y z 0 0 qz qw", " "),
+    ("# the time t and x and x again", "t x y z 0 0 qz qw", " "),
 ]  # fmt: skip
 
 
@@ -112,6 +113,7 @@ def test_commas_alone_do_not_make_it_euroc(tmp_path: Path, text: str, stamp: flo
     [
         ("num,x,y,z,qx,qy,qz,qw", "n x y z 0 0 qz qw", 1),
         ("timestamp,latitude,longitude,altitude", "t x y z", 1),
+        ("sec,usec,x,y,yaw", "sec n x y yaw", 1),
         ("t,x,z,qx,qy,qz,qw", "t x z 0 0 qz qw", 1),
         ("t,x,y,pose.x,yaw", "t x y x yaw", 1),
         ("t,x [ft],y [ft],yaw", "t x y yaw", 1),
