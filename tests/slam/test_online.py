@@ -264,6 +264,7 @@ CHEAP = ["particles=2"]
         pytest.param({"ranges": 100.0}, "blind-scans", marks=pytest.mark.slow),
         ({"poses": (1, 1, 57.3)}, "odometry-headings"),
         ({"turned": True}, "mirrored"),
+        pytest.param({"stamps": 1e3}, "implausible-speed", marks=pytest.mark.slow),
     ],
     ids=lambda value: str(value) if isinstance(value, dict) else "",
 )
