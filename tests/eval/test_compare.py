@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_lines import printed, refused, shown, told
-from made_sweeps import Values, recorded
+from made_sweeps import Values, recorded, swept
 
 from moteslam.eval.cli import main
+from moteslam.eval.page.document import gather, page
 from moteslam.eval.runs import compared, read_runs
 from moteslam.eval.statistics import Proportion, Summary, compare
 from moteslam.eval.sweep.plan import PlannedRun
@@ -248,3 +249,31 @@ def test_latex_prints_what_it_is_given(text: str, expected: str) -> None:
 def test_numbers_have_a_unit_that_fits(unit: str, values: list[float | None], shown: list[str]) -> None:
     unit, factor = fitting(unit, values)
     assert [unit, *(number(None if value is None else factor * value) for value in values)] == shown
+
+
+def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def made(name: str, metres: float) -> Path:
+        driven = {"ucsd": 10.0, "turtlebot3": metres}
+        return recorded(
+            *(tmp_path / name, ROBOTS),
+            lambda run: {"final.ate": (0.1, "m"), "distance": (driven[run.platform], "m")},
+        )
+
+    far, alike = made("far.sweep", 4.0), made("alike.sweep", 9.0)
+    assert "driven: ucsd 10.0 m, turtlebot3 4.00 m" in printed(capsys, "compare", far)
+    head, *lines = printed(capsys, "sweep", "show", far).splitlines()
+    assert "driven [m]" in head
+    assert [line.split()[8] for line in lines[:4]] == ["10.0", "4.00"] * 2
+    assert "driven" not in printed(capsys, "sweep", "show", alike)
+    last = printed(capsys, "compare", alike).splitlines()[-1]
+    assert last == "wheels, gyro and speed of a platform may differ, too"
+    assert "wheels" not in printed(capsys, "compare", far, "--by", "scenario")
+    assert printed(capsys, "compare", far, "--format", "csv").count("wheels") == 0
+    text = page(gather([far]))
+    assert "driven: ucsd 10.0 m, turtlebot3 4.00 m. The" in text
+    assert "all else the same" not in text
+
+
+def test_runs_without_a_result_are_counted_on_stderr(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = swept(tmp_path, whole=False)
+    assert "13 not made yet, 3 ok" in told(capsys, "sweep", "show", file, "--format", "csv")

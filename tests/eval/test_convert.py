@@ -14,7 +14,8 @@ from moteslam.eval.cli import main
 from moteslam.robot.formats import open_recording, write_recording
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectories import WRITERS, read_trajectory, write_trajectory
-from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.trajectories.text import write_g2o
+from moteslam.robot.trajectory import PoseGraph, Trajectory
 
 
 @pytest.fixture(scope="session")
@@ -118,3 +119,23 @@ def test_the_poses_are_in_the_plane() -> None:
     Path("space.tum").write_text("0 1 2 3 0 0 1 0\n1 4 5 6 0 0 0 1\n")
     assert convert("space.tum", "flat.g2o") == 0
     np.testing.assert_allclose(read_trajectory("flat.g2o").poses, [[1, 2, math.pi], [4, 5, 0]])
+
+
+@pytest.mark.usefixtures("trajectories")
+def test_edges_that_are_lost_are_printed(capsys) -> None:
+    graph = PoseGraph(
+        ids=np.arange(3),
+        poses=PATH.poses[:3],
+        first=np.array([0, 1]),
+        second=np.array([1, 2]),
+        relative=np.ones((2, 3)),
+        information=np.tile(np.eye(3), (2, 1, 1)),
+        stamps=PATH.stamps[:3],
+        fixed=np.array([0]),
+    )
+    write_g2o("graph.g2o", graph)
+    assert convert("graph.g2o", "a.tum") == 0
+    assert capsys.readouterr().err == "moteslam: warning: graph.g2o: 2 edges not written, no part of a trajectory\n"
+    assert convert("graph.g2o", "b.g2o", "--json") == 0
+    [issue] = json.loads(capsys.readouterr().out)["warnings"]
+    assert (issue["code"], issue["count"]) == ("not-written", 2)

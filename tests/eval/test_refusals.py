@@ -21,6 +21,7 @@ LINES = {
     "": [
         ("bogus", "No such command 'bogus'"),
         ("demo --set particles=0", "--set particles: "),
+        ("replay", "PATH"),
         ("replay x --preset none", "--preset none: "),
         ("replay robot --every 0 --out x", "--every: 0, expected at least 1"),
     ],
@@ -262,3 +263,17 @@ def test_an_interrupt_within_c_that_calls_python_waits(module: str, name: str, m
     called_by_c[name]()
     with pytest.raises(interrupt.Interrupted):
         interrupt.check_interrupt()
+
+
+@pytest.mark.slow
+def test_a_truth_on_another_clock_is_left_out(simulated_folder: Path, tmp_path: Path, capsys, taichi) -> None:
+    import shutil
+
+    shutil.copytree(simulated_folder, tmp_path / "robot")
+    (tmp_path / "robot/truth.tum").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
+    arguments = ["replay", tmp_path / "robot", "--out", tmp_path / "x", "--set", "particles=5", "--json"]
+    assert main.run([str(argument) for argument in [*arguments, "--no-figures"]]) == 0
+    said = capsys.readouterr()
+    assert "no stamps in common" in said.err
+    assert json.loads(said.out)["metrics"]["final.ate"] == {"absent": "no truth"}
+    assert not (tmp_path / "x/truth.tum").exists()

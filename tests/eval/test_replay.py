@@ -290,3 +290,26 @@ def test_every_code_is_documented() -> None:
     ) - {"code"}
     assert given <= documented
     assert {code for code in documented if f'"{code}"' not in text} == set()
+
+
+def test_units_in_which_nothing_is_left_end_the_run_and_are_no_broken_line(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("moteslam.slam.inputs.live.SOON", 2.0)
+    long = recording.replace(lidar=replace(recording.lidar, ranges=recording.lidar.ranges * np.float32(1e3)))
+    assert fed(monkeypatch, "\n".join(lines(long)), "--out", tmp_path / "out") == 2
+    told = capsys.readouterr().err.splitlines()
+    assert told[-1].startswith("moteslam: stdin: lidar: the median of its ranges is")
+    assert not [line for line in told if "left out" in line]
+    assert not list(tmp_path.iterdir())
+
+
+def test_options_of_a_recording_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    for more in (["robot.log"], ["--mcap"], ["--end", "3"], ["--dead-reckoning"]):
+        assert run(["replay", "--stdin", *more]) == 2
+        assert "--stdin" in capsys.readouterr().err
+
+
+def test_inspect_says_where_nothing_could_be_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_recording(tmp_path / "short.mcap", winding(seconds=1.0).replace(encoders=None, imu=None))
+    assert "by scans and odometry: nothing measured" in printed(capsys, "inspect", tmp_path / "short.mcap")

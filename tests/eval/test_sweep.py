@@ -601,3 +601,20 @@ def test_the_hash_follows_from_robots_that_scenarios_name(tmp_path: Path) -> Non
     before = digest(runs)
     (tmp_path / "mine.toml").write_text('base = "rplidar_a1"\nwidth = 0.31\n', encoding="utf-8")
     assert digest(runs) != before
+
+
+@pytest.mark.slow
+def test_a_sweep_in_which_no_run_ends_well_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = """
+scenarios = ["corridor"]
+duration = 7
+seeds = "0"
+[configurations.bad]
+command = ["sh", "-c", "echo '\\u001b[31m<b>' >&2; exit 3"]
+"""
+    assert main.run(["sweep", str(written(tmp_path, text)), "--workers", "1"]) == 1
+    assert "1 failed" in capsys.readouterr().out
+    table = as_csv(rows_of(tmp_path / "spec.sweep"))
+    assert r"ended with exit code 3: \x1b[31m<b>" in table
+    plot = ["sweep", "plot", str(tmp_path / "spec.sweep"), "--out", str(tmp_path / "a.png"), "--x", "configuration"]
+    assert main.run(plot) == 2
