@@ -39,13 +39,22 @@ def test_every_script_is_run_here():
 @pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
 @pytest.mark.parametrize("name", MOST)
-def test_a_script_draws_its_picture(name: str, tmp_path: Path):
+def test_a_script_draws_its_picture(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The slowest ones with fewer particles or seeds."""
     import matplotlib
 
     matplotlib.use("agg")
     if name == "gym_env":
         pytest.importorskip("gymnasium")
-    found = import_module(name).main(tmp_path / "new")
+    script = import_module(name)
+    if name == "bad_maps":
+        monkeypatch.setattr(script, "PAPER", moteslam.resolve_config("paper", ["particles=20"]))
+    if name == "paper_figures":
+        run = script.run
+        monkeypatch.setattr(script, "run", lambda recording, *settings: run(recording, "particles=20", *settings))
+    if name == "which_lidar":
+        monkeypatch.setattr(script, "SEEDS", range(1))
+    found = script.main(tmp_path / "new")
     for picture in PICTURES.get(name, [f"{name}.png"]):
         assert (tmp_path / "new" / picture).stat().st_size > 5000
     least, most = MOST[name]
