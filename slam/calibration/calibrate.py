@@ -225,13 +225,13 @@ def _calibrate(
     scans.expect(GOOD)
     clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged
-    certain = abs(angle_scale - 1) > SIGMAS * deviation
-    beside = wheels_alone or scans.sees_both_sides(recording.platform.lidar.yaw)
     if abs(angle_scale - 1) > ANGLES:
         witness = scans.stated()
-        certain = certain and bool(scans.fits_better(witness))
         as_stated = fit(witness.pairs, at, (offset, drift), shared=logged)
-        if not certain or not (beside or clocks.cost <= EXPLAINED * as_stated.cost):
+        better = scans.fits_better(witness)
+        beside = wheels_alone or scans.sees_both_sides(recording.platform.lidar.yaw)
+        borne_out = better is not False if clocks.cost <= EXPLAINED * as_stated.cost else better and beside
+        if not borne_out or abs(angle_scale - 1) <= SIGMAS * deviation:
             scans, clocks, excess = witness, as_stated, (excess[0], max(excess[1], abs(excess[0])))
             deviation = max(deviation, abs(angle_scale - 1))
     one = clocks if logged else fit(scans.pairs, at, (0.0, 0.0), shared=True)
