@@ -213,7 +213,7 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     """
     from moteslam.robot.values import Issue
     from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS
-    from moteslam.slam.calibration.findings import checked
+    from moteslam.slam.calibration.findings import checked, stamped_at_end
     from moteslam.slam.calibration.mended import NOT_MENDED, calibrated
 
     found, about = checked(recording, PAIRS if side is not None else FEW_PAIRS)
@@ -224,6 +224,9 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
         return recording, unfit if told else (*unfit, Issue("not-calibrated", text))
     if side is None:
         ends = dict.fromkeys(about.decided, "; corrected") | dict.fromkeys(NOT_MENDED, "")
+        if not (found.late or stamped_at_end(found, recording)):
+            of_clocks = {"clock-offset", "clock-drift"} & about.decided
+            ends |= dict.fromkeys(of_clocks, "; odometry corrected: the path has the stamps of the scans")
         moves = tuple(Issue(one.code, one.message + ends.get(one.code, "; see --calibrate")) for one in about.moves)
         return (calibrated(recording, found, None) if about.decided else recording), moves
     ends = dict.fromkeys(NOT_MENDED, "")

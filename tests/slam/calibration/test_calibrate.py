@@ -39,8 +39,8 @@ PLATFORMS = ["lms200", slow("rplidar_a1"), slow("ucsd")]
 
 
 @cache
-def driven(platform: str, world: str = "", seed: int = 200) -> Recording:
-    return simulate(load_scenario(world or WORLDS[platform], platform=platform), seed).recording
+def driven(platform: str, world: str = "", seed: int = 200, noise: str | None = None) -> Recording:
+    return simulate(load_scenario(world or WORLDS[platform], platform=platform, noise=noise), seed).recording
 
 
 def poses_of(recording: Recording) -> Recording:
@@ -754,11 +754,13 @@ def test_half_of_a_fan_is_not_said_to_be_too_narrow() -> None:
     assert found.issues == ()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("factor", [0.97, 1.03])
-def test_angles_are_found_in_half_a_minute_whatever_the_odometry_says(factor: float) -> None:
-    recording = poses_of(driven("lms200"))
-    early = recording.lidar.stamps < recording.lidar.stamps[0] + 32.0
+@pytest.mark.parametrize(
+    ("platform", "world", "seconds", "factor"),
+    [slow("lms200", "office", 32.0, 0.97), slow("lms200", "office", 32.0, 1.03), ("urg04lx", "lab", 200.0, 1.03)],
+)  # legs of tables fit at a few percent more nearly as well, but the odometry does not
+def test_angles_are_found_whatever_the_odometry_says(platform: str, world: str, seconds: float, factor: float) -> None:
+    recording = poses_of(driven(platform, world, 201, "as_recorded" if world == "lab" else None))
+    early = recording.lidar.stamps < recording.lidar.stamps[0] + seconds
     cut = lidar(stamps=lambda s: s.stamps[early], ranges=lambda s: s.ranges[early])(recording)
     wrong = lidar(angle_min=lambda s: s.angle_min * factor, angle_increment=lambda s: s.angle_increment * factor)(cut)
     calibration, found = checked(wrong, 150)
