@@ -447,6 +447,12 @@ SIDES: dict[str, tuple[Fault, str, str, str]] = {
     "beams": (REVERSED, "stated", "mirrored", "lidar"),
     "beams, poses": (with_gyro(lambda r: REVERSED(poses_of(r))), "stated", "mirrored", "lidar"),
     "gyro": (gyro((1, 1, -1)), "stated", "mirrored", "imu"),
+    "axes": (
+        lambda r: r.replace(imu=replace(r.imu, angular_velocity=r.imu.angular_velocity[:, [2, 1, 0]])),
+        "stated",
+        "no-gyro",
+        "imu",
+    ),
     "late gyro": (lambda r: r.replace(imu=replace(r.imu, stamps=r.imu.stamps + 0.3)), "stated", "clock-offset", "imu"),
     "late": (late(0.3), "stated", "clock-offset", "lidar"),
     "early": (late(-5), "stated", "clock-offset", "lidar"),
