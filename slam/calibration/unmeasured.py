@@ -42,6 +42,18 @@ class UnfitScansError(UnmeasuredError):
         super().__init__("scans-unfit", f"{text}cannot be held against the odometry, and a map of them may be wrong")
 
 
+class UnevenAnglesError(UnfitScansError):
+    """The angles between beams are of scales in the quarters of the fan that differ by a share."""
+
+    def __init__(self, share: float) -> None:
+        self.share = 0.0
+        text = f"lidar: angles between beams are not even, by {100 * share:.0f} % over a quarter of the fan: of a disc "
+        text += (
+            "off its axis, a motor that wobbles, or columns of a camera? Walls are bent, and turns wrong: give each "
+        )
+        UnmeasuredError.__init__(self, "lidar-angles", f"{text}beam its own angle before it is laid on an even fan")
+
+
 def unmeasured(odometry: Array) -> None:
     """Raise ``UnmeasuredError`` of a robot that drives, by poses [n, 3] at scans."""
     if (extent := float(np.hypot(*np.ptp(odometry[:, :2], axis=0)))) > DRIVES:

@@ -29,8 +29,7 @@ Array = NDArray[np.float64]
 
 TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
 ODOMETRY, IMU, JOINT_STATE = "nav_msgs/Odometry", "sensor_msgs/Imu", "sensor_msgs/JointState"
-BASES = ("base_footprint", "base_link")
-"""Frames of a robot, the first that a tree has."""
+BASES = ("base_footprint", "base_link")  # Frames of a robot, the first that a tree has
 MAX_FRAMES = 10_000  # pairs that are kept
 LEVEL, TILTED = math.radians(2.0), math.radians(15.0)
 """A lidar tilted by less counts as level, for transforms are measured by hand; one tilted by more does not scan the
