@@ -43,7 +43,7 @@ TOGETHER = 0.01  # Scans that are this near count as taken at once [s]
 
 Pixel = TypeVar("Pixel", np.uint8, np.uint16)
 Ranges = NDArray[np.float32]
-Figures = Poses = NDArray[np.float64]
+Figures = NDArray[np.float64]
 """Of scans [n, 7]: first and last angle, steps of angle and time, limits, number of beams."""
 _FIGURES = attrgetter("angle_min", "angle_max", "angle_increment", "time_increment", "range_min", "range_max")
 
@@ -224,7 +224,7 @@ def _change(one: Ranges, other: Ranges, percent: float) -> NDArray[np.float64]:
     return np.asarray(np.nanpercentile(np.where(known, apart, 1.0), percent, axis=1))
 
 
-def merged_scans(bag: Bag, lidars: list[tuple[Scans, LidarSpec]], at: Callable[[Stamps], Poses] | None) -> Scans:
+def merged_scans(bag: Bag, lidars: list[tuple[Scans, LidarSpec]], at: Callable[[Stamps], se2.Array] | None) -> Scans:
     """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps, and beams.
 
     ``at`` gives the robot's poses [n, 3] by odometry at stamps [n], if there is any.
@@ -257,8 +257,8 @@ def merged_scans(bag: Bag, lidars: list[tuple[Scans, LidarSpec]], at: Callable[[
             c, s = np.cos(moved[:, 2:]), np.sin(moved[:, 2:])
             x, y = moved[:, :1] + c * x - s * y, moved[:, 1:2] + s * x + c * y
             far, towards = np.where(np.isinf(ranges), np.inf, np.hypot(x, y)), np.arctan2(y, x)
-            for row, *each in zip(used, far, towards, strict=True):
-                _lay(rows[row], *each, whole)
+            for row, ends, bearings in zip(used, far, towards, strict=True):
+                _lay(rows[row], ends, bearings, whole)
         return rows
 
     return Scans(names, first.stamps, whole, load)
