@@ -41,11 +41,9 @@ class Plugins(Generic[T]):
         self._problems: dict[str, str] = {}
 
     def names(self) -> list[str]:
-        """The names there are, the bundled ones first."""
         return [*self._bundled, *self._others]
 
     def is_bundled(self, name: str) -> bool:
-        """Whether that one is of this package."""
         return name in self._bundled
 
     def warn(self, name: str, problem: str) -> None:
@@ -53,7 +51,6 @@ class Plugins(Generic[T]):
         _warn(self._others[name], problem)
 
     def __getitem__(self, name: str) -> T:
-        """The plug-in of that name."""
         entry = self._bundled.get(name) or self._others.get(name)
         if entry is None:
             raise ConfigError(f"{name!r}, expected one of {', '.join(each for each, _ in self.items())}")

@@ -9,7 +9,6 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError, OutputError
 from moteslam.robot import se2
@@ -30,7 +29,6 @@ from moteslam.robot.formats.bags.write import (
 from moteslam.robot.formats.map_server import OCCUPIED, OCCUPIED_PERCENT, trinary
 from moteslam.robot.formats.written import odometry_of
 from moteslam.robot.recording import Recording
-from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.estimate import Estimate
 
 MAP = "map"
@@ -57,18 +55,14 @@ def write_result_bag(path: str | PathLike[str], estimate: Estimate, recording: R
     if odometry[0] is not None:
         at_scans = se2.interpolate(odometry[0].stamps, odometry[0].poses, stamps)
         frame, poses = ODOM, se2.compose(poses, se2.inverse(at_scans))
-    sources = events_of(recording, odometry, []), _drawn(estimate), _transforms(stamps, frame, poses)
-    events = heapq.merge(*sources, key=lambda event: event.time)
+    placed = zip(nanoseconds(stamps).tolist(), poses.tolist(), strict=True)
+    moves = ((time, transform(time, MAP, frame, (x, y, 0.0), turned(yaw))) for time, (x, y, yaw) in placed)
+    moved = (Event(time, "/tf", "tf2_msgs/TFMessage", {"transforms": [one]}) for time, one in moves)
+    events = heapq.merge(events_of(recording, odometry, []), _drawn(estimate), moved, key=lambda event: event.time)
     try:
         write_ros2(path, "mcap", events)
     except (OSError, sqlite3.Error) as error:
         raise OutputError(f"cannot be written: {getattr(error, 'strerror', None) or error}", file=path) from error
-
-
-def _transforms(stamps: NDArray[np.float64], frame: str, poses: se2.Poses) -> Iterator[Event]:
-    for time, (x, y, theta) in zip(nanoseconds(stamps).tolist(), poses.tolist(), strict=True):
-        moved = transform(time, MAP, frame, (x, y, 0.0), turned(theta))
-        yield Event(time, "/tf", "tf2_msgs/TFMessage", {"transforms": [moved]})
 
 
 def _drawn(estimate: Estimate) -> Iterator[Event]:
@@ -83,17 +77,14 @@ def _drawn(estimate: Estimate) -> Iterator[Event]:
     yield Event(time, "/map", "nav_msgs/OccupancyGrid", grid, latched=True)
     paths = {"final": estimate.trajectory_final, "online": estimate.trajectory}
     for name, path in {**paths, "dead_reckoning": estimate.dead_reckoning}.items():
-        yield Event(time, f"/path/{name}", "nav_msgs/Path", {"header": head, "poses": list(_poses(path))}, latched=True)
+        placed = zip(nanoseconds(path.stamps).tolist(), path.poses.tolist(), strict=True)
+        poses = [{"header": header(at, MAP), "pose": _pose(*pose)} for at, pose in placed]
+        yield Event(time, f"/path/{name}", "nav_msgs/Path", {"header": head, "poses": poses}, latched=True)
     places = estimate.trajectory_final.poses
     ends = [places[scan] for loop in estimate.loops if loop.accepted for scan in (loop.earlier, loop.later)]
     lines: Values = {"points": [vector(x, y, 0.0) for x, y, _ in np.reshape(ends, (-1, 3)).tolist()], "color": GREEN}
     lines |= {"header": head, "type": LINES, "scale": {"x": WIDTH}, "pose": _pose(0.0, 0.0, 0.0)}
     yield Event(time, "/loops", "visualization_msgs/Marker", lines, latched=True)
-
-
-def _poses(path: Trajectory) -> Iterator[Values]:
-    for time, (x, y, theta) in zip(nanoseconds(path.stamps).tolist(), path.poses.tolist(), strict=True):
-        yield {"header": header(time, MAP), "pose": _pose(x, y, theta)}
 
 
 def _pose(x: float, y: float, theta: float) -> Values:

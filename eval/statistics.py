@@ -44,7 +44,6 @@ class Statistics:
         return cls(rmse, mean, median, std, least, most, len(errors))
 
     def as_dict(self) -> dict[str, float | int]:
-        """By name, fit for JSON."""
         return asdict(self)
 
 
@@ -92,19 +91,16 @@ class Proportion:
 
     @property
     def share(self) -> float:
-        """From 0 to 1."""
         return self.count / self.total
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Bounds of the share."""
         from scipy.stats import binomtest
 
         low, high = binomtest(self.count, self.total).proportion_ci(CONFIDENCE, method="wilson")
         return float(low), float(high)
 
     def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON."""
         low, high = self.interval
         return {"share": self.share, "low": low, "high": high, "count": self.count, "total": self.total}
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import flag, opt
 from moteslam.eval.cli.text import answer, progress_bar, say, simulation_bar
 from moteslam.eval.tables import aligned, literal
 
@@ -124,7 +124,7 @@ def show(
     scenario: options.ScenarioName,
     out: Annotated[Path, opt("A new file; folders above it are made.", "FILE.png|pdf|svg")],
     seed: Annotated[int | None, opt("Seed of a random building.", min=0, max=2**63 - 1)] = None,
-    drive: Annotated[bool, opt("Drive it, and draw the driven path.", None, "--drive")] = False,
+    drive: Annotated[bool, flag("--drive", "Drive it, and draw the driven path.")] = False,
     force: options.ForceFile = False,
 ) -> None:
     """Draw a scenario as a plan: walls and what they are made of, who moves, and the route.

@@ -9,7 +9,7 @@ import typer
 
 from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import flag, opt
 from moteslam.eval.cli.text import answer, warn
 from moteslam.eval.tables import literal
 
@@ -23,7 +23,7 @@ def convert(
     path: Annotated[Path, typer.Argument(metavar="IN", help="A recording or a trajectory of any format.")],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="What is written; it must not exist.")],
     to: Annotated[str | None, opt("Format, if OUT's ending does not say it: ucsd, rosbag2, ...", "FORMAT")] = None,
-    force: Annotated[bool, opt("Replace an existing OUT, whole, at the end.", None, "--force")] = False,
+    force: Annotated[bool, flag("--force", "Replace an existing OUT, whole, at the end.")] = False,
     as_json: options.Json = False,
     *,
     part: options.RecordingOptions,

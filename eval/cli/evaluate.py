@@ -11,7 +11,7 @@ import typer
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import flag, opt
 from moteslam.eval.cli.text import answer, note, warn
 from moteslam.eval.tables import BETWEEN, FORMATS, Column, fitting, literal, number, rows_of
 
@@ -64,20 +64,18 @@ def evaluate(
     metrics: Annotated[list[str] | None, opt("Also measure this one; repeatable.", "NAME", "--metric")] = None,
     sequence: options.Sequence = None,
     platform: options.PlatformFile = None,
-    no_align: Annotated[
-        bool, opt("Do not align for the absolute error: all are in one frame.", None, "--no-align")
-    ] = False,
+    no_align: Annotated[bool, flag("--no-align", "Do not align for the absolute error: all are in one frame.")] = False,
     scale: Annotated[
-        bool, opt("Fit also the scale for the absolute error: ranges or wheels may be off.", None, "--scale")
+        bool, flag("--scale", "Fit also the scale for the absolute error: ranges or wheels may be off.")
     ] = False,
     delta: Annotated[float, opt("Length of a pair for the relative error.")] = 1.0,
     unit: Annotated[Literal["m", "s", "frames"], opt("Unit of --delta.", "m|s|frames")] = "m",
-    all_pairs: Annotated[bool, opt("Begin a pair at every pose, not at the last's end.", None, "--all-pairs")] = False,
+    all_pairs: Annotated[bool, flag("--all-pairs", "Begin a pair at every pose, not at the last's end.")] = False,
     max_difference: Annotated[
         float | None, opt("Most between stamps that belong together [0.01; 0.0001 for relations].", "S", min=0)
     ] = None,
     nearest: Annotated[
-        bool, opt("Take the pose at the nearest stamp, as evo does, never interpolate.", None, "--nearest")
+        bool, flag("--nearest", "Take the pose at the nearest stamp, as evo does, never interpolate.")
     ] = False,
     est_offset: Annotated[
         tuple[float, float, float],
@@ -87,7 +85,7 @@ def evaluate(
     save: Annotated[Path | None, opt("Write the result as JSON, with the error at every stamp.", "FILE")] = None,
     plot: Annotated[Path | None, opt("Draw errors and trajectories.", "FILE.png|pdf|svg")] = None,
     form: options.Format = "text",
-    force: Annotated[bool, opt("Replace existing files of --save and --plot.", None, "--force")] = False,
+    force: Annotated[bool, flag("--force", "Replace existing files of --save and --plot.")] = False,
     as_json: options.Json = False,
 ) -> None:
     """Score trajectories by another one, by relations, or by the scans of their recording.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import flag, opt
 from moteslam.eval.cli.text import answer
 from moteslam.eval.tables import Column, aligned, literal, rows_of
 
@@ -40,7 +40,7 @@ STREAMS = (
 @options.with_options(part=options.RecordingOptions)
 def inspect(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, a bag, or a folder of arrays.")],
-    deep: Annotated[bool, opt("Read all ranges of a bag, and all images.", None, "--deep")] = False,
+    deep: Annotated[bool, flag("--deep", "Read all ranges of a bag, and all images.")] = False,
     plot: Annotated[
         Path | None, opt("Draw streams, gaps, rates, clocks and ranges over time.", "FILE.png|pdf|svg")
     ] = None,

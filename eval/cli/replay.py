@@ -13,7 +13,7 @@ import typer
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import flag, opt
 from moteslam.eval.cli.text import answer, simulation_bar, warn
 from moteslam.eval.tables import literal
 
@@ -84,12 +84,12 @@ def replay(
     ] = None,
     out: Annotated[Path | None, opt(options.OUT)] = None,
     dead_reckoning: Annotated[
-        bool, opt("Odometry alone: no lidar needed, --out optional.", None, "--dead-reckoning")
+        bool, flag("--dead-reckoning", "Odometry alone: no lidar needed, --out optional.")
     ] = False,
     onto: Annotated[Path | None, opt("Go on with the building of this result folder.", "RESULT")] = None,
     calibrate: Calibrate = None,
     stdin: Annotated[
-        bool, typer.Option("--stdin", help="Read messages (no images) from stdin as lines of JSON; --out optional.")
+        bool, flag("--stdin", "Read messages (no images) from stdin as lines of JSON; --out optional.")
     ] = False,
     *,
     part: options.RecordingOptions,

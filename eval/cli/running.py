@@ -9,12 +9,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from moteslam.eval.cli.options import named
 from moteslam.eval.cli.text import progress_bar, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.metrics.residuals import unfit_scans
-from moteslam.eval.report.maps import Snapshots, TextureStages
+from moteslam.eval.report.maps import Snapshot, keep_floor, keep_map
 from moteslam.eval.result_bag import write_result_bag
 from moteslam.eval.results import read_building, write_results
 from moteslam.eval.run_tables import loop_counts
@@ -74,11 +76,11 @@ def run_into(
     session = OnlineSlam.over(recording, config, seed=options.seed)
     issues = (*issues, *recording.warnings)
     warn(issues)  # a run that they make useless is long
-    snapshots = Snapshots(session)
+    snapshots: list[Snapshot] = []
     with progress_bar("SLAM", len(session), "scans") as progress:
         for update in session:
             if not options.no_figures:
-                snapshots.look(update)
+                keep_map(snapshots, session, update)
             progress(update.index + 1)
     with progress_bar("final path and map", 1.0):
         estimate = session.estimate()
@@ -98,7 +100,7 @@ def run_into(
         recording=recording,
         true_map=true_map,
         relations=relations,
-        snapshots=snapshots.kept,
+        snapshots=snapshots,
         stages=stages,
         figures=not options.no_figures,
         run={
@@ -137,16 +139,16 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
     """The estimate with the coloured floor, if the recording has images, and the floor at stages of the run."""
     if not (estimate.config.texture.enabled and can_map(recording)):
         return estimate, []
-    stages = TextureStages(*estimate.trajectory_final.stamps[[0, -1]].tolist())
-    span = max(stages.end - stages.begin, 1e-9)
+    stages: list[tuple[float, TextureMap]] = []
+    span = estimate.trajectory_final.stamps[[0, -1]]
     with progress_bar("floor", 1.0) as progress:
 
         def watch(stamp: float, mapper: TextureMapper) -> None:
-            stages.look(stamp, mapper)
-            progress(min(max((stamp - stages.begin) / span, 0.0), 1.0))
+            keep_floor(stages, stamp, mapper, span)
+            progress(min(max((stamp - span[0]) / max(np.ptp(span), 1e-9), 0.0), 1.0))
 
         estimate = with_texture(estimate, recording, watch=watch)
-    return estimate, stages.kept if estimate.texture is not None else []
+    return estimate, stages if estimate.texture is not None else []
 
 
 def run_lines(found: Figures, driven: str) -> Iterator[str]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from moteslam.errors import ConfigError, MoteslamError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import flag, opt
 from moteslam.eval.cli.text import answer, note, progress_bar, simulation_bar
 from moteslam.eval.tables import Column, aligned, literal, rows_of
 
@@ -45,12 +45,9 @@ class Recorded:
         "ucsd"
     )
     true_map: Annotated[float | None, opt("Also write the true map, in cells of M metres.", "M")] = None
-    camera: Annotated[bool, opt("Record colour and depth images, even if the scenario does not.", None, "--camera")] = (
-        False
-    )
+    camera: Annotated[bool, flag("--camera", "Record colour and depth images, even if the scenario does not.")] = False
 
     def logging(self) -> Logging:
-        """What of the recording is logged."""
         from moteslam.sim.logged import Logging
 
         with options.named(every="--log-every", turn="--log-turn", noise="--odometry-noise"):
@@ -77,7 +74,6 @@ class Recorded:
         return simulation if as_sensed else logged(simulation, logging)
 
     def write(self, folder: Path, simulation: Simulation, **watch: Any) -> None:
-        """Write it into a folder; more arguments as of ``write_simulation``."""
         from moteslam.sim.output import write_simulation
 
         write_simulation(folder, simulation, map_resolution=self.true_map, file_format=self.file_format, **watch)

@@ -13,7 +13,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.compare import summary_lines, summed_up, total
 from moteslam.eval.cli.interrupt import Interrupted
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import flag, opt
 from moteslam.eval.cli.text import answer, note, progress_bar, say
 from moteslam.eval.tables import Column, aligned, literal, rows_of
 
@@ -55,7 +55,7 @@ def run(
     workers: Annotated[int | None, opt("Parallel runs [as many as there are processors].", min=1, max=1024)] = None,
     shard: Annotated[str | None, opt("Only the I-th of N parts, for job arrays; see `sweep merge`.", "I/N")] = None,
     timed: Annotated[
-        bool, opt("Also measure time and memory: one run at a time, each in a new process.", None, "--time")
+        bool, flag("--time", "Also measure time and memory: one run at a time, each in a new process.")
     ] = False,
     scheduler: Annotated[
         str | None, opt("Make the runs on this Dask cluster (extra `cluster`).", "tcp://HOST:PORT")

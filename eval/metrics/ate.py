@@ -36,17 +36,14 @@ class PoseErrors(Summarised):
 
     @cached_property
     def translation(self) -> Statistics:
-        """Statistics of ``errors`` [m]."""
         return Statistics.of(self.errors)
 
     @cached_property
     def rotation(self) -> Statistics | None:
-        """Statistics of ``rotation_errors`` [rad]."""
         return None if self.rotation_errors is None else Statistics.of(self.rotation_errors)
 
     @cached_property
     def rotation_deg(self) -> Statistics | None:
-        """Statistics of ``rotation_errors`` [deg]."""
         return None if self.rotation_errors is None else Statistics.of(np.rad2deg(self.rotation_errors))
 
     @property
@@ -56,11 +53,9 @@ class PoseErrors(Summarised):
 
     @property
     def pairs(self) -> int:
-        """How many were compared."""
         return len(self.errors)
 
     def as_dict(self) -> dict[str, Any]:
-        """The statistics, fit for JSON."""
         turns = None if self.rotation_deg is None else self.rotation_deg.as_dict()
         return {"translation_m": self.translation.as_dict(), "rotation_deg": turns}
 
@@ -90,7 +85,6 @@ class AteResult(PoseErrors):
     space: tuple[Space, Space] | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """The statistics, fit for JSON."""
         return {**super().as_dict(), "transform": self.transform.tolist(), "scale": self.scale}
 
 

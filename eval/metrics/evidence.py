@@ -92,7 +92,6 @@ class Evidence:
 
     @cached_property
     def scans(self) -> Scans:
-        """The scans of the recording, synchronised once."""
         return synchronise(needed(self.recording, "recording")).scans
 
     def _known(self) -> tuple[Certainty, Trajectory, Trajectory]:
@@ -103,7 +102,6 @@ class Evidence:
 
     @cached_property
     def localisation(self) -> filters.LocalisationResult:
-        """Covariances and states of the online trajectory against the truth."""
         known, online, truth = self._known()
         return filters.score_localisation(
             online, known.covariances, known.states, known.updated, truth, corrections=known.corrections
@@ -111,13 +109,11 @@ class Evidence:
 
     @cached_property
     def nees_from_start(self) -> filters.NeesResult:
-        """The NEES of the online trajectory, anchored at the start."""
         known, online, truth = self._known()
         return filters.nees_from_start(online, known.covariances, truth)
 
     @property
     def time_taken(self) -> Cost:
-        """``InputError`` where it was not measured."""
         return needed(self.cost, "time was measured")
 
     @property
@@ -131,7 +127,6 @@ class Evidence:
 
     @cached_property
     def loop_result(self) -> LoopResult:
-        """The accepted loops against the truth."""
         loops, truth = needed(self.loops, "back end that looks for loops"), needed(self.truth, "truth")
         scans = None if self.recording is None else self.scans
         return score_loops(loops, oriented(truth)[0], self.recording, scans=scans)
@@ -164,7 +159,6 @@ class Track:
 
     @property
     def truth(self) -> Trajectory:
-        """Of the run; ``InputError`` without."""
         return needed(self.run.truth, "truth")
 
     def once(self, compare: Callable[..., T], **options: Any) -> T:
@@ -177,17 +171,14 @@ class Track:
 
     @property
     def ate(self) -> AteResult:
-        """After rigid alignment."""
         return self.once(absolute_trajectory_error)
 
     @cached_property
     def relations(self) -> RelationResult:
-        """Against hand-checked relations."""
         return evaluate_relations(oriented(self.trajectory)[0], needed(self.run.relations, "relations"))
 
     @cached_property
     def consistency(self) -> MapConsistency:
-        """Of the map that the recording's scans draw."""
         return map_consistency(*self.under_scans(), scans=self.run.scans)
 
     def under_scans(self) -> tuple[Recording, Trajectory]:

@@ -231,7 +231,6 @@ class NeesResult(Summarised):
 
     @property
     def mean(self) -> float:
-        """Over the run."""
         return float(self.nees.mean())
 
     @property

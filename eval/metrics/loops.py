@@ -57,17 +57,14 @@ class LoopResult(PoseErrors):
 
     @property
     def is_false(self) -> NDArray[np.bool_]:
-        """[n] which loops are false."""
         return np.asarray((self.errors > MAX_TRANSLATION) | (self.rotation_errors > MAX_ROTATION))
 
     @property
     def false(self) -> int:
-        """How many loops are false."""
         return int(self.is_false.sum())
 
     @property
     def accepted(self) -> int:
-        """How many were scored."""
         return self.pairs
 
     @property

@@ -179,7 +179,6 @@ class Value:
     more: Mapping[str, Any] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON."""
         if self.number is None:
             return {"absent": self.reason}
         return {"value": self.number, "unit": self.unit, **self.more}

@@ -59,21 +59,17 @@ class RelationResult(PoseErrors):
 
     @property
     def matched(self) -> int:
-        """Number of relations with a pose at both of their stamps."""
         return int(self.is_at_stamps.sum())
 
     @property
     def at_stamps(self) -> PoseErrors | None:
-        """The errors of those with a pose at both of their stamps, if there are any."""
         return self._of(self.is_at_stamps)
 
     @property
     def clear(self) -> PoseErrors | None:
-        """The errors of those whose two stamps each belong to exactly one pose, if there are any."""
         return self._of(self.is_clear)
 
     def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON."""
         counts = {"total": self.total, "used": self.pairs, "interpolated": self.pairs - self.matched}
         some = {"at_stamps": self.at_stamps, "clear": self.clear}
         some_or_none = {name: None if errors is None else errors.as_dict() for name, errors in some.items()}

@@ -40,7 +40,6 @@ class RpeResult(PoseErrors):
     _what: ClassVar[str] = "pair"
 
     def as_dict(self) -> dict[str, Any]:
-        """The statistics, fit for JSON."""
         return {"delta": self.delta, "unit": self.unit, **super().as_dict()}
 
 

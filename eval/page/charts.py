@@ -53,7 +53,6 @@ class Shown:
     factor: float = 1.0
 
     def text(self, value: float | None) -> str:
-        """A value as a point says it."""
         return number(None if value is None else self.factor * value)
 
 

@@ -58,7 +58,6 @@ class Material:
 
     @property
     def issues(self) -> Counter[str]:
-        """What was wrong with recordings and runs, and how many runs had it."""
         return Counter(str(issue.get("message")) for run in self.runs for issue in run.issues)
 
 

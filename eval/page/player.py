@@ -117,12 +117,12 @@ def _errors(trajectory: Trajectory, truth: Trajectory, stamps: Array) -> list[in
 
 def _particles(file: Path, start: float, budget: Budget) -> dict[str, Any]:
     """Times of updates, and of some paths x and y at these."""
-    cloud = read_particles(file)
+    stamps, paths = read_particles(file)
     most = int(np.clip(budget.particles // (2 * UPDATES), FEWEST_PARTICLES, PARTICLES))
-    paths = cloud.paths[evenly(np.arange(len(cloud.paths)), most)]
-    updates = evenly(np.arange(len(cloud.stamps)), max(2, min(budget.steps, budget.particles // (2 * len(paths)))))
+    paths = paths[evenly(np.arange(len(paths)), most)]
+    updates = evenly(np.arange(len(stamps)), max(2, min(budget.steps, budget.particles // (2 * len(paths)))))
     return {
-        "t": _deltas(1e3 * (cloud.stamps[updates] - start)),
+        "t": _deltas(1e3 * (stamps[updates] - start)),
         "paths": [[_deltas(1e3 * path[updates, k]) for k in (0, 1)] for path in paths],
     }
 

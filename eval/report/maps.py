@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -173,34 +173,21 @@ class Snapshot:
     map: Raster
 
 
-@dataclass(eq=False)
-class Snapshots:
-    """Watches a session and keeps its map after each sixth of the scans."""
-
-    session: OnlineSlam
-    kept: list[Snapshot] = field(default_factory=list)
-
-    def look(self, update: Update) -> None:
-        """Keep the map if this scan ends a stage."""
-        total = len(self.session)
-        if update.index in np.arange(1, STAGES + 1) * total // STAGES - 1:
-            occupancy = self.session.map if update.index == total - 1 else self.session.preview(SCANS)
-            self.kept.append(Snapshot(update.index, update.stamp, occupancy))
+def keep_map(kept: list[Snapshot], session: OnlineSlam, update: Update) -> None:
+    """Add the map of a session if this scan ends a sixth of it."""
+    total = len(session)
+    if update.index in np.arange(1, STAGES + 1) * total // STAGES - 1:
+        occupancy = session.map if update.index == total - 1 else session.preview(SCANS)
+        kept.append(Snapshot(update.index, update.stamp, occupancy))
 
 
-@dataclass(eq=False)
-class TextureStages:
-    """Watches the colouring and keeps the coloured floor, with its stamp, at six moments from begin to end [s]."""
-
-    begin: float
-    end: float
-    kept: list[tuple[float, TextureMap]] = field(default_factory=list)
-
-    def look(self, stamp: float, mapper: TextureMapper) -> None:
-        """Keep the map if a stage ends before this frame's stamp [s]."""
-        for due in np.linspace(self.begin, self.end, STAGES + 1)[1:].tolist()[len(self.kept) :]:
-            if stamp >= due:
-                self.kept.append((due, mapper.snapshot()))
+def keep_floor(kept: list[tuple[float, TextureMap]], stamp: float, mapper: TextureMapper, span: Array) -> None:
+    """Add the coloured floor, with its stamp, for each of six moments from begin to end, a span [2] [s], that a frame's
+    stamp [s] has come to.
+    """
+    for due in np.linspace(span[0], span[1], STAGES + 1)[1:].tolist()[len(kept) :]:
+        if stamp >= due:
+            kept.append((due, mapper.snapshot()))
 
 
 def with_opacity(texture: TextureMap) -> NDArray[np.uint8]:

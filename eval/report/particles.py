@@ -53,7 +53,6 @@ class Cloud:
 
     @cached_property
     def mean(self) -> Array:
-        """The mean [u, 3] of the survivors' paths."""
         x, y = self.paths[..., :2].mean(axis=0).T
         heading = np.arctan2(np.sin(self.paths[..., 2]).mean(axis=0), np.cos(self.paths[..., 2]).mean(axis=0))
         return np.stack((x, y, heading), axis=-1)

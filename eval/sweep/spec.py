@@ -156,7 +156,6 @@ class SweepSpec(Section):
         return self
 
     def values(self, key: str) -> list[Scalar]:
-        """What a key of ``vary`` takes."""
         given = self.vary[key]
         return [*given.values()] if isinstance(given, Range) else [*given]
 

@@ -71,7 +71,6 @@ class Row:
 
     @property
     def costs(self) -> dict[str, float]:
-        """Times and memory, where they were measured."""
         return {name: value for name, value in self.known.items() if name in COSTS}
 
     @cached_property
@@ -90,12 +89,10 @@ class Row:
 
     @property
     def name(self) -> str:
-        """For people: where it drove, with which robot, noise and seed."""
         place = filter(None, (str(self.about[key]) for key in ("scenario", "platform", "noise")))
         return ", ".join((*place, f"seed {self.run.seed}"))
 
     def renamed(self, configuration: str) -> Row:
-        """The same with another name of its configuration."""
         return replace(self, run=self.run.model_copy(update={"configuration": configuration}))
 
 
@@ -132,14 +129,12 @@ class Store:
         return dict(self._connection.execute("SELECT coalesce(status, ''), count(*) FROM runs GROUP BY 1 ORDER BY 1"))
 
     def record(self, outcome: Outcome[PlannedRun]) -> None:
-        """Record what became of a run; after this it is on the disk."""
         result = json.dumps(outcome.result)
         with self._connection as connection:
             about = (outcome.status, outcome.error, result, outcome.run.id)
             connection.execute("UPDATE runs SET status = ?, error = ?, result = ? WHERE id = ?", about)
 
     def rows(self) -> Iterator[Row]:
-        """All runs, in their order."""
         columns = "run, coalesce(status, ''), coalesce(error, ''), coalesce(result, '{}')"
         for text, status, error, result in self._connection.execute(f"SELECT {columns} FROM runs ORDER BY number"):
             found = json.loads(result)

@@ -74,11 +74,9 @@ class Worker(Generic[R]):
         self.begin(run, timed=timed)
 
     def fileno(self) -> int:
-        """Where its outcomes come from."""
         return self._output.fileno()
 
     def begin(self, run: R, *, timed: bool) -> None:
-        """Give it a run."""
         self.run, self.began = run, time.monotonic()
         with suppress(BrokenPipeError):  # dead: its output says so
             self._input.write(json.dumps({"run": to_jsonable_python(run), "timed": timed}) + "\n")
@@ -103,7 +101,6 @@ class Worker(Generic[R]):
         return f"{how}: {printed[-1]}" if printed else how
 
     def end(self) -> None:
-        """Kill it and what it has begun."""
         with suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
