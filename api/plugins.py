@@ -97,10 +97,7 @@ class Plugins(Generic[T]):
             self._problems[entry.name] = f"{entry.value} is a {type(found).__name__}, expected a {self._kind.__name__}"
 
 
-@cache
-def _installed() -> Any:
-    """The entry points of all installed packages, looked up once: that reads a file of each."""
-    return entry_points()
+_installed: Any = cache(entry_points)  # looked up once: that reads a file of each installed package
 
 
 def blamed(error: BaseException) -> str | None:

@@ -40,11 +40,7 @@ def write_result_bag(path: str | PathLike[str], estimate: Estimate, recording: R
     """Write ``/map``, ``/path/final``, ``online`` and ``dead_reckoning``, ``/loops``, and the recording's messages.
 
     The transform from ``map`` to ``odom`` (to ``base_link`` without odometry) follows the final path. Images are left
-    out: ``moteslam convert`` writes them.
-
-    Raises:
-        InputError: stamps that ROS does not hold.
-        OutputError: it cannot be written.
+    out: ``moteslam convert`` writes them. ``InputError``: stamps that ROS does not hold.
     """
     path, stamps = Path(path), estimate.trajectory.stamps
     if not (stamps[0] >= 0 and stamps[-1] < LATEST - 1):

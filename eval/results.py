@@ -37,15 +37,13 @@ if TYPE_CHECKING:
     from moteslam.eval.report.maps import Snapshot, Stages
     from moteslam.slam.texture.floor_map import TextureMap
 
-PACKAGES = ("moteslam", "taichi", "numpy")
-"""Whose versions are recorded."""
+PACKAGES = ("moteslam", "taichi", "numpy")  # Whose versions are recorded
 GRAPH_COMMENTS = (
     "pose graph of moteslam: final poses, and the relative poses that were measured, with their information",
     "edges between consecutive ids are the chain, all others loops that were accepted",
 )
 """What ``graph.g2o`` begins with."""
-BUILDING = "sessions.npz"
-"""What later sessions are bound to."""
+BUILDING = "sessions.npz"  # What later sessions are bound to
 BUILDING_VERSION = 1
 WHOLE = ("sizes", "scans", "nodes", "counts", "drawn", "points", "first", "second", "doubted")
 CHAIN, LOOPS = MeasuredChain._fields, ("first", "second", "relative", "information")
@@ -93,13 +91,11 @@ def write_results(
 
     Args:
         folder: made if need be; the results of another run in it are removed, and files of these names replaced.
-        estimate: what to write.
         truth: what to score it with, on the clock of the recording; it is written too.
         recording: whose scans are drawn along dead reckoning, and show which loops are possible and which walls seen.
         true_map: trinary, in the frame of the truth, to score the map with.
         relations: hand-checked ones on the same clock, to score all trajectories with.
         snapshots, stages: of the map and of the coloured floor over time, for the figures that show them.
-        figures: draw them.
         run: more about the run for ``run.json``: the command, threads, times.
     """
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
@@ -246,11 +242,7 @@ def write_building(path: Path, building: Building) -> None:
 
 
 def read_building(folder: Path) -> Building:
-    """Read that of a result folder.
-
-    Raises:
-        InputError: there is none, of another version, or broken; file and field are named.
-    """
+    """Read that of a result folder; ``InputError``: there is none, of another version, or broken."""
     path = folder / BUILDING
     version = read_arrays(path, {"version": ()})["version"].item()
     if version != BUILDING_VERSION:

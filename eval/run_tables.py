@@ -26,10 +26,8 @@ from moteslam.slam.filter.certainty import LocalisationState
 
 STATES = tuple(state.name.lower() for state in LocalisationState)
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
-MAX_BYTES = 1_000_000_000
-"""No table is larger: some five million rows."""
-MAX_DIGITS = 18
-"""Of the index of a scan: what fits into 64 bits."""
+MAX_BYTES = 1_000_000_000  # No table is larger: some five million rows
+MAX_DIGITS = 18  # Of the index of a scan: what fits into 64 bits
 
 
 Kind = Literal["number", "number or nan", "index"] | tuple[str, ...]

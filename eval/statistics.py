@@ -17,10 +17,8 @@ K = TypeVar("K", bound=Hashable)
 CONFIDENCE = 0.95
 FEWEST = 6
 """Fewer values have no interval of the median: even the range of five holds it in 94 % of samples alone."""
-RESAMPLES, SEED = 2000, 0
-"""Of the bootstrap; the same values have the same interval."""
-ROUNDING = 1e-12
-"""Values that differ by no more than this share of the larger one are equal."""
+RESAMPLES, SEED = 2000, 0  # Of the bootstrap; the same values have the same interval
+ROUNDING = 1e-12  # Values that differ by no more than this share of the larger one are equal
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from moteslam.errors import in_file
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import flag, opt
 from moteslam.eval.cli.text import answer, progress_bar, say, simulation_bar
@@ -140,7 +141,7 @@ def show(
 
     with options.new_file(out, *options.FIGURES, force=force):
         chosen = scenario_of(scenario, seed)
-        with options.in_file(scenario):
+        with in_file(scenario):
             driven = true_drive(chosen, seed).poses[:, :2] if drive else None
         draw_scenario(out, chosen, driven=driven)
     say(f"{literal(chosen.name)} in {literal(out)}")
@@ -180,7 +181,7 @@ def animate(
     config = options.SlamOptions(preset=preset, settings=settings).resolved()
     chosen = scenario_of(scenario, seed, platform=platform, noise=noise, duration=duration)
     with options.new_file(out, force=force):
-        with options.in_file(scenario), simulation_bar() as report:
+        with in_file(scenario), simulation_bar() as report:
             simulation = simulate(chosen, seed, progress=report)
         session = OnlineSlam.over(simulation.recording, config, seed=simulation.scenario.seed)
         assert simulation.recording.lidar is not None

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from moteslam.errors import InputError
+from moteslam.errors import InputError, in_file
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import flag, opt
 from moteslam.eval.cli.text import answer, note, warn
@@ -26,8 +26,7 @@ NEEDED = {
 Row = Mapping[str, Any]
 """Of a trajectory: ``estimate``, ``reference`` with ``kind`` and figures, and ``recording`` with ``residuals``."""
 LOOP_COUNTS = ("accepted", "overruled", "overruled_false", "possible", "bound")
-WHOSE = "the reference "
-"""Begins a doubt of it."""
+WHOSE = "the reference "  # Begins a doubt of it
 STATISTICS = ("rmse", "mean", "median", "std", "max")
 Table = list[list[str]]
 RESIDUALS = (
@@ -154,11 +153,11 @@ def evaluate(
             rows.append({"estimate": name})
             errors.append({})
             if truth is not None and reference is not None:
-                with options.in_file(reference), options.named(delta="--delta", max_difference="--max-difference"):
+                with in_file(reference), options.named(delta="--delta", max_difference="--max-difference"):
                     results[name], figures, errors[-1]["errors"] = against(one, truth, **how)
                 rows[-1] |= {"reference": str(reference), **figures}
             if opened is not None:
-                with options.in_file(name):
+                with in_file(name):
                     _, figures, by_stamp = under_recording(one, opened, scans=scans)
                 rows[-1] |= {"recording": str(recording), "residuals": figures}
                 errors[-1]["residuals"] = {**figures, "errors": by_stamp}

@@ -23,10 +23,8 @@ if TYPE_CHECKING:
     from moteslam.robot.sensor_reports import LidarReport
     from moteslam.slam.calibration.findings import Findings
 
-NONE = "-"
-"""Stands for what cannot be measured, or what the platform has not."""
-READ = 2_000_000
-"""Fewer ranges of a bag are all read: within a second or two."""
+NONE = "-"  # Stands for what cannot be measured, or what the platform has not
+READ = 2_000_000  # Fewer ranges of a bag are all read: within a second or two
 UNREAD = "only with --deep: blind or repeated scans, wheels that spin, what travels with the robot"
 Row = tuple[str, str, str]
 """Of the sensors: a figure's name, as measured, and by the platform of the recording."""

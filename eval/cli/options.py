@@ -33,8 +33,7 @@ def flag(name: str, help: str) -> Any:  # noqa: A002
 
 
 OUT = "Folder for the result; it must not exist."
-TOPIC_STREAMS = ("lidar", "odometry", "imu", "encoders")
-"""What a topic of a bag can be read as."""
+TOPIC_STREAMS = ("lidar", "odometry", "imu", "encoders")  # What a topic of a bag can be read as
 Force = Annotated[bool, flag("--force", "Replace an existing --out, whole, at the end.")]
 ForceFile = Annotated[bool, flag("--force", "Replace an existing file.")]
 Json = Annotated[bool, flag("--json", "Print the result as JSON.")]
@@ -42,8 +41,7 @@ Format = Annotated[
     Literal["text", "markdown", "latex", "csv"],
     opt("Format of the printed table.", "markdown|latex|csv", "--format"),
 ]
-FIGURES = (".png", ".pdf", ".svg")
-"""Endings of the files of figures."""
+FIGURES = (".png", ".pdf", ".svg")  # Endings of the files of figures
 Metrics = Annotated[
     list[str] | None, opt("Metric to show [those that the sweep names, or final.ate]; repeatable.", "NAME", "--metric")
 ]
@@ -76,17 +74,6 @@ def named(option: str | None = None, /, **by_field: str) -> Iterator[None]:
         if flag is None or error.file is not None:
             raise
         raise type(error)(error.problem, field=flag.replace("{}", str(error.field))) from error
-
-
-@contextmanager
-def in_file(file: Path | str) -> Iterator[None]:
-    """Errors of the block that name neither file nor option name this file, as the user wrote it."""
-    try:
-        yield
-    except MoteslamError as error:
-        if error.file is not None or (error.field or "").startswith("--"):
-            raise
-        raise type(error)(error.problem, file=file, field=error.field) from error
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import ConfigError, InputError, in_file
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import flag, opt
 from moteslam.eval.cli.text import answer, simulation_bar, warn
@@ -66,7 +66,7 @@ def demo(
     driven = scenario_of(scenario, run.seed, platform=platform, noise=noise, duration=duration)
     with result_folder(out, force=run.force) as folder:
         runtime.init(run.arch, run.threads)  # a device that is not there is refused before the drive
-        with options.in_file(scenario), simulation_bar() as report:
+        with in_file(scenario), simulation_bar() as report:
             simulation = simulate(driven, run.seed, progress=report)
         true_map, about = simulation.true_map(config.map.cell_size), {"scenario": driven.name}
         given = (folder, simulation.recording, config, run)

@@ -9,7 +9,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from moteslam.errors import ConfigError, MoteslamError
+from moteslam.errors import ConfigError, MoteslamError, in_file
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import flag, opt
 from moteslam.eval.cli.text import answer, note, progress_bar, simulation_bar
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from moteslam.sim.scenario import Scenario
     from moteslam.sim.simulate import Progress, Simulation
 
-MAX_BATCH = 100_000
-"""Simulations that one command makes at most."""
+MAX_BATCH = 100_000  # Simulations that one command makes at most
 BATCH = (
     *(Column("scenario", "scenario"), Column("seed", "seed"), Column("distance [m]", "distance_m", ".1f")),
     *(Column("time [s]", "duration_s", ".0f"), Column("end", "end")),
@@ -60,7 +59,7 @@ class Recorded:
         self.logging()
         more: dict[str, Any] = {"settings": self.settings or (), "duration": self.duration}
         loaded = scenario_of(name, seed, platform=self.platform, noise=self.noise, **more)
-        with options.in_file(name):
+        with in_file(name):
             return with_camera(loaded) if self.camera else loaded
 
     def simulate(self, scenario: Scenario, seed: int | None, progress: Progress | None = None) -> Simulation:
@@ -114,7 +113,7 @@ def simulate(
         lines = [aligned(rows_of(BATCH, made)), f"recordings and truths in {literal(out)}"]
         answer({"out": str(out), "simulations": made}, lines, as_json=as_json)
         return
-    with result_folder(out, force=force) as folder, options.in_file(scenario), options.named(resolution="--true-map"):
+    with result_folder(out, force=force) as folder, in_file(scenario), options.named(resolution="--true-map"):
         with simulation_bar() as report:
             simulation = recorded.simulate(loaded, seed, report)
         with progress_bar("images", 1.0) as update:

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from moteslam.slam.scan_records import Update
 
 STDIN = "stdin"
-LONGEST = 4_000_000
-"""No line is longer [bytes]."""
+LONGEST = 4_000_000  # No line is longer [bytes]
 SHOWN = 10
 """Of the lines that are left out so many are told, each in a line; then how many there were."""
 KEYS = {"odometry": {"stamp", "pose", "counts"}, "imu": {"stamp", "yaw_rate"}, "scan": {"stamp", "ranges", "odometry"}}

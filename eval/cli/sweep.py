@@ -35,14 +35,12 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-DIFFERENT = NOTHING = 1
-"""Exit codes."""
+DIFFERENT = NOTHING = 1  # Exit codes
 SPECS = (
     *(Column("name", "name"), Column("runs", "runs"), Column("hash", "hash", ".16")),
     Column("what it is for", "description"),
 )
-MOST_SHOWN = 40
-"""Differences in the table that is printed."""
+MOST_SHOWN = 40  # Differences in the table that is printed
 File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam sweep` wrote.")]
 
 

@@ -32,8 +32,7 @@ T = TypeVar("T")
 FINAL, ONLINE, DEAD_RECKONING = TRACKS = "final", "online", "dead_reckoning"
 """Names of the trajectories of a run of ours."""
 
-MAX_SEEN = 3000
-"""At most this many scans, spread evenly over the drive, show which walls were seen."""
+MAX_SEEN = 3000  # At most this many scans, spread evenly over the drive, show which walls were seen
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,12 +105,10 @@ def _distances(points: Array, others: Array) -> Array:
 SPACING, MAX_SCANS = 0.3, 5000
 """A scan is used once the robot has moved by this much [m], or turned by as many radians, since the last one used; of
 more than so many an even choice."""
-CELL, BLOCK = 0.05, 1.0
-"""Edges of the cells, and of the blocks by which walls are measured [m]."""
+CELL, BLOCK = 0.05, 1.0  # Edges of the cells, and of the blocks by which walls are measured [m]
 CROFTON = np.pi / 4
 """Metres of a straight line in each metre of the squares that it meets, in the mean over its directions."""
-SAMPLES = 8000
-"""Endpoints that are compared with those of other scans, spread evenly over all."""
+SAMPLES = 8000  # Endpoints that are compared with those of other scans, spread evenly over all
 NEAR_PATH, FAR_PATH, REACH = 6.0, 15.0, 0.4
 """Scans less than the first and more than the second of path apart are compared [m], where endpoints are this near."""
 TWICE, APART, SAME_FACING = 0.1, 1.0, 0.8

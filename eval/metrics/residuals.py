@@ -35,10 +35,8 @@ the beams meet at less than 75 degrees from its normal."""
 MIN_JOINED, MAX_JOINED = 0.05, 1.0
 """Adjacent endpoints nearer than the first are joined whatever the range [m], as noise alone puts them so far apart; no
 line is longer than the second [m]."""
-FAR = 0.03
-"""The share of residuals beyond this distance [m] is reported."""
-MEDIAN_OF_NOISE = 0.87
-"""The median residual, in standard deviations of the noise of both scans."""
+FAR = 0.03  # The share of residuals beyond this distance [m] is reported
+MEDIAN_OF_NOISE = 0.87  # The median residual, in standard deviations of the noise of both scans
 UNFIT, UNFIT_NOISE, UNKNOWN_NOISE, GLANCED = 0.02, 1.6, 0.022, 40
 """Scans do not fit each other whose median residual is above the first [m] and so many times what their noise explains;
 the third is that of a lidar that states none [m]: real logs have residuals of up to 0.023. So many scans show it."""

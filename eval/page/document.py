@@ -33,8 +33,7 @@ from moteslam.eval.tables import literal, shortened
 from moteslam.files import read_text
 from moteslam.robot.values import interval, read_toml
 
-DEPTH = 3
-"""Of folders in which result folders are looked for."""
+DEPTH = 3  # Of folders in which result folders are looked for
 
 
 @dataclass
@@ -150,8 +149,7 @@ USUAL = (
     *("nees", "lost_recall", "loops_false", "relations", "cpu_per_scan"),
 )
 """Metrics of a report whose sweeps name none."""
-MOST_METRICS = 8
-"""Of a report that was not asked for more."""
+MOST_METRICS = 8  # Of a report that was not asked for more
 STYLE_OF_MAPS = re.compile(r'getElementById\("([0-9a-f]{32,})"\)')
 """plotly.js adds a style of its geographic maps, which the policy forbids, unless an element of this name is there."""
 
@@ -180,7 +178,7 @@ def page(
     first = baseline or next(iter(columns))
     # with the units that were recorded: a plug-in's metric may not be here
     measured = {name: unit for run in made for name, one in run.scores.items() if (unit := one.get("unit"))}
-    shown = {name: charts.Shown(name, *each) for name, each in runs.headings(made, names, measured).items()}
+    shown = runs.headings(made, names, measured)
     keys = runs.apart(made)
     played = [(run, run.folder) for run in made if run.folder is not None]
     players: list[tuple[str, Markup]] = []
@@ -288,12 +286,9 @@ def _hash(text: str) -> str:
 def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     having = list(dict.fromkeys(name for run in material.runs for name in run.known))
     if wanted:
-        try:
-            chosen(wanted)
-        except ConfigError as error:
-            raise ConfigError(error.problem, field="--metric") from error
+        chosen(wanted)
         if missing := [name for name in wanted if name not in having]:
-            raise ConfigError(f"{missing[0]!r}, which no run has; expected {', '.join(having[:8])}", field="--metric")
+            raise ConfigError(f"{missing[0]!r}, which no run has; expected {', '.join(having[:8])}", field="metrics")
         return list(wanted)
     found = [name for name in (*material.wanted, *USUAL) if name in having] or having or material.wanted
     found = list(dict.fromkeys(found or ["final.ate"]))[: max(MOST_METRICS, len(set(material.wanted)))]

@@ -27,16 +27,14 @@ Array = NDArray[np.float64]
 
 SHOWN = {"accepted": 1, "overruled": 2, "contradicted": 3, "ambiguous": 4}
 """Verdicts of the loops that are drawn, by the number that stands for each."""
-STEPS, MOST_STEPS, FEWEST_STEPS = 90_000, 2_000, 150
-"""Poses of all runs together, and of each."""
+STEPS, MOST_STEPS, FEWEST_STEPS = 90_000, 2_000, 150  # Poses of all runs together, and of each
 PICTURES, LARGEST_PICTURE = 6_000_000, 1_000_000
 """Bytes of all maps together, and of each; textures have as many."""
 PARTICLES, FEWEST_PARTICLES, UPDATES = 30, 5, 150
 """Paths of particles of a run, of one of many, and at how many updates at least."""
 CLOUDS, LARGEST_CLOUD = 400_000, 60_000
 """Numbers for the particles of all runs together, and of each; scans have as many."""
-ENDPOINTS = 60
-"""Of a scan."""
+ENDPOINTS = 60  # Of a scan
 
 
 class Budget(NamedTuple):

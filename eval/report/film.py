@@ -27,15 +27,12 @@ from moteslam.slam.online import OnlineSlam
 from moteslam.slam.scan_records import Update
 
 Array = NDArray[np.float64]
-Frame = NDArray[np.uint8]
-"""[height, width, 3]: red, green, blue."""
+Frame = NDArray[np.uint8]  # [height, width, 3]: red, green, blue
 
 MAX_FPS, MAX_SPEED, MAX_FRAMES = 50.0, 10000.0, 2000
 """Frames a second (browsers slow GIFs down that have more), times real time, and frames in all."""
-USUAL_LENGTH = 15.0
-"""A film is at most this long where nobody asks for a speed [s]."""
-SPEEDS = tuple(step for step in style.STEPS if 1 <= step <= 5000)
-"""The speeds to choose from then."""
+USUAL_LENGTH = 15.0  # A film is at most this long where nobody asks for a speed [s]
+SPEEDS = tuple(step for step in style.STEPS if 1 <= step <= 5000)  # The speeds to choose from then
 BEAMS_DRAWN = 90
 PERSON, DOOR, BEAM = "#D55E00", "#CC79A7", "#E69F00"
 STYLE = style.PictureStyle(font_size=12.0, dpi=100.0)
@@ -44,12 +41,10 @@ PLAN, NARROWEST = (9.0, 4.6), 6.4
 """Width and height that the plan takes at most, and its width at least, for the legend and the caption [inch]."""
 LEFT, RIGHT, BELOW, ABOVE = 0.75, 0.3, 1.35, 0.4
 """Beside the plan, below it (the legend) and above it (the caption) [inch]."""
-NAME_SHOWN = 30
-"""Characters of the scenario's name that the caption holds at most."""
+NAME_SHOWN = 30  # Characters of the scenario's name that the caption holds at most
 CODECS = {"avc1": "H.264", "vp09": "VP9", "av01": "AV1"}
 """What browsers play in an MP4, in the order in which they are tried: most builds of OpenCV do not encode H.264."""
-GIF_TICK = 0.01
-"""Frames of a GIF last whole multiples of this [s]."""
+GIF_TICK = 0.01  # Frames of a GIF last whole multiples of this [s]
 
 
 @dataclass(frozen=True)

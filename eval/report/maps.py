@@ -27,8 +27,7 @@ from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 Array = NDArray[np.float64]
 Way = Trajectory | None
-Stages = Sequence[tuple[float, TextureMap]]
-"""The coloured floor at stamps [s]."""
+Stages = Sequence[tuple[float, TextureMap]]  # The coloured floor at stamps [s]
 
 SCANS_DRAWN, BEAMS_DRAWN = 400, 180
 """At most this number of a recording's scans, and of the beams of each, is drawn under dead reckoning."""
@@ -158,8 +157,7 @@ def _lines(trajectory: Trajectory, loops: Sequence[LoopCandidate]) -> Array:
     return ends.reshape(-1, 2)
 
 
-STAGES = 6
-"""Of a run."""
+STAGES = 6  # Of a run
 SCANS = 250
 """At most this many scans are drawn into the map of a stage but the last: its panel is small."""
 

@@ -19,8 +19,7 @@ Array = NDArray[np.float64]
 
 PARTICLES_DRAWN, ELLIPSES = 50, 30
 """Of more particles an even choice is drawn; at so many places on the plan, evenly along the path, the spread."""
-DRAWN_SIZE = 0.08
-"""Deviations are magnified to at most this share of the plan's longer side."""
+DRAWN_SIZE = 0.08  # Deviations are magnified to at most this share of the plan's longer side
 COMPONENTS = (("along [cm]", 100.0), ("across [cm]", 100.0), ("heading [deg]", 180 / np.pi))
 """Of a deviation: label of its axis, and the factor from m or rad to its unit."""
 

@@ -14,10 +14,8 @@ from moteslam.robot.sensor_reports import turns, yaw_rate
 
 Array = NDArray[np.float64]
 
-BINS = 240
-"""Across the time of a recording."""
-RANGES = 180
-"""At most this many beams of a scan are drawn."""
+BINS = 240  # Across the time of a recording
+RANGES = 180  # At most this many beams of a scan are drawn
 
 
 def draw_streams(path: style.File, recording: Recording, found: Inspection) -> None:

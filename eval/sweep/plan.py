@@ -23,8 +23,7 @@ from moteslam.robot.values import Section, read_toml
 from moteslam.sim.scenario import SCENARIOS, load_scenario
 from moteslam.slam.settings import resolve_config
 
-WORDS = ("description", "why")
-"""Keys of scenarios and robots from which no run follows."""
+WORDS = ("description", "why")  # Keys of scenarios and robots from which no run follows
 
 
 class PlannedRun(Section):

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import ConfigError, InputError, in_file
 from moteslam.eval.metrics.evidence import TRACKS
 from moteslam.eval.metrics.registry import chosen, split
 from moteslam.eval.tables import shortened
@@ -183,10 +183,9 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
     beside = path.absolute().parent
 
     def seen(names: tuple[str, ...]) -> tuple[str, ...]:
-        """Names as they are, paths of TOML files as seen from the folder of this one."""
         return tuple(str(beside / name) if name.endswith(".toml") or "/" in name else name for name in names)
 
-    try:
+    with in_file(path):
         for name in chosen([*spec.metrics, *spec.success]):
             track, short = split(name)
             if track and track not in TRACKS:
@@ -200,8 +199,6 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
                 "configurations": {name: _placed(name, one, beside) for name, one in spec.configurations.items()},
             }
         )
-    except ConfigError as error:
-        raise ConfigError(error.problem, file=path, field=error.field) from error
 
 
 def _expanded(name: str) -> str:
@@ -220,10 +217,16 @@ def _placed(name: str, one: Configuration, folder: Path) -> Configuration:
         return tuple(word.replace("{here}", str(folder)) for word in words)
 
     try:
-        version = one.version if isinstance(one.version, str) else version_of(here(one.version))
+        version = one.version
+        if not isinstance(version, str):  # the first line that the program prints
+            printed = run_program(words := here(version)).splitlines()
+            version = next((line.strip()[:LONGEST_VERSION] for line in printed if line.strip()), "")
+            if not version:
+                raise InputError("printed nothing, expected a version", file=words[0])
     except InputError as error:
         raise ConfigError(str(error), field=f"configurations.{name}.version") from error
-    return one.model_copy(update={"command": here(one.command), "version": version}) if one.command else one
+    known = {"command": here(one.command), "version": version}
+    return one.model_copy(update=known) if one.command else one
 
 
 def run_program(words: Sequence[str], folder: Path | None = None) -> str:
@@ -237,14 +240,6 @@ def run_program(words: Sequence[str], folder: Path | None = None) -> str:
         last = f": {printed[-1][-TAIL:]}" if printed else ""
         raise InputError(f"ended with exit code {done.returncode}{last}", file=words[0])
     return done.stdout.decode("utf-8", errors="replace")
-
-
-def version_of(words: Sequence[str]) -> str:
-    """The first line that a program prints."""
-    line = next((line.strip() for line in run_program(words).splitlines() if line.strip()), "")
-    if not line:
-        raise InputError("printed nothing, expected a version", file=words[0])
-    return line[:LONGEST_VERSION]
 
 
 def numbers(text: str) -> list[int]:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.errors import ConfigError, InputError, OutputError, in_file
 from moteslam.eval.metrics.registry import COSTS
 from moteslam.eval.sweep.plan import PlannedRun, digest, plan, shard
 from moteslam.eval.sweep.spec import SUCCESS, SweepSpec
@@ -22,16 +22,14 @@ from moteslam.eval.sweep.workers import Outcome
 from moteslam.files import staged_file
 
 VERSION = "2"
-WHOLE = "1/1"
-"""The part of a sweep that is all of it."""
+WHOLE = "1/1"  # The part of a sweep that is all of it
 SCHEMA = """
 CREATE TABLE about (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE runs (
     id TEXT PRIMARY KEY, number INTEGER NOT NULL, run TEXT NOT NULL, status TEXT, error TEXT, result TEXT
 );
 """
-Environment = Mapping[str, Mapping[str, str]]
-"""Versions and hardware, by name."""
+Environment = Mapping[str, Mapping[str, str]]  # Versions and hardware, by name
 Facts = Environment | None
 Key = tuple[Any, ...]
 
@@ -220,10 +218,8 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Env
             if problem:
                 raise OutputError(f"{problem}, expected another --out", file=target)
         return
-    try:
+    with in_file(file):
         runs = plan(spec)
-    except ConfigError as error:
-        raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
     create(target, text, shard(runs, int(number), int(of)), part=part, digest=digest(runs), environment=environment)
 
 

@@ -31,10 +31,8 @@ from moteslam.eval.sweep.plan import PlannedRun
 
 TRIES = 3
 """A run whose process dies is made again, as the process may have been killed for what others did; this often."""
-TAIL = 300
-"""Characters of what a dead process printed last that go into the error."""
-RUNS = "moteslam.eval.sweep.runs"
-"""The module that makes the runs of a sweep."""
+TAIL = 300  # Characters of what a dead process printed last that go into the error
+RUNS = "moteslam.eval.sweep.runs"  # The module that makes the runs of a sweep
 WAIT, CONNECT = 0.5, 20
 """Between two looks at the clock, at most, and until a scheduler of a cluster must have answered [s]."""
 
