@@ -52,25 +52,12 @@ PACKED = {"path": np.float32, "drawn": np.int8, "doubted": np.int8}
 MOST = 32767
 """Of the steps that endpoints are written in, which are a millimetre or more: a lidar of 32 m."""
 SHAPES: dict[str, Shape] = {
-    "sizes": ("sessions",),
-    "scans": ("sessions",),
-    "origins": ("sessions", 2),
-    "stamps": ("s",),
-    "path": ("s", 3),
-    "nodes": ("n",),
-    "counts": ("n",),
-    "drawn": ("n",),
-    "steps": ("n", 3),
-    "covariance": ("n", 3, 3),
-    "prior_steps": ("n", 3),
-    "prior_covariance": ("n", 3, 3),
-    "doubted": ("n",),
-    "points": ("p", 2),
-    "resolution": (),
-    "first": ("loops*",),
-    "second": ("loops*",),
-    "relative": ("loops*", 3),
-    "information": ("loops*", 3, 3),
+    **{"sizes": ("sessions",), "scans": ("sessions",), "origins": ("sessions", 2), "stamps": ("s",), "path": ("s", 3)},
+    **dict.fromkeys(("nodes", "counts", "drawn", "doubted"), ("n",)),
+    **dict.fromkeys(("steps", "prior_steps"), ("n", 3)),
+    **dict.fromkeys(("covariance", "prior_covariance"), ("n", 3, 3)),
+    **{"points": ("p", 2), "resolution": (), "first": ("loops*",), "second": ("loops*",)},
+    **{"relative": ("loops*", 3), "information": ("loops*", 3, 3)},
 }
 
 

@@ -34,14 +34,8 @@ Kind = Literal["number", "number or nan", "index"] | tuple[str, ...]
 """Of a column: its numbers, or the names of which it holds one, read as its place among them."""
 
 
-ELEMENTS = {
-    "var_x": (0, 0),
-    "var_y": (1, 1),
-    "var_theta": (2, 2),
-    "cov_xy": (0, 1),
-    "cov_x_theta": (0, 2),
-    "cov_y_theta": (1, 2),
-}
+ELEMENTS = {"var_x": (0, 0), "var_y": (1, 1), "var_theta": (2, 2)}
+ELEMENTS |= {"cov_xy": (0, 1), "cov_x_theta": (0, 2), "cov_y_theta": (1, 2)}
 """Columns of the covariance, and the element of each."""
 VALUES = ("degenerate", "wrong", "particles", "n_eff", "score", "updated", "resampled", "corrected")
 """Columns that are diagnostics of the estimate; its seconds are not, since they differ from run to run."""

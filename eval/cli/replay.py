@@ -119,7 +119,7 @@ def replay(
         others = [name for name in part.given if name != "platform"]
         if path is not None or dead_reckoning or onto is not None or calibrate is not None or others or run.mcap:
             raise typer.BadParameter("expected no recording, nor what is for one alone", param_hint="'--stdin'")
-        from moteslam.eval.cli.stdin import follow
+        from moteslam.eval.cli.running import follow
 
         follow(sys.stdin.buffer, part.platform, config, out, run)
         return

@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
-from jinja2 import BaseLoader, Environment, StrictUndefined
+from jinja2 import Environment, StrictUndefined
+from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 
 from moteslam.errors import ConfigError, InputError
@@ -235,10 +236,7 @@ def page(
 
 def data_block(value: Any) -> Markup:
     """JSON that cannot end the script element that it stands in, nor begin a comment."""
-    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
-    for character in "<>&\u2028\u2029":
-        text = text.replace(character, f"\\u{ord(character):04x}")
-    return Markup(text)
+    return htmlsafe_json_dumps(value, separators=(",", ":"), allow_nan=False)
 
 
 def _render(context: dict[str, Any]) -> str:
@@ -248,7 +246,6 @@ def _render(context: dict[str, Any]) -> str:
     library = distribution("plotly").locate_file("plotly/package_data/plotly.min.js")  # the package is not imported
     plotly = Path(str(library)).read_text(encoding="utf-8")
     environment = Environment(
-        loader=BaseLoader(),
         autoescape=True,
         undefined=StrictUndefined,
         finalize=lambda value: value if isinstance(value, Markup) or not isinstance(value, str) else literal(value),

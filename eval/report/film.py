@@ -6,7 +6,6 @@ import io
 import os
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -195,8 +194,10 @@ def _animated(kind: str, frames: Iterable[Frame], fps: float) -> bytes:
 
 def _mp4(frames: Iterable[Frame], fps: float) -> bytes:
     """An MP4 by the first of ``CODECS`` that OpenCV encodes here; empty where there is none."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it reports every encoder that is missing
     import cv2
 
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     frames = iter(frames)
     first = next(frames)
     height, width = (size - size % 2 for size in first.shape[:2])  # of 4:2:0 colours: two by two pixels share one
@@ -204,24 +205,10 @@ def _mp4(frames: Iterable[Frame], fps: float) -> bytes:
         file = Path(folder) / "film.mp4"
         for codec in CODECS:
             form = cv2.VideoWriter.fourcc(*codec)
-            with _stderr_discarded():
-                writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, form, fps, (width, height))
+            writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, form, fps, (width, height))
             if writer.isOpened():
                 for frame in chain((first,), frames):
                     writer.write(np.ascontiguousarray(frame[:height, :width, ::-1]))
                 writer.release()
                 return file.read_bytes()
     return b""
-
-
-@contextmanager
-def _stderr_discarded() -> Iterator[None]:
-    """Send what libraries write to stderr nowhere: FFmpeg reports every encoder that is missing."""
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
