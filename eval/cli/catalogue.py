@@ -11,7 +11,7 @@ import typer
 
 from moteslam.errors import in_file
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import flag, opt
+from moteslam.eval.cli.options import arg, flag, opt
 from moteslam.eval.cli.text import answer, progress_bar, say, simulation_bar
 from moteslam.eval.tables import aligned, literal
 
@@ -25,9 +25,7 @@ SCAN |= {"angle_min": "_rad", "angle_increment": "_rad"}
 
 
 def platforms(
-    name: Annotated[
-        str | None, typer.Argument(metavar="[NAME|FILE]", help="Print this robot as TOML, with every key.")
-    ] = None,
+    name: Annotated[str | None, arg("Print this robot as TOML, with every key.", "[NAME|FILE]")] = None,
     as_json: options.Json = False,
 ) -> None:
     """List the bundled robots and their lidars, or print one of them as TOML.

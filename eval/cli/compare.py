@@ -7,11 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import arg, opt
 from moteslam.eval.cli.text import answer, note, progress_bar
 from moteslam.eval.tables import BETWEEN, FORMATS, aligned, literal, number
 
@@ -24,10 +22,7 @@ HEAD = ("pairs", "better", "worse", "equal", "median difference", "95 %", "p", "
 
 
 def compare(
-    paths: Annotated[
-        list[Path],
-        typer.Argument(metavar="PATH...", help="Files of sweeps, or result folders; the first is the baseline."),
-    ],
+    paths: Annotated[list[Path], arg("Files of sweeps, or result folders; the first is the baseline.", "PATH...")],
     metrics: options.Metrics = None,
     by: options.By = None,
     baseline: options.Baseline = None,
@@ -196,10 +191,7 @@ def total(found: dict[str, Any]) -> str:
 
 
 def report(
-    paths: Annotated[
-        list[Path],
-        typer.Argument(metavar="PATH...", help="Files of sweeps, result folders, and folders with either in them."),
-    ],
+    paths: Annotated[list[Path], arg("Files of sweeps, result folders, and folders with either in them.", "PATH...")],
     out: Annotated[Path, opt("The page; it must not exist.", "FILE.html")] = Path("report.html"),
     title: Annotated[str | None, opt("Title of the page [what is compared].", "TEXT")] = None,
     metrics: Annotated[

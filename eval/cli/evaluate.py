@@ -11,7 +11,7 @@ import typer
 
 from moteslam.errors import InputError, in_file
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import flag, opt
+from moteslam.eval.cli.options import arg, flag, opt
 from moteslam.eval.cli.text import answer, note, warn
 from moteslam.eval.tables import BETWEEN, FORMATS, Column, fitting, literal, number, rows_of
 
@@ -44,10 +44,10 @@ def evaluate(
     context: typer.Context,
     paths: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="EST... [REF]",
-            help="Trajectories to score (TUM, KITTI, CSV, g2o, BAG:TOPIC); the last of several is the reference, also "
+        arg(
+            "Trajectories to score (TUM, KITTI, CSV, g2o, BAG:TOPIC); the last of several is the reference, also "
             ".relations.",
+            "EST... [REF]",
         ),
     ],
     recording: Annotated[

@@ -27,6 +27,11 @@ def opt(help: str, meta: str | None = None, *flags: str, **more: Any) -> Any:  #
     return typer.Option(*flags, metavar=meta, help=help, **more)
 
 
+def arg(help: str, meta: str, **more: Any) -> Any:  # noqa: A002
+    """An argument: its help, what it is called."""
+    return typer.Argument(metavar=meta, help=help, **more)
+
+
 def flag(name: str, help: str) -> Any:  # noqa: A002
     """An option that is on or off, without the ``--no-`` that Typer would add."""
     return typer.Option(name, help=help)
@@ -49,9 +54,7 @@ Baseline = Annotated[str | None, opt("Compare with this configuration or robot [
 By = Annotated[
     str | None, opt("What to compare: platform, a varied key, ... [configuration, if several].", "COLUMN", "--by")
 ]
-ScenarioName = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
-]
+ScenarioName = Annotated[str, arg("Bundled name, random-corridors, or a .toml file.", "SCENARIO")]
 Seed = Annotated[int | None, opt("Seed of all randomness; the scenario's own by default.", min=0, max=2**63 - 1)]
 Sequence = Annotated[str | None, opt("Which sequence of a folder, or session of a bag.", None, "--sequence")]
 Robot = Annotated[str | None, opt("Another robot: see moteslam platforms.", "NAME|FILE", "--platform")]

@@ -9,11 +9,9 @@ from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import flag, opt
+from moteslam.eval.cli.options import arg, flag, opt
 from moteslam.eval.cli.text import answer, warn
 from moteslam.eval.tables import Column, aligned, literal, rows_of
 
@@ -40,7 +38,7 @@ STREAMS = (
 
 @options.with_options(part=options.RecordingOptions)
 def inspect(
-    path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, a bag, or a folder of arrays.")],
+    path: Annotated[Path, arg("A log file, a bag, or a folder of arrays.", "PATH")],
     deep: Annotated[bool, flag("--deep", "Read all ranges of a bag, and all images.")] = False,
     plot: Annotated[
         Path | None, opt("Draw streams, gaps, rates, clocks and ranges over time.", "FILE.png|pdf|svg")
@@ -182,8 +180,8 @@ def _shown(value: float | None, form: str, unit: str = "", factor: float = 1) ->
 
 @options.with_options(part=options.RecordingOptions)
 def convert(
-    path: Annotated[Path, typer.Argument(metavar="IN", help="A recording or a trajectory of any format.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="What is written; it must not exist.")],
+    path: Annotated[Path, arg("A recording or a trajectory of any format.", "IN")],
+    out: Annotated[Path, arg("What is written; it must not exist.", "OUT")],
     to: Annotated[str | None, opt("Format, if OUT's ending does not say it: ucsd, rosbag2, ...", "FORMAT")] = None,
     force: Annotated[bool, flag("--force", "Replace an existing OUT, whole, at the end.")] = False,
     as_json: options.Json = False,

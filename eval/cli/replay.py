@@ -13,7 +13,7 @@ import typer
 
 from moteslam.errors import ConfigError, InputError, in_file
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import flag, opt
+from moteslam.eval.cli.options import arg, flag, opt
 from moteslam.eval.cli.text import answer, simulation_bar, warn
 from moteslam.eval.tables import literal
 
@@ -79,9 +79,7 @@ def demo(
 
 @options.with_options(part=options.RecordingOptions, run=options.SlamOptions)
 def replay(
-    path: Annotated[
-        Path | None, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.", show_default=False)
-    ] = None,
+    path: Annotated[Path | None, arg("A log file, or a folder of arrays.", "PATH", show_default=False)] = None,
     out: Annotated[Path | None, opt(options.OUT)] = None,
     dead_reckoning: Annotated[
         bool, flag("--dead-reckoning", "Odometry alone: no lidar needed, --out optional.")
@@ -136,7 +134,7 @@ def replay(
 
 @options.with_options(part=options.RecordingOptions, run=options.SlamOptions)
 def localize(
-    path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.")],
+    path: Annotated[Path, arg("A log file, or a folder of arrays.", "PATH")],
     known: Annotated[Path, opt("A map_server .yaml file, or a result folder.", "MAP", "--map")],
     out: Annotated[Path, opt(options.OUT)],
     near: Annotated[

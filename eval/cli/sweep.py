@@ -13,7 +13,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.compare import summary_lines, summed_up, total
 from moteslam.eval.cli.interrupt import Interrupted
-from moteslam.eval.cli.options import flag, opt
+from moteslam.eval.cli.options import arg, flag, opt
 from moteslam.eval.cli.text import answer, note, progress_bar, say
 from moteslam.eval.tables import Column, aligned, literal, rows_of
 
@@ -41,12 +41,12 @@ SPECS = (
     Column("what it is for", "description"),
 )
 MOST_SHOWN = 40  # Differences in the table that is printed
-File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam sweep` wrote.")]
+File = Annotated[Path, arg("What `moteslam sweep` wrote.", "FILE.sweep")]
 
 
 @app.command("run")
 def run(
-    spec: Annotated[str, typer.Argument(metavar="SPEC.toml|NAME", help="Which runs to make; NAME: see `sweep list`.")],
+    spec: Annotated[str, arg("Which runs to make; NAME: see `sweep list`.", "SPEC.toml|NAME")],
     out: Annotated[
         Path | None, opt("Where to record them [SPEC.sweep]; an existing one goes on.", "FILE.sweep")
     ] = None,
@@ -118,7 +118,7 @@ def run(
 
 @app.command("list")
 def list_specs(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this one as TOML, to be changed.")] = None,
+    name: Annotated[str | None, arg("Print this one as TOML, to be changed.", "[NAME]")] = None,
     as_json: options.Json = False,
 ) -> None:
     """List the specifications that come with moteslam, or print one.
@@ -210,7 +210,7 @@ def plot(
 
 @app.command("merge")
 def merge_files(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE.sweep...", help="Parts of one sweep, or one of them.")],
+    files: Annotated[list[Path], arg("Parts of one sweep, or one of them.", "FILE.sweep...")],
     out: Annotated[Path, opt("A new file for all of their runs.", "FILE.sweep")],
 ) -> None:
     """Join the parts of a sweep that `--shard` made, on one computer or on many.
@@ -229,7 +229,7 @@ def merge_files(
 @app.command("diff")
 def diff(
     file: File,
-    other: Annotated[Path, typer.Argument(metavar="OTHER", help="Another one, or a table that `sweep export` wrote.")],
+    other: Annotated[Path, arg("Another one, or a table that `sweep export` wrote.", "OTHER")],
     as_json: options.Json = False,
 ) -> None:
     """Print where two sweeps of the same runs differ in any digit, except in times and memory.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording, nearest_stamp
-from moteslam.robot.se2 import Poses, wrap
+from moteslam.robot.se2 import Array, Poses, wrap
 from moteslam.robot.trajectory import (
     FARTHEST,
     TILT,
@@ -26,7 +26,6 @@ from moteslam.robot.trajectory import (
 from moteslam.robot.values import Summarised, counted, expect_type
 from moteslam.slam.inputs.synchronise import require_lidar
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MAX_DIFFERENCE, MAX_GAP = 0.01, 1.0

@@ -7,17 +7,14 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics import association
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
 from moteslam.eval.statistics import Statistics
-from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, umeyama, wrap
+from moteslam.robot.se2 import IDENTITY, Array, Poses, compose, inverse, umeyama, wrap
 from moteslam.robot.trajectory import Space, Trajectory
 from moteslam.robot.values import Summarised, counted
-
-Array = NDArray[np.float64]
 
 STANDING = 0.01
 """A reference whose positions are within this root mean square distance of their mean [m] stands still."""

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics import localisation as filters
@@ -20,13 +19,13 @@ from moteslam.eval.metrics.relations import RelationResult, Relations, evaluate_
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
+from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.estimate import Correction
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import synchronise
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 FINAL, ONLINE, DEAD_RECKONING = TRACKS = "final", "online", "dead_reckoning"

@@ -14,13 +14,12 @@ from moteslam.eval.metrics.association import Indices, covered, evenly, placed_s
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
+from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, Summarised, expect_type
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import synchronise
-
-Array = NDArray[np.float64]
 
 MAX_TRANSLATION, MAX_ROTATION = 0.3, np.deg2rad(3.0)
 """A loop whose relative pose is farther from the true one than either, [m] and [rad], is false."""

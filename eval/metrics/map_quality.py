@@ -14,13 +14,11 @@ from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster, cell_counts, cells_of
 from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.se2 import IDENTITY, Poses
+from moteslam.robot.se2 import IDENTITY, Array, Poses
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import counted, expect_type
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import synchronise
-
-Array = NDArray[np.float64]
 
 SAME_WALL, FARTHEST = 0.1, 1.0
 """Walls closer to each other than this are the same wall; no wall cell counts as farther from the other map's [m]."""

@@ -16,14 +16,12 @@ from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.files import open_regular
 from moteslam.robot.formats.streams import MAX_JUMP
 from moteslam.robot.recording import nearest_stamp
-from moteslam.robot.se2 import Poses, between, wrap
+from moteslam.robot.se2 import Array, Poses, between, wrap
 from moteslam.robot.se2 import interpolate as interpolated
 from moteslam.robot.trajectories.columns import number_lines
 from moteslam.robot.trajectories.text import MAX_TURN
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised, expect_type
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-4
 """Stamps of a relation and of a pose that are the same reading differ by less than this [s]."""

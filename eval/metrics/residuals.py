@@ -13,13 +13,11 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import evenly, placed_scans, travelled
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording, chunks, measured
-from moteslam.robot.se2 import Poses
+from moteslam.robot.se2 import Array, Poses
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, Summarised, counted
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import synchronise
-
-Array = NDArray[np.float64]
 
 PATH_REACH = 2.0
 """Scans less than this far apart along the path are compared [m]: little drift, much seen by both."""

@@ -6,17 +6,23 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, angles, evenly, match, oriented, travelled
+from moteslam.eval.metrics.association import (
+    MAX_DIFFERENCE,
+    Indices,
+    Matched,
+    angles,
+    evenly,
+    match,
+    oriented,
+    travelled,
+)
 from moteslam.eval.metrics.ate import PoseErrors
-from moteslam.robot.se2 import Poses, between
+from moteslam.robot.se2 import Array, Poses, between
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Unit = Literal["m", "s", "frames"]
 Pairs = tuple[Indices, Indices]
 

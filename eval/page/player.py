@@ -14,16 +14,13 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import evenly
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.results import BUILDING, read_building
-from moteslam.eval.run_tables import read_diagnostics, read_loops, read_particles
+from moteslam.eval.run_tables import STATES, read_diagnostics, read_loops, read_particles
 from moteslam.files import read_bytes, read_yaml
 from moteslam.robot.formats.map_server import MAX_IMAGE_BYTES, MAX_PIXELS, MAX_YAML_BYTES
 from moteslam.robot.raster import decode_picture, picture_size
-from moteslam.robot.se2 import between, compose, inverse, transform_points
+from moteslam.robot.se2 import Array, between, compose, inverse, transform_points
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
-from moteslam.slam.filter.certainty import LocalisationState
-
-Array = NDArray[np.float64]
 
 SHOWN = {"accepted": 1, "overruled": 2, "contradicted": 3, "ambiguous": 4}
 """Verdicts of the loops that are drawn, by the number that stands for each."""
@@ -83,7 +80,7 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
     if len(diagnostics.stamps) == len(final):
         found["state"] = np.maximum.reduceat(diagnostics.values["state"], steps).astype(int).tolist()
         found["effective"] = [round(value, 1) for value in diagnostics.values["n_eff"][steps].tolist()]
-    found["states"] = [state.name.lower() for state in LocalisationState]
+    found["states"] = list(STATES)
     if (folder / "loops.csv").is_file():
         rows = []
         for loop in read_loops(folder / "loops.csv"):

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.relations import RelationResult
@@ -19,8 +18,8 @@ from moteslam.eval.runs import CONFIGURATION, SETTINGS, Shown, better, grouped, 
 from moteslam.eval.statistics import FEWEST
 from moteslam.eval.sweep.store import Row
 from moteslam.eval.tables import fitting, literal, number
+from moteslam.robot.se2 import Array
 
-Array = NDArray[np.float64]
 Errors = AteResult | None
 Look = dict[str, Any]
 Line = tuple[str, AteResult, Look]  # Label, to which its RMSE is added, errors and look of a curve

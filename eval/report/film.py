@@ -20,12 +20,12 @@ from moteslam.eval.report.maps import draw_map
 from moteslam.eval.tables import shortened
 from moteslam.files import write_atomically
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import Simulation
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.scan_records import Update
 
-Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]  # [height, width, 3]: red, green, blue
 
 MAX_FPS, MAX_SPEED, MAX_FRAMES = 50.0, 10000.0, 2000

@@ -17,7 +17,7 @@ from moteslam.eval.report.style import STYLE, File
 from moteslam.eval.run_tables import loop_counts
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.se2 import between, compose, inverse, umeyama
+from moteslam.robot.se2 import Array, between, compose, inverse, umeyama
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import expect_type
 from moteslam.slam.backend.ledger import LoopCandidate
@@ -25,7 +25,6 @@ from moteslam.slam.online import OnlineSlam
 from moteslam.slam.scan_records import Update
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
-Array = NDArray[np.float64]
 Way = Trajectory | None
 Stages = Sequence[tuple[float, TextureMap]]  # The coloured floor at stamps [s]
 

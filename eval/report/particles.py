@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from moteslam.eval.metrics.association import travelled
 from moteslam.eval.report import style
 from moteslam.eval.report.style import STEPS, File, broken
-from moteslam.robot.se2 import between, compose
+from moteslam.robot.se2 import Array, between, compose
 from moteslam.robot.values import expect_type
 from moteslam.slam.estimate import Estimate
-
-Array = NDArray[np.float64]
 
 PARTICLES_DRAWN, ELLIPSES = 50, 30
 """Of more particles an even choice is drawn; at so many places on the plan, evenly along the path, the spread."""

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.tables import literal, shortened
 from moteslam.files import write_atomically
+from moteslam.robot.se2 import Array
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     Axes = matplotlib.axes.Axes  # of annotations here and in the files beside this one
 
-Array = NDArray[np.float64]
 File = str | PathLike[str]
 
 
