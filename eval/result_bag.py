@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 import sqlite3
 from collections.abc import Iterator
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -23,13 +22,13 @@ LINES, WIDTH, GREEN = 5, 0.03, {"g": 0.6, "a": 1.0}
 """The markers of loops: ``LINE_LIST``, how wide [m], and their colour."""
 
 
-def write_result_bag(path: str | PathLike[str], estimate: Estimate, recording: Recording) -> None:
+def write_result_bag(path: Path, estimate: Estimate, recording: Recording) -> None:
     """Write ``/map``, ``/path/final``, ``online`` and ``dead_reckoning``, ``/loops``, and the recording's messages.
 
     The transform from ``map`` to ``odom`` (to ``base_link`` without odometry) follows the final path. Images are left
     out: ``moteslam convert`` writes them. ``InputError``: stamps that ROS does not hold.
     """
-    path, stamps = Path(path), estimate.trajectory.stamps
+    stamps = estimate.trajectory.stamps
     if not (stamps[0] >= 0 and stamps[-1] < bags.LATEST - 1):
         raise InputError(f"stamps from {stamps[0]:g} to {stamps[-1]:g} s, expected 0 to 2^31 s", file=estimate.name)
     recording = recording.replace(rgbd=None)

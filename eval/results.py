@@ -8,6 +8,7 @@ import platform
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
@@ -126,17 +127,17 @@ def write_results(
 
 def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None = None) -> None:
     """Write a map, and the coloured floor, as pictures, as map_server and nav2 read them (trinary), and as arrays."""
-    cells: dict[str, Any] = {"cell_size": occupancy.cell_size, "origin": occupancy.origin}
     write_atomically(folder / "map.png", encode_png(map_image(occupancy.values)))
-    write_map(folder / "map.pgm", Raster(trinary(occupancy.values), **cells))
+    write_map(folder / "map.pgm", replace(occupancy, values=trinary(occupancy.values)))
     write_map_arrays(folder / "map.npz", {"log_odds": occupancy})
     if texture is not None:
         from moteslam.eval.report.maps import with_opacity
 
-        cells = {"cell_size": texture.cell_size, "origin": texture.origin}
-        write_picture(folder / "texture.png", Raster(with_opacity(texture), **cells), {"frames": texture.frames})
-        floor = {"colours": Raster(texture.values, **cells), "points": Raster(texture.points, **cells)}
-        write_map_arrays(folder / "texture.npz", floor)
+        floor = replace(texture, values=with_opacity(texture))
+        write_picture(folder / "texture.png", floor, {"frames": texture.frames})
+        write_map_arrays(
+            folder / "texture.npz", {"colours": texture, "points": replace(texture, values=texture.points)}
+        )
 
 
 def draw_figures(

@@ -323,7 +323,6 @@ def columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
     """Every run as a row: what it is, what became of it, its values, and its times at the end, by column."""
 
     def each(*mappings: Mapping[str, Any]) -> dict[str, list[Any]]:
-        """A column for each key that any of these has, a mapping a row."""
         names = dict.fromkeys(name for one in mappings for name in one)
         return {name: [one.get(name) for one in mappings] for name in names}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -14,10 +14,6 @@ from moteslam.eval.cli import options
 from moteslam.eval.cli.options import arg, flag, opt
 from moteslam.eval.cli.text import answer, progress_bar, say, simulation_bar
 from moteslam.eval.tables import aligned, literal
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 SCAN = {"beams": "", "rate": "_hz", "range_min": "_m", "range_max": "_m"}
 SCAN |= {"angle_min": "_rad", "angle_increment": "_rad"}
@@ -169,7 +165,7 @@ def animate(
       moteslam scenarios animate corridor --duration 60 --speed 5 --fps 25 --out corridor.mp4
     """  # noqa: D301
     from moteslam.eval.cli.simulate import scenario_of
-    from moteslam.eval.report.film import Pace, check_film, film, write_film
+    from moteslam.eval.report.film import Frame, Pace, check_film, film, write_film
     from moteslam.sim.simulate import simulate
     from moteslam.slam.online import OnlineSlam
 
@@ -188,7 +184,7 @@ def animate(
             pace = Pace.of(float(stamps[-1] - stamps[0]), fps=fps, speed=speed)
         with progress_bar("SLAM", len(session), "scans") as progress:
 
-            def frames() -> Iterator[NDArray[np.uint8]]:
+            def frames() -> Iterator[Frame]:
                 for update, shown in film(simulation, session, pace):
                     progress(update.index + 1)
                     yield from shown

@@ -145,22 +145,20 @@ def evaluate(
             for one in trajectories.values():
                 warn(one.warnings)
         results: dict[str, Any] = {}
-        rows: list[dict[str, Any]] = []
-        errors: list[dict[str, Any]] = []  # at every stamp
+        rows: list[dict[str, Any]] = [{"estimate": name} for name in trajectories]
+        errors: list[dict[str, Any]] = [{} for _ in rows]  # at every stamp
         how: dict[str, Any] = {"align": not no_align, "scale": scale, "delta": delta, "unit": unit}
         how |= {"all_pairs": all_pairs, "max_difference": max_difference, "nearest": nearest}
-        for name, one in trajectories.items():
-            rows.append({"estimate": name})
-            errors.append({})
+        for (name, one), row, by_stamp in zip(trajectories.items(), rows, errors, strict=True):
             if truth is not None and reference is not None:
                 with in_file(reference), options.named(delta="--delta", max_difference="--max-difference"):
-                    results[name], figures, errors[-1]["errors"] = against(one, truth, **how)
-                rows[-1] |= {"reference": str(reference), **figures}
+                    results[name], figures, by_stamp["errors"] = against(one, truth, **how)
+                row |= {"reference": str(reference), **figures}
             if opened is not None:
                 with in_file(name):
-                    _, figures, by_stamp = under_recording(one, opened, scans=scans)
-                rows[-1] |= {"recording": str(recording), "residuals": figures}
-                errors[-1]["residuals"] = {**figures, "errors": by_stamp}
+                    _, figures, medians = under_recording(one, opened, scans=scans)
+                row |= {"recording": str(recording), "residuals": figures}
+                by_stamp["residuals"] = {**figures, "errors": medians}
         if opened is not None:
             warn(opened.warnings)
         found: dict[str, Any] = {}

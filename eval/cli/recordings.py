@@ -206,7 +206,6 @@ def convert(
     from moteslam.eval.scores import truth_file
     from moteslam.files import result_folder, staged_file
     from moteslam.robot.formats import format_to_write
-    from moteslam.robot.inspection import stream_reports
     from moteslam.robot.trajectories import format_to_write as trajectory_format
     from moteslam.robot.trajectories import is_trajectory, write_trajectory
     from moteslam.robot.values import counted
@@ -234,7 +233,8 @@ def convert(
         with (result_folder if known.is_folder else staged_file)(out, force=force, keep=path) as place:
             recording = part.open(path)
             issues = (*recording.warnings, *known.write(place, recording))
-        truth, readings = truth_file(path), {one.name: one.readings for one in stream_reports(recording)}
+        truth, streams = truth_file(path), recording.stamps().items()
+        readings = {stream: len(stamps) for stream, stamps in streams if len(stamps)}
         found |= {"recording": recording.name, "readings": readings, "truth": None if truth is None else str(truth)}
         counts = ", ".join(f"{stream} {count}" for stream, count in readings.items())
         line = f"{literal(recording.name)}: readings of {counts}"

@@ -18,21 +18,15 @@ from moteslam.eval.cli.text import answer, simulation_bar, warn
 from moteslam.eval.tables import literal
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from moteslam.robot.recording import Recording
+    from moteslam.robot.se2 import Array
     from moteslam.robot.trajectory import Trajectory
     from moteslam.robot.values import Issue
     from moteslam.slam.config import SlamConfig
 
-Calibrate = Annotated[
-    Literal["lidar", "odometry"] | None,
-    opt(
-        "Mend what is certainly stated wrongly; where lidar and odometry contradict each other, this one is wrong.",
-        "lidar|odometry",
-    ),
-]
+Side = Literal["lidar", "odometry"] | None
+MEND = "Mend what is certainly stated wrongly; where lidar and odometry contradict each other, this one is wrong."
+Calibrate = Annotated[Side, opt(MEND, "lidar|odometry")]
 
 
 @options.with_options(run=options.SlamOptions)
@@ -174,7 +168,7 @@ def _run_over(
     part: options.RecordingOptions,
     run: options.SlamOptions,
     *,
-    calibrate: Literal["lidar", "odometry"] | None,
+    calibrate: Side,
     onto: Path | None = None,
 ) -> None:
     from moteslam.eval.cli.running import run_into, run_lines
@@ -204,7 +198,7 @@ def _run_over(
     answer(found, run_lines(found, driven), as_json=run.as_json)
 
 
-def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) -> tuple[Recording, tuple[Issue, ...]]:
+def _checked(recording: Recording, side: Side) -> tuple[Recording, tuple[Issue, ...]]:
     """The recording as SLAM is to take it in, and what of it is not as stated.
 
     Without a side to mend, only that is corrected of which it is known which side is wrong.
@@ -229,7 +223,7 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     return calibrated(recording, found, side), tuple(issues)
 
 
-def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory | None, tuple[Issue, ...]]:
+def _truth_beside(path: Path, stamps: Array) -> tuple[Trajectory | None, tuple[Issue, ...]]:
     """The truth in a recording's folder, or beside a log, if it is on the clock of these stamps [s]; if not, why."""
     import numpy as np
 

@@ -156,17 +156,14 @@ def scenario_of(
 
 def about(simulation: Simulation) -> dict[str, Any]:
     """The outcome of a simulation: scenario, seed, distance, time, end, and how many readings each stream has."""
-    truth, recording = simulation.truth, simulation.recording
-    streams = {name: getattr(recording, name) for name in ("lidar", "encoders", "imu")}
-    if recording.rgbd is not None:
-        streams |= {"rgb": recording.rgbd.rgb_stamps, "disparity": recording.rgbd.disparity_stamps}
+    truth, streams = simulation.truth, simulation.recording.stamps()
     return {
         "scenario": simulation.scenario.name,
         "seed": simulation.scenario.seed,
         "distance_m": truth.length,
         "duration_s": float(truth.stamps[-1] - truth.stamps[0]),
         "end": simulation.end,
-        "readings": {name: len(stream) for name, stream in streams.items() if stream is not None},
+        "readings": {name: len(stamps) for name, stamps in streams.items() if name != "odometry"},
     }
 
 

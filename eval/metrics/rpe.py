@@ -17,6 +17,7 @@ from moteslam.eval.metrics.association import (
     match,
     oriented,
     travelled,
+    tree_of,
 )
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.robot.se2 import Array, Poses, between
@@ -117,12 +118,10 @@ def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> PoseError
     Each pose is compared with the earliest one within ``SAME_PLACE`` of it by the reference that lies more than
     ``LEAST_PATH`` of path before it.
     """
-    from scipy.spatial import cKDTree
-
     matched = match(*oriented(estimate, reference))
     chosen = evenly(np.arange(len(matched.stamps)), MAX_RETURNS)
     true, path = matched.reference[chosen], travelled(matched.reference)[0][chosen]
-    pairs = cKDTree(true[:, :2]).query_pairs(SAME_PLACE, output_type="ndarray")
+    pairs = tree_of(true[:, :2]).query_pairs(SAME_PLACE, output_type="ndarray")
     earliest = np.arange(len(true))
     np.minimum.at(earliest, pairs[:, 1], pairs[:, 0])
     later = np.flatnonzero(path - path[earliest] > LEAST_PATH)

@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 from collections.abc import Sequence
-from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -165,20 +164,20 @@ def bundled_specs() -> dict[str, Path]:
     return {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
 
 
-def spec_file(name_or_path: str | PathLike[str]) -> Path:
+def spec_file(name: str) -> Path:
     """The file of a specification: a bundled one by its name, or a path."""
-    text, path, bundled = str(name_or_path), Path(name_or_path), bundled_specs()
-    if text in bundled:
-        return bundled[text]
+    path, bundled = Path(name), bundled_specs()
+    if name in bundled:
+        return bundled[name]
     if path.suffix == ".toml" or path.is_file():
         return path
-    expected = f"one of {', '.join(bundled)}, or a .toml file"
-    raise ConfigError(f"no specification of this name, expected {expected}", file=text)
+    raise ConfigError(
+        f"no specification of this name, expected one of {', '.join(bundled)}, or a .toml file", file=name
+    )
 
 
-def read_spec(path: str | PathLike[str]) -> SweepSpec:
+def read_spec(path: Path) -> SweepSpec:
     """Read a specification; paths in it are made absolute, and versions of commands are asked for."""
-    path = Path(path)
     spec = validated(SweepSpec, read_toml(path, "a sweep's .toml file"), file=path)
     beside = path.absolute().parent
 

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from os import PathLike
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -154,9 +153,8 @@ class Store:
 
 
 @contextmanager
-def opened(path: str | PathLike[str], *, write: bool = False) -> Iterator[Store]:
+def opened(path: Path, *, write: bool = False) -> Iterator[Store]:
     """Open a file of a sweep, alone if it is to be written."""
-    path = Path(path)
     if not path.is_file():
         raise InputError("there is no such file, expected one that `moteslam sweep` made", file=path)
     if path.stat().st_size == 0:
