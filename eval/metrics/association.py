@@ -231,9 +231,9 @@ def laid(source: Array, target: Array, *, scale: bool = False) -> tuple[Array, A
 
 
 def nearest_rotation(matrix: Array) -> tuple[Array, float]:
-    """The rotation R [3, 3] for which trace(R^T M) is the largest, and that trace."""
+    """The rotation R [d, d] for which trace(R^T M) is the largest, and that trace."""
     u, size, v = np.linalg.svd(matrix)
-    mirror = np.array((1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(v))))
+    mirror = np.append(np.ones(len(size) - 1), np.sign(np.linalg.det(u) * np.linalg.det(v)))
     return u * mirror @ v, float((size * mirror).sum())
 
 

@@ -9,6 +9,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.eval.metrics import association
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, spatial
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.tables import length
@@ -295,9 +296,8 @@ class _Search:
         a, b = a - a.mean(axis=0), b - b.mean(axis=0)
         if np.linalg.norm(b.std(axis=0)) < 0.5 * self.spread:
             return None
-        u, _, v = np.linalg.svd(b.T @ a)
-        u[:, -1] *= np.linalg.det(u) * np.linalg.det(v)
-        return keep, b - a @ (u @ v).T, u @ v
+        turn, _ = association.nearest_rotation(b.T @ a)
+        return keep, b - a @ turn.T, turn
 
     def rmse(self, offset: float, most: int, part: tuple[float, float] = (-inf, inf)) -> float:
         """After rigid alignment [m], or NaN."""
