@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import degrees
 from pathlib import Path
 from typing import Annotated, Any
@@ -165,7 +164,7 @@ def animate(
       moteslam scenarios animate corridor --duration 60 --speed 5 --fps 25 --out corridor.mp4
     """  # noqa: D301
     from moteslam.eval.cli.simulate import scenario_of
-    from moteslam.eval.report.film import Frame, Pace, check_film, film, write_film
+    from moteslam.eval.report.film import Pace, check_film, film, write_film
     from moteslam.sim.simulate import simulate
     from moteslam.slam.online import OnlineSlam
 
@@ -183,11 +182,5 @@ def animate(
         with options.named(fps="--fps", speed="--speed"):
             pace = Pace.of(float(stamps[-1] - stamps[0]), fps=fps, speed=speed)
         with progress_bar("SLAM", len(session), "scans") as progress:
-
-            def frames() -> Iterator[Frame]:
-                for update, shown in film(simulation, session, pace):
-                    progress(update.index + 1)
-                    yield from shown
-
-            write_film(out, frames(), fps=fps)
+            write_film(out, film(simulation, session, pace, progress), fps=fps)
     say(f"{literal(chosen.name)}: {len(pace.moments(stamps))} frames, {pace}, in {literal(out)}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -76,8 +76,10 @@ class Pace:
         return f"{self.speed:g} × real time, {self.fps:g} frames/s"
 
 
-def film(simulation: Simulation, session: OnlineSlam, pace: Pace) -> Iterator[tuple[Update, tuple[Frame, ...]]]:
-    """Each update of a session over a simulation, and the frames that show it, mostly one or none, in SLAM's frame."""
+def film(
+    simulation: Simulation, session: OnlineSlam, pace: Pace, progress: Callable[[float], None] = lambda _done: None
+) -> Iterator[Frame]:
+    """The frames of a session over a simulation, in SLAM's frame; ``progress`` is called with how many scans are in."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -98,9 +100,9 @@ def film(simulation: Simulation, session: OnlineSlam, pace: Pace) -> Iterator[tu
         caption = figure.text(0.5, 1 - 0.1 / height, "", ha="center", va="top", parse_math=False)
         path = []
         for update in session:
+            progress(update.index + 1)
             path.append(update.pose)
             if not shown[update.index]:
-                yield update, ()
                 continue
             axes.clear()
             draw_map(axes, session.map)
@@ -116,7 +118,7 @@ def film(simulation: Simulation, session: OnlineSlam, pace: Pace) -> Iterator[tu
             name = shortened(simulation.scenario.name, NAME_SHOWN)
             caption.set_text(f"{name}: t = {update.stamp - lidar.stamps[0]:.1f} s, {pace}")
             canvas.draw()
-            yield update, (np.asarray(canvas.buffer_rgba())[..., :3].copy(),) * int(shown[update.index])
+            yield from (np.asarray(canvas.buffer_rgba())[..., :3].copy(),) * int(shown[update.index])
 
 
 def _draw(axes: style.Axes, simulation: Simulation, start: Array, walls: Array, update: Update, path: Array) -> None:
