@@ -251,12 +251,10 @@ def diff(
     alone, cells = len(first) + len(second) - 2 * len(common), differences(first, second)
     found = {"runs": len(common), "in_one_alone": alone, "differences": cells}
     more = f", {alone} in one of the two alone" if alone else ""
-    lines = [f"{counted(len(cells), 'difference')} in {counted(len(common), 'run')}{more}"]
-    if len(cells) > MOST_SHOWN:
-        lines.insert(0, f"... and {len(cells) - MOST_SHOWN} more: --json has all")
-    if cells:
-        head = ("run", "column", str(file), str(other))
-        lines.insert(0, aligned([head, *(tuple(cell.values()) for cell in cells[:MOST_SHOWN])]))
+    rows = [("run", "column", str(file), str(other)), *(tuple(cell.values()) for cell in cells[:MOST_SHOWN])]
+    lines = [aligned(rows)] if cells else []
+    lines += [f"... and {len(cells) - MOST_SHOWN} more: --json has all"] * (len(cells) > MOST_SHOWN)
+    lines += [f"{counted(len(cells), 'difference')} in {counted(len(common), 'run')}{more}"]
     answer(found, lines, as_json=as_json)
     if cells:
         raise typer.Exit(DIFFERENT)
