@@ -36,7 +36,8 @@ class Plugins(Generic[T]):
         self._bundled = {
             name: EntryPoint(name, value if isinstance(value, str) else "", group) for name, value in bundled.items()
         }
-        self._found: dict[str, T | str] = {name: value for name, value in bundled.items() if not isinstance(value, str)}
+        self._loaded: dict[str, T] = {name: value for name, value in bundled.items() if not isinstance(value, str)}
+        self._problems: dict[str, str] = {}
 
     def names(self) -> list[str]:
         return [*self._bundled, *self._others]
@@ -52,19 +53,20 @@ class Plugins(Generic[T]):
         entry = self._bundled.get(name) or self._others.get(name)
         if entry is None:
             raise ConfigError(f"{name!r}, expected one of {', '.join(each for each, _ in self.items())}")
-        found = self._load(entry)
-        if isinstance(found, str):
-            raise ConfigError(f"{name!r} of package {_package(entry)} cannot be loaded: {found}")
-        return found
+        self._load(entry)
+        if name in self._problems:
+            raise ConfigError(f"{name!r} of package {_package(entry)} cannot be loaded: {self._problems[name]}")
+        return self._loaded[name]
 
     def items(self) -> Iterator[tuple[str, T]]:
         """All plug-ins that can be loaded, by name; each other one is one ``PluginWarning``."""
         for name, entry in {**self._bundled, **self._others}.items():
-            seen, found = name in self._found, self._load(entry)
-            if not isinstance(found, str):
-                yield name, found
+            seen = name in self._problems
+            self._load(entry)
+            if name in self._loaded:
+                yield name, self._loaded[name]
             elif not seen:
-                _warn(entry, found)
+                _warn(entry, self._problems[name])
 
     @cached_property
     def _others(self) -> dict[str, EntryPoint]:
@@ -77,18 +79,21 @@ class Plugins(Generic[T]):
                 _warn(entry, f"its name is taken by package {_package(others[entry.name])}")
         return others
 
-    def _load(self, entry: EntryPoint) -> T | str:
-        """The plug-in, loaded once, or why it cannot be used."""
-        if entry.name not in self._found:
-            try:
-                found = entry.load()
-                problem = f"{entry.value} is a {type(found).__name__}, expected a {self._kind.__name__}"
-                self._found[entry.name] = found if isinstance(found, self._kind) else problem
-            except Exception as error:
-                if entry.name in self._bundled:
-                    raise
-                self._found[entry.name] = " ".join(f"{type(error).__name__}: {error}".split())
-        return self._found[entry.name]
+    def _load(self, entry: EntryPoint) -> None:
+        """Once: into ``_loaded``, or why it cannot be used into ``_problems``."""
+        if entry.name in self._loaded or entry.name in self._problems:
+            return
+        try:
+            found = entry.load()
+        except Exception as error:
+            if entry.name in self._bundled:
+                raise
+            self._problems[entry.name] = " ".join(f"{type(error).__name__}: {error}".split())
+            return
+        if isinstance(found, self._kind):
+            self._loaded[entry.name] = found
+        else:
+            self._problems[entry.name] = f"{entry.value} is a {type(found).__name__}, expected a {self._kind.__name__}"
 
 
 _installed: Any = cache(entry_points)  # looked up once: that reads a file of each installed package
