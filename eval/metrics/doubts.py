@@ -9,14 +9,14 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.eval.metrics import association
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, spatial
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.tables import length
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import FARTHEST, TILT, Space, Trajectory, rotations_of, tilt_of
 from moteslam.robot.values import Issue
-
-Array = NDArray[np.float64]
 
 LONGEST, TRIES = 120.0, 1200
 """Offsets up to this are tried [s], of clocks without a common time all, and so many at most."""
@@ -93,7 +93,9 @@ def _offset(search: _Search) -> tuple[float, float, float] | None:
         fits = rmse < FITS * search.spread * share and rmse + GAIN_METRES < search.spread
         return (best, 0.0, rmse) if fits else None
     # parts that are left out by an offset, as where a run got lost, are no reason for one: in laps any lap fits
-    before = float(np.nanmin([before, *(search.rmse(0.0, FINE, part) for part in search.parts(best))]))
+    begin, end = max(search.at[0], search.stamps[0] + best), min(search.at[-1], search.stamps[-1] + best)
+    parts = (begin, end), (begin - best, end - best)  # of either drive
+    before = float(np.nanmin([before, *(search.rmse(0.0, FINE, part) for part in parts)]))
     start, slow, left = search.fitted(0.0 if before < rmse else best, drifts=True)
     if left < min(GAIN * rmse, SHAPE * before) and rmse - left > GAIN_METRES and abs(slow) < DRIFTS:
         return (start, slow, left) if left < GAIN * min(map(search.scaled, (0.0, best))) else None
@@ -278,11 +280,6 @@ class _Search:
             self.there = _at(self.at, times, goal)
         self.middle = float(self.at.mean())
 
-    def parts(self, offset: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        """From when to when [s] either drive is compared at an offset, that of ``at`` first."""
-        begin, end = max(self.at[0], self.stamps[0] + offset), min(self.at[-1], self.stamps[-1] + offset)
-        return (begin, end), (begin - offset, end - offset)
-
     def laid(
         self, offset: float, rate: float, most: int, part: tuple[float, float] = (-inf, inf)
     ) -> tuple[NDArray[np.intp], Array, Array] | None:
@@ -299,9 +296,8 @@ class _Search:
         a, b = a - a.mean(axis=0), b - b.mean(axis=0)
         if np.linalg.norm(b.std(axis=0)) < 0.5 * self.spread:
             return None
-        u, _, v = np.linalg.svd(b.T @ a)
-        u[:, -1] *= np.linalg.det(u) * np.linalg.det(v)
-        return keep, b - a @ (u @ v).T, u @ v
+        turn, _ = association.nearest_rotation(b.T @ a)
+        return keep, b - a @ turn.T, turn
 
     def rmse(self, offset: float, most: int, part: tuple[float, float] = (-inf, inf)) -> float:
         """After rigid alignment [m], or NaN."""

@@ -147,7 +147,7 @@ def test_a_film_shows_the_run(scenario_file: Path) -> None:
     simulation = simulate(load_scenario(scenario_file).model_copy(update={"duration": 14.0}))
     session = OnlineSlam.over(simulation.recording, resolve_config("paper", ["particles=5"]))
     pace = Pace(1.0, 4.0)
-    shown = [frame for _, frames in film(simulation, session, pace) for frame in frames]
+    shown = list(film(simulation, session, pace))
     assert len(shown) == len(pace.moments(simulation.recording.lidar.stamps)) >= 4
     (height, width, _), *others = {frame.shape for frame in shown}
     assert not others
