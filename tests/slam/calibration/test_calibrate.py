@@ -313,6 +313,18 @@ def test_scans_that_are_means_of_several_are_told(platform: str, smoothed: Calla
 
 
 @pytest.mark.slow
+def off_its_axis(ranges: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """What a disc of marks that is 2 degrees off its axis makes of beams at even angles."""
+    true = angles + np.deg2rad(2) * np.sin(angles + 0.7)
+    return ranges[:, np.abs(se2.wrap(true[:, None] - angles)).argmin(axis=1)]
+
+
+def test_angles_that_are_not_even_over_the_fan_are_told() -> None:
+    recording = driven("rplidar_a1", "office")
+    uneven = lidar(ranges=lambda s: off_its_axis(s.ranges[:], s.angles))(recording)
+    assert codes(checked(uneven, FEW_PAIRS)[1].moves) == ["lidar-angles"]
+
+
 def test_a_lidar_that_turns_unevenly_is_told() -> None:
     recording = driven("rplidar_a1", "loop", 12)
     (issue,) = checked(lidar(ranges=turning_unevenly)(recording), 150)[1].moves
