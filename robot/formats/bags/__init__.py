@@ -12,17 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot import se2
 from moteslam.robot.formats import Format, Robot, Topics
 from moteslam.robot.formats.bags import motion, scans, write
 from moteslam.robot.formats.bags.bag import Bag, Table, is_bag
 from moteslam.robot.formats.bags.definitions import is_readable
 from moteslam.robot.formats.bags.storage import Topic
-from moteslam.robot.formats.streams import Fan, Stamps
+from moteslam.robot.formats.streams import Fan
 from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import GivenRobot, platform_of
 from moteslam.robot.recording import ChunkedRanges, LidarStream, Recording
@@ -182,13 +180,9 @@ class _Reading:
         placed = [self._placed(table) for table in self.lidars]
         lidar, mount = placed[0] if placed else (None, LidarSpec())
         streams: dict[str, Any] = {}
-
-        def driven(stamps: Stamps) -> NDArray[np.float64]:
-            path = streams.get("odometry")
-            return np.zeros((len(stamps), 3)) if path is None else se2.interpolate(path.stamps, path.poses, stamps)
-
         if len(placed) > 1:  # one fan about the robot's centre
-            lidar, mount = scans.merged_scans(bag, placed, None if self.odometry is None else driven), LidarSpec()
+            driven = None if self.odometry is None else lambda *at: motion.driven(streams.get("odometry"), *at)
+            lidar, mount = scans.merged_scans(bag, placed, driven), LidarSpec()
         robot = self.given.platform or self.given.over(self._stated(lidar, mount))
         streams["lidar"] = None if lidar is None else self._lidar(lidar, robot)
         wheels = robot if self.manifest is None else self.manifest.platform  # that were counted by, else those given

@@ -232,6 +232,13 @@ def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
     return OdometryStream(stamps[~none], poses[~none])
 
 
+def driven(odometry: OdometryStream | None, began: Array, ended: Array) -> Array:
+    """The robot's motions [n, 3] from stamps [n] to others; zeros without odometry."""
+    if odometry is None:
+        return np.zeros((len(began), 3))
+    return se2.between(*(se2.interpolate(odometry.stamps, odometry.poses, at) for at in (began, ended)))
+
+
 def _hops(stamps: Array, poses: Array) -> int:
     """How often a path [n, 3] leaves a place and is back a reading or two later, faster than a robot can."""
     if len(poses) < 4:

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot import se2
 from moteslam.robot.formats.bags.bag import Bag, Rows, Table
 from moteslam.robot.formats.streams import FEWEST, Fan, Stamps, clean_ranges, given_again, sampled
 from moteslam.robot.platform import MAX_BEAMS, LidarSpec, too_wide
@@ -224,10 +223,12 @@ def _change(one: Ranges, other: Ranges, percent: float) -> NDArray[np.float64]:
     return np.asarray(np.nanpercentile(np.where(known, apart, 1.0), percent, axis=1))
 
 
-def merged_scans(bag: Bag, lidars: list[tuple[Scans, LidarSpec]], at: Callable[[Stamps], se2.Array] | None) -> Scans:
+def merged_scans(
+    bag: Bag, lidars: list[tuple[Scans, LidarSpec]], driven: Callable[[Stamps, Stamps], Figures] | None
+) -> Scans:
     """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps, and beams.
 
-    ``at`` gives the robot's poses [n, 3] by odometry at stamps [n], if there is any.
+    ``driven`` gives the robot's motions [n, 3] between stamps [n] by odometry, if there is any.
     """
     path, (first, at_first), names = bag.path, lidars[0], ", ".join(scans.topic for scans, _ in lidars)
     if len({(mount.pose, mount.z) for _, mount in lidars}) < len(lidars):
@@ -239,7 +240,7 @@ def merged_scans(bag: Bag, lidars: list[tuple[Scans, LidarSpec]], at: Callable[[
     step = 2 * np.pi / beams
     whole = Fan(float((at_first.yaw + first.fan.angle_min + np.pi) % step) - np.pi, step, 0.0, reach, beams)
     frozen = [_frozen(bag, scans, lidars) for scans, _ in lidars]
-    for scans, _ in lidars[1:] if at is None else ():
+    for scans, _ in lidars[1:] if driven is None else ():
         late = np.abs(scans.stamps[nearest_stamp(scans.stamps, first.stamps)] - first.stamps)
         if (apart := float(np.median(late))) > TOGETHER:
             what = f"{apart:.2f} s apart from {first.topic}, and no odometry says what the robot drives meanwhile"
@@ -250,12 +251,12 @@ def merged_scans(bag: Bag, lidars: list[tuple[Scans, LidarSpec]], at: Callable[[
         for (scans, mount), stuck in zip(lidars, frozen, strict=True):
             near = nearest_stamp(scans.stamps, stamps)
             used = np.flatnonzero((np.abs(scans.stamps[near] - stamps) <= GAP * scans.period) & ~stuck[near])
-            moved = np.zeros((len(used), 3)) if at is None else se2.between(at(stamps), at(scans.stamps[near]))[used]
+            moved = np.zeros((len(rows), 3)) if driven is None else driven(stamps, scans.stamps[near])
             angles, ranges = mount.yaw + scans.fan.angles, scans.cleaned(near[used], scans.fan).astype(np.float64)
             placed = np.where(np.isinf(ranges), scans.fan.range_max, ranges)
             x, y = mount.x + placed * np.cos(angles), mount.y + placed * np.sin(angles)
-            c, s = np.cos(moved[:, 2:]), np.sin(moved[:, 2:])
-            x, y = moved[:, :1] + c * x - s * y, moved[:, 1:2] + s * x + c * y
+            dx, dy, turn = moved[used].T[..., None]
+            x, y = dx + np.cos(turn) * x - np.sin(turn) * y, dy + np.sin(turn) * x + np.cos(turn) * y
             far, towards = np.where(np.isinf(ranges), np.inf, np.hypot(x, y)), np.arctan2(y, x)
             for row, ends, bearings in zip(used, far, towards, strict=True):
                 _lay(rows[row], ends, bearings, whole)
