@@ -5,17 +5,15 @@ The command line prints ``str(error)`` as one line and exits with code 2; no tra
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from os import PathLike
 
 
 class MoteslamError(Exception):
-    """What is wrong with an input, in one line.
+    """What is wrong with an input, in one line: ``problem``, what was found and expected, without a full stop.
 
-    Args:
-        problem: what was found and what was expected, without a full stop.
-        file: the file or folder concerned, if there is one.
-        field: the field, array, key or option within it, if there is one.
-        line: the line of a text file, counted from 1.
+    ``field`` is the array, key or option within the file or folder, ``line`` that of a text file from 1 on.
     """
 
     def __init__(
@@ -59,3 +57,14 @@ class MoteslamWarning(UserWarning):
 
 class BackendError(MoteslamError):
     """Taichi cannot run on the backend asked for."""
+
+
+@contextmanager
+def in_file(file: str | PathLike[str]) -> Iterator[None]:
+    """Errors of the block that name neither file nor option name this file, as the user wrote it."""
+    try:
+        yield
+    except MoteslamError as error:
+        if error.file is not None or (error.field or "").startswith("--"):
+            raise
+        raise type(error)(error.problem, file=file, field=error.field) from error

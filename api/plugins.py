@@ -16,7 +16,6 @@ from typing import Any, Generic, TypeVar
 from moteslam.errors import ConfigError, MoteslamWarning
 
 T = TypeVar("T")
-GROUPS = ("filters", "backends", "formats", "metrics")
 
 
 class PluginWarning(MoteslamWarning):
@@ -41,11 +40,9 @@ class Plugins(Generic[T]):
         self._problems: dict[str, str] = {}
 
     def names(self) -> list[str]:
-        """The names there are, the bundled ones first."""
         return [*self._bundled, *self._others]
 
     def is_bundled(self, name: str) -> bool:
-        """Whether that one is of this package."""
         return name in self._bundled
 
     def warn(self, name: str, problem: str) -> None:
@@ -53,7 +50,6 @@ class Plugins(Generic[T]):
         _warn(self._others[name], problem)
 
     def __getitem__(self, name: str) -> T:
-        """The plug-in of that name."""
         entry = self._bundled.get(name) or self._others.get(name)
         if entry is None:
             raise ConfigError(f"{name!r}, expected one of {', '.join(each for each, _ in self.items())}")
@@ -100,16 +96,14 @@ class Plugins(Generic[T]):
             self._problems[entry.name] = f"{entry.value} is a {type(found).__name__}, expected a {self._kind.__name__}"
 
 
-@cache
-def _installed() -> Any:
-    """The entry points of all installed packages, looked up once: that reads a file of each."""
-    return entry_points()
+_installed: Any = cache(entry_points)  # looked up once: that reads a file of each installed package
 
 
 def blamed(error: BaseException) -> str | None:
     """The plug-in of another package in whose code an error was raised, in words; None if in none's."""
     frames, found = error.__traceback__, None
-    entries = [entry for group in GROUPS for entry in _installed().select(group=f"moteslam.{group}")]
+    groups = (f"moteslam.{group}" for group in ("filters", "backends", "formats", "metrics"))
+    entries = [entry for group in groups for entry in _installed().select(group=group)]
     while frames is not None:
         module = str(frames.tb_frame.f_globals.get("__name__"))
         of = [entry for entry in entries if f"{module}.".startswith(f"{entry.module.split('.')[0]}.")]

@@ -8,6 +8,7 @@ import platform
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
@@ -37,15 +38,13 @@ if TYPE_CHECKING:
     from moteslam.eval.report.maps import Snapshot, Stages
     from moteslam.slam.texture.floor_map import TextureMap
 
-PACKAGES = ("moteslam", "taichi", "numpy")
-"""Whose versions are recorded."""
+PACKAGES = ("moteslam", "taichi", "numpy")  # Whose versions are recorded
 GRAPH_COMMENTS = (
     "pose graph of moteslam: final poses, and the relative poses that were measured, with their information",
     "edges between consecutive ids are the chain, all others loops that were accepted",
 )
 """What ``graph.g2o`` begins with."""
-BUILDING = "sessions.npz"
-"""What later sessions are bound to."""
+BUILDING = "sessions.npz"  # What later sessions are bound to
 BUILDING_VERSION = 1
 WHOLE = ("sizes", "scans", "nodes", "counts", "drawn", "points", "first", "second", "doubted")
 CHAIN, LOOPS = MeasuredChain._fields, ("first", "second", "relative", "information")
@@ -54,25 +53,12 @@ PACKED = {"path": np.float32, "drawn": np.int8, "doubted": np.int8}
 MOST = 32767
 """Of the steps that endpoints are written in, which are a millimetre or more: a lidar of 32 m."""
 SHAPES: dict[str, Shape] = {
-    "sizes": ("sessions",),
-    "scans": ("sessions",),
-    "origins": ("sessions", 2),
-    "stamps": ("s",),
-    "path": ("s", 3),
-    "nodes": ("n",),
-    "counts": ("n",),
-    "drawn": ("n",),
-    "steps": ("n", 3),
-    "covariance": ("n", 3, 3),
-    "prior_steps": ("n", 3),
-    "prior_covariance": ("n", 3, 3),
-    "doubted": ("n",),
-    "points": ("p", 2),
-    "resolution": (),
-    "first": ("loops*",),
-    "second": ("loops*",),
-    "relative": ("loops*", 3),
-    "information": ("loops*", 3, 3),
+    **{"sizes": ("sessions",), "scans": ("sessions",), "origins": ("sessions", 2), "stamps": ("s",), "path": ("s", 3)},
+    **dict.fromkeys(("nodes", "counts", "drawn", "doubted"), ("n",)),
+    **dict.fromkeys(("steps", "prior_steps"), ("n", 3)),
+    **dict.fromkeys(("covariance", "prior_covariance"), ("n", 3, 3)),
+    **{"points": ("p", 2), "resolution": (), "first": ("loops*",), "second": ("loops*",)},
+    **{"relative": ("loops*", 3), "information": ("loops*", 3, 3)},
 }
 
 
@@ -93,13 +79,11 @@ def write_results(
 
     Args:
         folder: made if need be; the results of another run in it are removed, and files of these names replaced.
-        estimate: what to write.
         truth: what to score it with, on the clock of the recording; it is written too.
         recording: whose scans are drawn along dead reckoning, and show which loops are possible and which walls seen.
         true_map: trinary, in the frame of the truth, to score the map with.
         relations: hand-checked ones on the same clock, to score all trajectories with.
         snapshots, stages: of the map and of the coloured floor over time, for the figures that show them.
-        figures: draw them.
         run: more about the run for ``run.json``: the command, threads, times.
     """
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
@@ -143,17 +127,17 @@ def write_results(
 
 def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None = None) -> None:
     """Write a map, and the coloured floor, as pictures, as map_server and nav2 read them (trinary), and as arrays."""
-    cells: dict[str, Any] = {"cell_size": occupancy.cell_size, "origin": occupancy.origin}
     write_atomically(folder / "map.png", encode_png(map_image(occupancy.values)))
-    write_map(folder / "map.pgm", Raster(trinary(occupancy.values), **cells))
+    write_map(folder / "map.pgm", replace(occupancy, values=trinary(occupancy.values)))
     write_map_arrays(folder / "map.npz", {"log_odds": occupancy})
     if texture is not None:
         from moteslam.eval.report.maps import with_opacity
 
-        cells = {"cell_size": texture.cell_size, "origin": texture.origin}
-        write_picture(folder / "texture.png", Raster(with_opacity(texture), **cells), {"frames": texture.frames})
-        floor = {"colours": Raster(texture.values, **cells), "points": Raster(texture.points, **cells)}
-        write_map_arrays(folder / "texture.npz", floor)
+        floor = replace(texture, values=with_opacity(texture))
+        write_picture(folder / "texture.png", floor, {"frames": texture.frames})
+        write_map_arrays(
+            folder / "texture.npz", {"colours": texture, "points": replace(texture, values=texture.points)}
+        )
 
 
 def draw_figures(
@@ -246,11 +230,7 @@ def write_building(path: Path, building: Building) -> None:
 
 
 def read_building(folder: Path) -> Building:
-    """Read that of a result folder.
-
-    Raises:
-        InputError: there is none, of another version, or broken; file and field are named.
-    """
+    """Read that of a result folder; ``InputError``: there is none, of another version, or broken."""
     path = folder / BUILDING
     version = read_arrays(path, {"version": ()})["version"].item()
     if version != BUILDING_VERSION:

@@ -26,24 +26,16 @@ from moteslam.slam.filter.certainty import LocalisationState
 
 STATES = tuple(state.name.lower() for state in LocalisationState)
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
-MAX_BYTES = 1_000_000_000
-"""No table is larger: some five million rows."""
-MAX_DIGITS = 18
-"""Of the index of a scan: what fits into 64 bits."""
+MAX_BYTES = 1_000_000_000  # No table is larger: some five million rows
+MAX_DIGITS = 18  # Of the index of a scan: what fits into 64 bits
 
 
 Kind = Literal["number", "number or nan", "index"] | tuple[str, ...]
 """Of a column: its numbers, or the names of which it holds one, read as its place among them."""
 
 
-ELEMENTS = {
-    "var_x": (0, 0),
-    "var_y": (1, 1),
-    "var_theta": (2, 2),
-    "cov_xy": (0, 1),
-    "cov_x_theta": (0, 2),
-    "cov_y_theta": (1, 2),
-}
+ELEMENTS = {"var_x": (0, 0), "var_y": (1, 1), "var_theta": (2, 2)}
+ELEMENTS |= {"cov_xy": (0, 1), "cov_x_theta": (0, 2), "cov_y_theta": (1, 2)}
 """Columns of the covariance, and the element of each."""
 VALUES = ("degenerate", "wrong", "particles", "n_eff", "score", "updated", "resampled", "corrected")
 """Columns that are diagnostics of the estimate; its seconds are not, since they differ from run to run."""
@@ -69,7 +61,10 @@ PARTICLE_SHAPES: dict[str, Shape] = {
     "paths": ("particles", "updates", 3),
     "spread": ("updates", 3),
 }
-"""Of the arrays of ``particles.npz``; what they mean: ``Particles``."""
+"""Of the arrays of ``particles.npz``: of the updates of the filter the stamps [s], paths that end in the particles of
+the last one, and the standard deviation of all particles after each, along and across their mean heading [m], and of
+the heading [rad].
+"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,24 +78,8 @@ class Diagnostics(Summarised):
     values: dict[str, NDArray[np.float64]]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Particles(Summarised):
-    """What ``particles.npz`` holds.
-
-    Attributes:
-        stamps: [u] of the updates of the filter [s].
-        paths: [K, u, 3] paths that end in the particles of the last update.
-        spread: [u, 3] standard deviation of all particles after every update, along and across their mean heading [m],
-            and of the heading [rad].
-    """
-
-    stamps: NDArray[np.float64]
-    paths: NDArray[np.float32]
-    spread: NDArray[np.float32]
-
-
-def write_diagnostics(path: str | PathLike[str], estimate: Estimate) -> None:
-    """Write ``diagnostics.csv``."""
+def write_diagnostics(path: Path, estimate: Estimate) -> None:
+    """``diagnostics.csv``."""
     states = [STATES[int(state)] for state in estimate.diagnostics["state"]]
     numbers = [estimate.covariances[:, i, j] for i, j in ELEMENTS.values()]
     numbers += [estimate.diagnostics[name] for name in VALUES]
@@ -156,16 +135,16 @@ def write_particles(path: str | PathLike[str], estimate: Estimate) -> None:
     write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
 
 
-def read_particles(path: str | PathLike[str]) -> Particles:
-    """Read ``particles.npz``; an ``InputError`` names the array that is broken."""
-    arrays = read_arrays(Path(path), PARTICLE_SHAPES)
+def read_particles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """The stamps and paths of ``particles.npz``; an ``InputError`` names the array that is broken."""
+    arrays = read_arrays(path, PARTICLE_SHAPES)
     for name, values in arrays.items():
         if not np.isfinite(values).all():
             raise InputError("expected finite numbers", file=path, field=name)
     stamps = arrays["stamps"].astype(np.float64)
     if (np.diff(stamps) < 0).any():
         raise InputError("stamps go back, expected rising seconds", file=path, field="stamps")
-    return Particles(stamps, arrays["paths"].astype(np.float32), arrays["spread"].astype(np.float32))
+    return stamps, arrays["paths"].astype(np.float32)
 
 
 def _read(path: Path, columns: Mapping[str, Kind], what: str) -> Iterator[tuple[int, dict[str, Any]]]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -22,10 +22,8 @@ from moteslam.eval.tables import comma_separated, fitting, literal, number
 from moteslam.files import read_text, write_atomically
 from moteslam.robot.values import first_complaint
 
-MAX_BYTES = 50_000_000
-"""No file of a result folder that is read here is larger."""
-SETTINGS = ("scenario", "platform", "noise")
-"""Columns that say where a run was made."""
+MAX_BYTES = 50_000_000  # No file of a result folder that is read here is larger
+SETTINGS = ("scenario", "platform", "noise")  # Columns that say where a run was made
 CONFIGURATION = "configuration"
 MOST_NAMED, UNLIKE = 6, 1.2
 """Metrics that are shown unasked, and from which ratio on robots have driven other distances."""
@@ -177,10 +175,19 @@ def better(name: str) -> Better:
     return known_metric(name).better or "lower"
 
 
-def headings(
-    rows: Sequence[Row], names: Sequence[str], units: Mapping[str, str] | None = None
-) -> dict[str, tuple[str, float]]:
-    """Metrics in words with their unit, ``final ATE [mm]``, and the factor to that, in every table of the same runs.
+class Shown(NamedTuple):
+    """A metric as tables and charts show it: words with the unit, ``final ATE [mm]``, and the factor to that."""
+
+    name: str
+    title: str
+    factor: float = 1.0
+
+    def text(self, value: float | None, *, sign: bool = False) -> str:
+        return number(None if value is None else self.factor * value, sign=sign)
+
+
+def headings(rows: Sequence[Row], names: Sequence[str], units: Mapping[str, str] | None = None) -> dict[str, Shown]:
+    """How metrics are shown, in every table of the same runs.
 
     It fits the median over the runs; one metric of several trajectories has one, which its median and maximum share.
     ``units`` are those of metrics of plug-ins that are not here.
@@ -193,7 +200,7 @@ def headings(
         alike = [one for one in there if split(one)[1] == whole] or [one for one in there if split(one)[1] == short]
         medians = [summary_of(some, one).median for one in alike for some in groups]
         unit, factor = fitting((units or {}).get(name) or known_metric(name).unit, medians)
-        found[name] = f"{title_of(name)} [{unit}]" if unit else title_of(name), factor
+        found[name] = Shown(name, f"{title_of(name)} [{unit}]" if unit else title_of(name), factor)
     return found
 
 
@@ -276,13 +283,11 @@ def varying(groups: Sequence[Mapping[str, Any]]) -> list[str]:
     return [key for key in keys if any(group.get(key, "") != "" for group in groups)]
 
 
-MAX_TABLE = 1_000_000_000
-"""No exported table is larger."""
+MAX_TABLE = 1_000_000_000  # No exported table is larger
 ABOUT = ("id", "scenario", "recording", "platform", "noise", "seed", "configuration")
 """Columns that say which run a row is, beside those with a point that vary."""
 
-Table = dict[str, dict[str, str]]
-"""Of each run, by its id, every column as text."""
+Table = dict[str, dict[str, str]]  # Of each run, by its id, every column as text
 
 
 def read_table(path: Path) -> Table:
@@ -318,7 +323,6 @@ def columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
     """Every run as a row: what it is, what became of it, its values, and its times at the end, by column."""
 
     def each(*mappings: Mapping[str, Any]) -> dict[str, list[Any]]:
-        """A column for each key that any of these has, a mapping a row."""
         names = dict.fromkeys(name for one in mappings for name in one)
         return {name: [one.get(name) for one in mappings] for name in names}
 

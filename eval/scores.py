@@ -15,7 +15,8 @@ import numpy as np
 from moteslam.errors import InputError, MoteslamWarning
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, in_plane, match, oriented, spatial
 from moteslam.eval.metrics.ate import AteResult, PoseErrors, absolute_trajectory_error
-from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched
+from moteslam.eval.metrics.clocks import clock_offset
+from moteslam.eval.metrics.doubts import doubts, few_matched
 from moteslam.eval.metrics.evidence import FINAL, TRACKS, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
 from moteslam.eval.metrics.registry import Value, measure
@@ -178,13 +179,17 @@ def against(
     """
     if isinstance(reference, Relations):
         tolerance = TOLERANCE if max_difference is None else max_difference
-        both = reference, replace(reference, poses=se2.inverse(reference.poses))
-        missed, other = (evaluate_relations(estimate, one, tolerance=tolerance) for one in both)
+        missed = evaluate_relations(estimate, reference, tolerance=tolerance)
         told: tuple[Issue, ...] = ()
-        if other.translation.mean < INVERTED * missed.translation.mean:
-            means = f"{length(other.translation.mean)} in place of {length(missed.translation.mean)}"
-            text = f"relations the other way round, t1 seen from t2, are missed by {means}: exchange their stamps?"
-            told = (Issue("relations-inverted", text, len(reference)),)
+        others = {
+            "the other way round, t1 seen from t2,": se2.inverse(reference.poses),
+            "with x and y exchanged": reference.poses[:, [1, 0, 2]],
+        }
+        for how, poses in others.items():
+            other = evaluate_relations(estimate, replace(reference, poses=poses), tolerance=tolerance)
+            if other.translation.mean < INVERTED * missed.translation.mean and not told:
+                means = f"{length(other.translation.mean)} in place of {length(missed.translation.mean)}"
+                told = (Issue("relations-inverted", f"relations {how} are missed by {means}", len(reference)),)
         figures = {"kind": "relations", **missed.as_dict(), "warnings": [issue.as_dict() for issue in told]}
         return missed, figures, _by_stamp(missed)
     apart = MAX_DIFFERENCE if max_difference is None else max_difference

@@ -17,10 +17,8 @@ K = TypeVar("K", bound=Hashable)
 CONFIDENCE = 0.95
 FEWEST = 6
 """Fewer values have no interval of the median: even the range of five holds it in 94 % of samples alone."""
-RESAMPLES, SEED = 2000, 0
-"""Of the bootstrap; the same values have the same interval."""
-ROUNDING = 1e-12
-"""Values that differ by no more than this share of the larger one are equal."""
+RESAMPLES, SEED = 2000, 0  # Of the bootstrap; the same values have the same interval
+ROUNDING = 1e-12  # Values that differ by no more than this share of the larger one are equal
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,6 @@ class Statistics:
         return cls(rmse, mean, median, std, least, most, len(errors))
 
     def as_dict(self) -> dict[str, float | int]:
-        """By name, fit for JSON."""
         return asdict(self)
 
 
@@ -92,19 +89,16 @@ class Proportion:
 
     @property
     def share(self) -> float:
-        """From 0 to 1."""
         return self.count / self.total
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Bounds of the share."""
         from scipy.stats import binomtest
 
         low, high = binomtest(self.count, self.total).proportion_ci(CONFIDENCE, method="wilson")
         return float(low), float(high)
 
     def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON."""
         low, high = self.interval
         return {"share": self.share, "low": low, "high": high, "count": self.count, "total": self.total}
 

@@ -14,8 +14,7 @@ from math import floor, isfinite, isinf, isnan, log10
 from statistics import median
 from typing import Any, NamedTuple
 
-Rows = Sequence[Sequence[str]]
-"""Of cells, the first one the head; all of one length."""
+Rows = Sequence[Sequence[str]]  # Of cells, the first one the head; all of one length
 
 LATEX = {
     "\\": r"\textbackslash{}",

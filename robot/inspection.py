@@ -197,7 +197,7 @@ def other_units(recording: Recording) -> list[Issue]:
             text = f"moves at {speed:.3g} m/s, expected a robot's speed: are its stamps in s and its lengths in m?"
             issues.append(Issue(code, f"odometry: {text}"))
         elif rate > MOST_RATE:
-            text = f"odometry: turns at {rate:.3g} rad/s, expected at most {MOST_RATE:g}: are its headings in radians?"
+            text = f"odometry: turns at {rate:.3g} rad/s, expected at most {MOST_RATE:g}: in degrees, or of two robots?"
             issues.append(Issue("odometry-units", text))
     if encoders is not None and len(encoders) and (wheels := recording.platform.wheels) is not None:
         way = np.cumsum(encoders.counts.mean(axis=1) * wheels.metres_per_count)

@@ -33,8 +33,7 @@ GRIDS = 4
 """Directions of the grid: a wall along the edges of the cells of one alone would count once or twice by chance."""
 LARGEST_GRID = 1 << 27  # Cells of larger grids, 580 m square in cells of 5 cm, are counted by sorting
 
-PNG = b"\x89PNG\r\n\x1a\n"
-"""What a PNG begins with."""
+PNG = b"\x89PNG\r\n\x1a\n"  # What a PNG begins with
 FULL = 65535  # What the largest value of a channel becomes
 
 _GAP = rb"(?:[ \t\n\v\f\r]|#[^\n\r]*[\n\r])+"

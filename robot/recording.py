@@ -22,10 +22,8 @@ from moteslam.robot.values import Issue, Summarised, counted, expect_type, froze
 _COLUMNS = {"counts": 4, "poses": 3, "odometry": 3, "angular_velocity": 3, "linear_acceleration_g": 3}
 """How many columns the arrays of this name have."""
 
-CHUNK = 256
-"""Scans that are read at a time: 1.1 MB of a lidar of 1081 beams."""
-_KEPT = 4
-"""Chunks that are kept: neighbouring scans, and two places of a recording that are compared."""
+CHUNK = 256  # Scans that are read at a time: 1.1 MB of a lidar of 1081 beams
+_KEPT = 4  # Chunks that are kept: neighbouring scans, and two places of a recording that are compared
 
 _GAP, LATEST, _LEAST_GAP = 10.0, 1000, 0.5
 """Readings have a gap between them where they are this many times as far apart as the median of so many latest
@@ -287,8 +285,7 @@ class RgbdStream(Summarised):
         return f"{colour}, {counted(len(self.disparity_stamps), 'disparity image')}"
 
 
-STREAMS = ("lidar", "encoders", "odometry", "imu", "rgbd")
-"""The streams of a recording by their names."""
+STREAMS = ("lidar", "encoders", "odometry", "imu", "rgbd")  # The streams of a recording by their names
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -32,18 +32,13 @@ from moteslam.robot.values import Issue, Summarised, counted, processor_count
 
 T = TypeVar("T", bound=np.generic)
 
-HEIGHT, WIDTH = 480, 640
-"""Rows and columns of both images."""
-FOCAL = 585.05108211
-"""Of the depth camera, in both directions [pixels]."""
+HEIGHT, WIDTH = 480, 640  # Rows and columns of both images
+FOCAL = 585.05108211  # Of the depth camera, in both directions [pixels]
 CENTRE = (315.83800193, 242.94140713)
 """Principal point of the depth camera: column, row. Several public copies swap them, which turns the floor by 7 deg."""
-DISPARITY_SLOPE, DISPARITY_OFFSET = -0.00304, 3.31
-"""dd = slope * d + offset."""
-DEPTH_SCALE = 1.03
-"""depth = scale / dd [m]."""
-NO_DISPARITY = 2047
-"""The raw disparity of a pixel that saw nothing: all eleven bits."""
+DISPARITY_SLOPE, DISPARITY_OFFSET = -0.00304, 3.31  # dd = slope * d + offset
+DEPTH_SCALE = 1.03  # depth = scale / dd [m]
+NO_DISPARITY = 2047  # The raw disparity of a pixel that saw nothing: all eleven bits
 ALIGN_SCALE, ALIGN_DIVISOR, ALIGN_DISPARITY = 526.37, 585.051, 4.5 * 1750.46
 ALIGN_COLUMN, ALIGN_ROW = 19276.0, 16662.0
 
@@ -92,8 +87,7 @@ def mount_rotation(mount: CameraSpec) -> NDArray[np.float64]:
     return np.asarray(Rotation.from_euler("ZYX", (mount.yaw, mount.pitch, mount.roll)).as_matrix() @ OPTICAL_TO_BODY)
 
 
-MAX_BYTES = 16 << 20
-"""Images are files of at most this size: more than 640 x 480 pixels take."""
+MAX_BYTES = 16 << 20  # Images are files of at most this size: more than 640 x 480 pixels take
 LARGEST_GAP = 0.05
 """A colour image further from the disparity image than this [s] shows another view (the real one's cameras lose
 frames of their own, for 0.2 s at a time)."""

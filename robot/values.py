@@ -22,10 +22,8 @@ from moteslam.files import read_text
 
 Table = dict[str, Any]
 
-_LONGEST = 40
-"""Characters of a value that are shown."""
-_SPANS = 3
-"""As many times are given, others counted."""
+_LONGEST = 40  # Characters of a value that are shown
+_SPANS = 3  # As many times are given, others counted
 
 
 @dataclass(frozen=True)
@@ -132,8 +130,7 @@ def processor_count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-MAX_BYTES = 4_000_000
-"""No configuration, platform or scenario is larger."""
+MAX_BYTES = 4_000_000  # No configuration, platform or scenario is larger
 
 Truth = Annotated[bool, Strict()]
 Whole = Annotated[int, Strict()]

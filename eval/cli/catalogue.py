@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from moteslam.errors import in_file
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import arg, flag, opt
 from moteslam.eval.cli.text import answer, progress_bar, say, simulation_bar
 from moteslam.eval.tables import aligned, literal
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 SCAN = {"beams": "", "rate": "_hz", "range_min": "_m", "range_max": "_m"}
 SCAN |= {"angle_min": "_rad", "angle_increment": "_rad"}
@@ -24,9 +20,7 @@ SCAN |= {"angle_min": "_rad", "angle_increment": "_rad"}
 
 
 def platforms(
-    name: Annotated[
-        str | None, typer.Argument(metavar="[NAME|FILE]", help="Print this robot as TOML, with every key.")
-    ] = None,
+    name: Annotated[str | None, arg("Print this robot as TOML, with every key.", "[NAME|FILE]")] = None,
     as_json: options.Json = False,
 ) -> None:
     """List the bundled robots and their lidars, or print one of them as TOML.
@@ -124,7 +118,7 @@ def show(
     scenario: options.ScenarioName,
     out: Annotated[Path, opt("A new file; folders above it are made.", "FILE.png|pdf|svg")],
     seed: Annotated[int | None, opt("Seed of a random building.", min=0, max=2**63 - 1)] = None,
-    drive: Annotated[bool, opt("Drive it, and draw the driven path.", None, "--drive")] = False,
+    drive: Annotated[bool, flag("--drive", "Drive it, and draw the driven path.")] = False,
     force: options.ForceFile = False,
 ) -> None:
     """Draw a scenario as a plan: walls and what they are made of, who moves, and the route.
@@ -140,7 +134,7 @@ def show(
 
     with options.new_file(out, *options.FIGURES, force=force):
         chosen = scenario_of(scenario, seed)
-        with options.in_file(scenario):
+        with in_file(scenario):
             driven = true_drive(chosen, seed).poses[:, :2] if drive else None
         draw_scenario(out, chosen, driven=driven)
     say(f"{literal(chosen.name)} in {literal(out)}")
@@ -180,7 +174,7 @@ def animate(
     config = options.SlamOptions(preset=preset, settings=settings).resolved()
     chosen = scenario_of(scenario, seed, platform=platform, noise=noise, duration=duration)
     with options.new_file(out, force=force):
-        with options.in_file(scenario), simulation_bar() as report:
+        with in_file(scenario), simulation_bar() as report:
             simulation = simulate(chosen, seed, progress=report)
         session = OnlineSlam.over(simulation.recording, config, seed=simulation.scenario.seed)
         assert simulation.recording.lidar is not None
@@ -188,11 +182,5 @@ def animate(
         with options.named(fps="--fps", speed="--speed"):
             pace = Pace.of(float(stamps[-1] - stamps[0]), fps=fps, speed=speed)
         with progress_bar("SLAM", len(session), "scans") as progress:
-
-            def frames() -> Iterator[NDArray[np.uint8]]:
-                for update, shown in film(simulation, session, pace):
-                    progress(update.index + 1)
-                    yield from shown
-
-            write_film(out, frames(), fps=fps)
+            write_film(out, film(simulation, session, pace, progress), fps=fps)
     say(f"{literal(chosen.name)}: {len(pace.moments(stamps))} frames, {pace}, in {literal(out)}")

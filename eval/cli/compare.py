@@ -7,28 +7,22 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import arg, opt
 from moteslam.eval.cli.text import answer, note, progress_bar
 from moteslam.eval.tables import BETWEEN, FORMATS, aligned, literal, number
 
 if TYPE_CHECKING:
+    from moteslam.eval.runs import Shown
     from moteslam.eval.sweep.store import Row, Store
 
 COUNTS = ("pairs", "wins", "losses", "ties")
-Titles = Mapping[str, tuple[str, float]]
-"""Of metrics, as of ``headings``."""
 HEAD = ("pairs", "better", "worse", "equal", "median difference", "95 %", "p", "failed", "failed, first")
 
 
 def compare(
-    paths: Annotated[
-        list[Path],
-        typer.Argument(metavar="PATH...", help="Files of sweeps, or result folders; the first is the baseline."),
-    ],
+    paths: Annotated[list[Path], arg("Files of sweeps, or result folders; the first is the baseline.", "PATH...")],
     metrics: options.Metrics = None,
     by: options.By = None,
     baseline: options.Baseline = None,
@@ -81,7 +75,7 @@ def compare(
 
 
 def _lines(
-    axis: str, first: str, compared: dict[str, dict[str, Any]], titles: Titles, form: str, also: str
+    axis: str, first: str, compared: dict[str, dict[str, Any]], titles: Mapping[str, Shown], form: str, also: str
 ) -> Iterator[str]:
     """A table a metric, or of them all: a row a place of each configuration; and, as text, what else differs."""
     from moteslam.eval.statistics import FEWEST
@@ -89,12 +83,12 @@ def _lines(
     several = any(len(each) > 1 for pairs in compared.values() for each in pairs.values())
     head = (axis, *(["where"] if several else []), *HEAD)
     tables: dict[str, list[tuple[str, ...]]] = {}
-    for name, (title, factor) in titles.items():
-        cells = tables[title] = []
+    for name, shown in titles.items():
+        cells = tables[shown.title] = []
         for other, place, one in ((other, *item) for other, each in compared[name].items() for item in each.items()):
             counts = [str(count) for count in (*(one[count] for count in COUNTS), *one["failed"][::-1])]
-            shown = (*counts[:-2], *median_cells(one, factor, sign=True), f"{one['p']:.2g}", *counts[-2:])
-            cells.append((other, *([place] if several else []), *shown))
+            figures = (*counts[:-2], *median_cells(one, shown, sign=True), f"{one['p']:.2g}", *counts[-2:])
+            cells.append((other, *([place] if several else []), *figures))
     if form != "text":
         yield FORMATS[form]([("metric", *head), *((title, *cell) for title, cells in tables.items() for cell in cells)])
         return
@@ -108,16 +102,15 @@ def _lines(
         yield also
 
 
-def median_cells(one: Mapping[str, Any], factor: float, *, sign: bool = False) -> tuple[str, str]:
+def median_cells(one: Mapping[str, Any], shown: Shown, *, sign: bool = False) -> tuple[str, str]:
     """A median and its interval."""
     from moteslam.robot.values import interval
 
-    ends = (None if one[end] is None else factor * one[end] for end in ("median", "low", "high"))
-    median, low, high = (number(end, sign=sign) for end in ends)
+    median, low, high = (shown.text(one[end], sign=sign) for end in ("median", "low", "high"))
     return median, interval(low, high)
 
 
-def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], Titles]:
+def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], dict[str, Shown]]:
     """A sweep's hash, its runs by status, and its groups with successes and summaries; how its metrics are shown."""
     from moteslam.eval.runs import driven, grouped, headings, success_of, summary_of
 
@@ -155,7 +148,7 @@ def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[s
     return wanted
 
 
-def summary_lines(found: dict[str, Any], titles: Titles, form: str) -> Iterator[str]:
+def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str) -> Iterator[str]:
     """A row a group: of each metric the median with its interval."""
     from moteslam.eval.runs import grouped, success_words, unlike, varying
     from moteslam.eval.statistics import FEWEST
@@ -174,10 +167,10 @@ def summary_lines(found: dict[str, Any], titles: Titles, form: str) -> Iterator[
             success = "-" if one is None else f"{one['count']} ({100 * one['low']:.0f} to {100 * one['high']:.0f} %)"
             rows.append([*(str(each["group"].get(key, "")) for key in about), str(each["runs"]), success])
             rows[-1] += [number(each["driven_m"])] * len(apart)
-        for name, (title, factor) in titles.items():
-            rows[0] += [title, "95 %"]
+        for name, shown in titles.items():
+            rows[0] += [shown.title, "95 %"]
             for row, each in zip(rows[1:], groups, strict=True):
-                row += median_cells(each["metrics"][name], factor)
+                row += median_cells(each["metrics"][name], shown)
         if form != "csv" and all(each["runs"] < FEWEST for each in groups):
             rows = [[cell for k, cell in enumerate(row) if rows[0][k] != "95 %"] for row in rows]
         yield FORMATS[form](rows)
@@ -198,10 +191,7 @@ def total(found: dict[str, Any]) -> str:
 
 
 def report(
-    paths: Annotated[
-        list[Path],
-        typer.Argument(metavar="PATH...", help="Files of sweeps, result folders, and folders with either in them."),
-    ],
+    paths: Annotated[list[Path], arg("Files of sweeps, result folders, and folders with either in them.", "PATH...")],
     out: Annotated[Path, opt("The page; it must not exist.", "FILE.html")] = Path("report.html"),
     title: Annotated[str | None, opt("Title of the page [what is compared].", "TEXT")] = None,
     metrics: Annotated[
@@ -223,7 +213,7 @@ def report(
       moteslam report result
       moteslam report before after --metric final.ate --metric map_f1 --title "before and after"
     """  # noqa: D301
-    with options.new_file(out, ".html", ".htm", force=force):
+    with options.new_file(out, ".html", ".htm", force=force), options.named(metrics="--metric"):
         from moteslam.eval.page.document import gather, page
         from moteslam.files import write_atomically
         from moteslam.robot.values import counted

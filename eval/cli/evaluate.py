@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from moteslam.errors import InputError
+from moteslam.errors import InputError, in_file
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import arg, flag, opt
 from moteslam.eval.cli.text import answer, note, warn
 from moteslam.eval.tables import BETWEEN, FORMATS, Column, fitting, literal, number, rows_of
 
@@ -26,8 +26,7 @@ NEEDED = {
 Row = Mapping[str, Any]
 """Of a trajectory: ``estimate``, ``reference`` with ``kind`` and figures, and ``recording`` with ``residuals``."""
 LOOP_COUNTS = ("accepted", "overruled", "overruled_false", "possible", "bound")
-WHOSE = "the reference "
-"""Begins a doubt of it."""
+WHOSE = "the reference "  # Begins a doubt of it
 STATISTICS = ("rmse", "mean", "median", "std", "max")
 Table = list[list[str]]
 RESIDUALS = (
@@ -45,10 +44,10 @@ def evaluate(
     context: typer.Context,
     paths: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="EST... [REF]",
-            help="Trajectories to score (TUM, KITTI, CSV, g2o, BAG:TOPIC); the last of several is the reference, also "
+        arg(
+            "Trajectories to score (TUM, KITTI, CSV, g2o, BAG:TOPIC); the last of several is the reference, also "
             ".relations.",
+            "EST... [REF]",
         ),
     ],
     recording: Annotated[
@@ -64,20 +63,18 @@ def evaluate(
     metrics: Annotated[list[str] | None, opt("Also measure this one; repeatable.", "NAME", "--metric")] = None,
     sequence: options.Sequence = None,
     platform: options.PlatformFile = None,
-    no_align: Annotated[
-        bool, opt("Do not align for the absolute error: all are in one frame.", None, "--no-align")
-    ] = False,
+    no_align: Annotated[bool, flag("--no-align", "Do not align for the absolute error: all are in one frame.")] = False,
     scale: Annotated[
-        bool, opt("Fit also the scale for the absolute error: ranges or wheels may be off.", None, "--scale")
+        bool, flag("--scale", "Fit also the scale for the absolute error: ranges or wheels may be off.")
     ] = False,
     delta: Annotated[float, opt("Length of a pair for the relative error.")] = 1.0,
     unit: Annotated[Literal["m", "s", "frames"], opt("Unit of --delta.", "m|s|frames")] = "m",
-    all_pairs: Annotated[bool, opt("Begin a pair at every pose, not at the last's end.", None, "--all-pairs")] = False,
+    all_pairs: Annotated[bool, flag("--all-pairs", "Begin a pair at every pose, not at the last's end.")] = False,
     max_difference: Annotated[
         float | None, opt("Most between stamps that belong together [0.01; 0.0001 for relations].", "S", min=0)
     ] = None,
     nearest: Annotated[
-        bool, opt("Take the pose at the nearest stamp, as evo does, never interpolate.", None, "--nearest")
+        bool, flag("--nearest", "Take the pose at the nearest stamp, as evo does, never interpolate.")
     ] = False,
     est_offset: Annotated[
         tuple[float, float, float],
@@ -87,7 +84,7 @@ def evaluate(
     save: Annotated[Path | None, opt("Write the result as JSON, with the error at every stamp.", "FILE")] = None,
     plot: Annotated[Path | None, opt("Draw errors and trajectories.", "FILE.png|pdf|svg")] = None,
     form: options.Format = "text",
-    force: Annotated[bool, opt("Replace existing files of --save and --plot.", None, "--force")] = False,
+    force: Annotated[bool, flag("--force", "Replace existing files of --save and --plot.")] = False,
     as_json: options.Json = False,
 ) -> None:
     """Score trajectories by another one, by relations, or by the scans of their recording.
@@ -148,22 +145,20 @@ def evaluate(
             for one in trajectories.values():
                 warn(one.warnings)
         results: dict[str, Any] = {}
-        rows: list[dict[str, Any]] = []
-        errors: list[dict[str, Any]] = []  # at every stamp
+        rows: list[dict[str, Any]] = [{"estimate": name} for name in trajectories]
+        errors: list[dict[str, Any]] = [{} for _ in rows]  # at every stamp
         how: dict[str, Any] = {"align": not no_align, "scale": scale, "delta": delta, "unit": unit}
         how |= {"all_pairs": all_pairs, "max_difference": max_difference, "nearest": nearest}
-        for name, one in trajectories.items():
-            rows.append({"estimate": name})
-            errors.append({})
+        for (name, one), row, by_stamp in zip(trajectories.items(), rows, errors, strict=True):
             if truth is not None and reference is not None:
-                with options.in_file(reference), options.named(delta="--delta", max_difference="--max-difference"):
-                    results[name], figures, errors[-1]["errors"] = against(one, truth, **how)
-                rows[-1] |= {"reference": str(reference), **figures}
+                with in_file(reference), options.named(delta="--delta", max_difference="--max-difference"):
+                    results[name], figures, by_stamp["errors"] = against(one, truth, **how)
+                row |= {"reference": str(reference), **figures}
             if opened is not None:
-                with options.in_file(name):
-                    _, figures, by_stamp = under_recording(one, opened, scans=scans)
-                rows[-1] |= {"recording": str(recording), "residuals": figures}
-                errors[-1]["residuals"] = {**figures, "errors": by_stamp}
+                with in_file(name):
+                    _, figures, medians = under_recording(one, opened, scans=scans)
+                row |= {"recording": str(recording), "residuals": figures}
+                by_stamp["residuals"] = {**figures, "errors": medians}
         if opened is not None:
             warn(opened.warnings)
         found: dict[str, Any] = {}

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from moteslam.errors import ExistsError, MoteslamError, MoteslamWarning, OutputError
-from moteslam.eval.cli import catalogue, compare, convert, evaluate, inspect, replay, simulate, sweep
+from moteslam.eval.cli import catalogue, compare, evaluate, recordings, replay, simulate, sweep
 from moteslam.eval.cli.interrupt import MESSAGE, Interrupted, leave_with, on_interrupt, was_asked
 from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import STDOUT, note, say, stdout_named
@@ -63,7 +63,7 @@ def _root(
 
 for command in (
     *(replay.demo, simulate.simulate, replay.replay, replay.localize, evaluate.evaluate),
-    *(compare.compare, compare.report, inspect.inspect, convert.convert, catalogue.platforms, catalogue.metrics),
+    *(compare.compare, compare.report, recordings.inspect, recordings.convert, catalogue.platforms, catalogue.metrics),
 ):
     app.command()(command)
 app.add_typer(catalogue.app, name="scenarios")

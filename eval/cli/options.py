@@ -27,18 +27,26 @@ def opt(help: str, meta: str | None = None, *flags: str, **more: Any) -> Any:  #
     return typer.Option(*flags, metavar=meta, help=help, **more)
 
 
+def arg(help: str, meta: str, **more: Any) -> Any:  # noqa: A002
+    """An argument: its help, what it is called."""
+    return typer.Argument(metavar=meta, help=help, **more)
+
+
+def flag(name: str, help: str) -> Any:  # noqa: A002
+    """An option that is on or off, without the ``--no-`` that Typer would add."""
+    return typer.Option(name, help=help)
+
+
 OUT = "Folder for the result; it must not exist."
-TOPIC_STREAMS = ("lidar", "odometry", "imu", "encoders")
-"""What a topic of a bag can be read as."""
-Force = Annotated[bool, opt("Replace an existing --out, whole, at the end.", None, "--force")]
-ForceFile = Annotated[bool, opt("Replace an existing file.", None, "--force")]
-Json = Annotated[bool, opt("Print the result as JSON.", None, "--json")]
+TOPIC_STREAMS = ("lidar", "odometry", "imu", "encoders")  # What a topic of a bag can be read as
+Force = Annotated[bool, flag("--force", "Replace an existing --out, whole, at the end.")]
+ForceFile = Annotated[bool, flag("--force", "Replace an existing file.")]
+Json = Annotated[bool, flag("--json", "Print the result as JSON.")]
 Format = Annotated[
     Literal["text", "markdown", "latex", "csv"],
     opt("Format of the printed table.", "markdown|latex|csv", "--format"),
 ]
-FIGURES = (".png", ".pdf", ".svg")
-"""Endings of the files of figures."""
+FIGURES = (".png", ".pdf", ".svg")  # Endings of the files of figures
 Metrics = Annotated[
     list[str] | None, opt("Metric to show [those that the sweep names, or final.ate]; repeatable.", "NAME", "--metric")
 ]
@@ -46,9 +54,7 @@ Baseline = Annotated[str | None, opt("Compare with this configuration or robot [
 By = Annotated[
     str | None, opt("What to compare: platform, a varied key, ... [configuration, if several].", "COLUMN", "--by")
 ]
-ScenarioName = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
-]
+ScenarioName = Annotated[str, arg("Bundled name, random-corridors, or a .toml file.", "SCENARIO")]
 Seed = Annotated[int | None, opt("Seed of all randomness; the scenario's own by default.", min=0, max=2**63 - 1)]
 Sequence = Annotated[str | None, opt("Which sequence of a folder, or session of a bag.", None, "--sequence")]
 Robot = Annotated[str | None, opt("Another robot: see moteslam platforms.", "NAME|FILE", "--platform")]
@@ -71,17 +77,6 @@ def named(option: str | None = None, /, **by_field: str) -> Iterator[None]:
         if flag is None or error.file is not None:
             raise
         raise type(error)(error.problem, field=flag.replace("{}", str(error.field))) from error
-
-
-@contextmanager
-def in_file(file: Path | str) -> Iterator[None]:
-    """Errors of the block that name neither file nor option name this file, as the user wrote it."""
-    try:
-        yield
-    except MoteslamError as error:
-        if error.file is not None or (error.field or "").startswith("--"):
-            raise
-        raise type(error)(error.problem, file=file, field=error.field) from error
 
 
 @contextmanager
@@ -114,14 +109,12 @@ class SlamOptions:
     seed: Annotated[int, opt("Seed of all randomness: same seed, same bytes.", min=0, max=2**63 - 1)] = 0
     threads: Annotated[int | None, opt("CPU threads; all cores by default.", min=1, max=1024)] = None
     arch: Annotated[str, opt("Where the kernels run.", "cpu|cuda")] = "cpu"
-    mcap: Annotated[
-        bool, opt("Also write result.mcap for Foxglove or Rerun: map, paths, loops, scans.", None, "--mcap")
-    ] = False
-    no_figures: Annotated[bool, opt("Leave the figures out.", None, "--no-figures")] = False
-    force: Force = False
-    print_config: Annotated[bool, opt("Print the resolved configuration as TOML and exit.", None, "--print-config")] = (
+    mcap: Annotated[bool, flag("--mcap", "Also write result.mcap for Foxglove or Rerun: map, paths, loops, scans.")] = (
         False
     )
+    no_figures: Annotated[bool, flag("--no-figures", "Leave the figures out.")] = False
+    force: Force = False
+    print_config: Annotated[bool, flag("--print-config", "Print the resolved configuration as TOML and exit.")] = False
     as_json: Json = False
 
     def resolved(self, preset: str | None = None, given: Iterable[str] = ()) -> SlamConfig:
@@ -181,7 +174,6 @@ class RecordingOptions:
 
     @property
     def given(self) -> dict[str, object]:
-        """The options that are not at their defaults, by name."""
         return {field.name: value for field in fields(self) if (value := getattr(self, field.name)) != field.default}
 
 

@@ -11,28 +11,22 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import ConfigError, InputError, in_file
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import arg, flag, opt
 from moteslam.eval.cli.text import answer, simulation_bar, warn
 from moteslam.eval.tables import literal
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from moteslam.robot.recording import Recording
+    from moteslam.robot.se2 import Array
     from moteslam.robot.trajectory import Trajectory
     from moteslam.robot.values import Issue
     from moteslam.slam.config import SlamConfig
 
-Calibrate = Annotated[
-    Literal["lidar", "odometry"] | None,
-    opt(
-        "Mend what is certainly stated wrongly; where lidar and odometry contradict each other, this one is wrong.",
-        "lidar|odometry",
-    ),
-]
+Side = Literal["lidar", "odometry"] | None
+MEND = "Mend what is certainly stated wrongly; where lidar and odometry contradict each other, this one is wrong."
+Calibrate = Annotated[Side, opt(MEND, "lidar|odometry")]
 
 
 @options.with_options(run=options.SlamOptions)
@@ -66,7 +60,7 @@ def demo(
     driven = scenario_of(scenario, run.seed, platform=platform, noise=noise, duration=duration)
     with result_folder(out, force=run.force) as folder:
         runtime.init(run.arch, run.threads)  # a device that is not there is refused before the drive
-        with options.in_file(scenario), simulation_bar() as report:
+        with in_file(scenario), simulation_bar() as report:
             simulation = simulate(driven, run.seed, progress=report)
         true_map, about = simulation.true_map(config.map.cell_size), {"scenario": driven.name}
         given = (folder, simulation.recording, config, run)
@@ -79,17 +73,15 @@ def demo(
 
 @options.with_options(part=options.RecordingOptions, run=options.SlamOptions)
 def replay(
-    path: Annotated[
-        Path | None, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.", show_default=False)
-    ] = None,
+    path: Annotated[Path | None, arg("A log file, or a folder of arrays.", "PATH", show_default=False)] = None,
     out: Annotated[Path | None, opt(options.OUT)] = None,
     dead_reckoning: Annotated[
-        bool, opt("Odometry alone: no lidar needed, --out optional.", None, "--dead-reckoning")
+        bool, flag("--dead-reckoning", "Odometry alone: no lidar needed, --out optional.")
     ] = False,
     onto: Annotated[Path | None, opt("Go on with the building of this result folder.", "RESULT")] = None,
     calibrate: Calibrate = None,
     stdin: Annotated[
-        bool, typer.Option("--stdin", help="Read messages (no images) from stdin as lines of JSON; --out optional.")
+        bool, flag("--stdin", "Read messages (no images) from stdin as lines of JSON; --out optional.")
     ] = False,
     *,
     part: options.RecordingOptions,
@@ -119,7 +111,7 @@ def replay(
         others = [name for name in part.given if name != "platform"]
         if path is not None or dead_reckoning or onto is not None or calibrate is not None or others or run.mcap:
             raise typer.BadParameter("expected no recording, nor what is for one alone", param_hint="'--stdin'")
-        from moteslam.eval.cli.stdin import follow
+        from moteslam.eval.cli.running import follow
 
         follow(sys.stdin.buffer, part.platform, config, out, run)
         return
@@ -136,7 +128,7 @@ def replay(
 
 @options.with_options(part=options.RecordingOptions, run=options.SlamOptions)
 def localize(
-    path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.")],
+    path: Annotated[Path, arg("A log file, or a folder of arrays.", "PATH")],
     known: Annotated[Path, opt("A map_server .yaml file, or a result folder.", "MAP", "--map")],
     out: Annotated[Path, opt(options.OUT)],
     near: Annotated[
@@ -176,7 +168,7 @@ def _run_over(
     part: options.RecordingOptions,
     run: options.SlamOptions,
     *,
-    calibrate: Literal["lidar", "odometry"] | None,
+    calibrate: Side,
     onto: Path | None = None,
 ) -> None:
     from moteslam.eval.cli.running import run_into, run_lines
@@ -206,14 +198,14 @@ def _run_over(
     answer(found, run_lines(found, driven), as_json=run.as_json)
 
 
-def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) -> tuple[Recording, tuple[Issue, ...]]:
+def _checked(recording: Recording, side: Side) -> tuple[Recording, tuple[Issue, ...]]:
     """The recording as SLAM is to take it in, and what of it is not as stated.
 
     Without a side to mend, only that is corrected of which it is known which side is wrong.
     """
     from moteslam.robot.values import Issue
     from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS
-    from moteslam.slam.calibration.findings import checked
+    from moteslam.slam.calibration.findings import checked, stamped_at_end
     from moteslam.slam.calibration.mended import NOT_MENDED, calibrated
 
     found, about = checked(recording, PAIRS if side is not None else FEW_PAIRS)
@@ -224,6 +216,9 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
         return recording, unfit if told else (*unfit, Issue("not-calibrated", text))
     if side is None:
         ends = dict.fromkeys(about.decided, "; corrected") | dict.fromkeys(NOT_MENDED, "")
+        if not (found.late or stamped_at_end(found, recording)):
+            of_clocks = {"clock-offset", "clock-drift"} & about.decided
+            ends |= dict.fromkeys(of_clocks, "; odometry corrected: the path has the stamps of the scans")
         moves = tuple(Issue(one.code, one.message + ends.get(one.code, "; see --calibrate")) for one in about.moves)
         return (calibrated(recording, found, None) if about.decided else recording), moves
     ends = dict.fromkeys(NOT_MENDED, "")
@@ -231,7 +226,7 @@ def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) ->
     return calibrated(recording, found, side), tuple(issues)
 
 
-def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory | None, tuple[Issue, ...]]:
+def _truth_beside(path: Path, stamps: Array) -> tuple[Trajectory | None, tuple[Issue, ...]]:
     """The truth in a recording's folder, or beside a log, if it is on the clock of these stamps [s]; if not, why."""
     import numpy as np
 

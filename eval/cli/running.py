@@ -1,37 +1,45 @@
-"""One SLAM run as the command line does it: kernels started, progress shown, the result folder filled, scores said."""
+"""One SLAM run as the command line does it, over a recording or over the messages of another program on stdin."""
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import nullcontext
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, BinaryIO
 
-from moteslam.eval.cli.options import named
-from moteslam.eval.cli.text import progress_bar, warn
+import numpy as np
+
+from moteslam.errors import ConfigError, InputError
+from moteslam.eval.cli.interrupt import check_interrupt
+from moteslam.eval.cli.options import SlamOptions, named
+from moteslam.eval.cli.text import note, progress_bar, say, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.metrics.residuals import unfit_scans
-from moteslam.eval.report.maps import Snapshots, TextureStages
+from moteslam.eval.report.maps import Snapshot, keep_floor, keep_map
 from moteslam.eval.result_bag import write_result_bag
 from moteslam.eval.results import read_building, write_results
 from moteslam.eval.run_tables import loop_counts
 from moteslam.eval.scores import Figures, number
 from moteslam.eval.tables import Column, aligned, length, literal, rows_of
+from moteslam.files import result_folder
+from moteslam.kernels import runtime
+from moteslam.robot.platform import Platform
+from moteslam.robot.platforms import load_platform, platform_of, read_platform
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import Issue, counted
+from moteslam.robot.values import Issue, counted, shortened
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate, with_texture
 from moteslam.slam.online import OnlineSlam
+from moteslam.slam.scan_records import Update
 from moteslam.slam.sessions import expect_graph, go_on
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map
-
-if TYPE_CHECKING:
-    from moteslam.eval.cli.options import SlamOptions
 
 SCORES = (
     Column("laid on the reference, rigidly", "title"),
@@ -40,6 +48,12 @@ SCORES = (
     Column("RPE over 1 m", "rpe_1m", "number", "m", like="ate"),
     Column("heading RMSE", "heading", "number", "deg"),
 )
+STDIN = "stdin"
+LONGEST = 4_000_000  # No line is longer [bytes]
+SHOWN = 10
+"""Of the lines that are left out so many are told, each in a line; then how many there were."""
+KEYS = {"odometry": {"stamp", "pose", "counts"}, "imu": {"stamp", "yaw_rate"}, "scan": {"stamp", "ranges", "odometry"}}
+"""What a message of each type may have."""
 TRACKS = {"dead reckoning": DEAD_RECKONING, "SLAM (online)": ONLINE, "SLAM (final)": FINAL}
 
 
@@ -62,8 +76,6 @@ def run_into(
     into ``run.json``; ``issues`` were found before the run, those of the recording and of SLAM follow. ``onto`` is the
     result folder of the sessions before.
     """
-    from moteslam.kernels import runtime
-
     building = None
     if onto is not None:
         with named(**{"backend.method": "--onto"}):
@@ -74,11 +86,11 @@ def run_into(
     session = OnlineSlam.over(recording, config, seed=options.seed)
     issues = (*issues, *recording.warnings)
     warn(issues)  # a run that they make useless is long
-    snapshots = Snapshots(session)
+    snapshots: list[Snapshot] = []
     with progress_bar("SLAM", len(session), "scans") as progress:
         for update in session:
             if not options.no_figures:
-                snapshots.look(update)
+                keep_map(snapshots, session, update)
             progress(update.index + 1)
     with progress_bar("final path and map", 1.0):
         estimate = session.estimate()
@@ -98,7 +110,7 @@ def run_into(
         recording=recording,
         true_map=true_map,
         relations=relations,
-        snapshots=snapshots.kept,
+        snapshots=snapshots,
         stages=stages,
         figures=not options.no_figures,
         run={
@@ -137,16 +149,16 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
     """The estimate with the coloured floor, if the recording has images, and the floor at stages of the run."""
     if not (estimate.config.texture.enabled and can_map(recording)):
         return estimate, []
-    stages = TextureStages(*estimate.trajectory_final.stamps[[0, -1]].tolist())
-    span = max(stages.end - stages.begin, 1e-9)
+    stages: list[tuple[float, TextureMap]] = []
+    span = estimate.trajectory_final.stamps[[0, -1]]
     with progress_bar("floor", 1.0) as progress:
 
         def watch(stamp: float, mapper: TextureMapper) -> None:
-            stages.look(stamp, mapper)
-            progress(min(max((stamp - stages.begin) / span, 0.0), 1.0))
+            keep_floor(stages, stamp, mapper, span)
+            progress(min(max((stamp - span[0]) / max(np.ptp(span), 1e-9), 0.0), 1.0))
 
         estimate = with_texture(estimate, recording, watch=watch)
-    return estimate, stages.kept if estimate.texture is not None else []
+    return estimate, stages if estimate.texture is not None else []
 
 
 def run_lines(found: Figures, driven: str) -> Iterator[str]:
@@ -186,3 +198,98 @@ def score_lines(figures: Figures) -> Iterator[str]:
             counts = figures["metrics"][f"loops_{name}"]
             of = f"{counts['accepted']} accepted" if name == "precision" else f"{counts['possible']} possible"
             yield f"{name} of loops {100 * share:.1f} % of {of}"
+
+
+def follow(stream: BinaryIO, robot: Path | None, config: SlamConfig, out: Path | None, run: SlamOptions) -> None:
+    """Take in the lines of a stream to its end, print an update a line, and fill the result folder if there is one.
+
+    A line that cannot be used is told and left out: a robot does not stop for it.
+    """
+    with named("--platform"):
+        platform = Platform() if robot is None else (read_platform if robot.suffix == ".toml" else load_platform)(robot)
+
+    with nullcontext() if out is None else result_folder(out, force=run.force) as folder:
+        device, began = runtime.init(run.arch, run.threads), time.perf_counter()
+        slam, bad, number = None, 0, 0
+        for number, line in enumerate(_lines(stream), start=1):
+            try:
+                message = _message(line)
+                if (kind := message.pop("type")) == "platform":
+                    if slam is not None:
+                        raise InputError("after other messages, expected as the first", field="platform")
+                    platform = platform_of(message, file=f"{STDIN}:{number}", base=platform)
+                    continue
+                slam = OnlineSlam(platform, config, run.seed, name=STDIN) if slam is None else slam
+                _print(_add(slam, kind, message))
+            except ConfigError as error:
+                hint = ": --platform NAME, or a first line of type platform" if error.field == "platform.lidar" else ""
+                raise ConfigError(error.problem + hint, file=error.file, field=error.field) from error
+            except InputError as error:
+                if error.file is not None:  # of all messages
+                    raise
+                bad += 1
+                if bad <= SHOWN:
+                    note(f"warning: {InputError(error.problem, file=STDIN, line=number, field=error.field)}; left out")
+        _print(None if slam is None else slam.finish())
+        if slam is None or not len(slam):
+            raise InputError(f"{number} lines without a scan, expected some", file=STDIN)
+        estimate = slam.estimate()
+        text = f"{STDIN}: {bad} of {number} lines were left out"
+        issues = (*((Issue("broken-lines", text, bad),) if bad else ()), *estimate.warnings)
+        warn(issues)
+        if folder is None:
+            return
+        about: dict[str, Any] = {} if robot is None else {"platform": str(robot)}
+        about |= {"warnings": [issue.as_dict() for issue in issues], "command": ["moteslam", *sys.argv[1:]]}
+        about |= {"slam_seconds": time.perf_counter() - began, "arch": device.arch, "threads": device.threads}
+        write_results(folder, estimate, figures=not run.no_figures, run=about)
+    note(f"{len(estimate.trajectory)} scans, {estimate.trajectory_final.length:.1f} m: result in {out}")
+
+
+def _lines(stream: BinaryIO) -> Iterator[bytes]:
+    while line := stream.readline(LONGEST + 1):
+        check_interrupt()
+        while len(line) > LONGEST and not line.endswith(b"\n") and (rest := stream.readline(LONGEST)):
+            line = line[:LONGEST] + rest[-1:]  # the rest of it is skipped
+        yield line
+
+
+def _message(line: bytes) -> dict[str, Any]:
+    """The message of a line: an object with a known type, its keys, and a stamp."""
+    try:
+        message = json.loads(line)
+    except (ValueError, RecursionError):
+        message = None
+    if not isinstance(message, dict):
+        raise InputError(f"{shortened(line.decode('utf-8', 'replace').strip())}, expected an object of JSON")
+    kind = message.get("type")
+    if kind == "platform":
+        return message
+    if not isinstance(kind, str) or kind not in KEYS:
+        raise InputError(f"{shortened(kind)}, expected platform, {', '.join(KEYS)}", field="type")
+    if unknown := sorted(message.keys() - KEYS[kind] - {"type"}):
+        raise InputError(f"unknown key, expected {', '.join(sorted(KEYS[kind]))}", field=f"{kind}.{unknown[0]}")
+    stamp = message.get("stamp")
+    if isinstance(stamp, bool) or not isinstance(stamp, int | float):
+        raise InputError(f"{shortened(stamp)}, expected seconds", field=f"{kind}.stamp")
+    return message
+
+
+def _add(slam: OnlineSlam, kind: str, message: dict[str, Any]) -> Update | None:
+    stamp, ranges = float(message["stamp"]), message.get("ranges", "none")
+    if kind == "odometry":
+        return slam.add_odometry(stamp, message.get("pose"), counts=message.get("counts"))
+    if kind == "imu":
+        return slam.add_imu(stamp, message.get("yaw_rate", "none"))
+    if isinstance(ranges, list):  # JSON has no word for a number that is none
+        ranges = [float("nan") if one is None else one for one in ranges]
+    return slam.add_scan(ranges, stamp, odometry=message.get("odometry"))
+
+
+def _print(update: Update | None) -> None:
+    if update is None:
+        return
+    found = {"index": update.index, "stamp": update.stamp, "pose": update.pose.tolist()}
+    found |= {"covariance": update.covariance.tolist(), "state": update.state.name.lower()}
+    say(json.dumps(found | {"updated": update.updated, "corrected": update.corrected}))
+    sys.stdout.flush()

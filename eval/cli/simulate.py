@@ -9,9 +9,9 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from moteslam.errors import ConfigError, MoteslamError
+from moteslam.errors import ConfigError, MoteslamError, in_file
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import flag, opt
 from moteslam.eval.cli.text import answer, note, progress_bar, simulation_bar
 from moteslam.eval.tables import Column, aligned, literal, rows_of
 
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from moteslam.sim.scenario import Scenario
     from moteslam.sim.simulate import Progress, Simulation
 
-MAX_BATCH = 100_000
-"""Simulations that one command makes at most."""
+MAX_BATCH = 100_000  # Simulations that one command makes at most
 BATCH = (
     *(Column("scenario", "scenario"), Column("seed", "seed"), Column("distance [m]", "distance_m", ".1f")),
     *(Column("time [s]", "duration_s", ".0f"), Column("end", "end")),
@@ -45,12 +44,9 @@ class Recorded:
         "ucsd"
     )
     true_map: Annotated[float | None, opt("Also write the true map, in cells of M metres.", "M")] = None
-    camera: Annotated[bool, opt("Record colour and depth images, even if the scenario does not.", None, "--camera")] = (
-        False
-    )
+    camera: Annotated[bool, flag("--camera", "Record colour and depth images, even if the scenario does not.")] = False
 
     def logging(self) -> Logging:
-        """What of the recording is logged."""
         from moteslam.sim.logged import Logging
 
         with options.named(every="--log-every", turn="--log-turn", noise="--odometry-noise"):
@@ -63,7 +59,7 @@ class Recorded:
         self.logging()
         more: dict[str, Any] = {"settings": self.settings or (), "duration": self.duration}
         loaded = scenario_of(name, seed, platform=self.platform, noise=self.noise, **more)
-        with options.in_file(name):
+        with in_file(name):
             return with_camera(loaded) if self.camera else loaded
 
     def simulate(self, scenario: Scenario, seed: int | None, progress: Progress | None = None) -> Simulation:
@@ -77,7 +73,6 @@ class Recorded:
         return simulation if as_sensed else logged(simulation, logging)
 
     def write(self, folder: Path, simulation: Simulation, **watch: Any) -> None:
-        """Write it into a folder; more arguments as of ``write_simulation``."""
         from moteslam.sim.output import write_simulation
 
         write_simulation(folder, simulation, map_resolution=self.true_map, file_format=self.file_format, **watch)
@@ -118,7 +113,7 @@ def simulate(
         lines = [aligned(rows_of(BATCH, made)), f"recordings and truths in {literal(out)}"]
         answer({"out": str(out), "simulations": made}, lines, as_json=as_json)
         return
-    with result_folder(out, force=force) as folder, options.in_file(scenario), options.named(resolution="--true-map"):
+    with result_folder(out, force=force) as folder, in_file(scenario), options.named(resolution="--true-map"):
         with simulation_bar() as report:
             simulation = recorded.simulate(loaded, seed, report)
         with progress_bar("images", 1.0) as update:
@@ -161,17 +156,14 @@ def scenario_of(
 
 def about(simulation: Simulation) -> dict[str, Any]:
     """The outcome of a simulation: scenario, seed, distance, time, end, and how many readings each stream has."""
-    truth, recording = simulation.truth, simulation.recording
-    streams = {name: getattr(recording, name) for name in ("lidar", "encoders", "imu")}
-    if recording.rgbd is not None:
-        streams |= {"rgb": recording.rgbd.rgb_stamps, "disparity": recording.rgbd.disparity_stamps}
+    truth, streams = simulation.truth, simulation.recording.stamps()
     return {
         "scenario": simulation.scenario.name,
         "seed": simulation.scenario.seed,
         "distance_m": truth.length,
         "duration_s": float(truth.stamps[-1] - truth.stamps[0]),
         "end": simulation.end,
-        "readings": {name: len(stream) for name, stream in streams.items() if stream is not None},
+        "readings": {name: len(stamps) for name, stamps in streams.items() if name != "odometry"},
     }
 
 

@@ -13,7 +13,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.compare import summary_lines, summed_up, total
 from moteslam.eval.cli.interrupt import Interrupted
-from moteslam.eval.cli.options import opt
+from moteslam.eval.cli.options import arg, flag, opt
 from moteslam.eval.cli.text import answer, note, progress_bar, say
 from moteslam.eval.tables import Column, aligned, literal, rows_of
 
@@ -35,27 +35,25 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-DIFFERENT = NOTHING = 1
-"""Exit codes."""
+DIFFERENT = NOTHING = 1  # Exit codes
 SPECS = (
     *(Column("name", "name"), Column("runs", "runs"), Column("hash", "hash", ".16")),
     Column("what it is for", "description"),
 )
-MOST_SHOWN = 40
-"""Differences in the table that is printed."""
-File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam sweep` wrote.")]
+MOST_SHOWN = 40  # Differences in the table that is printed
+File = Annotated[Path, arg("What `moteslam sweep` wrote.", "FILE.sweep")]
 
 
 @app.command("run")
 def run(
-    spec: Annotated[str, typer.Argument(metavar="SPEC.toml|NAME", help="Which runs to make; NAME: see `sweep list`.")],
+    spec: Annotated[str, arg("Which runs to make; NAME: see `sweep list`.", "SPEC.toml|NAME")],
     out: Annotated[
         Path | None, opt("Where to record them [SPEC.sweep]; an existing one goes on.", "FILE.sweep")
     ] = None,
     workers: Annotated[int | None, opt("Parallel runs [as many as there are processors].", min=1, max=1024)] = None,
     shard: Annotated[str | None, opt("Only the I-th of N parts, for job arrays; see `sweep merge`.", "I/N")] = None,
     timed: Annotated[
-        bool, opt("Also measure time and memory: one run at a time, each in a new process.", None, "--time")
+        bool, flag("--time", "Also measure time and memory: one run at a time, each in a new process.")
     ] = False,
     scheduler: Annotated[
         str | None, opt("Make the runs on this Dask cluster (extra `cluster`).", "tcp://HOST:PORT")
@@ -120,7 +118,7 @@ def run(
 
 @app.command("list")
 def list_specs(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this one as TOML, to be changed.")] = None,
+    name: Annotated[str | None, arg("Print this one as TOML, to be changed.", "[NAME]")] = None,
     as_json: options.Json = False,
 ) -> None:
     """List the specifications that come with moteslam, or print one.
@@ -212,7 +210,7 @@ def plot(
 
 @app.command("merge")
 def merge_files(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE.sweep...", help="Parts of one sweep, or one of them.")],
+    files: Annotated[list[Path], arg("Parts of one sweep, or one of them.", "FILE.sweep...")],
     out: Annotated[Path, opt("A new file for all of their runs.", "FILE.sweep")],
 ) -> None:
     """Join the parts of a sweep that `--shard` made, on one computer or on many.
@@ -231,7 +229,7 @@ def merge_files(
 @app.command("diff")
 def diff(
     file: File,
-    other: Annotated[Path, typer.Argument(metavar="OTHER", help="Another one, or a table that `sweep export` wrote.")],
+    other: Annotated[Path, arg("Another one, or a table that `sweep export` wrote.", "OTHER")],
     as_json: options.Json = False,
 ) -> None:
     """Print where two sweeps of the same runs differ in any digit, except in times and memory.
@@ -253,12 +251,10 @@ def diff(
     alone, cells = len(first) + len(second) - 2 * len(common), differences(first, second)
     found = {"runs": len(common), "in_one_alone": alone, "differences": cells}
     more = f", {alone} in one of the two alone" if alone else ""
-    lines = [f"{counted(len(cells), 'difference')} in {counted(len(common), 'run')}{more}"]
-    if len(cells) > MOST_SHOWN:
-        lines.insert(0, f"... and {len(cells) - MOST_SHOWN} more: --json has all")
-    if cells:
-        head = ("run", "column", str(file), str(other))
-        lines.insert(0, aligned([head, *(tuple(cell.values()) for cell in cells[:MOST_SHOWN])]))
+    rows = [("run", "column", str(file), str(other)), *(tuple(cell.values()) for cell in cells[:MOST_SHOWN])]
+    lines = [aligned(rows)] if cells else []
+    lines += [f"... and {len(cells) - MOST_SHOWN} more: --json has all"] * (len(cells) > MOST_SHOWN)
+    lines += [f"{counted(len(cells), 'difference')} in {counted(len(common), 'run')}{more}"]
     answer(found, lines, as_json=as_json)
     if cells:
         raise typer.Exit(DIFFERENT)

@@ -15,8 +15,7 @@ from moteslam.eval.tables import literal
 if TYPE_CHECKING:
     from moteslam.robot.values import Issue
 
-STDOUT = "stdout"
-"""What errors call it."""
+STDOUT = "stdout"  # What errors call it
 
 
 def answer(found: Any, lines: Iterable[str], *, as_json: bool) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording, nearest_stamp
-from moteslam.robot.se2 import Poses, wrap
+from moteslam.robot.se2 import Array, Poses, wrap
 from moteslam.robot.trajectory import (
     FARTHEST,
     TILT,
@@ -24,9 +24,12 @@ from moteslam.robot.trajectory import (
     tilt_of,
 )
 from moteslam.robot.values import Summarised, counted, expect_type
-from moteslam.slam.inputs.synchronise import require_lidar
+from moteslam.slam.inputs.scans import Scans
+from moteslam.slam.inputs.synchronise import require_lidar, synchronise
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
 Indices = NDArray[np.intp]
 
 MAX_DIFFERENCE, MAX_GAP = 0.01, 1.0
@@ -148,8 +151,11 @@ def from_to(stamps: Array) -> str:
     return f"{stamps[0]:.3f} to {stamps[-1]:.3f} s"
 
 
-def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStream, Indices, Poses]:
-    """The lidar of a recording, the indices [k] of its scans that have a pose, and the poses [k, 3].
+def placed_scans(
+    recording: Recording, trajectory: Trajectory, scans: Scans | None = None
+) -> tuple[LidarStream, Indices, Poses, Scans]:
+    """The lidar of a recording, the indices [k] of its scans that have a pose, the poses [k, 3], and all scans, of
+    ``synchronise(recording)`` where they are not given.
 
     Where the trajectory has a pose for every scan, in order, these are taken; else poses are interpolated at the scans'
     stamps: if it has more poses than there are scans wherever it covers them, if not at the scans within
@@ -162,9 +168,10 @@ def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStr
         raise InputError("a trajectory without poses, expected one for every scan", field="trajectory")
     if not np.isfinite(trajectory.poses).all():
         raise InputError("poses that are not finite, expected x, y and theta", field="trajectory")
+    scans = synchronise(recording).scans if scans is None else scans
     stamps, times = lidar.stamps, trajectory.stamps
     if len(times) == len(stamps) and np.abs(times - stamps).max() <= MAX_DIFFERENCE:
-        return lidar, np.arange(len(stamps)), trajectory.poses  # scans that share a stamp keep a pose of their own
+        return lidar, np.arange(len(stamps)), trajectory.poses, scans  # those of one stamp keep a pose of their own
     if len(times) > len(stamps):
         index = np.flatnonzero(covered(stamps, times))
     else:
@@ -173,7 +180,7 @@ def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStr
         covers = f"the scans cover {from_to(stamps)}, the trajectory {from_to(times)}"
         problem = f"poses at {len(index)} of {counted(len(stamps), 'scan')}, expected at two or more: {covers}"
         raise InputError(problem, field="trajectory")
-    return lidar, index, se2.interpolate(times, trajectory.poses, stamps[index])
+    return lidar, index, se2.interpolate(times, trajectory.poses, stamps[index]), scans
 
 
 def travelled(poses: Poses) -> tuple[Array, Array]:
@@ -187,6 +194,13 @@ def travelled(poses: Poses) -> tuple[Array, Array]:
 def evenly(some: Indices, most: int) -> Indices:
     """Those [n], or ``most`` of them where there are more: evenly spread, the first and the last among them."""
     return some if len(some) <= most else some[np.linspace(0, len(some) - 1, most).round().astype(np.intp)]
+
+
+def tree_of(points: Array) -> cKDTree:
+    """The k-d tree of points [n, d]; SciPy takes long to import."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points)
 
 
 def in_space(estimate: Trajectory, reference: Trajectory) -> bool:
@@ -217,9 +231,9 @@ def laid(source: Array, target: Array, *, scale: bool = False) -> tuple[Array, A
 
 
 def nearest_rotation(matrix: Array) -> tuple[Array, float]:
-    """The rotation R [3, 3] for which trace(R^T M) is the largest, and that trace."""
+    """The rotation R [d, d] for which trace(R^T M) is the largest, and that trace."""
     u, size, v = np.linalg.svd(matrix)
-    mirror = np.array((1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(v))))
+    mirror = np.append(np.ones(len(size) - 1), np.sign(np.linalg.det(u) * np.linalg.det(v)))
     return u * mirror @ v, float((size * mirror).sum())
 
 

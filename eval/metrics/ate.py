@@ -7,17 +7,14 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics import association
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
 from moteslam.eval.statistics import Statistics
-from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, umeyama, wrap
+from moteslam.robot.se2 import IDENTITY, Array, Poses, compose, inverse, umeyama, wrap
 from moteslam.robot.trajectory import Space, Trajectory
 from moteslam.robot.values import Summarised, counted
-
-Array = NDArray[np.float64]
 
 STANDING = 0.01
 """A reference whose positions are within this root mean square distance of their mean [m] stands still."""
@@ -36,17 +33,14 @@ class PoseErrors(Summarised):
 
     @cached_property
     def translation(self) -> Statistics:
-        """Statistics of ``errors`` [m]."""
         return Statistics.of(self.errors)
 
     @cached_property
     def rotation(self) -> Statistics | None:
-        """Statistics of ``rotation_errors`` [rad]."""
         return None if self.rotation_errors is None else Statistics.of(self.rotation_errors)
 
     @cached_property
     def rotation_deg(self) -> Statistics | None:
-        """Statistics of ``rotation_errors`` [deg]."""
         return None if self.rotation_errors is None else Statistics.of(np.rad2deg(self.rotation_errors))
 
     @property
@@ -56,11 +50,9 @@ class PoseErrors(Summarised):
 
     @property
     def pairs(self) -> int:
-        """How many were compared."""
         return len(self.errors)
 
     def as_dict(self) -> dict[str, Any]:
-        """The statistics, fit for JSON."""
         turns = None if self.rotation_deg is None else self.rotation_deg.as_dict()
         return {"translation_m": self.translation.as_dict(), "rotation_deg": turns}
 
@@ -90,7 +82,6 @@ class AteResult(PoseErrors):
     space: tuple[Space, Space] | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """The statistics, fit for JSON."""
         return {**super().as_dict(), "transform": self.transform.tolist(), "scale": self.scale}
 
 

@@ -7,97 +7,29 @@ from dataclasses import replace
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, spatial
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
+from moteslam.eval.metrics.clocks import ALIKE, FINE, FITS, GAIN_METRES, LEAST, ROUNDS, SHAPE, clock_offset, rmse_of
 from moteslam.eval.tables import length
 from moteslam.robot import se2
-from moteslam.robot.trajectory import FARTHEST, TILT, Space, Trajectory, rotations_of, tilt_of
-from moteslam.robot.values import Issue
+from moteslam.robot.trajectory import TILT, Space, Trajectory, rotations_of, tilt_of
+from moteslam.robot.values import Issue, counted, when
+from moteslam.slam.inputs.odometry_path import jumps
 
-Array = NDArray[np.float64]
-
-LONGEST, TRIES = 120.0, 1200
-"""Offsets up to this are tried [s], of clocks without a common time all, and so many at most."""
-STEP, ROUNDS = 0.1, 20
-"""The search begins with offsets so far apart [s], and ends with so many steps of Gauss-Newton."""
-LEAST, COARSE, FINE = 10, 200, 5000
-"""Positions of the reference that are compared at least, in the search, and at its end."""
-GAIN, GAIN_METRES, FITS = 0.5, 0.01, 0.1
-"""A rate must leave less than this share of what an offset leaves, and the error fall by more than this [m]; without a
-common time to less than this share of the spread of the reference."""
-SHAPE, DRIFTS = 0.3, 0.1
-"""By a clock, arm, scale or sign the error must fall to less than this share, by a clock to less the less of the drives
-is left in common; clocks drift by less."""
-OVERLAP, ALIKE = 0.6, 1.2
-"""Of the shorter drive they must have this share in common; errors that differ by less than this factor are alike: the
-smallest offset is taken, clock and arm are both told."""
-SMALL, SAME = 0.1, 1e-4
-"""Errors and sizes below the first [m] are no other unit; no measurement is as near to the truth as the second [m]."""
+SMALL, SAME, TURNED = 0.1, 1e-4, 2.0
+"""Errors and sizes below the first [m] are no other unit, and a robot that turns by more than the third in all [rad]
+moves by more than that; no measurement is as near to the truth as the second [m]."""
 AXES, TURNS = np.deg2rad(30.0), 0.1
 """Orientations that differ by more than the first [rad] are of other axes, or another order, unit or sign; turns below
 the second [rad] show no offset on the robot: on a straight drive, drift looks like a long one."""
-DENSE, HEIGHTS = 0.5, 0.05
-"""Poses nearer to each other than the first [s] are interpolated; heights spread by less than the second [m] pass."""
+HEIGHTS = 0.05  # Heights spread by less pass [m]
 OTHERWISE, STANDS = 0.15, 0.2
 """In more than the first share of the seconds in which the reference turns, estimates of it do not turn otherwise, nor
 odometry (0.11 at most), by half of that; an estimate spread by less than the second share of it hardly moves."""
 UNLIKE, FEW, ALL_FIT = 0.5, 0.5, 3
 """Two paths have nothing in common where the error is more than this share of the spread of the reference; errors are
 of a part where less than the second share is compared; fewer poses than the third always fit each other."""
-
-
-def clock_offset(estimate: Trajectory, reference: Trajectory, before: float | None = None) -> tuple[float, str] | None:
-    """What is said of an offset or a rate of the estimate's clock that fits much better (``SHAPE``, ``GAIN``), and
-    the RMSE [m] after alignment with it; ``before`` is the error to be named, of clocks with a time in common.
-    """
-    if min(len(estimate), len(reference)) < LEAST:
-        return None
-    space = in_space(estimate, reference)
-    drives = [(one.stamps, spatial(one).positions if space else one.poses[:, :2]) for one in (estimate, reference)]
-    if any(np.ptp(stamps) <= 0 or np.abs(path).max() > FARTHEST for stamps, path in drives):
-        return None
-    swapped = float(np.median(np.diff(drives[0][0]))) > float(np.median(np.diff(drives[1][0])))
-    if (found := _offset(_Search(*drives[swapped], *drives[not swapped]))) is None:
-        return None
-    seconds, slow, rmse = found if not swapped else (-found[0], -found[1], found[2])
-    fits = f"the estimate fits with an ATE of {length(rmse)}{f' in place of {length(before)}' if before else ''}"
-    if slow:
-        rate = f"{100 * abs(slow):.2f} % {'slow' if slow > 0 else 'fast'}"
-        return rmse, f"{fits} if its clock runs {rate}: its stamps, or those of the reference, are to be scaled"
-    option = f"(--time-offset {seconds:.3f})"
-    if before is not None and not (estimate.oriented or reference.oriented):
-        option += ", or this is a point of the robot ahead of the other's or behind it: no orientations tell"
-    return rmse, f"moved by {seconds:+.3f} s {fits}: its clock seems to be another one {option}"
-
-
-def _offset(search: _Search) -> tuple[float, float, float] | None:
-    """The offset [s] to add, by what share the clock is slow, and the RMSE [m]."""
-    before, middle, reach = float("nan"), float(search.times[0] - search.stamps[0]), search.longer  # may begin before
-    if search.common(0.0) > 0:
-        before, middle, reach = search.rmse(0.0, FINE), 0.0, min(LONGEST, search.shorter)
-    if before < GAIN_METRES:
-        return None
-    step = max(STEP, 2 * reach / TRIES)
-    offsets = middle + step * np.arange(-np.floor(reach / step), np.floor(reach / step) + 1)
-    errors = np.array([search.rmse(float(offset), COARSE) for offset in offsets])
-    if not np.isfinite(errors).any():
-        return None
-    good = offsets[errors <= ALIKE * np.nanmin(errors) + 1e-9]
-    nearest = np.abs(offsets - good[np.argmin(np.abs(good - middle))]) <= 5 * step
-    best = float(offsets[nearest][np.nanargmin(errors[nearest])])
-    best, _, rmse = search.fitted(best, drifts=False)
-    share = (search.common(best) / search.shorter - OVERLAP) / (1 - OVERLAP)
-    if np.isnan(before):  # hardly a time in common
-        fits = rmse < FITS * search.spread * share and rmse + GAIN_METRES < search.spread
-        return (best, 0.0, rmse) if fits else None
-    # parts that are left out by an offset, as where a run got lost, are no reason for one: in laps any lap fits
-    before = float(np.nanmin([before, *(search.rmse(0.0, FINE, part) for part in search.parts(best))]))
-    start, slow, left = search.fitted(0.0 if before < rmse else best, drifts=True)
-    if left < min(GAIN * rmse, SHAPE * before) and rmse - left > GAIN_METRES and abs(slow) < DRIFTS:
-        return (start, slow, left) if left < GAIN * min(map(search.scaled, (0.0, best))) else None
-    return (best, 0.0, rmse) if rmse < SHAPE * before * share and before - rmse > GAIN_METRES else None
 
 
 def _lever_arm(
@@ -121,7 +53,7 @@ def _lever_arm(
         moved = (there.positions + there.rotations @ arm) @ turn.T
         moved -= moved.mean(axis=0)
         off = goal - moved
-        best = min(best, (_rmse(off), arm), key=lambda one: one[0])
+        best = min(best, (rmse_of(off), arm), key=lambda one: one[0])
         about = np.cross(np.eye(3)[:, None], moved / max(size, SAME))
         design = np.concatenate((about, np.moveaxis(turn @ there.rotations, 2, 0)))
         design -= design.mean(axis=1, keepdims=True)
@@ -160,7 +92,24 @@ def doubts(
     if few_off and {"implausible-speed", "poses-held"} & {issue.code for issue in issues}:  # these make paths unlike
         best = [issue for issue in best if issue.code != "unlike"]
     turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate)
-    return (*dict.fromkeys(issues), *_of_space(estimate, reference), *best, *turns, *_parts(estimate, reference, ate))
+    both = *_of_space(estimate, reference), *best, *turns, *_parts(estimate, reference, ate)
+    return (*dict.fromkeys(issues), *_of_path(reference), *both)
+
+
+def _of_path(reference: Trajectory) -> Iterator[Issue]:
+    """Where a reference jumps, as only an estimate may that finds itself elsewhere; and one of next to no length."""
+    stamps, poses = reference.stamps, reference.poses
+    known = {"implausible-speed", "poses-held", "equal-stamps", "positions-rounded"}
+    known &= {issue.code for issue in reference.warnings}
+    if not known and reference.space is None and (at := np.flatnonzero(jumps(stamps, poses)).tolist()):
+        steps = se2.between(poses[:-1], poses[1:])[np.array(at) - 1]
+        far, turned = np.hypot(steps[:, 0], steps[:, 1]).max(), np.rad2deg(np.abs(steps[:, 2]).max())
+        text = f"the reference jumps {counted(len(at), 'time')}, by up to {length(far)} and {turned:.0f} degrees, "
+        text += f"{when([(float(stamps[k - 1]), float(stamps[k])) for k in at])}: tracking lost, or angles taken "
+        yield Issue("implausible-speed", f"{text}halfway between -180 and 180 degrees? Errors hold that", len(at))
+    if reference.length < SMALL and np.abs(np.diff(np.unwrap(poses[:, 2]))).sum() > TURNED:
+        text = f"the reference turns, but moves by {length(reference.length)} in all: are its positions in metres?"
+        yield Issue("sizes-differ", f"{text} Degrees of latitude and longitude are none", len(reference))
 
 
 def few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:
@@ -261,90 +210,3 @@ def _of_turns(ate: AteResult) -> Iterator[Issue]:
     why = "throughout: other axes of the body" if turns.std() <= 0.2 * AXES else "where positions agree: another order"
     why += ", unit or sign, or a mirrored path; errors of rotation and relative errors hold that"
     yield Issue("body-axes", f"orientations differ by {np.rad2deg(middle):.0f} degrees {why}", len(turns))
-
-
-class _Search:
-    """Positions [n, d] and [m, d] of two drives at stamps [n] and, sparser, [m]; an offset is added to the former."""
-
-    def __init__(self, stamps: Array, positions: Array, times: Array, goal: Array) -> None:
-        self.stamps, self.positions, self.times = stamps, positions, times
-        self.shorter, self.longer = sorted((float(np.ptp(stamps)), float(np.ptp(times))))
-        self.spread = float(np.linalg.norm(goal.std(axis=0)))
-        self.at, self.there = times, goal
-        if float(np.median(np.diff(times))) < DENSE:  # anywhere between: noise is least between poses, at any offset
-            at = np.linspace(times[0], times[-1], FINE)
-            after = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
-            self.at = at[times[after] - times[after - 1] < DENSE]
-            self.there = _at(self.at, times, goal)
-        self.middle = float(self.at.mean())
-
-    def parts(self, offset: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        """From when to when [s] either drive is compared at an offset, that of ``at`` first."""
-        begin, end = max(self.at[0], self.stamps[0] + offset), min(self.at[-1], self.stamps[-1] + offset)
-        return (begin, end), (begin - offset, end - offset)
-
-    def laid(
-        self, offset: float, rate: float, most: int, part: tuple[float, float] = (-inf, inf)
-    ) -> tuple[NDArray[np.intp], Array, Array] | None:
-        """Which positions are compared, what is left of them [k, d] after rigid alignment, and its rotation.
-
-        None where too little of the shorter drive is left, or what is left stands still.
-        """
-        at = self.at - offset - rate * (self.at - self.middle)
-        inside = (at >= max(self.stamps[0], part[0])) & (at <= min(self.stamps[-1], part[1]))
-        keep = evenly(np.flatnonzero(inside), most)
-        if len(keep) < LEAST or np.ptp(self.at[keep]) < OVERLAP * self.shorter:
-            return None
-        a, b = _at(at[keep], self.stamps, self.positions), self.there[keep]
-        a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-        if np.linalg.norm(b.std(axis=0)) < 0.5 * self.spread:
-            return None
-        u, _, v = np.linalg.svd(b.T @ a)
-        u[:, -1] *= np.linalg.det(u) * np.linalg.det(v)
-        return keep, b - a @ (u @ v).T, u @ v
-
-    def rmse(self, offset: float, most: int, part: tuple[float, float] = (-inf, inf)) -> float:
-        """After rigid alignment [m], or NaN."""
-        found = self.laid(offset, 0.0, most, part)
-        return float("nan") if found is None else _rmse(found[1])
-
-    def fitted(self, offset: float, *, drifts: bool) -> tuple[float, float, float]:
-        """The best offset near one [s], with ``drifts`` the rate of the clock too, and the RMSE [m]; Gauss-Newton."""
-        best, rate = (offset, 0.0, inf), 0.0
-        for _ in range(ROUNDS):
-            if (found := self.laid(offset, rate, FINE)) is None:
-                break
-            keep, off, turn = found
-            best = min(best, (offset, rate, _rmse(off)), key=lambda one: one[2])
-            since = self.at[keep] - self.middle
-            times = self.at[keep] - offset - rate * since
-            before, after = (_at(times + by, self.stamps, self.positions) for by in (-STEP / 2, STEP / 2))
-            back = (before - after) / STEP @ turn.T
-            design = np.stack((back, back * since[:, None])[: 1 + drifts])
-            design -= design.mean(axis=1, keepdims=True)
-            step = np.linalg.lstsq(design.reshape(len(design), -1).T, off.ravel(), rcond=None)[0]
-            offset, rate = offset + float(step[0]), rate + (float(step[1]) if drifts else 0.0)
-        return best
-
-    def scaled(self, offset: float) -> float:
-        """After alignment with a scale [m], or NaN: along a line, at one speed, what the rate of a clock does."""
-        if (found := self.laid(offset, 0.0, FINE)) is None:
-            return float("nan")
-        keep, off, _ = found
-        there = self.there[keep] - self.there[keep].mean(axis=0)
-        own = there - off
-        return _rmse(there - own * (there * own).sum() / max(float(np.square(own).sum()), 1e-12))
-
-    def common(self, offset: float) -> float:
-        """How long both last at an offset [s]; below 0 the gap between them."""
-        end, begin = min(self.stamps[-1] + offset, self.times[-1]), max(self.stamps[0] + offset, self.times[0])
-        return float(end - begin)
-
-
-def _rmse(off: Array) -> float:
-    return float(np.sqrt(np.square(off).sum(axis=1).mean()))
-
-
-def _at(times: Array, stamps: Array, positions: Array) -> Array:
-    """Positions [k, d] at times [k] of a drive through positions [n, d] at stamps [n]."""
-    return np.column_stack([np.interp(times, stamps, column) for column in positions.T])

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics import localisation as filters
@@ -20,20 +19,19 @@ from moteslam.eval.metrics.relations import RelationResult, Relations, evaluate_
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
+from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.estimate import Correction
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import synchronise
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 FINAL, ONLINE, DEAD_RECKONING = TRACKS = "final", "online", "dead_reckoning"
 """Names of the trajectories of a run of ours."""
 
-MAX_SEEN = 3000
-"""At most this many scans, spread evenly over the drive, show which walls were seen."""
+MAX_SEEN = 3000  # At most this many scans, spread evenly over the drive, show which walls were seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +90,6 @@ class Evidence:
 
     @cached_property
     def scans(self) -> Scans:
-        """The scans of the recording, synchronised once."""
         return synchronise(needed(self.recording, "recording")).scans
 
     def _known(self) -> tuple[Certainty, Trajectory, Trajectory]:
@@ -103,7 +100,6 @@ class Evidence:
 
     @cached_property
     def localisation(self) -> filters.LocalisationResult:
-        """Covariances and states of the online trajectory against the truth."""
         known, online, truth = self._known()
         return filters.score_localisation(
             online, known.covariances, known.states, known.updated, truth, corrections=known.corrections
@@ -111,13 +107,11 @@ class Evidence:
 
     @cached_property
     def nees_from_start(self) -> filters.NeesResult:
-        """The NEES of the online trajectory, anchored at the start."""
         known, online, truth = self._known()
         return filters.nees_from_start(online, known.covariances, truth)
 
     @property
     def time_taken(self) -> Cost:
-        """``InputError`` where it was not measured."""
         return needed(self.cost, "time was measured")
 
     @property
@@ -131,7 +125,6 @@ class Evidence:
 
     @cached_property
     def loop_result(self) -> LoopResult:
-        """The accepted loops against the truth."""
         loops, truth = needed(self.loops, "back end that looks for loops"), needed(self.truth, "truth")
         scans = None if self.recording is None else self.scans
         return score_loops(loops, oriented(truth)[0], self.recording, scans=scans)
@@ -164,7 +157,6 @@ class Track:
 
     @property
     def truth(self) -> Trajectory:
-        """Of the run; ``InputError`` without."""
         return needed(self.run.truth, "truth")
 
     def once(self, compare: Callable[..., T], **options: Any) -> T:
@@ -177,17 +169,14 @@ class Track:
 
     @property
     def ate(self) -> AteResult:
-        """After rigid alignment."""
         return self.once(absolute_trajectory_error)
 
     @cached_property
     def relations(self) -> RelationResult:
-        """Against hand-checked relations."""
         return evaluate_relations(oriented(self.trajectory)[0], needed(self.run.relations, "relations"))
 
     @cached_property
     def consistency(self) -> MapConsistency:
-        """Of the map that the recording's scans draw."""
         return map_consistency(*self.under_scans(), scans=self.run.scans)
 
     def under_scans(self) -> tuple[Recording, Trajectory]:

@@ -10,19 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import covered, evenly
+from moteslam.eval.metrics.association import Indices, covered, evenly
 from moteslam.eval.statistics import CONFIDENCE
 from moteslam.robot import se2
-from moteslam.robot.se2 import Poses
+from moteslam.robot.se2 import Array, Poses
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised, counted, expect_type
 from moteslam.slam.estimate import Correction
 from moteslam.slam.filter.certainty import NEIGHBOURHOOD, LocalisationState
 from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 
 MAX_SCANS, MAX_AROUND = 5000, 60
 """At most this many scans are scored, each by at most this many poses of the map around it, evenly chosen."""
@@ -231,7 +229,6 @@ class NeesResult(Summarised):
 
     @property
     def mean(self) -> float:
-        """Over the run."""
         return float(self.nees.mean())
 
     @property

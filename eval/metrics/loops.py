@@ -10,17 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import Indices, covered, evenly, placed_scans, travelled
+from moteslam.eval.metrics.association import Indices, covered, evenly, placed_scans, travelled, tree_of
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
+from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, Summarised, expect_type
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.inputs.scans import Scans
-from moteslam.slam.inputs.synchronise import synchronise
-
-Array = NDArray[np.float64]
 
 MAX_TRANSLATION, MAX_ROTATION = 0.3, np.deg2rad(3.0)
 """A loop whose relative pose is farther from the true one than either, [m] and [rad], is false."""
@@ -57,17 +55,14 @@ class LoopResult(PoseErrors):
 
     @property
     def is_false(self) -> NDArray[np.bool_]:
-        """[n] which loops are false."""
         return np.asarray((self.errors > MAX_TRANSLATION) | (self.rotation_errors > MAX_ROTATION))
 
     @property
     def false(self) -> int:
-        """How many loops are false."""
         return int(self.is_false.sum())
 
     @property
     def accepted(self) -> int:
-        """How many were scored."""
         return self.pairs
 
     @property
@@ -152,11 +147,9 @@ class PossibleLoops(Summarised):
 
     def bound_by(self, stamps: Array) -> int:
         """How many of the later scans are bound by loops whose earlier and later scans have stamps [a, 2] [s]."""
-        from scipy.spatial import cKDTree
-
         if not len(stamps) or not len(self.places):
             return 0
-        loops = cKDTree(np.interp(stamps, self.stamps, self.path))
+        loops = tree_of(np.interp(stamps, self.stamps, self.path))
         apart = np.asarray(loops.query(self.places, p=np.inf)[0])  # the larger of the two distances along the path
         return len(np.unique(self.later[apart <= BOUND_PATH]))
 
@@ -169,19 +162,15 @@ def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | No
     share at least ``MIN_SHARED`` of their endpoints, laid at the true poses. ``InputError`` of the field
     ``trajectory``: fewer than two scans with a true pose.
     """
-    from scipy.spatial import cKDTree
-
-    lidar, index, poses = placed_scans(recording, truth)
+    lidar, index, poses, scans = placed_scans(recording, truth, scans)
     path, turned = travelled(poses)
     keys = evenly(np.unique(np.floor((path + turned) / SPACING), return_index=True)[1], MAX_KEY_SCANS)
-    pairs = cKDTree(poses[keys, :2]).query_pairs(MAX_DISTANCE, output_type="ndarray")
+    pairs = tree_of(poses[keys, :2]).query_pairs(MAX_DISTANCE, output_type="ndarray")
     pairs = keys[np.sort(pairs, axis=1)].reshape(-1, 2)
     pairs = pairs[path[pairs[:, 1]] - path[pairs[:, 0]] > MIN_PATH]
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-    synchronised = synchronise(recording).scans if scans is None else scans
     clouds = {
-        scan: se2.transform_points(poses[scan], synchronised.points(int(index[scan])))
-        for scan in np.unique(pairs).tolist()
+        scan: se2.transform_points(poses[scan], scans.points(int(index[scan]))) for scan in np.unique(pairs).tolist()
     }
     few = {scan: cloud[evenly(np.arange(len(cloud)), MAX_ENDPOINTS)] for scan, cloud in clouds.items()}
     shared = np.zeros(len(pairs))
@@ -194,11 +183,9 @@ def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | No
 
 def _shared(cloud: Array, others: list[Array]) -> Array:
     """The share [n] of each scan's endpoints, n arrays [k, 2], that is next to one of ``cloud`` [m, 2]; 0 of none."""
-    from scipy.spatial import cKDTree
-
     counts = np.array([len(other) for other in others])
     if not len(cloud):
         return np.zeros(len(others))
-    distances = cKDTree(cloud).query(np.concatenate(others), distance_upper_bound=SAME_PLACE)[0]
+    distances = tree_of(cloud).query(np.concatenate(others), distance_upper_bound=SAME_PLACE)[0]
     scan = np.repeat(np.arange(len(others)), counts)
     return np.asarray(np.bincount(scan[np.isfinite(distances)], minlength=len(others)) / np.maximum(counts, 1))

@@ -8,19 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import evenly, placed_scans, travelled
+from moteslam.eval.metrics.association import evenly, placed_scans, travelled, tree_of
 from moteslam.eval.metrics.residuals import surface_points
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster, cell_counts, cells_of
 from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.se2 import IDENTITY, Poses
+from moteslam.robot.se2 import IDENTITY, Array, Poses
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import counted, expect_type
 from moteslam.slam.inputs.scans import Scans
-from moteslam.slam.inputs.synchronise import synchronise
-
-Array = NDArray[np.float64]
 
 SAME_WALL, FARTHEST = 0.1, 1.0
 """Walls closer to each other than this are the same wall; no wall cell counts as farther from the other map's [m]."""
@@ -95,22 +92,18 @@ def map_accuracy(
 
 def _distances(points: Array, others: Array) -> Array:
     """Of points [n, 2] to the nearest of others [m, 2], at most ``FARTHEST``: [n] [m]."""
-    from scipy.spatial import cKDTree
-
     if not len(points) or not len(others):
         return np.full(len(points), FARTHEST)
-    return np.minimum(cKDTree(others).query(points, distance_upper_bound=FARTHEST)[0], FARTHEST)
+    return np.minimum(tree_of(others).query(points, distance_upper_bound=FARTHEST)[0], FARTHEST)
 
 
 SPACING, MAX_SCANS = 0.3, 5000
 """A scan is used once the robot has moved by this much [m], or turned by as many radians, since the last one used; of
 more than so many an even choice."""
-CELL, BLOCK = 0.05, 1.0
-"""Edges of the cells, and of the blocks by which walls are measured [m]."""
+CELL, BLOCK = 0.05, 1.0  # Edges of the cells, and of the blocks by which walls are measured [m]
 CROFTON = np.pi / 4
 """Metres of a straight line in each metre of the squares that it meets, in the mean over its directions."""
-SAMPLES = 8000
-"""Endpoints that are compared with those of other scans, spread evenly over all."""
+SAMPLES = 8000  # Endpoints that are compared with those of other scans, spread evenly over all
 NEAR_PATH, FAR_PATH, REACH = 6.0, 15.0, 0.4
 """Scans less than the first and more than the second of path apart are compared [m], where endpoints are this near."""
 TWICE, APART, SAME_FACING = 0.1, 1.0, 0.8
@@ -141,15 +134,14 @@ class MapConsistency:
 
 def map_consistency(recording: Recording, trajectory: Trajectory, *, scans: Scans | None = None) -> MapConsistency:
     """Score a trajectory by the map that its recording's scans draw under it; arguments as of ``scan_residuals``."""
-    lidar, index, poses = placed_scans(recording, trajectory)
+    lidar, index, poses, scans = placed_scans(recording, trajectory, scans)
     kept = [0]  # poses, each ``SPACING`` away from the one before
     for i, pose in enumerate(poses):
         off = pose - poses[kept[-1]]
         if np.hypot(off[0], off[1]) > SPACING or abs(se2.wrap(off[2])) > SPACING:
             kept.append(i)
     used = evenly(np.array(kept), MAX_SCANS)
-    synchronised = synchronise(recording).scans if scans is None else scans
-    seen = [_surface(synchronised, lidar, int(index[scan]), poses[scan]) for scan in used]
+    seen = [_surface(scans, lidar, int(index[scan]), poses[scan]) for scan in used]
     points, normals = (np.vstack(some) for some in zip(*seen, strict=True))
     owners = np.repeat(np.arange(len(used)), [len(some) for some, _ in seen])
     if not len(points):
@@ -195,10 +187,8 @@ def _between_scans(points: Array, normals: Array, owners: NDArray[np.intp], path
     """Distances [m] of some endpoints [p, 2] with normals [p, 2], each of a scan [p] after some path [p] [m], to the
     nearest one of near scans, of far scans, and of far ones on the same side.
     """
-    from scipy.spatial import cKDTree
-
     chosen = evenly(np.arange(len(points)), SAMPLES)
-    tree = cKDTree(points)
+    tree = tree_of(points)
     found: tuple[list[float], list[float], list[float]] = ([], [], [])
     for i, around in zip(chosen.tolist(), tree.query_ball_point(points[chosen], APART), strict=True):
         others = np.array(around)
@@ -215,11 +205,9 @@ def _between_scans(points: Array, normals: Array, owners: NDArray[np.intp], path
 
 def _thickness(points: Array) -> float:
     """The median standard deviation of the endpoints around one across their longest extent [m]."""
-    from scipy.spatial import cKDTree
-
     chosen = evenly(np.arange(len(points)), SAMPLES // 4)
     spreads = []
-    tree = cKDTree(points)
+    tree = tree_of(points)
     for point in points[chosen]:
         around = tree.query_ball_point(point, AROUND)
         if len(around) >= FEWEST:

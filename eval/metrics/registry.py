@@ -29,8 +29,7 @@ from moteslam.slam.filter.certainty import LocalisationState
 
 Found = float | None | tuple[float | None, Mapping[str, Any]]
 """What a metric returns: a number, or a number and further figures of the same errors."""
-MOVED = 0.05
-"""Positions spread by less [m] say nothing of heading and scale."""
+MOVED = 0.05  # Positions spread by less [m] say nothing of heading and scale
 
 RPE = re.compile(r"rpe_(?P<delta>[0-9]+(?:\.[0-9]+)?)(?P<unit>m|s|frames)(?P<rotation>_rotation)?")
 """Names of relative errors over any length, time or number of poses."""
@@ -42,8 +41,7 @@ class Metric:
 
     Attributes:
         unit: of the value: ``m``, ``deg``, ...; empty for shares and counts.
-        meaning: what it measures, one sentence.
-        source: where its definition comes from.
+        meaning, source: what it measures, one sentence, and where its definition comes from.
         of_trajectory, of_run: computes it; one of the two. ``InputError`` where it cannot be had.
         better: which values are better; None where neither is.
         costly: takes seconds: measured when asked for by name.
@@ -72,11 +70,6 @@ def _rotation(errors: PoseErrors) -> tuple[float, dict[str, Any]]:
     return float(np.rad2deg(angle)), _others(needed(errors.rotation_deg, "orientation"))
 
 
-def _ate(track: Track) -> Found:
-    others = _others(track.ate.translation, "median", "max")
-    return track.ate.rmse, others | {"transform": track.ate.transform.tolist()}
-
-
 def _moved(track: Track) -> Track:
     """The track, if the robot moved: else the alignment leaves heading and scale open."""
     spread = track.ate.reference[:, :2].std(axis=0)
@@ -103,7 +96,10 @@ def _of_loops(run: Evidence, name: str, *more: str) -> Found:
 
 
 FIGURES: dict[str, Callable[[Any], Found]] = {
-    "ate": _ate,
+    "ate": lambda track: (
+        track.ate.rmse,
+        {**_others(track.ate.translation, "median", "max"), "transform": track.ate.transform.tolist()},
+    ),
     "ate_scaled": lambda track: _moved(track).once(absolute_trajectory_error, scale=True).rmse,
     "ate_from_start": lambda track: track.once(absolute_trajectory_error, from_start=True).rmse,
     "heading": lambda track: _rotation(_moved(track).ate),
@@ -162,8 +158,7 @@ BUNDLED = {name: _relative_error(name) or _bundled(row) for name, row in _TABLE.
 """By name, in the order in which they are listed."""
 COSTS = tuple(name for name, row in _TABLE.items() if row["of"] == "cost")
 """Names of the metrics that differ from run to run."""
-METRICS: Plugins[Metric] = Plugins("moteslam.metrics", Metric, bundled=BUNDLED)
-"""By name."""
+METRICS: Plugins[Metric] = Plugins("moteslam.metrics", Metric, bundled=BUNDLED)  # By name
 
 
 @dataclass(frozen=True)
@@ -179,7 +174,6 @@ class Value:
     more: Mapping[str, Any] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON."""
         if self.number is None:
             return {"absent": self.reason}
         return {"value": self.number, "unit": self.unit, **self.more}

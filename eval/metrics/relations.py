@@ -16,14 +16,12 @@ from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.files import open_regular
 from moteslam.robot.formats.streams import MAX_JUMP
 from moteslam.robot.recording import nearest_stamp
-from moteslam.robot.se2 import Poses, between, wrap
+from moteslam.robot.se2 import Array, Poses, between, wrap
 from moteslam.robot.se2 import interpolate as interpolated
 from moteslam.robot.trajectories.columns import number_lines
 from moteslam.robot.trajectories.text import MAX_TURN
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised, expect_type
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-4
 """Stamps of a relation and of a pose that are the same reading differ by less than this [s]."""
@@ -59,21 +57,17 @@ class RelationResult(PoseErrors):
 
     @property
     def matched(self) -> int:
-        """Number of relations with a pose at both of their stamps."""
         return int(self.is_at_stamps.sum())
 
     @property
     def at_stamps(self) -> PoseErrors | None:
-        """The errors of those with a pose at both of their stamps, if there are any."""
         return self._of(self.is_at_stamps)
 
     @property
     def clear(self) -> PoseErrors | None:
-        """The errors of those whose two stamps each belong to exactly one pose, if there are any."""
         return self._of(self.is_clear)
 
     def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON."""
         counts = {"total": self.total, "used": self.pairs, "interpolated": self.pairs - self.matched}
         some = {"at_stamps": self.at_stamps, "clear": self.clear}
         some_or_none = {name: None if errors is None else errors.as_dict() for name, errors in some.items()}

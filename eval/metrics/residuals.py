@@ -10,16 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import evenly, placed_scans, travelled
+from moteslam.eval.metrics.association import evenly, placed_scans, travelled, tree_of
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording, chunks, measured
-from moteslam.robot.se2 import Poses
+from moteslam.robot.se2 import Array, Poses
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, Summarised, counted
 from moteslam.slam.inputs.scans import Scans
-from moteslam.slam.inputs.synchronise import synchronise
-
-Array = NDArray[np.float64]
 
 PATH_REACH = 2.0
 """Scans less than this far apart along the path are compared [m]: little drift, much seen by both."""
@@ -35,10 +32,8 @@ the beams meet at less than 75 degrees from its normal."""
 MIN_JOINED, MAX_JOINED = 0.05, 1.0
 """Adjacent endpoints nearer than the first are joined whatever the range [m], as noise alone puts them so far apart; no
 line is longer than the second [m]."""
-FAR = 0.03
-"""The share of residuals beyond this distance [m] is reported."""
-MEDIAN_OF_NOISE = 0.87
-"""The median residual, in standard deviations of the noise of both scans."""
+FAR = 0.03  # The share of residuals beyond this distance [m] is reported
+MEDIAN_OF_NOISE = 0.87  # The median residual, in standard deviations of the noise of both scans
 UNFIT, UNFIT_NOISE, UNKNOWN_NOISE, GLANCED = 0.02, 1.6, 0.022, 40
 """Scans do not fit each other whose median residual is above the first [m] and so many times what their noise explains;
 the third is that of a lidar that states none [m]: real logs have residuals of up to 0.023. So many scans show it."""
@@ -87,8 +82,8 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
 
     Which poses are taken: ``placed_scans``. ``scans`` are the recording's as ``synchronise(recording)`` gives them.
     """
-    lidar, index, poses = placed_scans(recording, trajectory)
-    compared, residuals, endpoints, unseen = _compared(recording, lidar, index, poses, scans, MAX_SCANS)
+    lidar, index, poses, scans = placed_scans(recording, trajectory, scans)
+    compared, residuals, endpoints, unseen = _compared(lidar, index, poses, scans, MAX_SCANS)
     everything = np.concatenate(residuals)
     no_return = sum(int(np.isinf(scans).sum()) for scans in chunks(lidar.ranges))
     beams = sum(int(measured(scans, lidar.interlace).sum()) for scans in chunks(lidar.ranges))
@@ -105,8 +100,8 @@ def unfit_scans(recording: Recording, trajectory: Trajectory) -> tuple[Issue, ..
     What bends each scan in itself hides from their registration: an eccentric disc, a filter over time in the driver.
     """
     try:
-        lidar, index, poses = placed_scans(recording, trajectory)
-        compared, residuals, *_ = _compared(recording, lidar, index, poses, None, GLANCED)
+        lidar, index, poses, scans = placed_scans(recording, trajectory)
+        compared, residuals, *_ = _compared(lidar, index, poses, scans, GLANCED)
     except InputError:  # nothing to compare
         return ()
     stated, ranges = recording.platform.noise.lidar, [lidar.ranges[k : k + 1] for k in index[compared].tolist()]
@@ -123,7 +118,7 @@ def unfit_scans(recording: Recording, trajectory: Trajectory) -> tuple[Issue, ..
 
 
 def _compared(
-    recording: Recording, lidar: LidarStream, index: NDArray[np.intp], poses: Poses, scans: Scans | None, most: int
+    lidar: LidarStream, index: NDArray[np.intp], poses: Poses, scans: Scans, most: int
 ) -> tuple[list[int], list[Array], int, int]:
     """The scans that are compared, at most so many, the residuals of each, how many endpoints, and those unseen."""
     path, turned = travelled(poses)
@@ -132,11 +127,10 @@ def _compared(
         driven = f"{path[-1]:.2f} m driven and {np.rad2deg(turned[-1]):.0f} deg turned"
         expected = f"expected at least {SPACING:g} m or {np.rad2deg(SPACING):.0f} deg"
         raise InputError(f"{driven} over {counted(len(index), 'scan')}, {expected}", field="trajectory")
-    synchronised = synchronise(recording).scans if scans is None else scans
 
     @lru_cache(maxsize=64)  # those within reach of a scan and of the next
     def lines(scan: int) -> _Lines:
-        return _Lines(synchronised, lidar, int(index[scan]), poses[scan])
+        return _Lines(scans, lidar, int(index[scan]), poses[scan])
 
     compared, residuals, endpoints, unseen = [], [], 0, 0
     for place in evenly(np.arange(0, len(used), 2), most):
@@ -185,13 +179,11 @@ class _Lines:
     """
 
     def __init__(self, scans: Scans, lidar: LidarStream, index: int, pose: Poses) -> None:
-        from scipy.spatial import cKDTree
-
         self.points, joined = surface_points(scans, lidar, index, pose, longest=MAX_JOINED)
         steps, none = np.diff(self.points, axis=0) * joined[:, None], np.zeros((1, 2))
         self.along = np.stack((np.vstack((steps, none)), np.vstack((none, -steps))))
         self.inner = np.append(joined, False) & np.append(False, joined)
-        self._tree = cKDTree(self.points) if len(self.points) else None
+        self._tree = tree_of(self.points) if len(self.points) else None
 
     def distances(self, points: Array) -> Array:
         """The residuals [n] of points [n, 2] against these lines [m]; infinite where there is none."""

@@ -6,17 +6,24 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, angles, evenly, match, oriented, travelled
+from moteslam.eval.metrics.association import (
+    MAX_DIFFERENCE,
+    Indices,
+    Matched,
+    angles,
+    evenly,
+    match,
+    oriented,
+    travelled,
+    tree_of,
+)
 from moteslam.eval.metrics.ate import PoseErrors
-from moteslam.robot.se2 import Poses, between
+from moteslam.robot.se2 import Array, Poses, between
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Unit = Literal["m", "s", "frames"]
 Pairs = tuple[Indices, Indices]
 
@@ -40,7 +47,6 @@ class RpeResult(PoseErrors):
     _what: ClassVar[str] = "pair"
 
     def as_dict(self) -> dict[str, Any]:
-        """The statistics, fit for JSON."""
         return {"delta": self.delta, "unit": self.unit, **super().as_dict()}
 
 
@@ -112,12 +118,10 @@ def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> PoseError
     Each pose is compared with the earliest one within ``SAME_PLACE`` of it by the reference that lies more than
     ``LEAST_PATH`` of path before it.
     """
-    from scipy.spatial import cKDTree
-
     matched = match(*oriented(estimate, reference))
     chosen = evenly(np.arange(len(matched.stamps)), MAX_RETURNS)
     true, path = matched.reference[chosen], travelled(matched.reference)[0][chosen]
-    pairs = cKDTree(true[:, :2]).query_pairs(SAME_PLACE, output_type="ndarray")
+    pairs = tree_of(true[:, :2]).query_pairs(SAME_PLACE, output_type="ndarray")
     earliest = np.arange(len(true))
     np.minimum.at(earliest, pairs[:, 1], pairs[:, 0])
     later = np.flatnonzero(path - path[earliest] > LEAST_PATH)

@@ -7,26 +7,23 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import ceil, floor, isfinite, log10
 from typing import Any
 
 from moteslam.eval.report.curves import lines_over
-from moteslam.eval.runs import key_words, summary_of
+from moteslam.eval.runs import Shown, key_words, summary_of
 from moteslam.eval.statistics import Summary
 from moteslam.eval.sweep.store import Row
-from moteslam.eval.tables import literal, number
+from moteslam.eval.tables import literal
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#B8A700")
 """Of lines: the palette of Okabe and Ito, made for colour-blind readers, its black and yellow fit for both schemes."""
 SYMBOLS = ("circle", "square", "diamond", "cross", "x", "triangle-up", "star", "hexagon")
 DASHES = ("solid", "dash", "dot", "dashdot")
-MOST_LINES = 16
-"""Of a chart; the others are left out, and counted in its note."""
+MOST_LINES = 16  # Of a chart; the others are left out, and counted in its note
 WIDE = 20.0
 """Values whose largest is at least this multiple of the smallest are drawn on a logarithmic axis."""
-DECADES = 1e3
-"""Values over more have a tick a decade."""
+DECADES = 1e3  # Values over more have a tick a decade
 LABEL = 28
 """Characters of a line of a label; of a longer one the end is shown, where such names differ."""
 
@@ -42,19 +39,6 @@ def _lines(name: str) -> str:
     """A name under its column, a line a part."""
     parts = map(literal, name.split(", "))
     return "<br>".join(label(part if len(part) <= LABEL else f"…{part[1 - LABEL :]}") for part in parts)
-
-
-@dataclass(frozen=True)
-class Shown:
-    """A metric as charts show it: its name, words with the unit, and the factor to that."""
-
-    name: str
-    title: str
-    factor: float = 1.0
-
-    def text(self, value: float | None) -> str:
-        """A value as a point says it."""
-        return number(None if value is None else self.factor * value)
 
 
 def curves(runs: Sequence[Row], key: str, metric: Shown) -> Figure | None:

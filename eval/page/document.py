@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
-from jinja2 import BaseLoader, Environment, StrictUndefined
+from jinja2 import Environment, StrictUndefined
+from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 
 from moteslam.errors import ConfigError, InputError
@@ -33,8 +34,7 @@ from moteslam.eval.tables import literal, shortened
 from moteslam.files import read_text
 from moteslam.robot.values import interval, read_toml
 
-DEPTH = 3
-"""Of folders in which result folders are looked for."""
+DEPTH = 3  # Of folders in which result folders are looked for
 
 
 @dataclass
@@ -58,7 +58,6 @@ class Material:
 
     @property
     def issues(self) -> Counter[str]:
-        """What was wrong with recordings and runs, and how many runs had it."""
         return Counter(str(issue.get("message")) for run in self.runs for issue in run.issues)
 
 
@@ -151,8 +150,7 @@ USUAL = (
     *("nees", "lost_recall", "loops_false", "relations", "cpu_per_scan"),
 )
 """Metrics of a report whose sweeps name none."""
-MOST_METRICS = 8
-"""Of a report that was not asked for more."""
+MOST_METRICS = 8  # Of a report that was not asked for more
 STYLE_OF_MAPS = re.compile(r'getElementById\("([0-9a-f]{32,})"\)')
 """plotly.js adds a style of its geographic maps, which the policy forbids, unless an element of this name is there."""
 
@@ -181,7 +179,7 @@ def page(
     first = baseline or next(iter(columns))
     # with the units that were recorded: a plug-in's metric may not be here
     measured = {name: unit for run in made for name, one in run.scores.items() if (unit := one.get("unit"))}
-    shown = {name: charts.Shown(name, *each) for name, each in runs.headings(made, names, measured).items()}
+    shown = runs.headings(made, names, measured)
     keys = runs.apart(made)
     played = [(run, run.folder) for run in made if run.folder is not None]
     players: list[tuple[str, Markup]] = []
@@ -238,10 +236,7 @@ def page(
 
 def data_block(value: Any) -> Markup:
     """JSON that cannot end the script element that it stands in, nor begin a comment."""
-    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
-    for character in "<>&\u2028\u2029":
-        text = text.replace(character, f"\\u{ord(character):04x}")
-    return Markup(text)
+    return htmlsafe_json_dumps(value, separators=(",", ":"), allow_nan=False)
 
 
 def _render(context: dict[str, Any]) -> str:
@@ -251,7 +246,6 @@ def _render(context: dict[str, Any]) -> str:
     library = distribution("plotly").locate_file("plotly/package_data/plotly.min.js")  # the package is not imported
     plotly = Path(str(library)).read_text(encoding="utf-8")
     environment = Environment(
-        loader=BaseLoader(),
         autoescape=True,
         undefined=StrictUndefined,
         finalize=lambda value: value if isinstance(value, Markup) or not isinstance(value, str) else literal(value),
@@ -289,12 +283,9 @@ def _hash(text: str) -> str:
 def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     having = list(dict.fromkeys(name for run in material.runs for name in run.known))
     if wanted:
-        try:
-            chosen(wanted)
-        except ConfigError as error:
-            raise ConfigError(error.problem, field="--metric") from error
+        chosen(wanted)
         if missing := [name for name in wanted if name not in having]:
-            raise ConfigError(f"{missing[0]!r}, which no run has; expected {', '.join(having[:8])}", field="--metric")
+            raise ConfigError(f"{missing[0]!r}, which no run has; expected {', '.join(having[:8])}", field="metrics")
         return list(wanted)
     found = [name for name in (*material.wanted, *USUAL) if name in having] or having or material.wanted
     found = list(dict.fromkeys(found or ["final.ate"]))[: max(MOST_METRICS, len(set(material.wanted)))]

@@ -14,29 +14,24 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import evenly
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.results import BUILDING, read_building
-from moteslam.eval.run_tables import read_diagnostics, read_loops, read_particles
+from moteslam.eval.run_tables import STATES, read_diagnostics, read_loops, read_particles
 from moteslam.files import read_bytes, read_yaml
 from moteslam.robot.formats.map_server import MAX_IMAGE_BYTES, MAX_PIXELS, MAX_YAML_BYTES
 from moteslam.robot.raster import decode_picture, picture_size
-from moteslam.robot.se2 import between, compose, inverse, transform_points
+from moteslam.robot.se2 import Array, between, compose, inverse, transform_points
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
-from moteslam.slam.filter.certainty import LocalisationState
-
-Array = NDArray[np.float64]
 
 SHOWN = {"accepted": 1, "overruled": 2, "contradicted": 3, "ambiguous": 4}
 """Verdicts of the loops that are drawn, by the number that stands for each."""
-STEPS, MOST_STEPS, FEWEST_STEPS = 90_000, 2_000, 150
-"""Poses of all runs together, and of each."""
+STEPS, MOST_STEPS, FEWEST_STEPS = 90_000, 2_000, 150  # Poses of all runs together, and of each
 PICTURES, LARGEST_PICTURE = 6_000_000, 1_000_000
 """Bytes of all maps together, and of each; textures have as many."""
 PARTICLES, FEWEST_PARTICLES, UPDATES = 30, 5, 150
 """Paths of particles of a run, of one of many, and at how many updates at least."""
 CLOUDS, LARGEST_CLOUD = 400_000, 60_000
 """Numbers for the particles of all runs together, and of each; scans have as many."""
-ENDPOINTS = 60
-"""Of a scan."""
+ENDPOINTS = 60  # Of a scan
 
 
 class Budget(NamedTuple):
@@ -85,7 +80,7 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
     if len(diagnostics.stamps) == len(final):
         found["state"] = np.maximum.reduceat(diagnostics.values["state"], steps).astype(int).tolist()
         found["effective"] = [round(value, 1) for value in diagnostics.values["n_eff"][steps].tolist()]
-    found["states"] = [state.name.lower() for state in LocalisationState]
+    found["states"] = list(STATES)
     if (folder / "loops.csv").is_file():
         rows = []
         for loop in read_loops(folder / "loops.csv"):
@@ -117,12 +112,12 @@ def _errors(trajectory: Trajectory, truth: Trajectory, stamps: Array) -> list[in
 
 def _particles(file: Path, start: float, budget: Budget) -> dict[str, Any]:
     """Times of updates, and of some paths x and y at these."""
-    cloud = read_particles(file)
+    stamps, paths = read_particles(file)
     most = int(np.clip(budget.particles // (2 * UPDATES), FEWEST_PARTICLES, PARTICLES))
-    paths = cloud.paths[evenly(np.arange(len(cloud.paths)), most)]
-    updates = evenly(np.arange(len(cloud.stamps)), max(2, min(budget.steps, budget.particles // (2 * len(paths)))))
+    paths = paths[evenly(np.arange(len(paths)), most)]
+    updates = evenly(np.arange(len(stamps)), max(2, min(budget.steps, budget.particles // (2 * len(paths)))))
     return {
-        "t": _deltas(1e3 * (cloud.stamps[updates] - start)),
+        "t": _deltas(1e3 * (stamps[updates] - start)),
         "paths": [[_deltas(1e3 * path[updates, k]) for k in (0, 1)] for path in paths],
     }
 

@@ -9,27 +9,22 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.relations import RelationResult
 from moteslam.eval.report import style
 from moteslam.eval.report.style import File, curve_axes, line_look
-from moteslam.eval.runs import CONFIGURATION, SETTINGS, better, grouped, headings, key_words, summary_of, varying
+from moteslam.eval.runs import CONFIGURATION, SETTINGS, Shown, better, grouped, headings, key_words, summary_of, varying
 from moteslam.eval.statistics import FEWEST
 from moteslam.eval.sweep.store import Row
 from moteslam.eval.tables import fitting, literal, number
+from moteslam.robot.se2 import Array
 
-Array = NDArray[np.float64]
 Errors = AteResult | None
 Look = dict[str, Any]
-Shown = tuple[str, str, float]
-"""A metric, with its words and the factor to their unit."""
-Line = tuple[str, AteResult, Look]
-"""Label, to which its RMSE is added, errors and look of a curve."""
+Line = tuple[str, AteResult, Look]  # Label, to which its RMSE is added, errors and look of a curve
 
-RUG = 1.05
-"""Where the marks of resampling stand, as a share of the particles."""
+RUG = 1.05  # Where the marks of resampling stand, as a share of the particles
 FAR_APART, BELOW = 20, 0.05
 """Errors of which one is this many times another are drawn on logarithmic axes, of each all but this lowest share."""
 
@@ -221,7 +216,7 @@ def draw_sweep(
     with style.saved_figure(path, size=(1.0 + 5.2 * len(metrics), 4.6)) as figure:
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axes, name in zip(panels, metrics, strict=True):
-            _draw_medians(axes, lines, looks, (name, *titles[name]), places)
+            _draw_medians(axes, lines, looks, titles[name], places)
             axes.set_xlabel(literal(key_words(column) if label is None else label), parse_math=False)
         if max(len(runs) for line in lines for runs in line.groups.values()) >= FEWEST:
             panels[0].errorbar([], [], yerr=[], color="0.4", ls="", capsize=3.5, label="95 % interval of the median")

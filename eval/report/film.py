@@ -5,8 +5,7 @@ from __future__ import annotations
 import io
 import os
 import tempfile
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -21,21 +20,18 @@ from moteslam.eval.report.maps import draw_map
 from moteslam.eval.tables import shortened
 from moteslam.files import write_atomically
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import Simulation
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.scan_records import Update
 
-Array = NDArray[np.float64]
-Frame = NDArray[np.uint8]
-"""[height, width, 3]: red, green, blue."""
+Frame = NDArray[np.uint8]  # [height, width, 3]: red, green, blue
 
 MAX_FPS, MAX_SPEED, MAX_FRAMES = 50.0, 10000.0, 2000
 """Frames a second (browsers slow GIFs down that have more), times real time, and frames in all."""
-USUAL_LENGTH = 15.0
-"""A film is at most this long where nobody asks for a speed [s]."""
-SPEEDS = tuple(step for step in style.STEPS if 1 <= step <= 5000)
-"""The speeds to choose from then."""
+USUAL_LENGTH = 15.0  # A film is at most this long where nobody asks for a speed [s]
+SPEEDS = tuple(step for step in style.STEPS if 1 <= step <= 5000)  # The speeds to choose from then
 BEAMS_DRAWN = 90
 PERSON, DOOR, BEAM = "#D55E00", "#CC79A7", "#E69F00"
 STYLE = style.PictureStyle(font_size=12.0, dpi=100.0)
@@ -44,12 +40,10 @@ PLAN, NARROWEST = (9.0, 4.6), 6.4
 """Width and height that the plan takes at most, and its width at least, for the legend and the caption [inch]."""
 LEFT, RIGHT, BELOW, ABOVE = 0.75, 0.3, 1.35, 0.4
 """Beside the plan, below it (the legend) and above it (the caption) [inch]."""
-NAME_SHOWN = 30
-"""Characters of the scenario's name that the caption holds at most."""
+NAME_SHOWN = 30  # Characters of the scenario's name that the caption holds at most
 CODECS = {"avc1": "H.264", "vp09": "VP9", "av01": "AV1"}
 """What browsers play in an MP4, in the order in which they are tried: most builds of OpenCV do not encode H.264."""
-GIF_TICK = 0.01
-"""Frames of a GIF last whole multiples of this [s]."""
+GIF_TICK = 0.01  # Frames of a GIF last whole multiples of this [s]
 
 
 @dataclass(frozen=True)
@@ -82,8 +76,10 @@ class Pace:
         return f"{self.speed:g} × real time, {self.fps:g} frames/s"
 
 
-def film(simulation: Simulation, session: OnlineSlam, pace: Pace) -> Iterator[tuple[Update, tuple[Frame, ...]]]:
-    """Each update of a session over a simulation, and the frames that show it, mostly one or none, in SLAM's frame."""
+def film(
+    simulation: Simulation, session: OnlineSlam, pace: Pace, progress: Callable[[float], None] = lambda _done: None
+) -> Iterator[Frame]:
+    """The frames of a session over a simulation, in SLAM's frame; ``progress`` is called with how many scans are in."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -104,9 +100,9 @@ def film(simulation: Simulation, session: OnlineSlam, pace: Pace) -> Iterator[tu
         caption = figure.text(0.5, 1 - 0.1 / height, "", ha="center", va="top", parse_math=False)
         path = []
         for update in session:
+            progress(update.index + 1)
             path.append(update.pose)
             if not shown[update.index]:
-                yield update, ()
                 continue
             axes.clear()
             draw_map(axes, session.map)
@@ -122,7 +118,7 @@ def film(simulation: Simulation, session: OnlineSlam, pace: Pace) -> Iterator[tu
             name = shortened(simulation.scenario.name, NAME_SHOWN)
             caption.set_text(f"{name}: t = {update.stamp - lidar.stamps[0]:.1f} s, {pace}")
             canvas.draw()
-            yield update, (np.asarray(canvas.buffer_rgba())[..., :3].copy(),) * int(shown[update.index])
+            yield from (np.asarray(canvas.buffer_rgba())[..., :3].copy(),) * int(shown[update.index])
 
 
 def _draw(axes: style.Axes, simulation: Simulation, start: Array, walls: Array, update: Update, path: Array) -> None:
@@ -200,8 +196,10 @@ def _animated(kind: str, frames: Iterable[Frame], fps: float) -> bytes:
 
 def _mp4(frames: Iterable[Frame], fps: float) -> bytes:
     """An MP4 by the first of ``CODECS`` that OpenCV encodes here; empty where there is none."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it reports every encoder that is missing
     import cv2
 
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     frames = iter(frames)
     first = next(frames)
     height, width = (size - size % 2 for size in first.shape[:2])  # of 4:2:0 colours: two by two pixels share one
@@ -209,24 +207,10 @@ def _mp4(frames: Iterable[Frame], fps: float) -> bytes:
         file = Path(folder) / "film.mp4"
         for codec in CODECS:
             form = cv2.VideoWriter.fourcc(*codec)
-            with _stderr_discarded():
-                writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, form, fps, (width, height))
+            writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, form, fps, (width, height))
             if writer.isOpened():
                 for frame in chain((first,), frames):
                     writer.write(np.ascontiguousarray(frame[:height, :width, ::-1]))
                 writer.release()
                 return file.read_bytes()
     return b""
-
-
-@contextmanager
-def _stderr_discarded() -> Iterator[None]:
-    """Send what libraries write to stderr nowhere: FFmpeg reports every encoder that is missing."""
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from moteslam.eval.report.style import STYLE, File
 from moteslam.eval.run_tables import loop_counts
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.se2 import between, compose, inverse, umeyama
+from moteslam.robot.se2 import Array, between, compose, inverse, umeyama
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import expect_type
 from moteslam.slam.backend.ledger import LoopCandidate
@@ -25,10 +25,8 @@ from moteslam.slam.online import OnlineSlam
 from moteslam.slam.scan_records import Update
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
-Array = NDArray[np.float64]
 Way = Trajectory | None
-Stages = Sequence[tuple[float, TextureMap]]
-"""The coloured floor at stamps [s]."""
+Stages = Sequence[tuple[float, TextureMap]]  # The coloured floor at stamps [s]
 
 SCANS_DRAWN, BEAMS_DRAWN = 400, 180
 """At most this number of a recording's scans, and of the beams of each, is drawn under dead reckoning."""
@@ -158,8 +156,7 @@ def _lines(trajectory: Trajectory, loops: Sequence[LoopCandidate]) -> Array:
     return ends.reshape(-1, 2)
 
 
-STAGES = 6
-"""Of a run."""
+STAGES = 6  # Of a run
 SCANS = 250
 """At most this many scans are drawn into the map of a stage but the last: its panel is small."""
 
@@ -173,34 +170,21 @@ class Snapshot:
     map: Raster
 
 
-@dataclass(eq=False)
-class Snapshots:
-    """Watches a session and keeps its map after each sixth of the scans."""
-
-    session: OnlineSlam
-    kept: list[Snapshot] = field(default_factory=list)
-
-    def look(self, update: Update) -> None:
-        """Keep the map if this scan ends a stage."""
-        total = len(self.session)
-        if update.index in np.arange(1, STAGES + 1) * total // STAGES - 1:
-            occupancy = self.session.map if update.index == total - 1 else self.session.preview(SCANS)
-            self.kept.append(Snapshot(update.index, update.stamp, occupancy))
+def keep_map(kept: list[Snapshot], session: OnlineSlam, update: Update) -> None:
+    """Add the map of a session if this scan ends a sixth of it."""
+    total = len(session)
+    if update.index in np.arange(1, STAGES + 1) * total // STAGES - 1:
+        occupancy = session.map if update.index == total - 1 else session.preview(SCANS)
+        kept.append(Snapshot(update.index, update.stamp, occupancy))
 
 
-@dataclass(eq=False)
-class TextureStages:
-    """Watches the colouring and keeps the coloured floor, with its stamp, at six moments from begin to end [s]."""
-
-    begin: float
-    end: float
-    kept: list[tuple[float, TextureMap]] = field(default_factory=list)
-
-    def look(self, stamp: float, mapper: TextureMapper) -> None:
-        """Keep the map if a stage ends before this frame's stamp [s]."""
-        for due in np.linspace(self.begin, self.end, STAGES + 1)[1:].tolist()[len(self.kept) :]:
-            if stamp >= due:
-                self.kept.append((due, mapper.snapshot()))
+def keep_floor(kept: list[tuple[float, TextureMap]], stamp: float, mapper: TextureMapper, span: Array) -> None:
+    """Add the coloured floor, with its stamp, for each of six moments from begin to end, a span [2] [s], that a frame's
+    stamp [s] has come to.
+    """
+    for due in np.linspace(span[0], span[1], STAGES + 1)[1:].tolist()[len(kept) :]:
+        if stamp >= due:
+            kept.append((due, mapper.snapshot()))
 
 
 def with_opacity(texture: TextureMap) -> NDArray[np.uint8]:

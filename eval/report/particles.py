@@ -11,16 +11,13 @@ from numpy.typing import NDArray
 from moteslam.eval.metrics.association import travelled
 from moteslam.eval.report import style
 from moteslam.eval.report.style import STEPS, File, broken
-from moteslam.robot.se2 import between, compose
+from moteslam.robot.se2 import Array, between, compose
 from moteslam.robot.values import expect_type
 from moteslam.slam.estimate import Estimate
 
-Array = NDArray[np.float64]
-
 PARTICLES_DRAWN, ELLIPSES = 50, 30
 """Of more particles an even choice is drawn; at so many places on the plan, evenly along the path, the spread."""
-DRAWN_SIZE = 0.08
-"""Deviations are magnified to at most this share of the plan's longer side."""
+DRAWN_SIZE = 0.08  # Deviations are magnified to at most this share of the plan's longer side
 COMPONENTS = (("along [cm]", 100.0), ("across [cm]", 100.0), ("heading [deg]", 180 / np.pi))
 """Of a deviation: label of its axis, and the factor from m or rad to its unit."""
 
@@ -53,7 +50,6 @@ class Cloud:
 
     @cached_property
     def mean(self) -> Array:
-        """The mean [u, 3] of the survivors' paths."""
         x, y = self.paths[..., :2].mean(axis=0).T
         heading = np.arctan2(np.sin(self.paths[..., 2]).mean(axis=0), np.cos(self.paths[..., 2]).mean(axis=0))
         return np.stack((x, y, heading), axis=-1)

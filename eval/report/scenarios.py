@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.eval.report import style
 from moteslam.robot.formats.map_server import FREE
+from moteslam.robot.se2 import Array
 from moteslam.sim.actors.actors import Door
 from moteslam.sim.scenario import Scenario
 from moteslam.sim.world.world import World, true_map
-
-Array = NDArray[np.float64]
 
 MATERIAL_COLOURS = {"plain": "0.25", "glass": "#56B4E9", "black": "black", "shiny": "#E69F00"}
 OTHER_MATERIAL, PERSON, DOOR, SLIPPERY = "#CC79A7", "#D55E00", "#009E73", "#F0E442"

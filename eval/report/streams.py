@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.eval.metrics.association import evenly
 from moteslam.eval.report import style
 from moteslam.eval.report.style import DEAD_RECKONING, SLAM
 from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection
 from moteslam.robot.recording import CHUNK, LidarStream, Recording, measured
+from moteslam.robot.se2 import Array
 from moteslam.robot.sensor_reports import turns, yaw_rate
 
-Array = NDArray[np.float64]
-
-BINS = 240
-"""Across the time of a recording."""
-RANGES = 180
-"""At most this many beams of a scan are drawn."""
+BINS = 240  # Across the time of a recording
+RANGES = 180  # At most this many beams of a scan are drawn
 
 
 def draw_streams(path: style.File, recording: Recording, found: Inspection) -> None:

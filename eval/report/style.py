@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.tables import literal, shortened
 from moteslam.files import write_atomically
+from moteslam.robot.se2 import Array
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     Axes = matplotlib.axes.Axes  # of annotations here and in the files beside this one
 
-Array = NDArray[np.float64]
 File = str | PathLike[str]
 
 
@@ -39,14 +38,8 @@ class PictureStyle:
 
     In a picture of one's own: ``with matplotlib.rc_context(moteslam.PictureStyle().rc_params()): ...``
 
-    Attributes:
-        slam: colour of SLAM's paths; all four are from the palette of Okabe and Ito, made for colour-blind readers.
-        truth: colour of the truth.
-        dead_reckoning: colour of dead reckoning.
-        particle: colour of particles.
-        map_free, map_unknown, map_occupied: greys of the map, 0 black to 1 white.
-        font_size: of all text [pt]; a figure's title is 1 pt larger.
-        dpi: pixels an inch.
+    Its four colours are from the palette of Okabe and Ito, made for colour-blind readers; greys of the map from 0,
+    black, to 1, white; the size of all text is in pt, a figure's title 1 pt larger; ``dpi`` are pixels an inch.
     """
 
     slam: str = "#0072B2"
@@ -82,8 +75,7 @@ class PictureStyle:
 
 STYLE = PictureStyle()
 SLAM, TRUTH, DEAD_RECKONING, PARTICLE = STYLE.slam, STYLE.truth, STYLE.dead_reckoning, STYLE.particle
-UNKNOWN = str(STYLE.map_unknown)
-"""The grey of cells that the map does not know, and beyond it."""
+UNKNOWN = str(STYLE.map_unknown)  # The grey of cells that the map does not know, and beyond it
 ONLINE_COLOUR = "#CC79A7"
 """Of the online trajectory where the final one is drawn, too."""
 ONLINE, FINAL = "SLAM (online)", "SLAM (final)"
@@ -91,8 +83,7 @@ ONLINE, FINAL = "SLAM (online)", "SLAM (final)"
 COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Of lines: the palette of Okabe and Ito without its green, which is the truth's; for more lines again, dashed."""
 DASHES = ("-", "--", ":", "-.")
-STEPS = tuple(step * 10.0**power for power in range(-9, 10) for step in (1, 2, 5))
-"""Round numbers."""
+STEPS = tuple(step * 10.0**power for power in range(-9, 10) for step in (1, 2, 5))  # Round numbers
 TRUTH_BAND: dict[str, Any] = {"color": TRUTH, "lw": 4.0, "alpha": 0.55}
 """The path of the truth, under the others."""
 SINGLE_VALUES, WINDOWS, MEDIANS = 300, 240, 60

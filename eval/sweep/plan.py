@@ -23,8 +23,7 @@ from moteslam.robot.values import Section, read_toml
 from moteslam.sim.scenario import SCENARIOS, load_scenario
 from moteslam.slam.settings import resolve_config
 
-WORDS = ("description", "why")
-"""Keys of scenarios and robots from which no run follows."""
+WORDS = ("description", "why")  # Keys of scenarios and robots from which no run follows
 
 
 class PlannedRun(Section):
@@ -57,22 +56,18 @@ class PlannedRun(Section):
 
     @property
     def name(self) -> str:
-        """For people: what it is in one line."""
         parts = [self.scenario or Path(self.recording).name, self.platform, self.noise, f"seed {self.seed}"]
         return ", ".join(filter(None, [*parts, self.configured]))
 
     @property
     def configured(self) -> str:
-        """For people: the configuration, with what varies."""
         return ", ".join([self.configuration, *(f"{key}={value}" for key, value in self.varied)])
 
     @property
     def version(self) -> str:
-        """Of the external SLAM, where one was given."""
         return str(self.command[4]) if len(self.command) > 4 else ""
 
     def for_slam(self) -> tuple[str, ...]:
-        """The settings over the preset."""
         return tuple(setting.removeprefix("slam.") for setting in self.settings if setting.startswith("slam."))
 
     def for_scenario(self) -> tuple[str, ...]:

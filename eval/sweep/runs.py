@@ -30,8 +30,7 @@ from moteslam.sim.logged import with_odometry
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.settings import resolve_config
 
-MAP_CELL = 0.05
-"""Of the true map [m]."""
+MAP_CELL = 0.05  # Of the true map [m]
 
 
 class Case(NamedTuple):

@@ -6,14 +6,13 @@ import os
 import re
 import subprocess
 from collections.abc import Sequence
-from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import ConfigError, InputError, in_file
 from moteslam.eval.metrics.evidence import TRACKS
 from moteslam.eval.metrics.registry import chosen, split
 from moteslam.eval.tables import shortened
@@ -156,7 +155,6 @@ class SweepSpec(Section):
         return self
 
     def values(self, key: str) -> list[Scalar]:
-        """What a key of ``vary`` takes."""
         given = self.vary[key]
         return [*given.values()] if isinstance(given, Range) else [*given]
 
@@ -166,28 +164,27 @@ def bundled_specs() -> dict[str, Path]:
     return {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
 
 
-def spec_file(name_or_path: str | PathLike[str]) -> Path:
+def spec_file(name: str) -> Path:
     """The file of a specification: a bundled one by its name, or a path."""
-    text, path, bundled = str(name_or_path), Path(name_or_path), bundled_specs()
-    if text in bundled:
-        return bundled[text]
+    path, bundled = Path(name), bundled_specs()
+    if name in bundled:
+        return bundled[name]
     if path.suffix == ".toml" or path.is_file():
         return path
-    expected = f"one of {', '.join(bundled)}, or a .toml file"
-    raise ConfigError(f"no specification of this name, expected {expected}", file=text)
+    raise ConfigError(
+        f"no specification of this name, expected one of {', '.join(bundled)}, or a .toml file", file=name
+    )
 
 
-def read_spec(path: str | PathLike[str]) -> SweepSpec:
+def read_spec(path: Path) -> SweepSpec:
     """Read a specification; paths in it are made absolute, and versions of commands are asked for."""
-    path = Path(path)
     spec = validated(SweepSpec, read_toml(path, "a sweep's .toml file"), file=path)
     beside = path.absolute().parent
 
     def seen(names: tuple[str, ...]) -> tuple[str, ...]:
-        """Names as they are, paths of TOML files as seen from the folder of this one."""
         return tuple(str(beside / name) if name.endswith(".toml") or "/" in name else name for name in names)
 
-    try:
+    with in_file(path):
         for name in chosen([*spec.metrics, *spec.success]):
             track, short = split(name)
             if track and track not in TRACKS:
@@ -201,8 +198,6 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
                 "configurations": {name: _placed(name, one, beside) for name, one in spec.configurations.items()},
             }
         )
-    except ConfigError as error:
-        raise ConfigError(error.problem, file=path, field=error.field) from error
 
 
 def _expanded(name: str) -> str:
@@ -221,10 +216,16 @@ def _placed(name: str, one: Configuration, folder: Path) -> Configuration:
         return tuple(word.replace("{here}", str(folder)) for word in words)
 
     try:
-        version = one.version if isinstance(one.version, str) else version_of(here(one.version))
+        version = one.version
+        if not isinstance(version, str):  # the first line that the program prints
+            printed = run_program(words := here(version)).splitlines()
+            version = next((line.strip()[:LONGEST_VERSION] for line in printed if line.strip()), "")
+            if not version:
+                raise InputError("printed nothing, expected a version", file=words[0])
     except InputError as error:
         raise ConfigError(str(error), field=f"configurations.{name}.version") from error
-    return one.model_copy(update={"command": here(one.command), "version": version}) if one.command else one
+    known = {"command": here(one.command), "version": version}
+    return one.model_copy(update=known) if one.command else one
 
 
 def run_program(words: Sequence[str], folder: Path | None = None) -> str:
@@ -238,14 +239,6 @@ def run_program(words: Sequence[str], folder: Path | None = None) -> str:
         last = f": {printed[-1][-TAIL:]}" if printed else ""
         raise InputError(f"ended with exit code {done.returncode}{last}", file=words[0])
     return done.stdout.decode("utf-8", errors="replace")
-
-
-def version_of(words: Sequence[str]) -> str:
-    """The first line that a program prints."""
-    line = next((line.strip() for line in run_program(words).splitlines() if line.strip()), "")
-    if not line:
-        raise InputError("printed nothing, expected a version", file=words[0])
-    return line[:LONGEST_VERSION]
 
 
 def numbers(text: str) -> list[int]:

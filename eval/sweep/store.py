@@ -9,12 +9,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from os import PathLike
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.errors import ConfigError, InputError, OutputError, in_file
 from moteslam.eval.metrics.registry import COSTS
 from moteslam.eval.sweep.plan import PlannedRun, digest, plan, shard
 from moteslam.eval.sweep.spec import SUCCESS, SweepSpec
@@ -22,16 +21,14 @@ from moteslam.eval.sweep.workers import Outcome
 from moteslam.files import staged_file
 
 VERSION = "2"
-WHOLE = "1/1"
-"""The part of a sweep that is all of it."""
+WHOLE = "1/1"  # The part of a sweep that is all of it
 SCHEMA = """
 CREATE TABLE about (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE runs (
     id TEXT PRIMARY KEY, number INTEGER NOT NULL, run TEXT NOT NULL, status TEXT, error TEXT, result TEXT
 );
 """
-Environment = Mapping[str, Mapping[str, str]]
-"""Versions and hardware, by name."""
+Environment = Mapping[str, Mapping[str, str]]  # Versions and hardware, by name
 Facts = Environment | None
 Key = tuple[Any, ...]
 
@@ -71,7 +68,6 @@ class Row:
 
     @property
     def costs(self) -> dict[str, float]:
-        """Times and memory, where they were measured."""
         return {name: value for name, value in self.known.items() if name in COSTS}
 
     @cached_property
@@ -90,12 +86,10 @@ class Row:
 
     @property
     def name(self) -> str:
-        """For people: where it drove, with which robot, noise and seed."""
         place = filter(None, (str(self.about[key]) for key in ("scenario", "platform", "noise")))
         return ", ".join((*place, f"seed {self.run.seed}"))
 
     def renamed(self, configuration: str) -> Row:
-        """The same with another name of its configuration."""
         return replace(self, run=self.run.model_copy(update={"configuration": configuration}))
 
 
@@ -132,14 +126,12 @@ class Store:
         return dict(self._connection.execute("SELECT coalesce(status, ''), count(*) FROM runs GROUP BY 1 ORDER BY 1"))
 
     def record(self, outcome: Outcome[PlannedRun]) -> None:
-        """Record what became of a run; after this it is on the disk."""
         result = json.dumps(outcome.result)
         with self._connection as connection:
             about = (outcome.status, outcome.error, result, outcome.run.id)
             connection.execute("UPDATE runs SET status = ?, error = ?, result = ? WHERE id = ?", about)
 
     def rows(self) -> Iterator[Row]:
-        """All runs, in their order."""
         columns = "run, coalesce(status, ''), coalesce(error, ''), coalesce(result, '{}')"
         for text, status, error, result in self._connection.execute(f"SELECT {columns} FROM runs ORDER BY number"):
             found = json.loads(result)
@@ -161,9 +153,8 @@ class Store:
 
 
 @contextmanager
-def opened(path: str | PathLike[str], *, write: bool = False) -> Iterator[Store]:
+def opened(path: Path, *, write: bool = False) -> Iterator[Store]:
     """Open a file of a sweep, alone if it is to be written."""
-    path = Path(path)
     if not path.is_file():
         raise InputError("there is no such file, expected one that `moteslam sweep` made", file=path)
     if path.stat().st_size == 0:
@@ -225,10 +216,8 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Env
             if problem:
                 raise OutputError(f"{problem}, expected another --out", file=target)
         return
-    try:
+    with in_file(file):
         runs = plan(spec)
-    except ConfigError as error:
-        raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
     create(target, text, shard(runs, int(number), int(of)), part=part, digest=digest(runs), environment=environment)
 
 

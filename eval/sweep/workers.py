@@ -31,10 +31,8 @@ from moteslam.eval.sweep.plan import PlannedRun
 
 TRIES = 3
 """A run whose process dies is made again, as the process may have been killed for what others did; this often."""
-TAIL = 300
-"""Characters of what a dead process printed last that go into the error."""
-RUNS = "moteslam.eval.sweep.runs"
-"""The module that makes the runs of a sweep."""
+TAIL = 300  # Characters of what a dead process printed last that go into the error
+RUNS = "moteslam.eval.sweep.runs"  # The module that makes the runs of a sweep
 WAIT, CONNECT = 0.5, 20
 """Between two looks at the clock, at most, and until a scheduler of a cluster must have answered [s]."""
 
@@ -74,11 +72,9 @@ class Worker(Generic[R]):
         self.begin(run, timed=timed)
 
     def fileno(self) -> int:
-        """Where its outcomes come from."""
         return self._output.fileno()
 
     def begin(self, run: R, *, timed: bool) -> None:
-        """Give it a run."""
         self.run, self.began = run, time.monotonic()
         with suppress(BrokenPipeError):  # dead: its output says so
             self._input.write(json.dumps({"run": to_jsonable_python(run), "timed": timed}) + "\n")
@@ -103,7 +99,6 @@ class Worker(Generic[R]):
         return f"{how}: {printed[-1]}" if printed else how
 
     def end(self) -> None:
-        """Kill it and what it has begun."""
         with suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()

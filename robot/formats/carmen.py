@@ -27,18 +27,14 @@ from moteslam.robot.platforms import CARMEN, GivenRobot, platform_of
 from moteslam.robot.recording import Recording, no_return_limit
 from moteslam.robot.values import Issue, counted
 
-RAW_LASERS = tuple(f"RAWLASER{number}" for number in range(1, 6))
-"""Scans without a pose, by the number of the laser."""
+RAW_LASERS = tuple(f"RAWLASER{number}" for number in range(1, 6))  # Scans without a pose, by the number of the laser
 TAILS = {"FLASER": (6, 7, 9), "ROBOTLASER1": (14,), **dict.fromkeys(RAW_LASERS, (3,))}
 """How many words may follow the ranges (and remissions); all lines of a log have as many."""
-STAMPS = {6: (), 7: (6,), 9: (6, 8), 14: (11, 13), 3: (0, 2)}
-"""Which of these words are the ipc stamp and the logger's."""
-REAR_LASERS = ("RLASER", "ROBOTLASER2")
-"""Scans of a laser that looks back: counted, not read."""
+STAMPS = {6: (), 7: (6,), 9: (6, 8), 14: (11, 13), 3: (0, 2)}  # Which of these words are the ipc stamp and the logger's
+REAR_LASERS = ("RLASER", "ROBOTLASER2")  # Scans of a laser that looks back: counted, not read
 MAX_INTERLACE = 8  # Bearings of the grid in a step between beams, at most; a SICK LMS has 2 or 4
 SAME_ANGLE = 1e-4  # First angles are taken for those of the grid when they are this near [rad]; logs have six digits
-FULL, FEWEST = 360, 20
-"""Beams of a lidar that may see a full circle, at least, and scans to tell it by."""
+FULL, FEWEST = 360, 20  # Beams of a lidar that may see a full circle, at least, and scans to tell it by
 FAN = ("beams", "angle_min", "step")
 ROW = np.dtype(
     [(name, "f8") for name in ("number", *FAN, "stated")]
@@ -46,14 +42,12 @@ ROW = np.dtype(
     + [(name, "f8") for name in ("ipc", "logger")]
 )
 """Of a scan: line, beams, first angle and step [rad], stated limit [m], poses [m, rad] and stamps [s]; 0 if unknown."""
-FLAT = ROW.itemsize // 8
-"""Numbers in a row."""
+FLAT = ROW.itemsize // 8  # Numbers in a row
 Rows = NDArray[np.void]
 
 _LINE = re.compile(rb"^(?:FLASER|ROBOTLASER1|RAWLASER[1-5]|ODOM|PARAM)\s", re.MULTILINE)
 _LIMITS = ("robot_front_laser_max", "robot_frontlaser_max", "laser_front_max_range", "front_laser_max")
-_SAME = 0.005
-"""Mounts of logged poses that differ by less [m, rad] are one."""
+_SAME = 0.005  # Mounts of logged poses that differ by less [m, rad] are one
 
 
 def is_carmen(path: Path) -> bool:

@@ -40,8 +40,7 @@ UNIT_OF = {
 }
 """Columns by their keys, and the key of their unit."""
 FIGURES = ("angle_min", "angle_increment", "range_min", "range_max")
-STREAMS = ("lidar", "odometry", "encoders", "imu")
-"""The tables of a description that are streams."""
+STREAMS = ("lidar", "odometry", "encoders", "imu")  # The tables of a description that are streams
 RUNNING, FASTEST, JITTER = "encoders.running", 20.0, 4
 """A robot drives no faster [m/s]; totals of one that stands may go to and fro by as many ticks."""
 MAX_COUNT = 2**53  # Ticks stay below it: whole numbers up to there are exact

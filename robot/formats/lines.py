@@ -17,10 +17,8 @@ from moteslam.robot.values import Issue, counted
 
 MAX_TEXT = 1 << 30  # Bytes of a log, unpacked: about two days of a 180-beam laser at 5 Hz
 MAX_LINE = 1 << 20  # Bytes of a line: over 100 000 ranges
-MAX_LINES = 20_000_000
-"""A day and a half of odometry at 100 Hz, and the scans beside it."""
-HEAD = 1 << 18
-"""Bytes by which a format is known."""
+MAX_LINES = 20_000_000  # A day and a half of odometry at 100 Hz, and the scans beside it
+HEAD = 1 << 18  # Bytes by which a format is known
 
 
 class TextLines:

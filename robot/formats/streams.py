@@ -36,8 +36,7 @@ MAX_DROPPED = 3  # readings that cannot be are always dropped; more of them only
 
 MAX_RATE = 100.0  # [rad/s]: no robot turns 16 times a second; common gyros end at 35, the largest range sold is 70
 MAX_SPEED = 100.0  # [m/s]: no wheeled robot drives faster
-MAX_PLACE = 1e7
-"""No robot is farther from where it began [m], nor has turned more in all [rad]: a quarter of the globe."""
+MAX_PLACE = 1e7  # No robot is farther from where it began [m], nor has turned more in all [rad]: a quarter of the globe
 SLACK = 1.0  # [m]: travel that may be beyond that, for stamps jitter: a late one leaves the next no time
 
 CLIPPED, SAME = (0.03, 0.95), 1e-4

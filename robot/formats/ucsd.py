@@ -27,14 +27,11 @@ Array = NDArray[Any]
 
 _FILE = re.compile(r"(?:Encoders|Hokuyo|Imu|Kinect)([\w-]+)\.npz", re.ASCII)
 
-SCALARS = ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")
-"""Of a lidar's file."""
+SCALARS = ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")  # Of a lidar's file
 MAX_COUNT = 2**31  # Counts of one reading stay below it
 SAME_ANGLE = 0.01  # Angles of beams that differ by less [rad] are those of one lidar
-ONLY = "1"
-"""The sequence of a folder that is written for one recording."""
-RGB, DISPARITY = "RGB", "Disparity"
-"""The two kinds of images, as the folders name them."""
+ONLY = "1"  # The sequence of a folder that is written for one recording
+RGB, DISPARITY = "RGB", "Disparity"  # The two kinds of images, as the folders name them
 NO_ECHO = 0.001  # Written for an invalid reading [m], as the UTM-30LX does
 
 

@@ -16,14 +16,12 @@ from moteslam.robot.values import Table, merged, read_toml, validated
 
 FOLDER = Path(__file__).parent
 
-BASE = "base"
-"""The key of a file that names the bundled robot whose values it changes."""
+BASE = "base"  # The key of a file that names the bundled robot whose values it changes
 
 _MAY_BE_LEFT_OUT = frozenset({"name", "description", "top_speed", "top_turn_rate", "no_return", "noise", "as_recorded"})
 """By a whole robot: words, limits and codes that not every one has, errors that are not there unless they are given."""
 
-_MOUNT = ("x", "y", "yaw", "time_increment")
-"""What SLAM knows of where the lidar stands."""
+_MOUNT = ("x", "y", "yaw", "time_increment")  # What SLAM knows of where the lidar stands
 
 
 def _names() -> list[str]:
@@ -172,8 +170,7 @@ class GivenRobot:
         return {key: value for key, value in lidar.items() if value is not False} if isinstance(lidar, dict) else {}
 
 
-UCSD = bundled_platform("ucsd")
-"""The robot of the UCSD sequences, its origin midway between the axles."""
+UCSD = bundled_platform("ucsd")  # The robot of the UCSD sequences, its origin midway between the axles
 
 CARMEN = Platform(name="carmen")
 """A robot of which a CARMEN log states nothing else: odometry poses and a lidar at its centre."""

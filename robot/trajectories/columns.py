@@ -22,8 +22,7 @@ from moteslam.robot.formats.streams import MAX_STAMP
 from moteslam.robot.values import Issue, counted
 
 MAX_BYTES = 500_000_000  # Of a file: some five million poses
-UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9}
-"""Of stamps, with the power of ten that a second has of them."""
+UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9}  # Of stamps, with the power of ten that a second has of them
 LATEST = 1e10  # Stamps without a stated unit are not farther from 1970 [s]: 20261126142000 is a date
 LEAST_STEP, MAX_STEP = 1e-5, 1e4
 """Stamps typically nearer or further apart than this [s] are hardly in the unit that they were taken for."""

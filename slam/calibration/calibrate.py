@@ -106,6 +106,7 @@ class Calibration:
     sweep: float | None  # how long a sweep takes [s] where it clearly is not as stated, or none is stated
     no_surfaces: float | None  # from which range on [m] endpoints are none
     step: ClockStep | Bundles | None = None  # of a clock, or bundles of scans; all else is of the recording without it
+    gyro: bool = True  # the odometry fits with the gyro's turns, or without as little; else all is of wheels alone
 
 
 def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None:
@@ -135,9 +136,13 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
     try:
         with np.errstate(all="ignore"):
             expect_sound(some)
-            return _without_step(recording, _in_some_reading(recording, in_order(lidar), pairs), pairs)
+            found = _without_step(recording, _in_some_reading(recording, in_order(lidar), pairs), pairs)
     except (InputError, np.linalg.LinAlgError):  # encoders without wheels; values that are not finite
         return None
+    if found is None or found.fits or recording.imu is None or recording.encoders is None:
+        return found
+    alone = estimate(recording.replace(imu=None), pairs)
+    return replace(alone, gyro=False) if alone is not None and alone.fits else found
 
 
 def _without_step(recording: Recording, found: Calibration | None, pairs: int) -> Calibration | None:
@@ -225,13 +230,13 @@ def _calibrate(
     scans.expect(GOOD)
     clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged
-    certain = abs(angle_scale - 1) > SIGMAS * deviation
-    beside = wheels_alone or scans.sees_both_sides(recording.platform.lidar.yaw)
     if abs(angle_scale - 1) > ANGLES:
         witness = scans.stated()
-        certain = certain and bool(scans.fits_better(witness))
         as_stated = fit(witness.pairs, at, (offset, drift), shared=logged)
-        if not certain or not (beside or clocks.cost <= EXPLAINED * as_stated.cost):
+        better = scans.fits_better(witness)
+        beside = wheels_alone or scans.sees_both_sides(recording.platform.lidar.yaw)
+        borne_out = better is not False if clocks.cost <= EXPLAINED * as_stated.cost else better and beside
+        if not borne_out or abs(angle_scale - 1) <= SIGMAS * deviation:
             scans, clocks, excess = witness, as_stated, (excess[0], max(excess[1], abs(excess[0])))
             deviation = max(deviation, abs(angle_scale - 1))
     one = clocks if logged else fit(scans.pairs, at, (0.0, 0.0), shared=True)
@@ -239,9 +244,8 @@ def _calibrate(
         turned = in_form(path, form, quarter)
         *began, _ = clock(scans.pairs, turned.stamps, np.unwrap(turned.poses[:, 2]), shared=False)
         clocks = fit(scans.pairs, at, (began[0], began[1]), shared=False)
-    drifts_by, about_drift = (float(each[Parameter.DRIFT]) for each in (clocks.values, clocks.deviations))
-    leaps = abs(drifts_by) > max(MOST_DRIFT, SIGMAS * about_drift)  # no clock drifts so
-    clocks = one if leaps else clocks
+    leaps = abs(clocks.values[Parameter.DRIFT]) > max(MOST_DRIFT, SIGMAS * clocks.deviations[Parameter.DRIFT])
+    clocks = one if leaps else clocks  # no clock drifts so
     differ = _clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
     shared = not (differ and clocks.cost < EXPLAINED * one.cost)
     if shared and logged:

@@ -210,9 +210,12 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         told.append(("clock-drift", text))
     if c.step is not None:
         told.append(c.step.text)
+    if not c.gyro:
+        text = "imu: its turns are not those of scans and wheels, which fit without; is its z up? Left out"
+        told.append(("no-gyro", text))
     decided = {"clock-step", "stamps-jitter", "clock-offset", "clock-drift", "odometry-signs", "odometry-headings"}
     decided |= {"mirrored"} if c.wrong else set()
-    decided |= set() if c.correlation else {"odometry-unfit"}
+    decided |= {"no-gyro"} | (set() if c.correlation else {"odometry-unfit"})
     issues = tuple(Issue(*each) for each in told)
     mended = set() if "turns" in certain else {"odometry-turn-scale"}  # a curl, while SLAM drives
     moves = tuple(issue for issue in issues if issue.code not in mended)

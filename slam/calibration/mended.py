@@ -19,8 +19,8 @@ from moteslam.slam.inputs.odometry_path import OdometryPath
 Array = NDArray[np.float64]
 Side = Literal["lidar", "odometry"]
 
-NOT_MENDED = "odometry-unfit", "scans-unfit", "lidar-tilted", "range-change", "range-max", "mount-moves"
-"""What is told and not mended."""
+NOT_MENDED = "odometry-unfit", "scans-unfit", "lidar-tilted", "range-change", "range-max", "mount-moves", "no-gyro"
+"""What is told and not mended; what is left out says so."""
 
 
 def calibrated(recording: Recording, calibration: Calibration, side: Side | None) -> Recording:
@@ -37,6 +37,7 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
     if side is None and lidar is not None and not c.correlation:
         return recording.replace(encoders=None, imu=None, odometry=None, lidar=replace(lidar, odometry=None))
     recording = recording if c.step is None else c.step.undone(recording)
+    recording = recording if c.gyro else recording.replace(imu=None)
     mirror = (c.wrong or side) if c.mirrored and c.fits else None
     c = replace(c, mirrored=mirror == "lidar")
     if mirror in ("odometry", "gyro"):  # the mount was found in the mirror

@@ -12,7 +12,7 @@ from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.slam.calibration.hand_eye import Change, Pairs, clearest_change, covariances, parts_of
 from moteslam.slam.calibration.scan_pairs import LEAST_FIT, Beams, cost, refine, register, seen_through
-from moteslam.slam.calibration.unmeasured import FEWEST, UnfitScansError
+from moteslam.slam.calibration.unmeasured import FEWEST, UnevenAnglesError, UnfitScansError
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
 Array = NDArray[np.float64]
@@ -45,6 +45,9 @@ LEAST_COST = 1e-4
 THROUGH, LEAST_THROUGH = 0.3, 0.01
 """Endpoints are no surfaces that are seen through in a larger share than the first: the excess is at least the second
 share of all that could be, and at most 0.0003 in sound recordings."""
+UNEVEN, UNEVEN_SIGMAS = 0.015, 3.0
+"""Angles are uneven where those of a sector are of a scale that differs by more from all, and by so many deviations: of
+sound lidars by 0.006 at most."""
 SCALES = 1.1 ** np.arange(-8, 9)
 """Scales of the angles between beams that are tried, from less than half to more than twice, ..."""
 SOME = 60
@@ -202,7 +205,8 @@ class RegisteredPairs:
         And by how much all ranges are too long, with the deviation of that [m].
 
         Gauss-Newton of what all pairs have in common, this scale and an offset of the ranges; a scale that differs
-        between the sectors of the fan adds to the deviation, and the pairs are registered again after each step.
+        between the sectors of the fan adds to the deviation, and the pairs are registered again after each step; one
+        that clearly does raises ``UnevenAnglesError``.
         """
         self._stated = self._beams
         scale, offset, deviation, stated = 1.0, 0.0, 1.0, self._beams.angles
@@ -219,7 +223,8 @@ class RegisteredPairs:
             inverse = np.linalg.inv(both.T @ about @ both + 1e-6 * np.eye(2))
             shift, step = np.clip(-inverse @ (slope @ both), -0.1, 0.1)
             parts = parts_of(gradient @ both)
-            sectors = -np.linalg.solve(about + 1e-6 * np.eye(len(about)), slope)[1:]
+            each = np.linalg.inv(about + 1e-6 * np.eye(len(about)))[1:]
+            sectors, of_parts = -each @ slope, parts_of(gradient) @ each.T
             about_offset, spread = np.sqrt((inverse @ (parts.T @ parts) @ inverse).diagonal())
             deviation = float(np.linalg.norm((spread, sectors.std() / np.sqrt(len(sectors)), ANGLE_FLOOR)))
             scale, offset = scale * (1 + step), offset + shift
@@ -228,6 +233,9 @@ class RegisteredPairs:
             self._beams = self._beams._replace(angles=stated[0] + scale * (stated - stated[0]))
             self._ranges = self._ranges[0] + shift, self._ranges[1] + shift
             self.refine(self._found.motions, anew=True)
+        off, about_off = (np.abs(of - of.mean(axis=-1, keepdims=True)) for of in (sectors, of_parts))
+        if ((off > UNEVEN) & (off > UNEVEN_SIGMAS * np.linalg.norm(about_off, axis=0))).any():
+            raise UnevenAnglesError(float(np.ptp(sectors)))
         noise = float(np.median(self._found.deviation[self._found.good]))
         return float(scale), deviation, (-float(offset), max(float(about_offset), OFFSET_FLOOR, NOISY * noise))
 

@@ -9,8 +9,8 @@ Array = NDArray[np.float64]
 
 FEWEST = 40
 """Fewer scans, beams or pairs of scans say nothing."""
-DRIVES = 2.0
-"""A robot that goes no farther is not said to show nothing [m]."""
+DRIVES, TURNED = 2.0, 2 * np.pi
+"""A robot that goes no farther is not said to show nothing [m]; one whose odometry turns by more does turn [rad]."""
 PACKED, SIZES = 0.9, 3
 """Beams are not in their place where more than this share of the scans that have some without a return have all of them
 at an end, and in so many numbers: a part that the robot hides has one."""
@@ -42,12 +42,25 @@ class UnfitScansError(UnmeasuredError):
         super().__init__("scans-unfit", f"{text}cannot be held against the odometry, and a map of them may be wrong")
 
 
+class UnevenAnglesError(UnfitScansError):
+    """The angles between beams are of scales in the quarters of the fan that differ by a share."""
+
+    def __init__(self, share: float) -> None:
+        self.share = 0.0
+        text = f"lidar: angles between beams are not even, by {100 * share:.0f} % over a quarter of the fan: of a disc "
+        text += (
+            "off its axis, a motor that wobbles, or columns of a camera? Walls are bent, and turns wrong: give each "
+        )
+        UnmeasuredError.__init__(self, "lidar-angles", f"{text}beam its own angle before it is laid on an even fan")
+
+
 def unmeasured(odometry: Array) -> None:
     """Raise ``UnmeasuredError`` of a robot that drives, by poses [n, 3] at scans."""
     if (extent := float(np.hypot(*np.ptp(odometry[:, :2], axis=0)))) > DRIVES:
-        text = f"the robot hardly turns over {extent:.0f} m, the room is round, or scans are too few to be held "
-        text += "against odometry. Ranges, wheels or clocks that are not as stated make path and map wrong by as much, "
-        text += "and nothing tells"
+        turned = float(np.abs(np.diff(np.unwrap(odometry[:, 2]))).sum())
+        why = f"the robot hardly turns over {extent:.0f} m" if turned < TURNED else "scans do not turn as odometry does"
+        text = f"{why}, the room is round, or scans are too few to be held against odometry. Ranges, wheels or clocks "
+        text += "that are not as stated make path and map wrong by as much, and nothing tells"
         raise UnmeasuredError("not-calibrated", text)
 
 

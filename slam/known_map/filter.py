@@ -65,6 +65,7 @@ FOREIGN = 1.1
 less what that takes off for all its places (13 nats of 200 endpoints, one in ten of which errs independently)."""
 NEW = 0.1  # Probability of a wrong pose, at least, until then: a single scan does not make it sure
 LEAST_DRIVEN = 0.02  # A scan counts at least by this share of `APART`: a robot that is carried has not driven
+SHOWN = 4  # Warnings of a robot that was searched for
 SLOWER = 1.3  # ... and then after a path that is longer by this factor each time
 
 
@@ -161,6 +162,9 @@ class KnownMapFilter(TsdfFilter):
                 text += "or poses before that were said to be sure are wrong"
             if end != begin or off:  # it was not found at the first scan
                 issues.append(Issue("searched-for", text))
+        if (more := len(issues) - SHOWN) > 1:
+            last = f"and {more} times more it was searched for in the whole map, until {self._losses[-1][0]:.2f} s"
+            issues[SHOWN:] = [Issue("searched-for", last, more)]
         scale = self._scale.issue()
         return (*issues, *([scale] if scale else []))
 

@@ -73,15 +73,15 @@ def simulated_folder(simulation, tmp_path_factory: pytest.TempPathFactory) -> Pa
 @pytest.fixture(scope="session")
 def run(simulation, taichi):
     """SLAM over it, and the map at its stages."""
-    from moteslam.eval.report.maps import Snapshots
+    from moteslam.eval.report.maps import Snapshot, keep_map
     from moteslam.slam.online import OnlineSlam
     from moteslam.slam.settings import resolve_config
 
     session = OnlineSlam.over(simulation.recording, resolve_config(settings=["particles=10"]), seed=1)
-    snapshots = Snapshots(session)
+    snapshots: list[Snapshot] = []
     for update in session:
-        snapshots.look(update)
-    return session.estimate(), snapshots.kept
+        keep_map(snapshots, session, update)
+    return session.estimate(), snapshots
 
 
 @pytest.fixture

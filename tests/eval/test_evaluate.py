@@ -63,13 +63,16 @@ def test_relations_say_how_many_were_used(folder: Path, capsys: pytest.CaptureFi
     assert "\n\n| relations |" in said(capsys, "good.tum", "some.relations", "--format", "markdown")
 
 
-@pytest.mark.parametrize(("line", "codes"), [("1 2", []), ("2 1", ["relations-inverted"])])
+@pytest.mark.parametrize(
+    ("line", "codes"),
+    [("1 2 {0} {1}", []), ("2 1 {0} {1}", ["relations-inverted"]), ("1 2 {1} {0}", ["relations-inverted"])],
+)
 def test_relations_the_other_way_round_are_told(
     folder: Path, capsys: pytest.CaptureFixture[str], line: str, codes: list[str]
 ) -> None:
     truth = read_tum("truth.tum").poses
     x, y, yaw = se2.between(truth[10], truth[20])
-    Path("one.relations").write_text(f"{line} {x} {y} 0 0 0 {yaw}\n", encoding="utf-8")
+    Path("one.relations").write_text(f"{line.format(x, y)} 0 0 0 {yaw}\n", encoding="utf-8")
     found = shown(capsys, "evaluate", "good.tum", "one.relations")
     assert [issue["code"] for issue in found["warnings"]] == codes
 

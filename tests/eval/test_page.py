@@ -71,9 +71,9 @@ def test_the_coloured_floor_is_a_layer_of_its_own(result: Path, tmp_path: Path) 
 
 def test_particles_are_written_and_read(result: Path, run) -> None:
     estimate, _ = run
-    found = read_particles(result / "particles.npz")
-    np.testing.assert_array_equal(found.stamps, estimate.particle_stamps)
-    np.testing.assert_allclose(found.paths, estimate.particle_paths, atol=1e-5)
+    stamps, paths = read_particles(result / "particles.npz")
+    np.testing.assert_array_equal(stamps, estimate.particle_stamps)
+    np.testing.assert_allclose(paths, estimate.particle_paths, atol=1e-5)
     shown = playable(result, budget_of(1))["particles"]
     assert len(shown["paths"]) == len(estimate.particle_paths)
     np.testing.assert_allclose(decoded(shown["paths"][0][0])[-1], estimate.particle_paths[0, -1, 0], atol=1e-3)

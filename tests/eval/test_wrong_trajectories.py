@@ -10,7 +10,7 @@ from command_lines import codes, shown, told
 from scipy.spatial.transform import Rotation
 
 from moteslam.eval.cli import main
-from moteslam.eval.metrics.doubts import clock_offset
+from moteslam.eval.metrics.clocks import clock_offset
 from moteslam.robot.trajectories import read_trajectory
 from moteslam.robot.trajectory import Trajectory
 
@@ -76,6 +76,14 @@ def clocked(rate: float, offset: float = 0.0) -> Change:
 
 def frozen(table: Table) -> Table:
     return put(slice(2500, 2750), slice(1, 8), table[2500, 1:])(table)
+
+
+def flipped(table: Table) -> Table:
+    """For a while with the back ahead, as with markers that are exchanged."""
+    there = np.abs(table[:, 0] - T0 - 60) < 5
+    table = table.copy()
+    table[there, 6:] = np.column_stack((table[there, 7], -table[there, 6]))
+    return table
 
 
 def same(table: Table) -> Table:
@@ -187,6 +195,14 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
         (scaled(slice(1, 4), 1000.0), scaled(slice(1, 4), 1000.0), ["implausible-speed"] * 2),
         (same, put(slice(2501, 2502), 1, 100.0), ["implausible-speed"]),  # between stamps of the estimate
         (put(slice(100, 101), 1, 100.0), same, ["implausible-speed"]),
+        (
+            same,
+            changed(lambda t: t[2200:2600].__setitem__((slice(None), 1), t[2200:2600, 1] + 1)),
+            ["implausible-speed"],
+        ),
+        (same, flipped, ["implausible-speed"]),
+        (flipped, same, []),  # an estimate may find itself elsewhere
+        (scaled(slice(1, 4), 1e-5), scaled(slice(1, 4), 1e-5), ["sizes-differ", "no-relative-error"]),
         (scaled(slice(1, 4), 0.95), same, ["sizes-differ"]),
         (clocked(1.01), same, ["clocks-differ"]),
         (clocked(1.0, 18.0), same, ["clocks-differ"]),

@@ -38,8 +38,7 @@ KINDS: Mapping[str, tuple[str, Callable[[Any], tuple[float, ...]], int]] = {
 _STREAMS = dict.fromkeys(stream for stream, _, _ in KINDS.values())
 
 MANY = 0.75  # A lidar with this share of the most scans competes with it
-_NOT_LEVEL = ("vertical", "tilt", "nod")
-"""In the name of a topic of a lidar that does not scan the plane of the floor."""
+_NOT_LEVEL = ("vertical", "tilt", "nod")  # In the name of a topic of a lidar that does not scan the plane of the floor
 
 _TRUTH = re.compile(r"(^|[^a-z])([a-z]*truth|true|gt|p3d|model_states?|mocap|vicon|vrpn|optitrack)([^a-z]|$)")
 """In the name of a topic or frame that holds where the robot truly was: of simulators, and of cameras in a hall."""
@@ -180,10 +179,12 @@ class _Reading:
         bag = self.bag
         placed = [self._placed(table) for table in self.lidars]
         lidar, mount = placed[0] if placed else (None, LidarSpec())
+        streams: dict[str, Any] = {}
         if len(placed) > 1:  # one fan about the robot's centre
-            lidar, mount = scans.merged_scans(bag, placed), LidarSpec()
+            driven = None if self.odometry is None else lambda *at: motion.driven(streams.get("odometry"), *at)
+            lidar, mount = scans.merged_scans(bag, placed, driven), LidarSpec()
         robot = self.given.platform or self.given.over(self._stated(lidar, mount))
-        streams: dict[str, Any] = {"lidar": None if lidar is None else self._lidar(lidar, robot)}
+        streams["lidar"] = None if lidar is None else self._lidar(lidar, robot)
         wheels = robot if self.manifest is None else self.manifest.platform  # that were counted by, else those given
         for name, table, read in (
             ("odometry", self.odometry, partial(motion.odometry_stream, bag)),

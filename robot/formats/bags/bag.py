@@ -31,7 +31,7 @@ from moteslam.robot.formats.bags.storage import (
 from moteslam.robot.formats.streams import MAX_DROPPED, Stamps, clock_cuts, sort_by_stamp
 from moteslam.robot.values import Issue, counted
 
-SECOND = 1_000_000_000  # Nanoseconds
+SECOND, FRACTION = 1_000_000_000, 1_000_000  # [ns]; a clock that shows no more than this beyond seconds counts these
 MAX_MESSAGES = 20_000_000  # an hour of twenty streams at 250 Hz
 GAP = 10  # a first stamp of 0 this many times the usual step before the next one is no time
 MAX_RATIO = 1000  # no file of a recording is packed tighter
@@ -94,7 +94,7 @@ class Table:
     def stamps(self) -> NDArray[np.int64]:
         """[n] [ns] of the headers, of reception where these have none or, on the same clock, whole seconds alone."""
         stamps, received = self.heads["stamp"], self.heads["received"]
-        if stamps.any() and ((stamps % SECOND).any() or (np.diff(stamps) != 0).all()):
+        if stamps.any() and ((stamps % SECOND >= FRACTION).any() or (np.diff(stamps // SECOND) != 0).all()):
             return stamps
         is_finer = (received % SECOND).any() and (np.abs(received - stamps) < 2 * SECOND).all()
         return received if is_finer or not stamps.any() else stamps
@@ -237,7 +237,7 @@ class Bag:
         twice[np.unique(np.column_stack((stamps, marks)), axis=0, return_index=True)[1]] = False
         unstamped = 0 if (table.stamps == table.heads["stamp"]).all() else len(table)
         for code, count, what in (
-            ("no-header-stamps", unstamped, "stamped by none or whole seconds: times of reception are taken"),
+            ("no-header-stamps", unstamped, "stamped by none or seconds alone: times of reception are taken"),
             ("broken-messages", bad, "broken: dropped"),
             ("unset-stamps", int(table.unset[table.rows].sum()), "without a stamp (0) dropped"),
             ("doubles", int(twice.sum()), "recorded twice: the second is dropped"),

@@ -29,8 +29,7 @@ Array = NDArray[np.float64]
 
 TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
 ODOMETRY, IMU, JOINT_STATE = "nav_msgs/Odometry", "sensor_msgs/Imu", "sensor_msgs/JointState"
-BASES = ("base_footprint", "base_link")
-"""Frames of a robot, the first that a tree has."""
+BASES = ("base_footprint", "base_link")  # Frames of a robot, the first that a tree has
 MAX_FRAMES = 10_000  # pairs that are kept
 LEVEL, TILTED = math.radians(2.0), math.radians(15.0)
 """A lidar tilted by less counts as level, for transforms are measured by hand; one tilted by more does not scan the
@@ -231,6 +230,13 @@ def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
     if count := int(none.sum()):
         bag.tell("broken-messages", topic, f"{counted(count, 'pose')} with a quaternion of length 0 dropped", count)
     return OdometryStream(stamps[~none], poses[~none])
+
+
+def driven(odometry: OdometryStream | None, began: Array, ended: Array) -> Array:
+    """The robot's motions [n, 3] from stamps [n] to others; zeros without odometry."""
+    if odometry is None:
+        return np.zeros((len(began), 3))
+    return se2.between(*(se2.interpolate(odometry.stamps, odometry.poses, at) for at in (began, ended)))
 
 
 def _hops(stamps: Array, poses: Array) -> int:

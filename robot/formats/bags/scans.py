@@ -3,10 +3,10 @@
 ``sensor_msgs/LaserScan`` and ``MultiEchoLaserScan`` mean what REP 117 says: positive infinity is no return, negative
 infinity too near, NaN an error; and what is beyond the limits that a message states counts as no return, or invalid.
 
-Of several lidars a scan of the first is joined with the scan of each other one that is nearest in time; what the robot
-moves in between, at most half the time between two scans, is left out of account. Every endpoint falls into the beam of
-its direction from the robot's centre, and the nearest one in a beam counts. A beam without one has no return if a beam
-of a lidar without return ends in it, put at that lidar's limit; a beam in which nothing falls says nothing.
+Of several lidars a scan of the first is joined with the scan of each other one that is nearest in time, moved by what
+the odometry drives in between. Every endpoint falls into the beam of its direction from the robot's centre, and the
+nearest one in a beam counts. A beam without one has no return if a beam of a lidar without return ends in it, put at
+that lidar's limit; a beam in which nothing falls says nothing.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ BUNDLE = 20  # scans, as many as can arrive together
 HELD, MOVED = 0.002, 0.05
 """A lidar says the same where its ranges change by less [m], which is less than its noise; one by more has moved."""
 GAP = 1.5  # times the time between two scans: one further away is not joined, that lidar was silent
+TOGETHER = 0.01  # Scans that are this near count as taken at once [s]
 
 Pixel = TypeVar("Pixel", np.uint8, np.uint16)
 Ranges = NDArray[np.float32]
@@ -222,29 +223,43 @@ def _change(one: Ranges, other: Ranges, percent: float) -> NDArray[np.float64]:
     return np.asarray(np.nanpercentile(np.where(known, apart, 1.0), percent, axis=1))
 
 
-def merged_scans(bag: Bag, lidars: list[tuple[Scans, LidarSpec]]) -> Scans:
-    """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps."""
-    path, first, names = bag.path, lidars[0][0], ", ".join(scans.topic for scans, _ in lidars)
+def merged_scans(
+    bag: Bag, lidars: list[tuple[Scans, LidarSpec]], driven: Callable[[Stamps, Stamps], Figures] | None
+) -> Scans:
+    """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps, and beams.
+
+    ``driven`` gives the robot's motions [n, 3] between stamps [n] by odometry, if there is any.
+    """
+    path, (first, at_first), names = bag.path, lidars[0], ", ".join(scans.topic for scans, _ in lidars)
     if len({(mount.pose, mount.z) for _, mount in lidars}) < len(lidars):
         table = f'[lidars."{first.topic}"] with x, y, yaw for each in the platform\'s file'
         problem = f"two lidars at one place, expected a transform to each, or a table {table}"
         raise InputError(problem, file=path, field=names)
     beams = min(MAX_BEAMS, round(2 * np.pi / min(abs(scans.fan.angle_increment) for scans, _ in lidars)))
     reach = max(scans.fan.range_max + float(np.hypot(mount.x, mount.y)) for scans, mount in lidars)
-    whole = Fan(-np.pi + np.pi / beams, 2 * np.pi / beams, 0.0, reach, beams)
+    step = 2 * np.pi / beams
+    whole = Fan(float((at_first.yaw + first.fan.angle_min + np.pi) % step) - np.pi, step, 0.0, reach, beams)
     frozen = [_frozen(bag, scans, lidars) for scans, _ in lidars]
+    for scans, _ in lidars[1:] if driven is None else ():
+        late = np.abs(scans.stamps[nearest_stamp(scans.stamps, first.stamps)] - first.stamps)
+        if (apart := float(np.median(late))) > TOGETHER:
+            what = f"{apart:.2f} s apart from {first.topic}, and no odometry says what the robot drives meanwhile"
+            bag.tell("no-odometry", scans.topic, f"scans {what}: turns are smeared")
 
     def load(indices: Rows) -> Ranges:
-        rows = np.full((len(indices), beams), np.nan, np.float32)
+        rows, stamps = np.full((len(indices), beams), np.nan, np.float32), first.stamps[indices]
         for (scans, mount), stuck in zip(lidars, frozen, strict=True):
-            near = nearest_stamp(scans.stamps, first.stamps[indices])
-            apart = np.abs(scans.stamps[near] - first.stamps[indices])
-            used = np.flatnonzero((apart <= GAP * scans.period) & ~stuck[near])
-            angles = mount.yaw + scans.fan.angles
-            for row, ranges in zip(used, scans.cleaned(near[used], scans.fan).astype(np.float64), strict=True):
-                placed = np.where(np.isinf(ranges), scans.fan.range_max, ranges)
-                x, y = mount.x + placed * np.cos(angles), mount.y + placed * np.sin(angles)
-                _lay(rows[row], np.where(np.isinf(ranges), np.inf, np.hypot(x, y)), np.arctan2(y, x), whole)
+            near = nearest_stamp(scans.stamps, stamps)
+            used = np.flatnonzero((np.abs(scans.stamps[near] - stamps) <= GAP * scans.period) & ~stuck[near])
+            moved = np.zeros((len(rows), 3)) if driven is None else driven(stamps, scans.stamps[near])
+            angles, ranges = mount.yaw + scans.fan.angles, scans.cleaned(near[used], scans.fan).astype(np.float64)
+            placed = np.where(np.isinf(ranges), scans.fan.range_max, ranges)
+            x, y = mount.x + placed * np.cos(angles), mount.y + placed * np.sin(angles)
+            dx, dy, turn = moved[used].T[..., None]
+            x, y = dx + np.cos(turn) * x - np.sin(turn) * y, dy + np.sin(turn) * x + np.cos(turn) * y
+            far, towards = np.where(np.isinf(ranges), np.inf, np.hypot(x, y)), np.arctan2(y, x)
+            for row, ends, bearings in zip(used, far, towards, strict=True):
+                _lay(rows[row], ends, bearings, whole)
         return rows
 
     return Scans(names, first.stamps, whole, load)

@@ -31,8 +31,7 @@ zstd: Any = importlib.import_module("compression.zstd" if sys.version_info >= (3
 MAX_CHUNK = 256 << 20
 """Bytes of a chunk when it is unpacked. Recorders close one after about a megabyte, or a single larger message."""
 MAX_HEADER = 1 << 20  # bytes, of a record of ROS 1
-ZSTD = b"\x28\xb5\x2f\xfd"
-"""What Zstandard packs begins so; no message of ROS 2 does."""
+ZSTD = b"\x28\xb5\x2f\xfd"  # What Zstandard packs begins so; no message of ROS 2 does
 NOT_CLOSED = "it was not closed, or it is damaged"
 
 

@@ -113,11 +113,15 @@ def test_a_session_that_is_not_there_is_refused(tmp_path: Path, session: str, pr
         open_recording(make_bag(tmp_path, events, received=received), sequence=session)
 
 
-@pytest.mark.parametrize(("late", "told"), [(0.01, ["no-header-stamps"]), (3600.0, [])])
+@pytest.mark.parametrize(
+    ("late", "fraction", "told"),
+    [(0.01, 0.0, ["no-header-stamps"]), (0.01, 1e-6, ["no-header-stamps"]), (3600.0, 0.0, [])],
+)  # milliseconds written as microseconds are no fractions
 def test_stamps_of_whole_seconds_are_those_of_reception_on_the_same_clock(
-    tmp_path: Path, late: float, told: list[str]
+    tmp_path: Path, late: float, fraction: float, told: list[str]
 ) -> None:
-    events = [stamped(scan(0.1 * i, [1.0 + i / 50, 2.0], frame="base_link"), 1.6e9 + i // 10) for i in range(40)]
+    times = [1.6e9 + i // 10 + fraction * (0.1 * i % 1) for i in range(40)]
+    events = [stamped(scan(0.1 * i, [1.0 + i / 50, 2.0], frame="base_link"), times[i]) for i in range(40)]
     moves = [odometry(0.1 * i, (0.1 * i, 0.0, 0.0)) for i in range(40)]
     received = [START + round((0.1 * i + late) * SECOND) for i in range(40)]
     recording = open_recording(make_bag(tmp_path, [*events, *moves], received=2 * received))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_bags import START, make_bag, placed, rolled, scan
+from made_bags import START, make_bag, odometry, placed, rolled, scan
 
 from moteslam import open_recording
 from moteslam.robot.formats.bags.write import Event, header
@@ -37,8 +37,8 @@ def fan(first: float, beams: int) -> dict[str, float]:
     return {"angle_min": first, "angle_increment": step, "angle_max": first + (beams - 1) * step}
 
 
-def two_lidars(upside_down: bool = False) -> list[Event]:
-    """A lidar in the front and one in the back, each seeing three quarters of a square room."""
+def two_lidars(upside_down: bool = False, late: float = 0.005, rate: float = 0.0) -> list[Event]:
+    """A lidar in the front and a later one in the back, each seeing three quarters of a square room."""
     beams = BEAMS * 3 // 4
     angles = -3 * math.pi / 4 + 2 * math.pi / BEAMS * np.arange(beams)
     mounts = {"/front": (0.3, 0.1, 0.2), "/back": (-0.3, -0.1, math.pi)}
@@ -48,28 +48,45 @@ def two_lidars(upside_down: bool = False) -> list[Event]:
         seen = yaw - angles if roll else yaw + angles
         events.append(placed(0, "base_link", topic[1:], (x, y, 0.2), turn=rolled(roll, yaw)))
         for index in range(4):
-            ranges = room_ranges(x, y, seen)
-            late = 0.1 * index + (0.03 if topic == "/back" else 0)
-            events.append(scan(late, ranges, topic=topic, frame=topic[1:], **fan(float(angles[0]), beams)))
+            stamp = 0.1 * index + (late if topic == "/back" else 0)
+            cos, sin = math.cos(rate * stamp), math.sin(rate * stamp)
+            ranges = room_ranges(cos * x - sin * y, sin * x + cos * y, rate * stamp + seen)
+            events.append(scan(stamp, ranges, topic=topic, frame=topic[1:], **fan(float(angles[0]), beams)))
     return events
 
 
-@pytest.mark.parametrize("upside_down", [False, True])
-def test_two_lidars_are_merged_about_the_robot(tmp_path: Path, upside_down: bool) -> None:
-    path = make_bag(tmp_path, two_lidars(upside_down))
+@pytest.mark.parametrize(("upside_down", "late", "rate"), [(False, 0.005, 0), (True, 0.005, 0), (False, 0.05, 1.0)])
+def test_two_lidars_are_merged_about_the_robot(tmp_path: Path, upside_down: bool, late: float, rate: float) -> None:
+    moves = [odometry(0.05 * i, (0.0, 0.0, 0.05 * i * rate)) for i in range(8 if rate else 0)]
+    path = make_bag(tmp_path, [*two_lidars(upside_down, late, rate), *moves])
     recording = open_recording(path, topics={"lidar": ("/front", "/back")})
     lidar = recording.lidar
     assert recording.warnings == ()
     assert recording.platform.lidar.pose == (0.0, 0.0, 0.0)
     assert lidar.ranges.shape == (4, BEAMS)
     np.testing.assert_allclose(lidar.stamps, 1.6e9 + 0.1 * np.arange(4), atol=1e-6)
-    ranges = lidar.ranges[0]
+    ranges = lidar.ranges[2]
     seen = np.isfinite(ranges)
     assert seen.mean() > 0.75
-    expected = room_ranges(0.0, 0.0, lidar.angles)
+    expected = room_ranges(0.0, 0.0, 0.2 * rate + lidar.angles)
     step = 2 * math.pi / BEAMS
     # an endpoint lies up to half a step beside its beam: along a wall that is met at 45 degrees, as long as it is far
     np.testing.assert_allclose(ranges[seen], expected[seen], atol=HALF * math.sqrt(2) * step)
+
+
+def test_two_lidars_that_take_turns_are_told_without_odometry(tmp_path: Path) -> None:
+    recording = open_recording(make_bag(tmp_path, two_lidars(late=0.05)), topics={"lidar": ("/front", "/back")})
+    assert [(issue.code, "/back" in issue.message) for issue in recording.warnings] == [("no-odometry", True)]
+
+
+def test_beams_of_the_first_of_two_lidars_stay_where_they_are(tmp_path: Path) -> None:
+    events = [placed(0, "base_link", frame, (x, 0, 0.2)) for frame, x in (("front", 0.0), ("back", -1e-6))]
+    for topic in ("/front", "/back"):
+        angles = fan(-math.pi / 2 + (math.pi if topic == "/back" else 0), BEAMS // 2)
+        events += [scan(0.1 * i, np.full(BEAMS // 2, 1.0), topic=topic, frame=topic[1:], **angles) for i in range(4)]
+    lidar = lidar_of(make_bag(tmp_path, events), topics={"lidar": ("/front", "/back")})
+    off = (lidar.angles + math.pi / 2) / (2 * math.pi / BEAMS)
+    np.testing.assert_allclose(off, np.rint(off), atol=1e-3)
 
 
 def test_a_silent_lidar_is_left_out_of_the_fan(tmp_path: Path) -> None:

@@ -39,8 +39,8 @@ PLATFORMS = ["lms200", slow("rplidar_a1"), slow("ucsd")]
 
 
 @cache
-def driven(platform: str, world: str = "", seed: int = 200) -> Recording:
-    return simulate(load_scenario(world or WORLDS[platform], platform=platform), seed).recording
+def driven(platform: str, world: str = "", seed: int = 200, noise: str | None = None) -> Recording:
+    return simulate(load_scenario(world or WORLDS[platform], platform=platform, noise=noise), seed).recording
 
 
 @cache
@@ -293,6 +293,18 @@ def test_scans_that_are_means_of_several_are_told(platform: str, smoothed: Calla
 
 
 @pytest.mark.slow
+def off_its_axis(ranges: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """What a disc of marks that is 2 degrees off its axis makes of beams at even angles."""
+    true = angles + np.deg2rad(2) * np.sin(angles + 0.7)
+    return ranges[:, np.abs(se2.wrap(true[:, None] - angles)).argmin(axis=1)]
+
+
+def test_angles_that_are_not_even_over_the_fan_are_told() -> None:
+    recording = driven("rplidar_a1", "office")
+    uneven = lidar(ranges=lambda s: off_its_axis(s.ranges[:], s.angles))(recording)
+    assert codes(checked(uneven, FEW_PAIRS)[1].moves) == ["lidar-angles"]
+
+
 def test_a_lidar_that_turns_unevenly_is_told() -> None:
     recording = driven("rplidar_a1", "loop", 12)
     (issue,) = checked(lidar(ranges=turning_unevenly)(recording), 150)[1].moves
@@ -415,6 +427,12 @@ SIDES: dict[str, tuple[Fault, str, str, str]] = {
     "mirrored, gyro": (with_gyro(MIRRORED), "stated", "mirrored", "odometry"),
     "beams": (REVERSED, "stated", "mirrored", "lidar"),
     "gyro": (gyro((1, 1, -1)), "stated", "mirrored", "imu"),
+    "axes": (
+        lambda r: r.replace(imu=replace(r.imu, angular_velocity=r.imu.angular_velocity[:, [2, 1, 0]])),
+        "stated",
+        "no-gyro",
+        "imu",
+    ),
     "late gyro": (lambda r: r.replace(imu=replace(r.imu, stamps=r.imu.stamps + 0.3)), "stated", "clock-offset", "imu"),
     "late": (late(0.3), "stated", "clock-offset", "lidar"),
     "mirrored": (MIRRORED, "stated", "mirrored", ""),
@@ -686,11 +704,13 @@ def test_too_little_is_not_calibrated() -> None:
         assert calibrate(lacking) is None
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("factor", [0.97])
-def test_angles_are_found_in_half_a_minute_whatever_the_odometry_says(factor: float) -> None:
-    recording = poses_of(driven("lms200"))
-    early = recording.lidar.stamps < recording.lidar.stamps[0] + 32.0
+@pytest.mark.parametrize(
+    ("platform", "world", "seconds", "factor"),
+    [slow("lms200", "office", 32.0, 0.97), ("urg04lx", "lab", 200.0, 1.03)],
+)  # legs of tables fit at a few percent more nearly as well, but the odometry does not
+def test_angles_are_found_whatever_the_odometry_says(platform: str, world: str, seconds: float, factor: float) -> None:
+    recording = poses_of(driven(platform, world, 201, "as_recorded" if world == "lab" else None))
+    early = recording.lidar.stamps < recording.lidar.stamps[0] + seconds
     cut = lidar(stamps=lambda s: s.stamps[early], ranges=lambda s: s.ranges[early])(recording)
     wrong = lidar(angle_min=lambda s: s.angle_min * factor, angle_increment=lambda s: s.angle_increment * factor)(cut)
     calibration, found = checked(wrong, 150)
