@@ -29,6 +29,9 @@ FASTEST, MANY, ROUNDED, JUMP = 100.0, 0.1, 0.01, 5
 were rounded; after poses that repeat each other so many times the usual step is a jump."""
 DIGITS, FEW_VALUES, MOST_VALUES = 0.015, 4, 0.9
 """A coordinate of more values, and of fewer than this share of the poses, all multiples of more [m], was rounded."""
+BINARY, REGULAR, SEVERAL = 16, 0.8, 20
+"""Stamps of more poses that are all whole multiples of a second over the first, with fewer than this share of the steps
+alike, were rounded as float32 does: clocks count in tenths."""
 STRIDE, ACROSS, FITS = 0.2, np.sin(np.deg2rad(10.0)) ** 2, 0.2
 """Directions of travel over some path [m] that are off a fixed direction of the body by more than the second, in the
 mean squared sine, do not follow it; other orientations that leave less than this share of it are what was meant."""
@@ -203,6 +206,11 @@ def _doubts(
     if shared.sum() > MANY * len(there) and apart > ROUNDED:
         text = f"{path}: {shared.sum()} of {n} poses have the stamp of the one before, with up to {apart:.2f} m between"
         yield Issue("equal-stamps", f"{text}: stamps were rounded; errors are wrong by that much", int(shared.sum()))
+    ticks = stamps * BINARY
+    even = np.diff(ticks) == np.diff(ticks).min()
+    if n > SEVERAL and (ticks == np.rint(ticks)).all() and (ticks % BINARY).any() and 0.0 < even.mean() < REGULAR:
+        text = f"{path}: stamps are multiples of {1 / BINARY:g} s, unevenly: digits were lost, in float32?"
+        yield Issue("equal-stamps", f"{text} Errors hold what is driven in a step", n)
     for name, values in zip("xyz", map(np.unique, places.T), strict=True):
         digit = float(np.diff(values).min(initial=np.inf))
         if FEW_VALUES < len(values) < MOST_VALUES * n and digit > DIGITS:

@@ -7,8 +7,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.eval.metrics import association
-from moteslam.eval.metrics.association import evenly, in_space, spatial
+from moteslam.eval.metrics.association import evenly, in_space, nearest_rotation, spatial
 from moteslam.eval.tables import length
 from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import FARTHEST, Trajectory
@@ -116,7 +115,7 @@ class _Search:
         a, b = a - a.mean(axis=0), b - b.mean(axis=0)
         if np.linalg.norm(b.std(axis=0)) < 0.5 * self.spread:
             return None
-        turn, _ = association.nearest_rotation(b.T @ a)
+        turn, _ = nearest_rotation(b.T @ a)
         return keep, b - a @ turn.T, turn
 
     def rmse(self, offset: float, most: int, part: tuple[float, float] = (-inf, inf)) -> float:

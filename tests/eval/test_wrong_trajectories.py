@@ -182,6 +182,7 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
         (scaled(2, -1.0), scaled(2, -1.0), ["orientation-order"] * 2),  # mirrored alike, but for the headings
         (rounded(16), same, ["equal-stamps", "few-matched"]),
         (same, rounded(1.0), ["equal-stamps"]),
+        (rounded(0.125), same, ["equal-stamps"]),
         (same, put(slice(1500, 1750), slice(1, 4), 0.0), ["poses-held"]),
         (same, frozen, ["poses-held"]),
         (same, held(100), ["poses-held"]),
