@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from math import inf
@@ -19,6 +19,7 @@ from moteslam.eval.cli.text import answer
 
 if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
+    from moteslam.robot.values import Issue
     from moteslam.slam.config import SlamConfig
 
 
@@ -171,6 +172,21 @@ class RecordingOptions:
             topics[stream] = names
         recording = open_recording(path, sequence=self.sequence, platform=self.platform, topics=topics, streams=streams)
         return cut(recording, part)
+
+    def about_each_lidar(self, path: Path) -> Iterator[Issue]:
+        """Of several lidars that are read as one, what is not as stated of each: the odometry tells them apart."""
+        from moteslam.slam.calibration.calibrate import FEW_PAIRS
+        from moteslam.slam.calibration.findings import checked
+
+        others = [words for words in self.topics or () if not words.startswith("lidar=")]
+        for words in set(self.topics or ()) - set(others):
+            names = [name.strip() for name in words.removeprefix("lidar=").split(",")]
+            for name in names if len(names) > 1 else ():
+                about = checked(replace(self, topics=[*others, f"lidar={name}"]).open(path), FEW_PAIRS)[1]
+                for one in () if about is None else about.moves:
+                    if one.message.startswith("lidar: ") or one.code == "mirrored":
+                        text = one.message.replace("[lidar]", f'[lidars."{name}"]')
+                        yield replace(one, message=f"{name}: {text.removeprefix('lidar: ')}")
 
     @property
     def given(self) -> dict[str, object]:

@@ -62,11 +62,13 @@ def inspect(
       moteslam inspect ucsd --sequence 20 --json
     """  # noqa: D301
     with options.new_file(plot, *options.FIGURES, force=force):
-        whole, lines = _inspected(part.open(path), deep=deep, plot=plot)
+        whole, lines = _inspected(part.open(path), tuple(part.about_each_lidar(path)), deep=deep, plot=plot)
     answer(whole, lines, as_json=as_json)
 
 
-def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[dict[str, Any], Iterator[str]]:
+def _inspected(
+    recording: Recording, more: tuple[Issue, ...], *, deep: bool, plot: Path | None
+) -> tuple[dict[str, Any], Iterator[str]]:
     """All that is found, as JSON has it and in words."""
     import numpy as np
 
@@ -77,7 +79,7 @@ def _inspected(recording: Recording, *, deep: bool, plot: Path | None) -> tuple[
     from moteslam.slam.inputs.synchronise import about_jumps, synchronise, warnings
 
     found, about = inspect_recording(recording, deep=deep), checked(recording)[1]
-    more = () if about is None else about.issues
+    more += () if about is None else about.issues
     about, read = about if about is not None and about.figures else None, True
     if recording.lidar is not None:  # what a replay says of it
         read = deep or isinstance(recording.lidar.ranges, np.ndarray) or recording.lidar.ranges.size < READ

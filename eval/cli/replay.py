@@ -190,7 +190,7 @@ def _run_over(
             true_map=None if truth is None else true_map_beside(path),
             relations=relations_beside(path),
             about={"path": str(path), **about},
-            issues=(*not_as_stated, *issues),
+            issues=(*not_as_stated, *part.about_each_lidar(path), *issues),
             onto=onto,
         )
     found = {"out": str(out), **found}

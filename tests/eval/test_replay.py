@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from command_lines import codes, printed, refused, shown
+from made_bags import make_bag, odometry, placed, rolled, scan
 from parts.runs import messages
 from robot_logs import flaser, write_log
 from sim_logs import winding
@@ -313,3 +314,24 @@ def test_options_of_a_recording_are_refused(capsys: pytest.CaptureFixture[str]) 
 def test_inspect_says_where_nothing_could_be_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_recording(tmp_path / "short.mcap", winding(seconds=1.0).replace(encoders=None, imu=None))
     assert "by scans and odometry: nothing measured" in printed(capsys, "inspect", tmp_path / "short.mcap")
+
+
+def test_of_lidars_that_are_read_as_one_the_wrong_one_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = simulate(load_scenario("office", platform="lms200"), 200).recording
+    path, mount, at = dead_reckon(made.replace(lidar=None)), made.platform.lidar, made.lidar
+    t0, figures = path.stamps[0], {"angle_min": at.angle_min, "angle_max": -at.angle_min, "range_max": at.range_max}
+    events = [odometry(t - t0, pose) for t, pose in zip(path.stamps[::3], path.poses[::3].tolist(), strict=True)]
+    for name, off in (("right", 0.0), ("wrong", 0.3)):
+        events.append(placed(0, "base_link", name, (mount.x + off, mount.y, 0.2), turn=rolled(0.0, mount.yaw)))
+        events += [
+            scan(t - t0, ranges, topic=f"/{name}", frame=name, **figures, angle_increment=at.angle_increment)
+            for t, ranges in zip(at.stamps[::5], at.ranges[::5], strict=True)
+        ]
+    bag = make_bag(tmp_path, events)
+    said = printed(capsys, "inspect", bag, "--topics", "lidar=/right,/wrong").splitlines()
+    told = [line for line in said if line.startswith("problem: /")]
+    assert len(told) == 1
+    assert told[0].startswith("problem: /wrong: ")
+    assert '[lidars."/wrong"] x = ' in told[0]
