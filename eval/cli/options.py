@@ -160,6 +160,13 @@ class RecordingOptions:
         streams = tuple(name.strip() for name in self.streams.split(",")) if self.streams is not None else ()
         with named(start="--start", end="--end", every="--every", streams="--streams"):
             part = Cut(self.start, inf if self.end is None else self.end, self.every, streams)
+        recording = open_recording(
+            path, sequence=self.sequence, platform=self.platform, topics=self._named(), streams=streams
+        )
+        return cut(recording, part)
+
+    def _named(self) -> dict[str, tuple[str, ...]]:
+        """The topics of each stream that are named."""
         topics: dict[str, tuple[str, ...]] = {}
         for words in self.topics or ():
             stream, _, text = words.partition("=")
@@ -170,23 +177,21 @@ class RecordingOptions:
             if stream in topics:
                 raise ConfigError(f"{stream} twice, expected lidars to merge as lidar=/front,/back", field="--topics")
             topics[stream] = names
-        recording = open_recording(path, sequence=self.sequence, platform=self.platform, topics=topics, streams=streams)
-        return cut(recording, part)
+        return topics
 
     def about_each_lidar(self, path: Path) -> Iterator[Issue]:
         """Of several lidars that are read as one, what is not as stated of each: the odometry tells them apart."""
         from moteslam.slam.calibration.calibrate import FEW_PAIRS
         from moteslam.slam.calibration.findings import checked
 
-        others = [words for words in self.topics or () if not words.startswith("lidar=")]
-        for words in set(self.topics or ()) - set(others):
-            names = [name.strip() for name in words.removeprefix("lidar=").split(",")]
-            for name in names if len(names) > 1 else ():
-                about = checked(replace(self, topics=[*others, f"lidar={name}"]).open(path), FEW_PAIRS)[1]
-                for one in () if about is None else about.moves:
-                    if one.message.startswith("lidar: ") or one.code == "mirrored":
-                        text = one.message.replace("[lidar]", f'[lidars."{name}"]')
-                        yield replace(one, message=f"{name}: {text.removeprefix('lidar: ')}")
+        others = [words for words in self.topics or () if words.partition("=")[0] != "lidar"]
+        names = self._named().get("lidar", ())
+        for name in names if len(names) > 1 else ():
+            about = checked(replace(self, topics=[*others, f"lidar={name}"]).open(path), FEW_PAIRS)[1]
+            for one in () if about is None else about.moves:
+                if one.message.startswith("lidar: ") or one.code == "mirrored":
+                    text = one.message.replace("[lidar]", f'[lidars."{name}"]')
+                    yield replace(one, message=f"{name}: {text.removeprefix('lidar: ')}")
 
     @property
     def given(self) -> dict[str, object]:

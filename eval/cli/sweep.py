@@ -241,7 +241,7 @@ def diff(
     Examples:
       moteslam sweep diff mine.sweep published.csv
     """  # noqa: D301
-    from moteslam.eval.runs import differences, read_table
+    from moteslam.eval.sweep.tables import differences, read_table
     from moteslam.robot.values import counted
 
     first, second = read_table(file), read_table(other)
@@ -273,7 +273,8 @@ def export(
       moteslam sweep export particles.sweep --out particles.csv
       moteslam sweep export particles.sweep --out particles.parquet
     """  # noqa: D301
-    from moteslam.eval.runs import as_csv, read_runs, write_parquet
+    from moteslam.eval.runs import read_runs
+    from moteslam.eval.sweep.tables import as_csv, write_parquet
     from moteslam.files import write_atomically
 
     with options.new_file(out, ".csv", ".parquet", force=force):

@@ -92,8 +92,8 @@ def doubts(
     if few_off and {"implausible-speed", "poses-held"} & {issue.code for issue in issues}:  # these make paths unlike
         best = [issue for issue in best if issue.code != "unlike"]
     turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate)
-    both = *_of_space(estimate, reference), *best, *turns, *_parts(estimate, reference, ate)
-    return (*dict.fromkeys(issues), *_of_path(reference), *both)
+    of_both = *_of_space(estimate, reference), *best, *turns, *_parts(estimate, reference, ate)
+    return (*dict.fromkeys(issues), *_of_path(reference), *of_both)
 
 
 def _of_path(reference: Trajectory) -> Iterator[Issue]:

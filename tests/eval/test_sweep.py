@@ -19,10 +19,11 @@ from made_sweeps import Values, recorded, swept
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.registry import COSTS
-from moteslam.eval.runs import as_csv, read_table, summary_of
+from moteslam.eval.runs import summary_of
 from moteslam.eval.sweep.plan import PLATFORMS, SCENARIOS, PlannedRun, digest, plan, shard
 from moteslam.eval.sweep.spec import bundled_specs, numbers, read_spec
 from moteslam.eval.sweep.store import WHOLE, Row, begin, create, merge, opened
+from moteslam.eval.sweep.tables import as_csv, read_table
 from moteslam.eval.sweep.workers import Outcome, make_all, make_all_on
 
 SPEC = """
