@@ -141,7 +141,7 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
         return None
     if found is None or found.fits or recording.imu is None or recording.encoders is None:
         return found
-    alone = estimate(recording.replace(imu=None), pairs)
+    alone = calibrate(recording.replace(imu=None), pairs=pairs)
     return replace(alone, gyro=False) if alone is not None and alone.fits else found
 
 
