@@ -16,8 +16,6 @@ from moteslam.robot.rgbd import FrameCount, camera_frames, has_images
 from moteslam.robot.sensor_reports import ClockReport, LidarReport, Spans, clock_reports, lidar_report, odometry_of
 from moteslam.robot.values import Issue, counted, expect_type
 
-Array = NDArray[np.float64]
-
 GAP = 5.0  # median intervals: a longer silence is a gap
 REPORTED_GAP = 0.5  # [s]: shorter ones are no problem, sensors that send in bursts have many
 LATE = 0.1  # [s]: streams may be early or late by as much; drivers, filters and wheels that slip make up some of it
@@ -123,7 +121,7 @@ def stream_reports(recording: Recording) -> tuple[StreamReport, ...]:
     return tuple(_stream(name, stamps) for name, stamps in recording.stamps().items() if len(stamps))
 
 
-def _stream(name: str, stamps: Array) -> StreamReport:
+def _stream(name: str, stamps: NDArray[np.float64]) -> StreamReport:
     start, end = float(stamps[0]), float(stamps[-1])
     steps = np.diff(stamps)
     above = steps[steps > 0]
@@ -220,7 +218,7 @@ def other_units(recording: Recording) -> list[Issue]:
     return issues
 
 
-def _speeds(stamps: Array, poses: Array) -> tuple[float | None, float]:
+def _speeds(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> tuple[float | None, float]:
     """The median speed [m/s] over the seconds in which the robot moves, None if these are fewer than 3: it jumps; the
     yaw rate [rad/s] that it exceeds in ``TURNING`` of all.
     """

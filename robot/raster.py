@@ -24,8 +24,6 @@ from moteslam.files import Shape, read_arrays, write_atomically
 from moteslam.robot import se2
 from moteslam.robot.values import Summarised, expect_type, given_up
 
-Array = NDArray[np.float64]
-
 MAX_BYTES = 1 << 30  # Of all arrays of a file: 1 GiB, of log-odds in cells of 5 cm the square of 800 m
 MAX_PLACE = 1e6  # No map lies farther from its frame's origin [m]
 
@@ -74,11 +72,11 @@ class Raster(Summarised):
         (rows, columns), (x, y, _) = self.shape, self.origin
         return x, x + columns * self.cell_size, y, y + rows * self.cell_size
 
-    def to_world(self, places: ArrayLike) -> Array:
+    def to_world(self, places: ArrayLike) -> NDArray[np.float64]:
         """Places [n, 2] in columns and rows (cell [0, 0] from (0, 0) to (1, 1)) as points [n, 2] [m]."""
         return se2.transform_points(self.origin, np.asarray(places, np.float64).reshape(-1, 2) * self.cell_size)
 
-    def centres(self, cells: ArrayLike) -> Array:
+    def centres(self, cells: ArrayLike) -> NDArray[np.float64]:
         """The centres [n, 2] [m] of cells [n, 2] (row, column)."""
         return self.to_world(np.asarray(cells).reshape(-1, 2)[:, ::-1] + 0.5)
 
@@ -99,7 +97,7 @@ class Raster(Summarised):
         return f"{what}, {width:.1f} x {height:.1f} m in cells of {self.cell_size:g} m"
 
 
-def cells_of(points: Array, size: float) -> Iterator[NDArray[np.int64]]:
+def cells_of(points: NDArray[np.float64], size: float) -> Iterator[NDArray[np.int64]]:
     """For each direction of the grid the numbers [p], from 0 on, of the cells that points [p, 2] lie in; all in m."""
     x, y = np.ascontiguousarray(points.T) / size
     for angle in np.arange(1, GRIDS + 1) * (np.pi / 2 / (GRIDS + 1)):
@@ -109,7 +107,7 @@ def cells_of(points: Array, size: float) -> Iterator[NDArray[np.int64]]:
         yield (rows * (int(columns.max()) + 1) + columns).astype(np.int64)
 
 
-def cell_counts(points: Array, size: float) -> NDArray[np.int64]:
+def cell_counts(points: NDArray[np.float64], size: float) -> NDArray[np.int64]:
     """The number of different cells that hold a point, for each direction [GRIDS] of the grid; see ``cells_of``.
 
     Of two maps of the same scans the one that needs fewer is sharper.

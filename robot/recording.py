@@ -142,7 +142,7 @@ def nearest_stamp(
 
 def gaps(stamps: NDArray[np.float64], since: float = -np.inf) -> NDArray[np.bool_]:
     """Before which of rising stamps [n] [s] there is a gap, of those later than ``since``; causal."""
-    intervals = np.diff(stamps)
+    intervals = stamps[1:] - stamps[:-1]
     gap = np.zeros(len(stamps), np.bool_)
     for k in np.flatnonzero((intervals > _LEAST_GAP) & (stamps[1:] > since)).tolist():
         gap[k + 1] = intervals[k] > _GAP * np.median(intervals[max(0, k + 1 - LATEST) : k + 1])
@@ -160,7 +160,7 @@ class Stream(Summarised):
         stamps = frozen(self.stamps)
         if stamps.ndim != 1 or stamps.dtype != np.float64:
             raise InputError(f"{stamps.dtype} {list(stamps.shape)}, expected float64 [n]", field="stamps")
-        if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
+        if not np.isfinite(stamps).all() or (stamps[1:] < stamps[:-1]).any():
             raise InputError("go back or are not finite, expected rising seconds", field="stamps")
         for field in fields(self):
             value = getattr(self, field.name)

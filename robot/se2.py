@@ -24,9 +24,9 @@ IDENTITY.setflags(write=False)
 def wrap(angle: ArrayLike) -> NDArray[np.float64]:
     """The angle [rad] wrapped to (-pi, pi]; one that lies there already comes back bit for bit."""
     angle = np.asarray(angle, np.float64)
-    good = (angle > -np.pi) & (angle <= np.pi)
-    if good.all():
+    if angle.size and np.abs(angle).max() < np.pi:  # most often
         return angle.copy()
+    good = (angle > -np.pi) & (angle <= np.pi)
     wrapped = np.pi - np.mod(np.pi - angle, 2 * np.pi)
     wrapped = np.where(wrapped <= -np.pi, np.pi, wrapped)  # just beyond pi, the rounding of mod ends there
     return np.where(good, angle, wrapped)
@@ -40,7 +40,14 @@ def compose(a: ArrayLike, b: ArrayLike) -> Poses:
     cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
     x = a[..., 0] + cos * b[..., 0] - sin * b[..., 1]
     y = a[..., 1] + sin * b[..., 0] + cos * b[..., 1]
-    return np.stack((x, y, wrap(a[..., 2] + b[..., 2])), axis=-1)
+    return stack(x, y, wrap(a[..., 2] + b[..., 2]))
+
+
+def stack(x: Array, y: Array, heading: Array) -> Poses:
+    """The poses of three columns, in half the time of ``np.stack`` where they are few."""
+    poses = np.empty((*x.shape, 3))
+    poses[..., 0], poses[..., 1], poses[..., 2] = x, y, heading
+    return poses
 
 
 def as_pose(pose: NDArray[np.float64]) -> Pose:
@@ -84,7 +91,7 @@ def inverse(a: ArrayLike) -> Poses:
     if a.ndim == 1:
         return np.array(inverse_one(as_pose(a)))
     cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack((-cos * a[..., 0] - sin * a[..., 1], sin * a[..., 0] - cos * a[..., 1], wrap(-a[..., 2])), axis=-1)
+    return stack(-cos * a[..., 0] - sin * a[..., 1], sin * a[..., 0] - cos * a[..., 1], wrap(-a[..., 2]))
 
 
 def between(a: ArrayLike, b: ArrayLike) -> Poses:
@@ -108,7 +115,7 @@ def accumulate(increments: ArrayLike, start: ArrayLike = IDENTITY) -> Poses:
     cos, sin = np.cos(before), np.sin(before)
     x = start[0] + np.cumsum(cos * increments[:, 0] - sin * increments[:, 1])
     y = start[1] + np.cumsum(sin * increments[:, 0] + cos * increments[:, 1])
-    return np.stack((x, y, wrap(heading)), axis=-1)
+    return stack(x, y, wrap(heading))
 
 
 def interpolate(stamps: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Poses:
@@ -118,7 +125,7 @@ def interpolate(stamps: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Poses:
     """
     stamps, poses, at = (np.asarray(a, np.float64) for a in (stamps, poses, at))
     x, y, heading = (np.interp(at, stamps, column) for column in (*poses.T[:2], np.unwrap(poses[:, 2])))
-    return np.stack((x, y, wrap(heading)), axis=-1)
+    return stack(x, y, wrap(heading))
 
 
 def umeyama(source: NDArray[np.float64], target: NDArray[np.float64]) -> Poses:

@@ -15,8 +15,6 @@ from moteslam.robot import se2
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import ImuStream, Recording, gaps
 
-Array = NDArray[np.float64]
-
 
 def arc_increment(distance: ArrayLike, turn: ArrayLike) -> se2.Poses:
     """The exact arc of constant v and omega, of lengths [...] [m] and angles [...] [rad]; straight as these go to 0.
@@ -26,10 +24,10 @@ def arc_increment(distance: ArrayLike, turn: ArrayLike) -> se2.Poses:
     distance, turn = np.asarray(distance, np.float64), np.asarray(turn, np.float64)
     # chord = d sinc(turn / 2), at half the turn: exact, and smooth through zero
     chord = distance * np.sinc(turn / (2 * np.pi))
-    return np.stack(np.broadcast_arrays(chord * np.cos(turn / 2), chord * np.sin(turn / 2), turn), axis=-1)
+    return se2.stack(chord * np.cos(turn / 2), chord * np.sin(turn / 2), turn)
 
 
-def wheel_motion(counts: NDArray[np.int64], wheels: Wheels) -> tuple[Array, Array]:
+def wheel_motion(counts: NDArray[np.int64], wheels: Wheels) -> tuple[se2.Array, se2.Array]:
     """Distance of the centre [n] [m] and turn [n] [rad] of counts [n, 4]: the mean travel of each side's wheels.
 
     They are the effective track apart, which on a skid-steered robot is larger than the drawn one.
@@ -40,7 +38,7 @@ def wheel_motion(counts: NDArray[np.int64], wheels: Wheels) -> tuple[Array, Arra
     return (left + right) / 2, (right - left) / wheels.effective_track
 
 
-def gyro_covers(stamps: Array, readings: Array) -> NDArray[np.bool_]:
+def gyro_covers(stamps: se2.Array, readings: se2.Array) -> NDArray[np.bool_]:
     """At which stamps [n] the turn since the stamp before is the gyro's; nowhere with less than two readings of it.
 
     From its first reading to its last [m] [s], but for gaps: rates before and after one say nothing of the turns in it.
@@ -54,7 +52,7 @@ def gyro_covers(stamps: Array, readings: Array) -> NDArray[np.bool_]:
     return np.asarray(covered)
 
 
-def gyro_turn(stamps: Array, imu: ImuStream) -> Array:
+def gyro_turn(stamps: se2.Array, imu: ImuStream) -> se2.Array:
     """The turn [n] [rad] between rising stamps [n] [s], of yaw rates linear between readings; 0 outside of these."""
     rate = imu.angular_velocity[:, 2].astype(np.float64)
     heading = np.append(0.0, np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(imu.stamps)))

@@ -24,18 +24,20 @@ class Rows:
 
     def add(self, *columns: NDArray[Any]) -> None:
         """Add rows, of columns [m] and [m, k]."""
-        count, kept, column = len(columns[0]), self.values, 0
+        count, column = len(columns[0]), 0
         if self._last + count > len(self._table):
+            kept = self.values
             size = 2 * len(kept) + count
             if size > len(self._table):
                 self._table = np.empty((size, kept.shape[1]), kept.dtype, self._order)
             self._table[: len(kept)] = kept
             self._first, self._last = 0, len(kept)
+        new = self._table[self._last : self._last + count]
         self._last += count
         for some in columns:
-            wide = some if some.ndim > 1 else some[:, None]
-            self._table[self._last - count : self._last, column : column + wide.shape[1]] = wide
-            column += wide.shape[1]
+            width = some.shape[1] if some.ndim > 1 else 1
+            new[:, column : column + width] = some if some.ndim > 1 else some[:, None]
+            column += width
 
     @property
     def values(self) -> NDArray[Any]:

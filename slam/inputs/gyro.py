@@ -77,8 +77,9 @@ class Gyro:
             return
         if self._config.low_pass_hz > 0:
             rates = np.array([self._low_pass.of(*each) for each in zip(rates.tolist(), stamps.tolist(), strict=True)])
-        last, rate, heading = self._rows.values[-1] if len(self) else (stamps[:1], rates[:1], 0.0)
-        turns = (rates + np.append(rate, rates[:-1])) / 2 * np.diff(stamps, prepend=last)
+        last, rate, heading = self._rows.values[-1].tolist() if len(self) else (stamps[0], rates[0], 0.0)
+        before, since = np.concatenate(([rate], rates[:-1])), np.concatenate(([last], stamps[:-1]))
+        turns = (rates + before) / 2 * (stamps - since)
         self._rows.add(stamps, rates, summed(heading, turns))
 
     def turns(self, stamps: Array, turn: Array) -> Array:

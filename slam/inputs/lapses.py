@@ -149,7 +149,7 @@ def lapses(
     seen, fan = list[Lapse](), None
     gapped = np.flatnonzero(gaps(readings.stamps, since)).tolist()
     recent = readings.poses[max(int(np.searchsorted(readings.stamps, since)) - 2, 0) :, :2]
-    stands = (np.abs(np.diff(recent, axis=0)) < 2 * STILL).all(axis=1).any()
+    stands = (np.abs(recent[1:] - recent[:-1]) < 2 * STILL).all(axis=1).any()
     if not gapped and not stands:  # most often
         return Lapses(jumped, jumped, motions, left, tuple(_leaps(stamps, jumped)))
     steps = _Steps(readings)

@@ -44,7 +44,7 @@ class OdometryPath:
             return se2.interpolate(self.stamps, self.poses, stamps)
         columns = (*self.poses.T[:2], self.unwrapped)
         x, y, heading = (np.interp(stamps, self.stamps, each) for each in columns)
-        return np.stack((x, y, se2.wrap(heading)), axis=-1)
+        return se2.stack(x, y, se2.wrap(heading))
 
 
 def euler_increment(distance: ArrayLike, turn: ArrayLike) -> se2.Poses:
@@ -195,7 +195,7 @@ class OdometryReadings:
     def _add(self, stamps: Array, poses: Array, alone: Array) -> None:
         last = self._rows.values[-1, 3] if len(self._rows) else poses[0, 2]
         self.begins = min(self.begins, float(stamps[0]))
-        steps = np.diff(poses[:, 2], prepend=last)
+        steps = poses[:, 2] - np.concatenate(([last], poses[:-1, 2]))
         wrapped = (steps + np.pi) % (2 * np.pi) - np.pi  # as np.unwrap, to the last bit
         wrapped[(wrapped == -np.pi) & (steps > 0)] = np.pi
         turns = summed(self._turns, np.where(np.abs(steps) < np.pi, 0.0, wrapped - steps))
@@ -228,12 +228,10 @@ def jumps(
     c = config or SyncConfig()
     jump = np.zeros(len(stamps), np.bool_)
     begin = max(int(stamps.searchsorted(since)) - 1, 0)
-    dt, off = np.diff(stamps[begin:]), np.abs(odometry[begin + 1 :] - odometry[begin:-1])
+    dt, off = stamps[begin + 1 :] - stamps[begin:-1], np.abs(odometry[begin + 1 :] - odometry[begin:-1])
     # most often none is nearly so fast, and the motions need not be known
-    near = (off[:, 0] + off[:, 1] > 0.9 * np.maximum(c.max_speed * dt, c.min_jump_distance)) | (
-        off[:, 2] > 0.9 * np.maximum(c.max_turn_rate * dt, c.min_jump_rotation)
-    )
-    if not (near & (dt > 0)).any():
+    far = off[:, 0] + off[:, 1] > np.maximum(0.9 * c.max_speed * dt, 0.9 * c.min_jump_distance)
+    if not (far | (off[:, 2] > np.maximum(0.9 * c.max_turn_rate * dt, 0.9 * c.min_jump_rotation))).any():
         return jump
     dt, motion = np.diff(stamps), se2.between(odometry[:-1], odometry[1:])
     for size, most, least in (

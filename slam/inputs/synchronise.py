@@ -157,7 +157,8 @@ def sweeps(path: OdometryPath, stamps: Array, seconds: float, config: SyncConfig
     Zeros where the odometry jumps between the reading before the sweep and the one after, and so did not measure it.
     """
     ends = stamps + seconds
-    motion = se2.between(*np.split(path.at(np.concatenate((stamps, ends))), 2))
+    poses = path.at(np.concatenate((stamps, ends)))
+    motion = se2.between(poses[: len(stamps)], poses[len(stamps) :])
     leaps = jumps(path.stamps, path.poses, config, stamps[0])
     if leaps.any():
         count = np.concatenate(([0], np.cumsum(leaps)))  # before each reading

@@ -168,7 +168,9 @@ class Follower:
         self._scan += 1
         self._driven, self._unmeasured = self._driven + driven, self._unmeasured + unmeasured
         moved = self._driven - self._new
-        same = len(self._last) == len(ranges) and np.isfinite(ranges).sum() >= BEAMS
+        with np.errstate(invalid="ignore"):  # most often some differ
+            same = len(self._last) == len(ranges) and not (np.abs(ranges - self._last) > REPEATED).any()
+        same = same and np.isfinite(ranges).sum() >= BEAMS
         same = same and np.allclose(ranges, self._last, rtol=0, atol=REPEATED, equal_nan=True)
         again = same and moved > STANDS and np.array_equal(ranges, self._last, equal_nan=True)
         if same and not again and not self.repeats and moved > STEP:

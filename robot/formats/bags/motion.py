@@ -13,7 +13,6 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
@@ -24,8 +23,6 @@ from moteslam.robot.platform import LidarSpec, Platform, Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream
 from moteslam.robot.trajectory import rotations_of
 from moteslam.robot.values import counted
-
-Array = NDArray[np.float64]
 
 TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
 ODOMETRY, IMU, JOINT_STATE = "nav_msgs/Odometry", "sensor_msgs/Imu", "sensor_msgs/JointState"
@@ -143,7 +140,7 @@ class Frames:
         tables = sorted(self.odometry.values(), key=len, reverse=True)
         return [table for table in tables if self.place(frame, table.child) is not None] or tables
 
-    def place(self, frame: str, base: str | None) -> tuple[Array, list[_Edge], bool] | None:
+    def place(self, frame: str, base: str | None) -> tuple[se2.Array, list[_Edge], bool] | None:
         """Where a frame stands in another, the transforms on the way, and whether another way up leads elsewhere; None
         where none connect them.
         """
@@ -156,11 +153,11 @@ class Frames:
         (pose, way), (other, rest) = ours[shared], theirs[shared]
         return np.linalg.inv(other) @ pose, way + rest, shared in apart
 
-    def _above(self, frame: str) -> tuple[dict[str, tuple[Array, list[_Edge]]], set[str]]:
+    def _above(self, frame: str) -> tuple[dict[str, tuple[se2.Array, list[_Edge]]], set[str]]:
         """The frame and all above it, with its pose in each; of two parents both are gone up to, and those frames are
         named in which it has two poses.
         """
-        found: dict[str, tuple[Array, list[_Edge]]] = {frame: (np.eye(4), [])}
+        found: dict[str, tuple[se2.Array, list[_Edge]]] = {frame: (np.eye(4), [])}
         waiting, apart = [frame], set[str]()
         while waiting:
             below = waiting.pop(0)
@@ -232,14 +229,14 @@ def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
     return OdometryStream(stamps[~none], poses[~none])
 
 
-def driven(odometry: OdometryStream | None, began: Array, ended: Array) -> Array:
+def driven(odometry: OdometryStream | None, began: se2.Array, ended: se2.Array) -> se2.Array:
     """The robot's motions [n, 3] from stamps [n] to others; zeros without odometry."""
     if odometry is None:
         return np.zeros((len(began), 3))
     return se2.between(*(se2.interpolate(odometry.stamps, odometry.poses, at) for at in (began, ended)))
 
 
-def _hops(stamps: Array, poses: Array) -> int:
+def _hops(stamps: se2.Array, poses: se2.Array) -> int:
     """How often a path [n, 3] leaves a place and is back a reading or two later, faster than a robot can."""
     if len(poses) < 4:
         return 0
@@ -251,7 +248,7 @@ def _hops(stamps: Array, poses: Array) -> int:
     return int(((step > least) & (np.minimum(*back) < step / 2)).sum())
 
 
-def _no_headings(lengths: Array, headings: Array, along: Array | None) -> str | None:
+def _no_headings(lengths: se2.Array, headings: se2.Array, along: se2.Array | None) -> str | None:
     """Why quaternions of some lengths [n], as headings [n], say no headings beside those along the path; else None."""
     many = 0.1 * len(lengths)
     if (zero := int((lengths == 0).sum())) > many:
@@ -266,7 +263,7 @@ def _no_headings(lengths: Array, headings: Array, along: Array | None) -> str | 
     return f"headings that do not follow the path (agreement {off:.2f} of 1)" if off < FOLLOWS else None
 
 
-def _path_headings(places: Array) -> Array | None:
+def _path_headings(places: se2.Array) -> se2.Array | None:
     """The directions [n] [rad] in which places [n, 2] follow each other, over twice `REACH` or two steps at least; None
     of a short path.
 
