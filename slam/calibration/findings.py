@@ -46,7 +46,7 @@ WRONG = {
     ("y", False): ("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
     ("path", False): (
         "odometry-headings",
-        "odometry: its headings do not follow the way that it drives, and are of no use",
+        "odometry: its headings do not follow the way that it drives, and are of no use: are they in radians?",
     ),
     ("stated", True): ("odometry-headings", "odometry: its headings are a quarter turn off the way that it drives"),
     ("turns", True): (

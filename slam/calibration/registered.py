@@ -35,9 +35,10 @@ ANGLE_FLOOR, OFFSET_FLOOR, NOISY = 0.0015, 0.004, 1.5
 the usual residual: noise that grows with the range biases it, by 0.015 m of ranges that are off by 0.1 m at 1 %."""
 ORDER = 5.0
 """Standard errors by which scans fit better in one reading, of the beams in one order in time, say: then that is it."""
-SWEEP, LEAST_OFF, BACK = 0.02, 0.25, 0.1
-"""A sweep that is off by less moves no result by a tenth of a metre [s]; a smaller share of the stated one, or of the
-scans' interval, may be an error of the odometry's turns; one below 0 by more than the last is in another order."""
+SWEEP, SLOWEST, LEAST_OFF, BACK = 0.02, 2.0, 0.25, 0.1
+"""A sweep that is off by less than the first moves no result by a tenth of a metre, and no lidar takes as long for one
+as the second: stamps are in other units [s]. A smaller share of the stated one, or of the scans' interval, may be an
+error of the odometry's turns; one below 0 by more than the last is in another order."""
 LEAST_DEVIATION = 0.003
 """Pairs do not count more than those of residuals of this size [m]."""
 LEAST_COST = 1e-4
@@ -45,6 +46,8 @@ LEAST_COST = 1e-4
 THROUGH, LEAST_THROUGH = 0.3, 0.01
 """Endpoints are no surfaces that are seen through in a larger share than the first: the excess is at least the second
 share of all that could be, and at most 0.0003 in sound recordings."""
+MANY_PARTS = 1.7
+"""It is seen in three of the `BLOCKS` parts of the recording, at least: a door that is opened is seen in one."""
 UNEVEN, UNEVEN_SIGMAS = 0.015, 3.0
 """Angles are uneven where those of a sector are of a scale that differs by more from all, and by so many deviations: of
 sound lidars by 0.006 at most."""
@@ -123,16 +126,21 @@ class RegisteredPairs:
         It does through people who have gone on, and panes, but hardly through those that are farthest off.
         """
         there = self._found.motions
-        ranges, through = list[Array](), list[Array]()
+        ranges, through, pairs = list[Array](), list[Array](), list[Indices]()
         for scans, motions in ((self._ranges, there), (self._ranges[::-1], np.asarray(se2.inverse(there)))):
             nearer, passed = seen_through(*scans, self._beams, self._seconds, motions)
             nearer &= self._found.good[:, None]
             ranges.append(scans[1][nearer])
             through.append(np.where(passed[nearer], 1 - THROUGH, -THROUGH))
+            pairs.append(np.nonzero(nearer)[0])
         order = np.argsort(-(all_ranges := np.concatenate(ranges)))
         beyond = np.cumsum(np.concatenate(through)[order])  # of an endpoint and those that are farther
         most = int(beyond.argmax()) if len(beyond) else 0
-        return float(all_ranges[order[most]]) if len(beyond) and beyond[most] > LEAST_THROUGH * len(beyond) else None
+        far = order[: most + 1]
+        of_pairs = np.bincount(np.concatenate(pairs)[far], np.concatenate(through)[far], minlength=len(there))
+        chance = MANY_PARTS * float(np.linalg.norm(parts_of(of_pairs)))
+        clear = len(beyond) and beyond[most] > max(LEAST_THROUGH * len(beyond), chance)
+        return float(all_ranges[far[-1]]) if clear else None
 
     def mirror(self, lidar: LidarStream, rates: tuple[Array, Array]) -> bool | None:
         """Take the beams the other way round; whether they are measured in the other order, too.
@@ -197,7 +205,7 @@ class RegisteredPairs:
         off = abs(1 - share) if stated else share
         clearly = off > max(LEAST_OFF, ORDER * deviation, SWEEP / sweep)
         borne_out = better or not stated or (share > 1 and better is None)  # motions take up what a short one leaves
-        return share * sweep if clearly and borne_out else None
+        return share * sweep if clearly and borne_out and share * sweep < SLOWEST else None
 
     def scale_angles(self) -> tuple[float, float, tuple[float, float]]:
         """The scale of the angles between beams at which the scans fit each other best, and its deviation.
@@ -253,7 +261,7 @@ class RegisteredPairs:
             total = max(float(about[some].sum()), 1e-9)
             mean = float(slope[some].sum()) / total
             spread = float(np.linalg.norm(parts_of(slope[some] - mean * about[some]))) / total
-            return mean, float(np.hypot(spread, deviation / 2 / np.sqrt(some.mean())))
+            return mean, float(np.hypot(spread, deviation / 2 / np.sqrt(total / about.sum())))
 
         return clearest_change(self.first[good], excess)
 

@@ -42,9 +42,9 @@ _LEVEL = 1e-6
 _MOVES, _APART = 1e-3, 0.01
 """A frame that a later transform puts elsewhere by more than the first [m, or of its quaternion] moves; two ways that
 lead to one by more than the second [m, or of its axes] differ."""
-HOP, HARDEST, MANY_HOPS, SHARE_OF_HOPS = 0.03, 10.0, 10, 0.02
-"""Odometry that goes to and fro by more than this [m], [rad], harder than a robot brakes [m/s^2], [rad/s^2], at so many
-readings and this share of them, is of two that measure apart."""
+HOP, HARDEST, MANY_HOPS, SHARE_OF_HOPS = 0.03, 10.0, 10, 0.05
+"""Odometry that goes to and fro by more than this [m], [rad], harder than a robot brakes [m/s^2], [rad/s^2], is told of
+from so many readings on, and from this share of them on is of two that measure apart."""
 _DIGITS = 9
 
 
@@ -214,10 +214,13 @@ def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
     none = lengths == 0
     headings = se2.heading(np.where(none[:, None], (0.0, 0.0, 0.0, 1.0), turns))
     poses, along = np.column_stack((places, headings)), _path_headings(places)
-    if (hops := _hops(stamps[~none], poses[~none])) >= max(MANY_HOPS, SHARE_OF_HOPS * len(stamps)):
+    if (hops := _hops(stamps[~none], poses[~none])) >= MANY_HOPS:
         what = f"to and fro {hops} times, as no robot drives: two nodes publish it in turns, or its stamps are out of "
-        bag.tell("odometry-unfit", topic, f"{what}order. SLAM goes without it, unless another is named", hops)
-        return None
+        unfit = hops >= SHARE_OF_HOPS * len(stamps)
+        instead = "goes without it, unless another is named" if unfit else "uses it, as most readings fit"
+        bag.tell("odometry-unfit", topic, f"{what}order. SLAM {instead}", hops)
+        if unfit:
+            return None
     if problem := _no_headings(lengths, headings, along):
         instead = "the direction of the path is taken, which says nothing of turns on the spot"
         if along is None:

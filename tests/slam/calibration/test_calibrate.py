@@ -5,13 +5,14 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from moteslam.robot import se2
-from moteslam.robot.formats import Cut, cut
+from moteslam.robot.formats import Cut, cut, open_recording
 from moteslam.robot.recording import ChunkedRanges, EncoderStream, LidarStream, OdometryStream, Recording
 from moteslam.robot.values import Issue
 from moteslam.sim.logged import with_odometry
@@ -683,6 +684,20 @@ def test_an_offset_that_may_be_a_drift_is_said_to_be() -> None:
     (issue,) = checked(late, FEW_PAIRS)[1].issues
     assert issue.code == "clock-offset"
     assert "may drift" in issue.message
+
+
+@pytest.mark.slow
+def test_while_a_robot_stands_its_ranges_say_nothing_of_a_change_and_milliseconds_are_no_slow_sweep() -> None:
+    short = simulate(load_scenario("office", platform="rplidar_a1").with_(duration=25.0), 3).recording
+    assert found_in(short, FEW_PAIRS)[1].issues == ()
+    streams = {name: getattr(short, name) for name in ("lidar", "encoders", "imu")}
+    slower = {name: replace(each, stamps=1000 * each.stamps) for name, each in streams.items()}
+    assert "time-increment" not in codes(checked(short.replace(**slower), FEW_PAIRS)[1].issues)
+
+
+def test_what_is_seen_through_at_one_place_alone_is_no_limit_of_the_lidar(data_folder: Path) -> None:
+    log = cut(open_recording(data_folder / "intel" / "intel_raw_part.log.gz"), Cut(end=60.0))
+    assert "range-max" not in codes(checked(log, FEW_PAIRS)[1].issues)
 
 
 def test_a_drive_without_turns_is_said_to_show_nothing() -> None:
