@@ -221,7 +221,7 @@ def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
         bag.tell("odometry-unfit", topic, f"{what}order. SLAM {instead}", hops)
         if unfit:
             return None
-    if problem := _no_headings(lengths, headings, along):
+    if hops < MANY_HOPS and (problem := _no_headings(lengths, headings, along)):  # else the path shows none
         instead = "the direction of the path is taken, which says nothing of turns on the spot"
         if along is None:
             instead = "the path is too short to take them from: SLAM goes without this odometry"
