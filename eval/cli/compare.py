@@ -112,7 +112,7 @@ def median_cells(one: Mapping[str, Any], shown: Shown, *, sign: bool = False) ->
 
 def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], dict[str, Shown]]:
     """A sweep's hash, its runs by status, and its groups with successes and summaries; how its metrics are shown."""
-    from moteslam.eval.runs import driven, grouped, headings, success_of, summary_of
+    from moteslam.eval.runs import driven, driven_by, grouped, headings, success_of, summary_of, warnings_of
 
     rows = [row for row in store.rows() if row.status]
     names = _measured(rows, wanted, store)
@@ -121,6 +121,7 @@ def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], d
             "group": dict(about),
             "runs": len(members),
             "driven_m": driven(members),
+            "driven_by": driven_by(members),
             "success": None if (share := success_of(members)) is None else share.as_dict(),
             "metrics": {name: asdict(summary_of(members, name)) for name in names},
         }
@@ -128,6 +129,7 @@ def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], d
     ]
     counts = {name or "pending": count for name, count in store.counts().items()}
     found = {"hash": store.digest, "runs": counts, "success": store.success, "groups": groups}
+    found["warnings"] = warnings_of(rows)
     return found, headings(rows, names)
 
 
@@ -151,7 +153,7 @@ def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[s
 def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str) -> Iterator[str]:
     """A row a group: of each metric the median with its interval."""
     from moteslam.eval.runs import grouped, success_words, unlike, varying
-    from moteslam.eval.statistics import FEWEST
+    from moteslam.eval.statistics import FEWEST, Proportion
 
     groups = found["groups"]
     if groups:
@@ -160,15 +162,16 @@ def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str)
         alike = alike if form != "csv" and len(groups) > 1 else []
         about = [key for key in about if key not in alike]
         places = grouped(groups, lambda each: str(each["group"].get("scenario"))).values()
-        apart = ["driven [m]"] * any(unlike(each["driven_m"] for each in some) for some in places)
+        by = " or ".join(sorted({each["driven_by"] for each in groups}))
+        apart = [f"driven by {by} [m]"] * any(unlike(each["driven_m"] for each in some) for some in places)
         rows = [[*about, "runs", "success", *apart]]
         for each in groups:
             one = each["success"]
-            success = "-" if one is None else f"{one['count']} ({100 * one['low']:.0f} to {100 * one['high']:.0f} %)"
+            success = "-" if one is None else f"{one['count']}{Proportion(one['count'], one['total']).range}"
             rows.append([*(str(each["group"].get(key, "")) for key in about), str(each["runs"]), success])
             rows[-1] += [number(each["driven_m"])] * len(apart)
         for name, shown in titles.items():
-            rows[0] += [shown.title, "95 %"]
+            rows[0] += [shown.title, f"{shown.title} 95 %" if form == "csv" else "95 %"]
             for row, each in zip(rows[1:], groups, strict=True):
                 row += median_cells(each["metrics"][name], shown)
         if form != "csv" and all(each["runs"] < FEWEST for each in groups):

@@ -8,7 +8,6 @@ import hashlib
 import json
 import os
 import re
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -57,8 +56,8 @@ class Material:
     success: dict[str, float] = field(default_factory=dict)
 
     @property
-    def issues(self) -> Counter[str]:
-        return Counter(str(issue.get("message")) for run in self.runs for issue in run.issues)
+    def issues(self) -> list[str]:
+        return runs.warnings_of(self.runs)
 
 
 def gather(paths: Sequence[Path]) -> Material:
@@ -296,7 +295,4 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
 
 
 def _share(one: Proportion | None) -> str:
-    if one is None:
-        return "-"
-    low, high = one.interval
-    return f"{one.count} of {one.total} ({100 * low:.0f} to {100 * high:.0f} %)"
+    return "-" if one is None else f"{one.count} of {one.total}{one.range}"

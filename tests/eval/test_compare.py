@@ -174,6 +174,8 @@ def test_wilsons_interval(count: int, total: int, low: float, high: float) -> No
     assert share.as_dict() == {
         "share": count / total, "low": share.interval[0], "high": share.interval[1], "count": count, "total": total
     }  # fmt: skip
+    assert Proportion(5, 5).range == ""
+    assert Proportion(6, 6).range == " (61 to 100 %)"
 
 
 def test_pairs_leave_out_what_makes_a_seed_harder() -> None:
@@ -260,17 +262,17 @@ def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: pyte
         )
 
     far, alike = made("far.sweep", 4.0), made("alike.sweep", 9.0)
-    assert "driven: ucsd 10.0 m, turtlebot3 4.00 m" in printed(capsys, "compare", far)
+    assert "driven by SLAM's path: ucsd 10.0 m, turtlebot3 4.00 m" in printed(capsys, "compare", far)
     head, *lines = printed(capsys, "sweep", "show", far).splitlines()
-    assert "driven [m]" in head
-    assert [line.split()[8] for line in lines[:4]] == ["10.0", "4.00"] * 2
+    assert "driven by SLAM's path [m]" in head
+    assert [line.split()[-2] for line in lines[:4]] == ["10.0", "4.00"] * 2
     assert "driven" not in printed(capsys, "sweep", "show", alike)
     last = printed(capsys, "compare", alike).splitlines()[-1]
     assert last == "wheels, gyro and speed of a platform may differ, too"
     assert "wheels" not in printed(capsys, "compare", far, "--by", "scenario")
     assert printed(capsys, "compare", far, "--format", "csv").count("wheels") == 0
     text = page(gather([far]))
-    assert "driven: ucsd 10.0 m, turtlebot3 4.00 m. The" in text
+    assert "driven by SLAM&#39;s path: ucsd 10.0 m, turtlebot3 4.00 m. The" in text
     assert "all else the same" not in text
 
 
