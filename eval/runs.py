@@ -79,6 +79,8 @@ def read_runs(paths: Sequence[Path]) -> list[Row]:
     """The runs of sweeps and result folders, those not made yet too."""
     found: list[Row] = []
     for path in paths:
+        if not path.exists():
+            raise InputError("there is no such file or folder, expected a .sweep file or a result folder", file=path)
         if path.is_dir():
             found.append(read_result_folder(path))
         else:
@@ -247,16 +249,22 @@ def also_of(columns: Mapping[str, Sequence[Row]], axis: str) -> str:
 
 
 def metric_names(given: list[str] | None, rows: Sequence[Row] = ()) -> list[str]:
-    """The metrics that are asked for, an unknown one is refused; else the first of those that sweeps name and have
-    measured, else ``final.ate``, or what there is.
+    """The metrics that are asked for, without a trajectory of each but dead reckoning; one that is unknown, or that no
+    run has, is refused. Else the first of those that sweeps name and have measured, else ``final.ate``, or what there
+    is.
     """
     chosen(given or ())
     there = dict.fromkeys(name for row in rows for name in row.scores)
     named = dict.fromkeys(name for row in rows for name in row.run.metrics)
     # dead reckoning is the same in all configurations
     shown = {one: "" if split(one)[0] == DEAD_RECKONING else split(one)[1] for one in there}
+    usual = [name for name in dict.fromkeys(("final.ate", *there)) if name in there.keys() - {"scans", "distance"}]
+    if given and usual:
+        if missing := [name for name in given if name not in {*usual, *shown.values()}]:
+            expected = ", ".join(usual)
+            raise ConfigError(f"{missing[0]!r}, which no run has; expected one of {expected}", field="--metric")
+        return list(dict.fromkeys(one for name in given for one in usual if name in (one, shown[one])))
     found = dict.fromkeys(one for name in named for one, short in shown.items() if name in (one, short))
-    usual = [name for name in ("final.ate", *there) if name in there and name not in ("scans", "distance")]
     return given or [*found][:MOST_NAMED] or usual[:1] or ["final.ate"]
 
 

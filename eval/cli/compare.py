@@ -68,7 +68,13 @@ def compare(
         if metrics or any(pairs.values())
     }
     if not any(each for pairs in compared.values() for each in pairs.values()):
-        raise InputError(f"no run in common with {first} that has {', '.join(names)}", file=paths[-1])
+        other = next(each for each in found if each != first)
+        problem = f"no run in common with {first} that has {', '.join(names)}"
+        for key in (*runs.SETTINGS, "seed"):
+            one, two = ({str(row.about.get(key, row.run.seed)) for row in found[each]} for each in (first, other))
+            if one.isdisjoint(two):
+                problem += f"; {key} {', '.join(sorted(one))} there, {', '.join(sorted(two))} here"
+        raise InputError(problem, file=paths[-1])
     titles = runs.headings(rows, list(compared))
     lines = _lines(axis, first, compared, titles, form, runs.also_of(found, axis))
     answer({"by": axis, "baseline": first, "metrics": compared}, lines, as_json=as_json)
@@ -115,7 +121,7 @@ def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], d
     from moteslam.eval.runs import driven, driven_by, grouped, headings, success_of, summary_of, warnings_of
 
     rows = [row for row in store.rows() if row.status]
-    names = _measured(rows, wanted, store)
+    names = _measured(rows, wanted)
     groups = [
         {
             "group": dict(about),
@@ -133,21 +139,11 @@ def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], d
     return found, headings(rows, names)
 
 
-def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[str]:
+def _measured(rows: list[Row], wanted: list[str] | None) -> list[str]:
     from moteslam.eval.runs import metric_names
 
-    there = list(dict.fromkeys(name for row in rows if row.status == "ok" for name in (*row.values, *row.costs)))
-    if not there:
-        return wanted or ["final.ate"]
-    if wanted is None:
-        costs = [name for name in ("cpu_per_scan", "memory") if name in there]
-        return list(dict.fromkeys([*metric_names(None, rows), *costs]))
-    for name in wanted:
-        if name not in there:
-            alike = [one for one in there if one.endswith(f".{name}")] or there
-            problem = f"{name!r}, which was not measured, expected one of {', '.join(alike)}"
-            raise ConfigError(problem, file=store.path, field="--metric")
-    return wanted
+    costs = [name for name in ("cpu_per_scan", "memory") if wanted is None and any(name in row.costs for row in rows)]
+    return list(dict.fromkeys([*metric_names(wanted, rows), *costs]))
 
 
 def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str) -> Iterator[str]:

@@ -204,7 +204,7 @@ def plot(
         rows = [row for row in read_runs([file]) if row.status]
         if not rows:
             raise InputError("no run was made yet, expected some", file=file)
-        names = metrics or metric_names(None, rows)[:1]
+        names = metric_names(metrics, rows) if metrics else metric_names(None, rows)[:1]
         known = varying([row.about for row in rows])
         column = along or next((key for row in rows for key, _ in row.run.varied), axis_of(rows))
         if column not in known:

@@ -180,8 +180,9 @@ def test_whatever_the_values_are_they_are_drawn(
         assert picture.size[0] > 500
         assert len(picture.convert("RGB").getcolors(1 << 24) or ()) > 10
     assert drawn[0].get_suptitle() == "corridor"
-    median, every, *_ = drawn[0].legends[0].get_lines()
-    assert every.get_color() == median.get_color()
+    (legend,) = drawn[0].legends
+    colours = dict(zip((text.get_text() for text in legend.get_texts()), legend.get_lines(), strict=True))
+    assert colours["every run"].get_color() == colours["median"].get_color()
 
 
 SCENARIO = """
