@@ -183,7 +183,9 @@ def run_lines(found: Figures, name: str) -> Iterator[str]:
         yield from score_lines(found)
     if (missed := number(found, "final.relations")) is not None:
         turn = number(found, "final.relations_rotation") or 0.0
-        yield f"SLAM (final) misses the relations by {length(missed)} and {turn:.3g} deg in the mean"
+        counts = found["metrics"]["final.relations"]
+        which = f"{counts['used']} of {counts['total']} relations"
+        yield f"SLAM (final) against {which}: off by {length(missed)} and {turn:.3g} deg in the mean"
     yield f"result in {literal(found['out'])}"
 
 
