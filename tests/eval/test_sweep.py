@@ -122,7 +122,8 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
     ("text", "place"),
     [
         ("seeds = '0'", "neither scenarios nor recordings"),
-        (HERE + "seed = '0'", "seed: "),
+        (HERE + "seed = '0'", "seed: unknown key, expected one of seeds, "),
+        (HERE + "[configurations.a]\ncommand = 'python3 x'", "a.command: expected a list: ['python3', 'x'], found "),
         (HERE + "seeds = '5-'", "seeds: '5-', "),
         (HERE + "seeds = [0.5]", "seeds: [0.5], expected a text"),
         (
@@ -153,6 +154,13 @@ def test_a_specification_that_is_wrong_names_the_place(text: str, place: str, tm
     assert caught.value.file is not None
     assert place in str(caught.value)
     assert not (tmp_path / "a.sweep").exists()
+
+
+def test_one_value_is_taken_for_a_list(tmp_path: Path) -> None:
+    text = "scenarios = {0}'corridor'{1}\nnoise = {0}'as_recorded'{1}\nmetrics = {0}'ate'{1}\n"
+    text += "[vary]\nslam.particles = {0}3{1}"
+    one, listed = (planned(tmp_path, text.format(*brackets)) for brackets in (("", ""), "[]"))
+    assert one == listed
 
 
 @pytest.fixture(scope="module")
