@@ -52,7 +52,10 @@ class Plugins(Generic[T]):
     def __getitem__(self, name: str) -> T:
         entry = self._bundled.get(name) or self._others.get(name)
         if entry is None:
-            raise ConfigError(f"{name!r}, expected one of {', '.join(each for each, _ in self.items())}")
+            known = ", ".join(each for each, _ in self.items())
+            raise ConfigError(
+                f"{name!r}, expected one of {known}; your own package must be installed: pip install -e ."
+            )
         self._load(entry)
         if name in self._problems:
             raise ConfigError(f"{name!r} of package {_package(entry)} cannot be loaded: {self._problems[name]}")

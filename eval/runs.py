@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from moteslam.robot.values import first_complaint
 MAX_BYTES = 50_000_000  # No file of a result folder that is read here is larger
 SETTINGS = ("scenario", "platform", "noise")  # Columns that say where a run was made
 CONFIGURATION = "configuration"
+NUMBERS = re.compile(r"[0-9]+(\.[0-9]+)?")
 MOST_NAMED, UNLIKE = 6, 1.2
 """Metrics that are shown unasked, and from which ratio on robots have driven other distances."""
 G = TypeVar("G", bound=Hashable)
@@ -77,6 +79,8 @@ def read_runs(paths: Sequence[Path]) -> list[Row]:
     """The runs of sweeps and result folders, those not made yet too."""
     found: list[Row] = []
     for path in paths:
+        if not path.exists():
+            raise InputError("there is no such file or folder, expected a .sweep file or a result folder", file=path)
         if path.is_dir():
             found.append(read_result_folder(path))
         else:
@@ -209,6 +213,25 @@ def driven(rows: Iterable[Row]) -> float | None:
     return median(metres) if metres else None
 
 
+def driven_by(rows: Iterable[Row]) -> str:
+    """By what the distances are known: the truth, SLAM's path, or these in turn."""
+    by = {row.scores["distance"].get("by", "SLAM's path") for row in rows if "distance" in row.known}
+    return " or ".join(sorted(by)) or "truth"
+
+
+def warnings_of(rows: Iterable[Row]) -> list[str]:
+    """What is doubtful in runs: of each configuration the first of those that differ in numbers alone, and how many."""
+    each = ((row, str(issue.get("message"))) for row in rows for issue in row.issues)
+    alike = grouped(each, lambda one: (one[0].run.configuration, NUMBERS.sub("0", one[1])))
+    lines = []
+    for message, kinds in grouped(alike.values(), lambda some: some[0][1]).items():
+        first, others = kinds[0][0][0], sum(map(len, kinds)) - 1
+        names = ", ".join(dict.fromkeys(some[0][0].run.configuration for some in kinds))
+        more = f" ({others} more such)" if others else ""
+        lines.append(f"{first.name}, {names}: {message}{more}")
+    return lines
+
+
 def unlike(distances: Iterable[float | None]) -> bool:
     """Whether so different distances were driven that errors say little of which is better."""
     known = [each for each in distances if each is not None]
@@ -220,21 +243,28 @@ def also_of(columns: Mapping[str, Sequence[Row]], axis: str) -> str:
     far = {name: driven(rows) for name, rows in columns.items()}
     text = "wheels, gyro and speed of a platform may differ, too"
     if unlike(far.values()):
-        text += f"; driven: {', '.join(f'{name} {number(metres)} m' for name, metres in far.items() if metres)}"
+        by = driven_by(row for rows in columns.values() for row in rows)
+        text += f"; driven by {by}: {', '.join(f'{name} {number(metres)} m' for name, metres in far.items() if metres)}"
     return text if axis == "platform" else ""
 
 
 def metric_names(given: list[str] | None, rows: Sequence[Row] = ()) -> list[str]:
-    """The metrics that are asked for, an unknown one is refused; else the first of those that sweeps name and have
-    measured, else ``final.ate``, or what there is.
+    """The metrics that are asked for, without a trajectory of each but dead reckoning; one that is unknown, or that no
+    run has, is refused. Else the first of those that sweeps name and have measured, else ``final.ate``, or what there
+    is.
     """
     chosen(given or ())
     there = dict.fromkeys(name for row in rows for name in row.scores)
     named = dict.fromkeys(name for row in rows for name in row.run.metrics)
     # dead reckoning is the same in all configurations
     shown = {one: "" if split(one)[0] == DEAD_RECKONING else split(one)[1] for one in there}
+    usual = [name for name in dict.fromkeys(("final.ate", *there)) if name in there.keys() - {"scans", "distance"}]
+    if given and usual:
+        if missing := [name for name in given if name not in {*usual, *shown.values()}]:
+            expected = ", ".join(usual)
+            raise ConfigError(f"{missing[0]!r}, which no run has; expected one of {expected}", field="--metric")
+        return list(dict.fromkeys(one for name in given for one in usual if name in (one, shown[one])))
     found = dict.fromkeys(one for name in named for one, short in shown.items() if name in (one, short))
-    usual = [name for name in ("final.ate", *there) if name in there and name not in ("scans", "distance")]
     return given or [*found][:MOST_NAMED] or usual[:1] or ["final.ate"]
 
 

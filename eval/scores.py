@@ -109,7 +109,7 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
     figures: Figures = {
         "scans": len(stamps),
         "duration_s": float(stamps[-1] - stamps[0]),
-        "distance_m": estimate.trajectory_final.length,
+        **dict(zip(("distance_m", "distance_by"), run.driven, strict=True)),
         "updates": int(diagnostics["updated"].sum()),
         "resampled": int(diagnostics["resampled"].sum()),
         "mean_particles": float(diagnostics["particles"].mean()),
@@ -214,6 +214,18 @@ def against(
     figures |= {"oriented": ate.rotation is not None, "ate": ate.as_dict(), "rpe": rpe}
     figures |= {"warnings": [issue.as_dict() for issue in issues]}
     return ate, figures, _by_stamp(ate)
+
+
+def doubted(run: Evidence) -> list[dict[str, Any]]:
+    """What ``against`` doubts of the final trajectory of a run, or why it cannot be scored."""
+    found: list[dict[str, Any]] = []
+    given: tuple[Reference | None, ...] = run.truth, run.relations
+    for reference in (one for one in given if one is not None):
+        try:
+            found += against(run.trajectories[FINAL], reference)[1]["warnings"]
+        except InputError as error:
+            found.append(Issue("not-scored", f"{error.problem}; not scored").as_dict())
+    return found
 
 
 def _by_stamp(errors: PoseErrors) -> dict[str, Any]:

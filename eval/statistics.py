@@ -16,7 +16,7 @@ K = TypeVar("K", bound=Hashable)
 
 CONFIDENCE = 0.95
 FEWEST = 6
-"""Fewer values have no interval of the median: even the range of five holds it in 94 % of samples alone."""
+"""Fewer values have no interval; of the median, even the range of five holds it in 94 % of samples alone."""
 RESAMPLES, SEED = 2000, 0  # Of the bootstrap; the same values have the same interval
 ROUNDING = 1e-12  # Values that differ by no more than this share of the larger one are equal
 
@@ -82,7 +82,7 @@ class Summary:
 
 @dataclass(frozen=True)
 class Proportion:
-    """A share of runs, ``count`` of ``total`` (at least 1), with its 95 % interval (Wilson 1927)."""
+    """A share of runs, ``count`` of ``total`` (at least 1), with its 95 % interval (Wilson 1927); of few runs none."""
 
     count: int
     total: int
@@ -92,15 +92,23 @@ class Proportion:
         return self.count / self.total
 
     @property
-    def interval(self) -> tuple[float, float]:
+    def interval(self) -> tuple[float, float] | tuple[None, None]:
         from scipy.stats import binomtest
 
+        if self.total < FEWEST:
+            return None, None
         low, high = binomtest(self.count, self.total).proportion_ci(CONFIDENCE, method="wilson")
         return float(low), float(high)
 
     def as_dict(self) -> dict[str, Any]:
         low, high = self.interval
         return {"share": self.share, "low": low, "high": high, "count": self.count, "total": self.total}
+
+    @property
+    def range(self) -> str:
+        """The interval in words."""
+        low, high = self.interval
+        return "" if low is None or high is None else f" ({100 * low:.0f} to {100 * high:.0f} %)"
 
 
 @dataclass(frozen=True)

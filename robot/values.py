@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import ConfigError, InputError, explained
 from moteslam.files import read_text
 
 Table = dict[str, Any]
@@ -154,7 +154,7 @@ class Section(BaseModel):
         try:
             super().__init__(**values)
         except ValidationError as error:
-            field, problem = first_complaint(error)
+            field, problem = first_complaint(error, model=type(self))
             raise ConfigError(problem, field=field or None) from error
 
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # tables in tables are not made by it
@@ -186,13 +186,13 @@ def validated(
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        field, problem = first_complaint(error, kinds)
+        field, problem = first_complaint(error, kinds, model)
         raise ConfigError(problem, file=file, field=".".join(filter(None, (above, field))) or None) from error
     except ConfigError as error:  # of a validator that knows the field
         raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
 
 
-def first_complaint(error: ValidationError, kinds: Collection[str] = ()) -> tuple[str, str]:
+def first_complaint(error: ValidationError, kinds: Collection[str] = (), model: Any = None) -> tuple[str, str]:
     """The field, with dots, and the problem of the first thing that is wrong.
 
     A key that is missing where another is unknown is most likely misspelt: the unknown one is named first.
@@ -201,11 +201,8 @@ def first_complaint(error: ValidationError, kinds: Collection[str] = ()) -> tupl
     first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
     loc = first["loc"]
     field = ".".join(str(one) for k, one in enumerate(loc) if not (k and one in kinds and isinstance(loc[k - 1], int)))
-    if first["type"] == "extra_forbidden":
-        return field, "unknown key"
-    problem = first["msg"].removeprefix("Value error, ")
-    found = "" if first["type"] in ("missing", "value_error") else f", found {shortened(first['input'])}"
-    return field, problem + found
+    silent = first["type"] in ("extra_forbidden", "missing", "value_error")
+    return field, explained(first, model) + ("" if silent else f", found {shortened(first['input'])}")
 
 
 def read_toml(path: str | PathLike[str], what: str) -> Table:

@@ -69,17 +69,19 @@ def _resolved(method: str, given: Table, *, file: Path | None) -> SlamConfig:
     try:
         return validated(model, values, file=file)
     except ConfigError as error:  # of the back end's table, which is validated by itself
-        near = _nearest(error.field or "", base) if error.problem == "unknown key" else ""
-        raise ConfigError(error.problem + near, file=file, field=error.field) from error
+        problem = error.problem
+        if problem.startswith("unknown key"):
+            problem = f"{_nearest(error.field or '', base) or problem}; moteslam replay --print-config lists all"
+        raise ConfigError(problem, file=file, field=error.field) from error
 
 
 def _nearest(key: str, known: Table) -> str:
-    """The known keys, with dots, that look most like one that is not: as a whole, or by its last word."""
-    keys = list(_dotted(known))
-    words = {each.rpartition(".")[2]: each for each in reversed(keys)}
-    like = [words[word] for word in get_close_matches(key.rpartition(".")[2], words, cutoff=0.7)]
-    like = list(dict.fromkeys((*get_close_matches(key, keys, cutoff=0.7), *like)))[:3]
-    return (f", expected one like {', '.join(like)}" if like else "") + "; moteslam replay --print-config lists all"
+    """The problem of a key that is unknown at the top, or in its table, but in one below that is as good as known."""
+    above, _, word = key.rpartition(".")
+    keys = {each: each.rpartition(".")[2] for each in _dotted(known) if each.startswith(f"{above}." * bool(above))}
+    near = get_close_matches(word, keys.values(), cutoff=0.8)
+    like = [each for each, last in keys.items() if last in near or last.startswith(f"{word}_")][:3]
+    return f"unknown key, expected one like {', '.join(like)}" if like else ""
 
 
 def _dotted(table: Table, above: str = "") -> Iterator[str]:

@@ -68,7 +68,13 @@ def compare(
         if metrics or any(pairs.values())
     }
     if not any(each for pairs in compared.values() for each in pairs.values()):
-        raise InputError(f"no run in common with {first} that has {', '.join(names)}", file=paths[-1])
+        other = next(each for each in found if each != first)
+        problem = f"no run in common with {first} that has {', '.join(names)}"
+        for key in (*runs.SETTINGS, "seed"):
+            one, two = ({str(row.about.get(key, row.run.seed)) for row in found[each]} for each in (first, other))
+            if one.isdisjoint(two):
+                problem += f"; {key} {', '.join(sorted(one))} there, {', '.join(sorted(two))} here"
+        raise InputError(problem, file=paths[-1])
     titles = runs.headings(rows, list(compared))
     lines = _lines(axis, first, compared, titles, form, runs.also_of(found, axis))
     answer({"by": axis, "baseline": first, "metrics": compared}, lines, as_json=as_json)
@@ -112,15 +118,16 @@ def median_cells(one: Mapping[str, Any], shown: Shown, *, sign: bool = False) ->
 
 def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], dict[str, Shown]]:
     """A sweep's hash, its runs by status, and its groups with successes and summaries; how its metrics are shown."""
-    from moteslam.eval.runs import driven, grouped, headings, success_of, summary_of
+    from moteslam.eval.runs import driven, driven_by, grouped, headings, success_of, summary_of, warnings_of
 
     rows = [row for row in store.rows() if row.status]
-    names = _measured(rows, wanted, store)
+    names = _measured(rows, wanted)
     groups = [
         {
             "group": dict(about),
             "runs": len(members),
             "driven_m": driven(members),
+            "driven_by": driven_by(members),
             "success": None if (share := success_of(members)) is None else share.as_dict(),
             "metrics": {name: asdict(summary_of(members, name)) for name in names},
         }
@@ -128,30 +135,21 @@ def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], d
     ]
     counts = {name or "pending": count for name, count in store.counts().items()}
     found = {"hash": store.digest, "runs": counts, "success": store.success, "groups": groups}
+    found["warnings"] = warnings_of(rows)
     return found, headings(rows, names)
 
 
-def _measured(rows: list[Row], wanted: list[str] | None, store: Store) -> list[str]:
+def _measured(rows: list[Row], wanted: list[str] | None) -> list[str]:
     from moteslam.eval.runs import metric_names
 
-    there = list(dict.fromkeys(name for row in rows if row.status == "ok" for name in (*row.values, *row.costs)))
-    if not there:
-        return wanted or ["final.ate"]
-    if wanted is None:
-        costs = [name for name in ("cpu_per_scan", "memory") if name in there]
-        return list(dict.fromkeys([*metric_names(None, rows), *costs]))
-    for name in wanted:
-        if name not in there:
-            alike = [one for one in there if one.endswith(f".{name}")] or there
-            problem = f"{name!r}, which was not measured, expected one of {', '.join(alike)}"
-            raise ConfigError(problem, file=store.path, field="--metric")
-    return wanted
+    costs = [name for name in ("cpu_per_scan", "memory") if wanted is None and any(name in row.costs for row in rows)]
+    return list(dict.fromkeys([*metric_names(wanted, rows), *costs]))
 
 
 def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str) -> Iterator[str]:
     """A row a group: of each metric the median with its interval."""
     from moteslam.eval.runs import grouped, success_words, unlike, varying
-    from moteslam.eval.statistics import FEWEST
+    from moteslam.eval.statistics import FEWEST, Proportion
 
     groups = found["groups"]
     if groups:
@@ -160,15 +158,16 @@ def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str)
         alike = alike if form != "csv" and len(groups) > 1 else []
         about = [key for key in about if key not in alike]
         places = grouped(groups, lambda each: str(each["group"].get("scenario"))).values()
-        apart = ["driven [m]"] * any(unlike(each["driven_m"] for each in some) for some in places)
+        by = " or ".join(sorted({each["driven_by"] for each in groups}))
+        apart = [f"driven by {by} [m]"] * any(unlike(each["driven_m"] for each in some) for some in places)
         rows = [[*about, "runs", "success", *apart]]
         for each in groups:
             one = each["success"]
-            success = "-" if one is None else f"{one['count']} ({100 * one['low']:.0f} to {100 * one['high']:.0f} %)"
+            success = "-" if one is None else f"{one['count']}{Proportion(one['count'], one['total']).range}"
             rows.append([*(str(each["group"].get(key, "")) for key in about), str(each["runs"]), success])
             rows[-1] += [number(each["driven_m"])] * len(apart)
         for name, shown in titles.items():
-            rows[0] += [shown.title, "95 %"]
+            rows[0] += [shown.title, f"{shown.title} 95 %" if form == "csv" else "95 %"]
             for row, each in zip(rows[1:], groups, strict=True):
                 row += median_cells(each["metrics"][name], shown)
         if form != "csv" and all(each["runs"] < FEWEST for each in groups):

@@ -217,19 +217,29 @@ def _parts(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str | Table
     from moteslam.eval.metrics.registry import title_of
 
     kind, reference = rows[0].get("kind"), literal(rows[0].get("reference"))
+    whose, metrics = f"{literal(rows[0]['estimate'])} " * (len(rows) == 1), more.get("metrics", {})
+    if kind is not None:
+        yield f"{whose}against {reference}{'' if kind == 'relations' else f', {_how(rows[0])}'}"
     if kind == "trajectory" and len(rows) > 1:
-        yield f"against {reference}, {_how(rows[0])}"
-        yield _comparison(rows)
+        yield [
+            cells + others for cells, others in zip(_comparison(rows), _side_by_side(metrics, len(rows)), strict=True)
+        ]
     elif kind is not None:
-        for row in rows:
-            yield f"{literal(row['estimate'])} against {reference}{'' if kind == 'relations' else f', {_how(row)}'}"
-            yield from _relations(row) if kind == "relations" else [_errors(row)]
+        yield from _relations(rows) if kind == "relations" else [_errors(rows[0])]
     if "residuals" in rows[0]:
         yield f"scans of {literal(rows[0]['recording'])}"
         yield [*map(list, rows_of(RESIDUALS, rows))]
-    for name, values in more.get("metrics", {}).items():
-        yield f"metrics of {literal(name)}"
-        yield [["metric", "value"], *([title_of(metric), _value(value)] for metric, value in values.items())]
+    if len(rows) == 1:
+        for name, values in metrics.items():
+            yield f"metrics of {literal(name)}"
+            yield [["metric", "value"], *([title_of(metric), _value(value)] for metric, value in values.items())]
+    elif metrics and kind != "trajectory":
+        yield "metrics"
+        names = ["estimate", *metrics]
+        yield [[name, *others] for name, others in zip(names, _side_by_side(metrics, len(rows)), strict=True)]
+    for name, values in metrics.items() if len(rows) > 1 else ():
+        absent = (f"{title_of(metric)}: {value['absent']}" for metric, value in values.items() if "absent" in value)
+        yield from (f"{literal(name)}: {one}" for one in absent)
 
 
 def _how(row: Row) -> str:
@@ -253,9 +263,30 @@ def _doubts(rows: Sequence[Row]) -> Iterator[str]:
 def _value(value: Row) -> str:
     if "value" not in value:
         return f"- {value['absent']}"
-    more = ", ".join(f"{name.replace('_', ' ')} {value[name]}" for name in LOOP_COUNTS if name in value)
     unit, factor = fitting(value["unit"], [value["value"]])
-    return f"{number(factor * value['value'])} {unit}".strip() + f" ({more})" * bool(more)
+    return f"{number(factor * value['value'])} {unit}".strip() + _counts(value)
+
+
+def _counts(value: Row) -> str:
+    more = ", ".join(f"{name.replace('_', ' ')} {value[name]}" for name in LOOP_COUNTS if name in value)
+    return f" ({more})" * bool(more)
+
+
+def _side_by_side(metrics: Mapping[str, Mapping[str, Any]], count: int) -> Table:
+    """A column a metric, a row an estimate below the heads."""
+    from moteslam.eval.metrics.registry import title_of
+
+    table: Table = [[] for _ in range(count + 1)]
+    for name in next(iter(metrics.values()), ()):
+        values = [each[name] for each in metrics.values()]
+        found = [one.get("value") for one in values]
+        unit, factor = fitting(next((one["unit"] for one in values if "unit" in one), ""), found)
+        cells = [
+            number(None if one is None else factor * one) + _counts(of) for one, of in zip(found, values, strict=True)
+        ]
+        for row, cell in zip(table, (f"{title_of(name)} [{unit}]" if unit else title_of(name), *cells), strict=True):
+            row.append(cell)
+    return table
 
 
 def _errors(row: Row) -> Table:
@@ -287,16 +318,21 @@ def _comparison(rows: Sequence[Row]) -> Table:
     return [*map(list, rows_of(columns, rows))]
 
 
-def _relations(row: Row) -> Iterator[str | Table]:
-    scores = {"clear": row["clear"], "at stamps": row["at_stamps"], "all used": row["all"]}
-    unit, factor = fitting("m", [score["translation_m"]["mean"] for score in scores.values() if score is not None])
-    table = [["relations", "count", f"translation [{unit}]", "rotation [deg]"]]
-    for name, score in scores.items():
+def _relations(rows: Sequence[Row]) -> Iterator[str | Table]:
+    several = len(rows) > 1
+    kinds = {"clear": "clear", "at stamps": "at_stamps", "all used": "all"}
+    scores = [(name, row["estimate"], row[place]) for name, place in kinds.items() for row in rows]
+    unit, factor = fitting("m", [score["translation_m"]["mean"] for *_, score in scores if score is not None])
+    table = [["relations", *["estimate"] * several, "count", f"translation [{unit}]", "rotation [deg]"]]
+    for name, estimate, score in scores:
+        table.append([name, *[estimate] * several])
         if score is None:
-            table.append([name, "0", "-", "-"])
+            table[-1] += ["0", "-", "-"]
             continue
         along, turn = score["translation_m"], score["rotation_deg"]
         values = [[size * one[part] for part in ("mean", "std")] for one, size in ((along, factor), (turn, 1.0))]
-        table.append([name, str(along["count"]), *(" +- ".join(map(number, pair)) for pair in values)])
+        table[-1] += [str(along["count"]), *(" +- ".join(map(number, pair)) for pair in values)]
     yield table
-    yield f"{row['used']} of {row['total']} relations used, {row['interpolated']} of them between poses"
+    for row in rows:
+        used = f"{row['used']} of {row['total']} relations used, {row['interpolated']} of them between poses"
+        yield f"{literal(row['estimate'])}: {used}" if several else used

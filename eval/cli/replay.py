@@ -67,7 +67,7 @@ def demo(
         found = run_into(*given, truth=simulation.truth, true_map=true_map, about=about)
     found = {"out": str(out), **found}
     look = [] if run.no_figures else [f"look at {literal(out / 'trajectories.png')}"]
-    lines = chain(run_lines(found, f"{driven.name}: {simulation.truth.length:.1f} m"), look)
+    lines = chain(run_lines(found, driven.name), look)
     answer(found, lines, as_json=run.as_json)
 
 
@@ -194,8 +194,7 @@ def _run_over(
             onto=onto,
         )
     found = {"out": str(out), **found}
-    driven = f"{recording.name}: {found['distance_m']:.1f} m by SLAM's path"
-    answer(found, run_lines(found, driven), as_json=run.as_json)
+    answer(found, run_lines(found, recording.name), as_json=run.as_json)
 
 
 def _checked(recording: Recording, side: Side) -> tuple[Recording, tuple[Issue, ...]]:

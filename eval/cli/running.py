@@ -161,14 +161,15 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
     return estimate, stages if estimate.texture is not None else []
 
 
-def run_lines(found: Figures, driven: str) -> Iterator[str]:
+def run_lines(found: Figures, name: str) -> Iterator[str]:
     """What was driven, how many scans and particles, where the robot was lost, and the scores."""
     particles, lost = counted(found["most_particles"], "particle"), found["localisation"]
     if found["mean_particles"] < found["most_particles"]:
         particles = f"{found['mean_particles']:.0f} of {particles} in the mean"
     pace = 1000 * found["filter_and_back_end_seconds"] / found["scans"]
     scans = f"{counted(found['scans'], 'scan')}, {particles}, {pace:.1f} ms a scan"
-    yield f"{literal(driven)} in {found['duration_s']:.0f} s, {scans}"
+    by = "" if found["distance_by"] == "truth" else f" by {found['distance_by']}"
+    yield f"{literal(name)}: {found['distance_m']:.1f} m{by} in {found['duration_s']:.0f} s, {scans}"
     if found["sessions"] > 1:
         yield f"bound to one building of {found['sessions']} sessions by {counted(found['session_loops'], 'loop')}"
     counts, loops, first = lost["states"], found["loop_candidates"], lost["first_lost_stamp"]
@@ -182,7 +183,9 @@ def run_lines(found: Figures, driven: str) -> Iterator[str]:
         yield from score_lines(found)
     if (missed := number(found, "final.relations")) is not None:
         turn = number(found, "final.relations_rotation") or 0.0
-        yield f"SLAM (final) misses the relations by {length(missed)} and {turn:.3g} deg in the mean"
+        counts = found["metrics"]["final.relations"]
+        which = f"{counts['used']} of {counts['total']} relations"
+        yield f"SLAM (final) against {which}: off by {length(missed)} and {turn:.3g} deg in the mean"
     yield f"result in {literal(found['out'])}"
 
 

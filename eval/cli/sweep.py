@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
@@ -111,7 +112,7 @@ def run(
                 raise
         found, titles = summed_up(store, None)
     lines = chain(summary_lines(found, titles, "text"), [f"recorded in {literal(target)}"])
-    answer(found, lines, as_json=as_json)
+    _tell(found, lines, as_json=as_json)
     if found["runs"].keys() - {"ok", "pending"} and "ok" not in found["runs"]:
         raise typer.Exit(NOTHING)
 
@@ -164,9 +165,16 @@ def show(
     metric_names(metrics)
     with opened(file) as store:
         found, titles = summed_up(store, metrics)
-    answer(found, summary_lines(found, titles, form), as_json=as_json)
+    _tell(found, summary_lines(found, titles, form), as_json=as_json)
     if not as_json and form != "text" and set(found["runs"]) != {"ok"}:
         note(f"warning: {file}: {total(found)}")
+
+
+def _tell(found: dict[str, Any], lines: Iterable[str], *, as_json: bool) -> None:
+    """The summary, and what is doubtful in the runs."""
+    for warning in () if as_json else found["warnings"]:
+        note(f"warning: {warning}")
+    answer(found, lines, as_json=as_json)
 
 
 @app.command("plot")
@@ -196,7 +204,7 @@ def plot(
         rows = [row for row in read_runs([file]) if row.status]
         if not rows:
             raise InputError("no run was made yet, expected some", file=file)
-        names = metrics or metric_names(None, rows)[:1]
+        names = metric_names(metrics, rows) if metrics else metric_names(None, rows)[:1]
         known = varying([row.about for row in rows])
         column = along or next((key for row in rows for key, _ in row.run.varied), axis_of(rows))
         if column not in known:

@@ -31,6 +31,7 @@ T = TypeVar("T")
 FINAL, ONLINE, DEAD_RECKONING = TRACKS = "final", "online", "dead_reckoning"
 """Names of the trajectories of a run of ours."""
 
+COVERED = 0.9  # A truth at this share of the scans has all of the way driven
 MAX_SEEN = 3000  # At most this many scans, spread evenly over the drive, show which walls were seen
 
 
@@ -87,6 +88,16 @@ class Evidence:
     def track(self, name: str) -> Track:
         """The trajectory of that name, with what is known about it; ``InputError`` without."""
         return needed(self._tracks.get(name), f"{name} trajectory")
+
+    @cached_property
+    def driven(self) -> tuple[float, str]:
+        """The way driven [m] and by what: the same for every SLAM by the ``truth``, if that covers the scans."""
+        final = self.trajectories[FINAL]
+        stamps = final.stamps if self.recording is None or self.recording.lidar is None else self.recording.lidar.stamps
+        if self.truth is None or covered(stamps, self.truth.stamps).mean() < COVERED:
+            return final.length, "SLAM's path"
+        there = (self.truth.stamps >= stamps[0]) & (self.truth.stamps <= stamps[-1])
+        return Trajectory(self.truth.stamps[there], self.truth.poses[there]).length, "truth"
 
     @cached_property
     def scans(self) -> Scans:

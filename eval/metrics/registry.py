@@ -107,6 +107,10 @@ FIGURES: dict[str, Callable[[Any], Found]] = {
     "drift_rotation": lambda track: float(np.rad2deg(track.once(drift).rotation.mean())),
     "loop_closing": lambda track: track.once(loop_closing_error).rmse,
     "loop_closing_rotation": lambda track: _rotation(track.once(loop_closing_error))[0],
+    "relations": lambda track: (
+        track.relations.translation.mean,
+        {"used": track.relations.pairs, "total": track.relations.total},
+    ),
     "residual": lambda track: scan_residuals(*track.under_scans(), scans=track.run.scans).median,
     "nees": _nees,
     "nees_within_95": lambda run: (run.localisation.as_dict()["nees"] or {}).get("within_95"),

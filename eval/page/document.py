@@ -8,9 +8,8 @@ import hashlib
 import json
 import os
 import re
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import distribution
 from importlib.resources import files
@@ -24,7 +23,7 @@ from markupsafe import Markup, escape
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval import runs
-from moteslam.eval.metrics.registry import chosen, title_of
+from moteslam.eval.metrics.registry import title_of
 from moteslam.eval.page import charts
 from moteslam.eval.page.player import budget_of, playable
 from moteslam.eval.statistics import FEWEST, Proportion
@@ -57,8 +56,8 @@ class Material:
     success: dict[str, float] = field(default_factory=dict)
 
     @property
-    def issues(self) -> Counter[str]:
-        return Counter(str(issue.get("message")) for run in self.runs for issue in run.issues)
+    def issues(self) -> list[str]:
+        return runs.warnings_of(self.runs)
 
 
 def gather(paths: Sequence[Path]) -> Material:
@@ -283,10 +282,9 @@ def _hash(text: str) -> str:
 def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     having = list(dict.fromkeys(name for run in material.runs for name in run.known))
     if wanted:
-        chosen(wanted)
-        if missing := [name for name in wanted if name not in having]:
-            raise ConfigError(f"{missing[0]!r}, which no run has; expected {', '.join(having[:8])}", field="metrics")
-        return list(wanted)
+        known = ({name: run.scores[name] for name in run.known} for run in material.runs)
+        made = [replace(run, scores=scores) for run, scores in zip(material.runs, known, strict=True)]
+        return runs.metric_names(list(wanted), made)
     found = [name for name in (*material.wanted, *USUAL) if name in having] or having or material.wanted
     found = list(dict.fromkeys(found or ["final.ate"]))[: max(MOST_METRICS, len(set(material.wanted)))]
     each = runs.compared(material.runs).values()
@@ -296,7 +294,4 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
 
 
 def _share(one: Proportion | None) -> str:
-    if one is None:
-        return "-"
-    low, high = one.interval
-    return f"{one.count} of {one.total} ({100 * low:.0f} to {100 * high:.0f} %)"
+    return "-" if one is None else f"{one.count} of {one.total}{one.range}"

@@ -19,6 +19,7 @@ from moteslam.eval.statistics import FEWEST
 from moteslam.eval.sweep.store import Row
 from moteslam.eval.tables import fitting, literal, number
 from moteslam.robot.se2 import Array
+from moteslam.robot.values import expect_type
 
 Errors = AteResult | None
 Look = dict[str, Any]
@@ -32,14 +33,19 @@ FAR_APART, BELOW = 20, 0.05
 def draw_error(
     path: File, *, slam: AteResult, final: Errors = None, dead_reckoning: Errors = None, title: str = ""
 ) -> None:
-    """Distance and angle between estimate and truth over time, after alignment, of SLAM (online), of its final path,
-    and of dead reckoning; on logarithmic axes where one is ``FAR_APART`` times as far off as another.
+    """Distance and angle between estimate and truth over time, after alignment, of SLAM (online where the final path is
+    given, too), of its final path, and of dead reckoning; on logarithmic axes where one is ``FAR_APART`` times as far
+    off as another.
     """
+    online, colour = ("SLAM", style.SLAM) if final is None else (style.ONLINE, style.ONLINE_COLOUR)
     given = (
         ("dead reckoning", dead_reckoning, {"color": style.DEAD_RECKONING}),
-        (style.ONLINE, slam, {"color": style.SLAM if final is None else style.ONLINE_COLOUR}),
+        (online, slam, {"color": colour}),
         (style.FINAL, final, {"color": style.SLAM}),
     )
+    for field, errors in {"slam": slam, "final": final, "dead_reckoning": dead_reckoning}.items():
+        if errors is not None or field == "slam":
+            expect_type(errors, AteResult, field, "absolute_trajectory_error(estimate, truth) makes one")
     lines: list[Line] = [(f"{name}, RMSE", errors, look) for name, errors, look in given if errors is not None]
     rmse = [errors.rmse for _, errors, _ in lines]
     with style.saved_figure(path, size=(8.0, 5.0), title=title, columns=(3, 2)) as figure:
@@ -213,7 +219,9 @@ def draw_sweep(
         colour = first if len(wheres) > 1 else second
         look = {"color": style.COLOURS[colour % len(style.COLOURS)], "marker": marker}
         looks.append(look | {"ls": style.DASHES[second % len(style.DASHES)]})
-    with style.saved_figure(path, size=(1.0 + 5.2 * len(metrics), 4.6)) as figure:
+    once = [{str(row.about[key]) for row in rows} for key in SETTINGS]  # what the lines do not say
+    title = ", ".join(filter(None, (value for values in once if len(values) == 1 for value in values)))
+    with style.saved_figure(path, size=(1.0 + 5.2 * len(metrics), 4.6), title=title) as figure:
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axes, name in zip(panels, metrics, strict=True):
             _draw_medians(axes, lines, looks, titles[name], places)
@@ -284,7 +292,9 @@ def _draw_medians(
             axes.plot(x[failed], y[failed], "o", clip_on=False, mec=looks[index]["color"], mfc="white", ms=9, zorder=5)
             axes.plot([], [], "o", mec="0.4", mfc="white", ms=9, label="half of the runs or more failed")
     if few:
-        axes.plot([], [], ".", color="0.4", label=f"every run{'; large: their median' * (len(lines) > 1)}")
+        colour = looks[0]["color"] if len({look["color"] for look in looks}) == 1 else "0.4"
+        text = f"every run{'; large: their median' * (len(lines) > 1)}"
+        axes.plot([], [], ".", color=colour, alpha=0.5, label=text)
     names = [f"{value:g}" if isinstance(value, float) else str(value) for value in places]
     axes.set_xticks(list(places.values()), names, parse_math=False)
     if far_apart(finite):

@@ -64,7 +64,8 @@ def map_corners(occupancy: Raster) -> Array:
 def draw_trajectories(
     path: File, occupancy: Raster, *, slam: Trajectory, dead_reckoning: Way = None, truth: Way = None, title: str = ""
 ) -> None:
-    """The map, and on it the paths of the truth, of SLAM as known at the end, and of dead reckoning, in SLAM's frame.
+    """The map, and on it the paths of the truth, of SLAM and of dead reckoning, in SLAM's frame; ``trajectory_final``
+    is the path of SLAM that fits the map.
 
     With a truth both paths lie on it by least squares, as for the absolute error; without, they start at one pose.
     Dead reckoning without odometry, which stands still, is no path.
@@ -77,7 +78,7 @@ def draw_trajectories(
     given: tuple[tuple[Array | None, dict[str, Any]], ...] = (
         (true, {**style.TRUTH_BAND, "label": "reference"}),
         (odometry, {"color": style.DEAD_RECKONING, "lw": 1.1, "ls": "--", "label": "dead reckoning"}),
-        (slam.poses, {"color": style.SLAM, "lw": 1.3, "label": style.FINAL}),
+        (slam.poses, {"color": style.SLAM, "lw": 1.3, "label": "SLAM"}),
     )
     shown = [(poses, look) for poses, look in given if poses is not None]
     points = np.concatenate([*(poses[:, :2] for poses, _ in shown), map_corners(occupancy)])

@@ -1,7 +1,7 @@
 """How every figure looks: white, colours that colour-blind eyes tell apart, legends outside the axes, units.
 
-The functions ``draw_*`` of this folder write to ``path`` a PNG, or as it ends PDF or SVG, with ``title`` over the
-figure; points [m], times [s].
+The functions ``draw_*`` of this folder write to ``path``, as it ends, PNG, PDF or SVG, with ``title`` over the figure;
+points [m], times [s].
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from moteslam.errors import InputError
+from moteslam.errors import InputError, OutputError
 from moteslam.eval.tables import literal, shortened
 from moteslam.files import write_atomically
 from moteslam.robot.se2 import Array
@@ -95,6 +95,7 @@ GAP = 10
 
 UNDATED: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 """What keeps the time out of files of lines, so that the same figure has the same bytes."""
+FORMS = "png", *UNDATED
 
 
 @contextmanager
@@ -107,6 +108,9 @@ def saved_figure(
     """
     if not isinstance(path, str | PathLike):
         raise InputError(f"{type(path).__name__}, expected a file to write", field="path")
+    form = Path(path).suffix.lower()[1:]
+    if form not in FORMS:
+        raise OutputError(f"expected a name that ends in .{' or .'.join(FORMS)}", file=path)
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports font caches
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -134,8 +138,7 @@ def saved_figure(
         if layout is not None and figure.axes:  # once: saving would lay everything out a second time
             layout.execute(figure)
             figure.set_layout_engine("none")
-        picture, form = io.BytesIO(), Path(path).suffix.lower()[1:]
-        form = form if form in UNDATED else "png"
+        picture = io.BytesIO()
         figure.savefig(picture, format=form, metadata=UNDATED.get(form))
     write_atomically(path, picture.getvalue())
 

@@ -13,7 +13,7 @@ from moteslam.errors import InputError, MoteslamError
 from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
 from moteslam.eval.metrics.registry import COSTS, Value, measure
 from moteslam.eval.metrics.relations import Relations
-from moteslam.eval.scores import evidence_of, relations_beside, true_map_beside, truth_file
+from moteslam.eval.scores import doubted, evidence_of, relations_beside, true_map_beside, truth_file
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.spec import RecordingFormat, run_program
 from moteslam.robot.formats.map_server import read_map
@@ -77,14 +77,14 @@ def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
     case = _latest[run.case]
     evidence, cost, issues = (_external if run.command else _ours)(run, case)
     evidence = replace(evidence, relations=case.relations, cost=cost if timed else None)
-    final = evidence.trajectories[FINAL]
-    values = {"scans": Value(len(final), ""), "distance": Value(final.length, "m")}
+    metres, by = evidence.driven
+    scans = len(evidence.trajectories[FINAL])
+    values = {"scans": Value(scans, ""), "distance": Value(metres, "m", more={"by": by})}
     costs = [name for name in COSTS if timed and name not in run.metrics]
     values |= measure(evidence, (*run.metrics, *costs) if run.metrics else None)
-    return {
-        "values": {name: value.as_dict() for name, value in values.items()},
-        "issues": [issue.as_dict() for issue in (*case.recording.warnings, *issues)],
-    }
+    told = [issue.as_dict() for issue in (*case.recording.warnings, *issues)]
+    told += [issue for issue in doubted(evidence) if issue not in told]
+    return {"values": {name: value.as_dict() for name, value in values.items()}, "issues": told}
 
 
 def _ours(run: PlannedRun, case: Case) -> tuple[Evidence, Cost, tuple[Issue, ...]]:
@@ -146,7 +146,9 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
             raise InputError(f"wrote no {command.trajectory}, expected its trajectory in {{out}}", file=words[0])
         try:
             occupancy = read_map(out / command.map) if command.map and (out / command.map).exists() else None
-            return read_trajectory(out / command.trajectory), occupancy
+            found = read_trajectory(out / command.trajectory)
+            told = (replace(issue, message=issue.message.replace(f"{out}/", "")) for issue in found.warnings)
+            return replace(found, warnings=tuple(told)), occupancy
         except MoteslamError as error:  # its file is gone soon
             where = f"{Path(error.file).name}: " if error.file is not None else ""
             raise InputError(f"{where}{error.problem}", file=words[0], field=error.field) from error

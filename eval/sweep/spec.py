@@ -41,6 +41,15 @@ def _named(text: str) -> str:
 Name = Annotated[str, AfterValidator(_named)]
 
 
+def _listed(value: Any) -> Any:
+    """A list, also where one value is given."""
+    return [value] if isinstance(value, Scalar) else value
+
+
+Strings = Annotated[tuple[str, ...], BeforeValidator(_listed)]
+NoiseClasses = Annotated[tuple[Literal["datasheet", "as_recorded"], ...], BeforeValidator(_listed)]
+
+
 class Range(Section):
     """Numbers from the first to the last of them, evenly spaced, or each the same factor above the one before."""
 
@@ -63,7 +72,8 @@ class Range(Section):
 
 
 Values = Annotated[
-    Annotated[tuple[Scalar, ...], Field(min_length=1), Tag("values")] | Annotated[Range, Tag("range")],
+    Annotated[tuple[Scalar, ...], BeforeValidator(_listed), Field(min_length=1), Tag("values")]
+    | Annotated[Range, Tag("range")],
     Discriminator(lambda value: "range" if isinstance(value, dict | Range) else "values"),
 ]
 """What a key takes: a list of values, or a range."""
@@ -126,14 +136,14 @@ class SweepSpec(Section):
 
     name: Name = "sweep"  # Of the sweep
     description: str = ""  # What it is for, one sentence; no run follows from it
-    scenarios: tuple[str, ...] = ()  # Names of bundled ones, or paths of TOML files, beside this one
-    recordings: tuple[str, ...] = ()
+    scenarios: Strings = ()  # Names of bundled ones, or paths of TOML files, beside this one
+    recordings: Strings = ()
     """Paths of recordings, beside this file; with a truth or a reference beside them they are scored by it.
 
     ``${NAME}`` in a path stands for that variable of the environment.
     """
-    platforms: tuple[str, ...] = ()  # Robots in place of the scenarios' own: names, or paths of TOML files
-    noise: tuple[Literal["datasheet", "as_recorded"], ...] = ()  # Classes of noise in place of the scenarios' own
+    platforms: Strings = ()  # Robots in place of the scenarios' own: names, or paths of TOML files
+    noise: NoiseClasses = ()  # Classes of noise in place of the scenarios' own
     duration: Positive | None = None  # The drives end after this time, if not before [s]
     seeds: Annotated[str, BeforeValidator(_counted)] = "0-9"
     """Of the simulation and of SLAM: `0-9`, `3,5,10-19`, or a list."""
@@ -143,7 +153,7 @@ class SweepSpec(Section):
     """By name."""
     vary: Annotated[dict[str, Values], BeforeValidator(_dotted)] = Field(default_factory=dict)
     """Keys that take these values, in every combination."""
-    metrics: tuple[str, ...] = ()  # What is measured, by name; all metrics that are not costly by default
+    metrics: Strings = ()  # What is measured, by name; all metrics that are not costly by default
     success: dict[str, NotNegative] = Field(default_factory=lambda: dict(SUCCESS))
     """A run succeeds if each of these metrics is present and at most this large."""
     timeout: Positive = 1800.0  # A run that takes longer has failed [s]

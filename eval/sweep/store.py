@@ -155,6 +155,9 @@ class Store:
 @contextmanager
 def opened(path: Path, *, write: bool = False) -> Iterator[Store]:
     """Open a file of a sweep, alone if it is to be written."""
+    if path.is_dir():
+        problem = "is a folder, expected a file that `moteslam sweep` made; `moteslam compare` takes folders of runs"
+        raise InputError(problem, file=path)
     if not path.is_file():
         raise InputError("there is no such file, expected one that `moteslam sweep` made", file=path)
     if path.stat().st_size == 0:

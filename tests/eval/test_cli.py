@@ -96,13 +96,15 @@ def test_a_log_is_scored_by_the_reference_and_the_relations_beside_it(
     write_tum(tmp_path / "a.reference.tum", simulation.truth)
     first, last = simulation.recording.lidar.stamps[[10, -10]]
     x, y, theta = between(*simulation.truth.at(np.array((first, last))).poses)
-    (tmp_path / "a.relations").write_text(f"{first:.6f} {last:.6f} {x} {y} 0 0 0 {theta}\n")
+    lines = (f"{first:.6f} {end:.6f} {x} {y} 0 0 0 {theta}\n" for end in (last, last + 900))
+    (tmp_path / "a.relations").write_text("".join(lines))
     out = printed(capsys, "replay", tmp_path / "a.log", "--out", tmp_path / "out", "--no-figures")
-    assert " m by SLAM's path in " in out
+    assert " m in " in out  # the reference's
     assert "laid on the reference, rigidly" in out
-    assert "SLAM (final) misses the relations by " in out
+    assert "SLAM (final) against 1 of 2 relations: off by " in out
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())["metrics"]
     assert metrics["final.relations"]["value"] < 0.05
+    assert (metrics["final.relations"]["used"], metrics["final.relations"]["total"]) == (1, 2)
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,19 @@ def test_result_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert (one["pairs"], one["wins"], one["median"]) == (1, 1, -0.1)
     assert "no run in common" in refused(capsys, "compare", *both, "--metric", "map_f1")
     (tmp_path / "b" / "run.json").write_text(json.dumps({"recording": "corridor", "seed": 1}))
-    assert "no run in common" in refused(capsys, "compare", *both)
+    problem = f"no run in common with {both[0]} that has final.ate; seed 0 there, 1 here"
+    assert problem in refused(capsys, "compare", *both)
+    assert "there is no such file or folder" in refused(capsys, "compare", both[0], tmp_path / "c")
+    assert "is a folder, expected a file that `moteslam sweep` made" in refused(capsys, "sweep", "diff", *both)
+    assert "--metric: 'nees', which no run has; expected one of final.ate, map_f1" in refused(
+        *(capsys, "compare", *both, "--metric", "nees")
+    )
+
+
+def test_a_metric_without_a_trajectory_is_that_of_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = paired(tmp_path, "a")
+    for line in (("compare", file), ("sweep", "show", file)):
+        assert printed(capsys, *line, "--metric", "ate") == printed(capsys, *line, "--metric", "final.ate")
 
 
 @pytest.mark.parametrize(
@@ -174,6 +186,8 @@ def test_wilsons_interval(count: int, total: int, low: float, high: float) -> No
     assert share.as_dict() == {
         "share": count / total, "low": share.interval[0], "high": share.interval[1], "count": count, "total": total
     }  # fmt: skip
+    assert Proportion(5, 5).range == ""
+    assert Proportion(6, 6).range == " (61 to 100 %)"
 
 
 def test_pairs_leave_out_what_makes_a_seed_harder() -> None:
@@ -260,17 +274,17 @@ def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: pyte
         )
 
     far, alike = made("far.sweep", 4.0), made("alike.sweep", 9.0)
-    assert "driven: ucsd 10.0 m, turtlebot3 4.00 m" in printed(capsys, "compare", far)
+    assert "driven by SLAM's path: ucsd 10.0 m, turtlebot3 4.00 m" in printed(capsys, "compare", far)
     head, *lines = printed(capsys, "sweep", "show", far).splitlines()
-    assert "driven [m]" in head
-    assert [line.split()[8] for line in lines[:4]] == ["10.0", "4.00"] * 2
+    assert "driven by SLAM's path [m]" in head
+    assert [line.split()[-2] for line in lines[:4]] == ["10.0", "4.00"] * 2
     assert "driven" not in printed(capsys, "sweep", "show", alike)
     last = printed(capsys, "compare", alike).splitlines()[-1]
     assert last == "wheels, gyro and speed of a platform may differ, too"
     assert "wheels" not in printed(capsys, "compare", far, "--by", "scenario")
     assert printed(capsys, "compare", far, "--format", "csv").count("wheels") == 0
     text = page(gather([far]))
-    assert "driven: ucsd 10.0 m, turtlebot3 4.00 m. The" in text
+    assert "driven by SLAM&#39;s path: ucsd 10.0 m, turtlebot3 4.00 m. The" in text
     assert "all else the same" not in text
 
 

@@ -52,6 +52,24 @@ def test_several_are_printed_side_by_side(folder: Path, capsys: pytest.CaptureFi
     assert rows["results"][0]["ate"]["translation_m"]["rmse"] == pytest.approx(0.01 * errors[0], abs=1e-4)
 
 
+@pytest.mark.parametrize("reference", ["truth.tum", "some.relations"])
+def test_metrics_and_relations_of_several_are_side_by_side_too(
+    folder: Path, capsys: pytest.CaptureFixture[str], reference: str
+) -> None:
+    both = "good.tum", "poor.tum", reference, "--metric", "rpe_2m", "--metric", "relations"
+    head, *lines = said(capsys, *both, "--format", "csv").splitlines()
+    if reference == "truth.tum":
+        assert head.endswith("final RPE over 2 m [cm],final error of relations")
+        assert [line.split(",")[0] for line in lines] == ["good.tum", "poor.tum"]
+        assert [line.split(",")[-1] for line in lines] == ["-", "-"]
+        assert "poor.tum: final error of relations: no relations" in said(capsys, *both)
+    else:
+        assert head == "relations,estimate,count,translation [cm],rotation [deg]"
+        names = [line.split(",")[:2] for line in lines[:6]]
+        assert names == [[kind, name] for kind in ("clear", "at stamps", "all used") for name in both[:2]]
+        assert [line.split(",")[0] for line in lines[6:]] == ["estimate", *both[:2]]
+
+
 def test_relations_say_how_many_were_used(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     line = "2 of 3 relations used, 1 of them between poses"
     assert said(capsys, "good.tum", "some.relations").splitlines()[-1] == line

@@ -72,14 +72,14 @@ LINES = {
         ("spec.toml --scheduler tcp://127.0.0.1:9 --workers 2", "--workers: "),
         ("particle", "particle: no specification of this name, expected one of corridor-suite-1, "),
         ("show spec.toml", "spec.toml: no file of a sweep"),
-        ("show a.sweep --metric ate", "--metric: 'ate', which was not measured, expected one of final.ate"),
+        ("show a.sweep --metric nees", "--metric: 'nees', which no run has; expected one of final.ate"),
         ("export empty.sweep --out y.csv", "empty.sweep: is empty"),
         ("diff a.sweep x.csv", "expected a table that `moteslam sweep export` wrote"),
     ],
     "sweep plot a.sweep --out ": [
         ("there.png", "there.png: exists already"),
         ("b.png --x seed", "--x: 'seed', expected one of scenario, configuration"),
-        ("b.png --metric map_f1", "a.sweep: no run that ended well has map_f1"),
+        ("b.png --metric map_f1", "--metric: 'map_f1', which no run has; expected one of final.ate"),
         ("b.png --metric mapf1", "'mapf1', expected one of"),
     ],
     "report ": [

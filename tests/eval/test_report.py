@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from sim_logs import winding
 
-from moteslam.errors import InputError
+from moteslam.errors import InputError, OutputError
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, maps
@@ -108,12 +108,20 @@ def test_the_truth_is_laid_on_the_paths_wherever_its_frame_is(
         (lambda estimate, axes, _: maps.draw_trajectories(axes, estimate.map, slam=estimate.trajectory), "path"),
         (lambda estimate, _, file: maps.draw_loops(file, estimate, [], trajectory=estimate.trajectory), "occupancy"),
         (lambda estimate, _, file: draw_particles(file, estimate), "cloud"),
+        (lambda estimate, _, file: curves.draw_error(file, slam=estimate.trajectory), "slam"),
     ],
 )
 def test_what_is_drawn_of_and_on_is_of_its_kind(run, tmp_path: Path, draw: Any, field: str) -> None:
     with pytest.raises(InputError, match="expected") as caught:
         draw(run[0], Figure().subplots(), tmp_path / "x.png")
     assert (caught.value.field, list(tmp_path.iterdir())) == (field, [])
+
+
+def test_a_path_is_that_of_slam_and_its_file_a_picture(run, tmp_path: Path, drawn: list[Figure]) -> None:
+    maps.draw_trajectories(tmp_path / "x.png", run[0].map, slam=run[0].trajectory)
+    assert [text.get_text() for text in drawn[0].legends[0].get_texts()] == ["SLAM", "start", "end"]
+    with pytest.raises(OutputError, match=r"x.xyz: expected a name that ends in .png or .pdf or .svg"):
+        maps.draw_trajectories(tmp_path / "x.xyz", run[0].map, slam=run[0].trajectory)
 
 
 def test_a_robot_that_never_moved_can_be_drawn(occupancy: Raster, tmp_path: Path) -> None:
@@ -163,12 +171,18 @@ def made(scenario: str, configuration: str, error: float | None, **varied: bool 
 
 
 @pytest.mark.parametrize("errors", [(0.01, 0.1, 5.0), (0.1, inf, None), (inf, inf, inf), (0.0, 0.0, 0.0)])
-def test_whatever_the_values_are_they_are_drawn(errors: tuple[float | None, ...], tmp_path: Path) -> None:
+def test_whatever_the_values_are_they_are_drawn(
+    errors: tuple[float | None, ...], tmp_path: Path, drawn: list[Figure]
+) -> None:
     rows = [made("corridor", "default", error, **{"slam.particles": k}) for k, error in enumerate(errors)]
     draw_sweep(tmp_path / "a.png", rows, ["final.ate"], column="slam.particles", label="$ [m]")
     with Image.open(tmp_path / "a.png") as picture:
         assert picture.size[0] > 500
         assert len(picture.convert("RGB").getcolors(1 << 24) or ()) > 10
+    assert drawn[0].get_suptitle() == "corridor"
+    (legend,) = drawn[0].legends
+    colours = dict(zip((text.get_text() for text in legend.get_texts()), legend.get_lines(), strict=True))
+    assert colours["every run"].get_color() == colours["median"].get_color()
 
 
 SCENARIO = """

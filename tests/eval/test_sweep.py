@@ -13,12 +13,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from command_lines import printed, refused, shown
+from command_lines import printed, refused, shown, told
 from made_sweeps import Values, recorded, swept
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.registry import COSTS
+from moteslam.eval.page.document import gather, page
 from moteslam.eval.runs import summary_of
 from moteslam.eval.sweep.plan import PLATFORMS, SCENARIOS, PlannedRun, digest, plan, shard
 from moteslam.eval.sweep.spec import bundled_specs, numbers, read_spec
@@ -121,7 +122,8 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
     ("text", "place"),
     [
         ("seeds = '0'", "neither scenarios nor recordings"),
-        (HERE + "seed = '0'", "seed: "),
+        (HERE + "seed = '0'", "seed: unknown key, expected one of seeds, "),
+        (HERE + "[configurations.a]\ncommand = 'python3 x'", "a.command: expected a list: ['python3', 'x'], found "),
         (HERE + "seeds = '5-'", "seeds: '5-', "),
         (HERE + "seeds = [0.5]", "seeds: [0.5], expected a text"),
         (
@@ -152,6 +154,13 @@ def test_a_specification_that_is_wrong_names_the_place(text: str, place: str, tm
     assert caught.value.file is not None
     assert place in str(caught.value)
     assert not (tmp_path / "a.sweep").exists()
+
+
+def test_one_value_is_taken_for_a_list(tmp_path: Path) -> None:
+    text = "scenarios = {0}'corridor'{1}\nnoise = {0}'as_recorded'{1}\nmetrics = {0}'ate'{1}\n"
+    text += "[vary]\nslam.particles = {0}3{1}"
+    one, listed = (planned(tmp_path, text.format(*brackets)) for brackets in (("", ""), "[]"))
+    assert one == listed
 
 
 @pytest.fixture(scope="module")
@@ -433,6 +442,32 @@ def test_anyones_slam_is_a_configuration_like_ours_and_where_it_fails_a_row_with
     assert found["theirs"].scores["map_f1"] == {"absent": "no map"}
     assert "slam.particles" in printed(capsys, "sweep", "show", tmp_path / "spec.sweep").splitlines()[0]
     assert (found["theirs"].values["final.map_near"] or 0) > 0
+
+
+def test_what_is_doubtful_of_a_commands_path_is_told_and_the_way_driven_is_the_truths(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One that writes millimetres, and one on another clock."""
+    wrong = {
+        "mm": ANYONES["works"].replace("$(NF-10), $(NF-9)", "1000 * $(NF-10), 1000 * $(NF-9)"),
+        "clock": ANYONES["works"].replace("print $(NF-2)", "print $(NF-2) + 1000"),
+    }
+    text = 'scenarios = ["corridor"]\nduration = 14\nseeds = "0"\nplatforms = ["lms200"]\nmetrics = ["final.ate"]\n'
+    for mode, words in wrong.items():
+        text += f"[configurations.{mode}]\ncommand = {json.dumps(['sh', '-c', words])}\ntrajectory = 'path.tum'\n"
+    spec = written(tmp_path, text)
+    assert main.run(["sweep", str(spec), "--workers", "1"]) == 0
+    said = capsys.readouterr().err
+    rows = rows_of(tmp_path / "spec.sweep")
+    assert [row.scores["distance"]["by"] for row in rows] == ["truth"] * 2
+    assert rows[0].known["distance"] == rows[1].known["distance"] < 10
+    codes = [{issue["code"] for issue in row.issues} for row in rows]
+    assert codes == [{"implausible-speed", "sizes-differ"}, {"not-scored"}]
+    assert "corridor, lms200, seed 0, mm: path.tum: moves at " in said
+    assert "moteslam-" not in said
+    assert "seems to be another one" in said
+    assert told(capsys, "sweep", "show", tmp_path / "spec.sweep") == said
+    assert [issue in page(gather([tmp_path / "spec.sweep"])) for issue in ("moves at ", "seems to be")] == [True, True]
 
 
 def test_a_commands_version_and_folder_are_those_of_this_computer(

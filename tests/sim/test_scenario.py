@@ -249,6 +249,7 @@ def test_a_changed_copy_with_a_wrong_key_or_value_is_refused(change: dict) -> No
     with pytest.raises(ConfigError) as caught:
         load_scenario("corridor").with_(**change)
     assert caught.value.field == next(iter(change))
+    assert ("expected one of duration, " in caught.value.problem) == ("durations" in change)
 
 
 def test_what_never_changes_says_so_in_a_line() -> None:
