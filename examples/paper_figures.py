@@ -7,7 +7,6 @@ with a gyro that drifts by 30 degrees a minute. Figures 7 and 8 are of the filte
 noise; in figure 8 it does not resample either.
 """
 
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -15,6 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import moteslam
+from moteslam.eval.cli.main import script
 from moteslam.slam.estimate import with_texture
 
 STAGES = (0.25, 0.5, 0.75, 1.0)
@@ -78,7 +78,7 @@ def endpoints(recording: moteslam.Recording, trajectory: moteslam.Trajectory) ->
     return ends[np.isfinite(ranges)]
 
 
-def main(folder: Path, ucsd: Path | None = None) -> float:
+def main(folder: Path = Path(), ucsd: Path | None = None) -> float:
     """Draw all eight, and return how far apart the paths of all particles of figure 8 end, in y [m]."""
     folder.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as made:
@@ -107,4 +107,4 @@ def main(folder: Path, ucsd: Path | None = None) -> float:
 
 
 if __name__ == "__main__":
-    print(f"eight pictures; all particles of the last end up to {main(*map(Path, sys.argv[1:] or ['.'])):.1f} m apart")
+    script(main)
