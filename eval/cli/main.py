@@ -98,7 +98,8 @@ def run(arguments: list[str], program: typer.Typer = app, name: str = "moteslam"
         if hasattr(stream, "reconfigure"):  # a terminal that knows no such letter gets an escape, not an error
             stream.reconfigure(errors="backslashreplace")
     try:
-        on_interrupt()
+        if program is app:  # a script has its own way with Ctrl-C, and may leave files
+            on_interrupt()
         with _warnings_noted():
             code = program(args=arguments, prog_name=name, standalone_mode=False)
         with stdout_named():
@@ -130,7 +131,7 @@ def _warnings_noted() -> Iterator[None]:
 
 
 def _interrupted(error: BaseException) -> int:
-    note(next(iter(getattr(error, "__notes__", ())), MESSAGE))
+    note(next(iter(getattr(error, "__notes__", ())), MESSAGE if isinstance(error, Interrupted) else "interrupted"))
     return error.exit_code if isinstance(error, Interrupted) else 130
 
 
