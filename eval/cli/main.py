@@ -131,7 +131,7 @@ def _warnings_noted() -> Iterator[None]:
 
 
 def _interrupted(error: BaseException) -> int:
-    note(next(iter(getattr(error, "__notes__", ())), MESSAGE if isinstance(error, Interrupted) else "interrupted"))
+    note(next(iter(getattr(error, "__notes__", ())), MESSAGE))
     return error.exit_code if isinstance(error, Interrupted) else 130
 
 
