@@ -168,7 +168,8 @@ def draw_figures(
         updated = diagnostics["updated"] > 0
         n_eff, resampled, count = (diagnostics[name][updated] for name in ("n_eff", "resampled", "particles"))
         text, values = "effective number of particles", (online.stamps[updated], n_eff, resampled)
-        drawn(curves.draw_effective_particles, "effective_particles", text, *values, particles=count)
+        share = getattr(estimate.config, "resample_below", 0.0)
+        drawn(curves.draw_effective_particles, "effective_particles", text, *values, particles=count, below=share)
     if truth is not None:
         slam, last, first = (run.track(name).ate for name in (ONLINE, FINAL, DEAD_RECKONING))
         text, errors = "error over time, after alignment", {"slam": slam, "final": last, "dead_reckoning": first}

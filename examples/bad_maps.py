@@ -5,7 +5,6 @@
 docs/bad-map.md says how each comes about, and what to do.
 """
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import moteslam
+from moteslam.eval.cli.main import script
 from moteslam.sim.logged import Logging, logged
 
 PAPER = moteslam.resolve_config("paper")
@@ -49,7 +49,7 @@ def later(recording: moteslam.Recording, seconds: float) -> moteslam.Recording:
     return replace(recording, lidar=replace(recording.lidar, stamps=recording.lidar.stamps + seconds))
 
 
-def main(folder: Path) -> dict[str, int]:
+def main(folder: Path = Path()) -> dict[str, int]:
     """Draw all six; return at how many scans the filter was lost in the runs with a fault."""
     folder.mkdir(parents=True, exist_ok=True)
     carried = "faults=[{kind='carried', start=40, along=8, lidar='off'}]"
@@ -84,9 +84,9 @@ def main(folder: Path) -> dict[str, int]:
         lost[name] = int((found.diagnostics["state"] == moteslam.LocalisationState.LOST).sum())
         figure.savefig(folder / f"bad_maps_{name}.png", dpi=80)
         plt.close(figure)
+        print(f"{name}: lost at {lost[name]} scans")
     return lost
 
 
 if __name__ == "__main__":
-    for fault, scans in main(Path(sys.argv[1] if len(sys.argv) > 1 else ".")).items():
-        print(f"{fault}: lost at {scans} scans")
+    script(main)

@@ -5,13 +5,13 @@
 The controller sees what a robot would: scans. The truth stands apart, for the picture.
 """
 
-import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 
 import moteslam
+from moteslam.eval.cli.main import script
 
 WANTED = 0.6  # [m]
 
@@ -27,7 +27,7 @@ def controller(readings: moteslam.Readings) -> tuple[float, float]:
     return 0.5, float(np.clip(np.arctan2(y, x) + 0.7 * (left - WANTED), -0.6, 0.6))
 
 
-def main(folder: Path) -> float:
+def main(folder: Path = Path()) -> float:
     """Drive, draw, and return how far the robot came [m]."""
     folder.mkdir(parents=True, exist_ok=True)
     simulator = moteslam.Simulator(moteslam.load_scenario("corridor"), seed=0)
@@ -46,8 +46,9 @@ def main(folder: Path) -> float:
     axes.legend()
     figure.savefig(folder / "closed_loop.png", dpi=100)
     plt.close(figure)
+    print(f"{truth.length:.1f} m driven")
     return truth.length
 
 
 if __name__ == "__main__":
-    print(f"{main(Path(sys.argv[1] if len(sys.argv) > 1 else '.')):.1f} m driven")
+    script(main)

@@ -6,7 +6,6 @@ An action is a speed and a turn rate; an observation 36 ranges, and the goal's d
 where gymnasium is installed.
 """
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import moteslam
+from moteslam.eval.cli.main import script
 from moteslam.robot import se2
 
 BEAMS, REACH, GOAL = 36, 10.0, 0.3  # observed beams, farthest range [m], radius of the goal [m]
@@ -70,7 +70,7 @@ class DriveToGoal(gym.Env):
         return np.float32([*self.ranges, *self._to_goal()])
 
 
-def main(folder: Path) -> float:
+def main(folder: Path = Path()) -> float:
     """Drive by a simple rule, draw the way, and return the sum of the rewards."""
     folder.mkdir(parents=True, exist_ok=True)
     env = DriveToGoal()
@@ -88,8 +88,9 @@ def main(folder: Path) -> float:
     axes.set(aspect="equal", xlim=(-6, 7), ylim=(-9, 3), xlabel="x [m]", ylabel="y [m]", title=f"reward {total:.0f}")
     figure.savefig(folder / "gym_env.png", dpi=100)
     plt.close(figure)
+    print(f"reward {total:.1f}")
     return total
 
 
 if __name__ == "__main__":
-    print(f"reward {main(Path(sys.argv[1] if len(sys.argv) > 1 else '.')):.1f}")
+    script(main)

@@ -6,7 +6,6 @@ Each scan is laid on the points of the scans before it by ICP (Besl and McKay 19
 run asks of a filter is ``step``, and the three attributes that ``step`` keeps up to date.
 """
 
-import sys
 from pathlib import Path
 from typing import Literal
 
@@ -15,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import moteslam
+from moteslam.eval.cli.main import script
 from moteslam.robot import se2
 from moteslam.slam.config import Method
 from moteslam.slam.filter.history import History
@@ -75,7 +75,7 @@ class IcpConfig(moteslam.SlamConfig):
 METHOD = Method(IcpConfig, Icp)  # what an entry point names: then commands know it as --set method=icp
 
 
-def main(folder: Path) -> dict[str, float]:
+def main(folder: Path = Path()) -> dict[str, float]:
     """Score, draw, and return the median online ATE of each [m]."""
     folder.mkdir(parents=True, exist_ok=True)
     paper = moteslam.resolve_config("paper")
@@ -96,9 +96,11 @@ def main(folder: Path) -> dict[str, float]:
     axes.set(xlabel="ATE of the online path [cm], a point a seed")
     figure.savefig(folder / "my_filter.png", dpi=100)
     plt.close(figure)
-    return {name: float(np.median(values)) for name, values in errors.items()}
+    medians = {name: float(np.median(values)) for name, values in errors.items()}
+    for name, error in medians.items():
+        print(f"{name}: {100 * error:.1f} cm")
+    return medians
 
 
 if __name__ == "__main__":
-    for method, error in main(Path(sys.argv[1] if len(sys.argv) > 1 else ".")).items():
-        print(f"{method}: {100 * error:.1f} cm")
+    script(main)

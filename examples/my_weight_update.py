@@ -6,7 +6,6 @@ The scores of the particles differ by a few per cent, so that as weights they ha
 number of particles stays near their number. To the 20th power they do. (As a key: ``score_exponent``.)
 """
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import moteslam
+from moteslam.eval.cli.main import script
 from moteslam.slam.paper.filter import PaperFilter
 
 
@@ -24,7 +24,7 @@ class Sharper(PaperFilter):
         return (scores / max(scores.max(), 1)) ** 20
 
 
-def main(folder: Path) -> float:
+def main(folder: Path = Path()) -> float:
     """Run both, draw the effective numbers, and return the median of ours."""
     folder.mkdir(parents=True, exist_ok=True)
     scenario = moteslam.load_scenario("corridor").with_(duration=40.0)
@@ -42,8 +42,10 @@ def main(folder: Path) -> float:
     axes.legend(loc="lower left")
     figure.savefig(folder / "my_weight_update.png", dpi=100)
     plt.close(figure)
-    return float(np.median(number))
+    median = float(np.median(number))
+    print(f"median effective number {median:.0f} of 100")
+    return median
 
 
 if __name__ == "__main__":
-    print(f"median effective number {main(Path(sys.argv[1] if len(sys.argv) > 1 else '.')):.0f} of 100")
+    script(main)

@@ -5,7 +5,6 @@
 Feed ``OnlineSlam`` from your robot's drivers in the same way; ``ros2_node.py`` does it from topics.
 """
 
-import sys
 from itertools import chain
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 from closed_loop import controller
 
 import moteslam
+from moteslam.eval.cli.main import script
 
 
 def feed(slam: moteslam.OnlineSlam, readings: moteslam.Readings) -> list[moteslam.Update]:
@@ -27,7 +27,7 @@ def feed(slam: moteslam.OnlineSlam, readings: moteslam.Readings) -> list[motesla
     return [update for update in updates if update is not None]
 
 
-def main(folder: Path) -> float:
+def main(folder: Path = Path()) -> float:
     """Drive, draw the map at four moments, and return how far the last pose is from the truth [m]."""
     folder.mkdir(parents=True, exist_ok=True)
     scenario = moteslam.load_scenario("corridor")
@@ -55,8 +55,10 @@ def main(folder: Path) -> float:
     plt.close(figure)
     print(f"{len(path)} poses, {1000 * np.median(behind):.0f} ms after their scans began")
     estimate = slam.estimate()
-    return moteslam.absolute_trajectory_error(estimate.trajectory, simulator.truth).rmse
+    error = moteslam.absolute_trajectory_error(estimate.trajectory, simulator.truth).rmse
+    print(f"online ATE {100 * error:.1f} cm")
+    return error
 
 
 if __name__ == "__main__":
-    print(f"online ATE {100 * main(Path(sys.argv[1] if len(sys.argv) > 1 else '.')):.1f} cm")
+    script(main)

@@ -5,7 +5,6 @@
 It is the paper's filter without its search, so that the noise of the prediction shows, and with sharper weights.
 """
 
-import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -13,6 +12,7 @@ import numpy as np
 from matplotlib.animation import PillowWriter
 
 import moteslam
+from moteslam.eval.cli.main import script
 
 SECONDS, EVERY = 15.0, 3
 SETTINGS = [
@@ -51,7 +51,7 @@ def draw(plan, near, grid: moteslam.Raster, update: moteslam.Update, ends: np.nd
     near.set_title(f"{update.n_eff:.0f} of 100{' effective: drawn anew' if update.resampled else ' effective'}")
 
 
-def main(folder: Path) -> float:
+def main(folder: Path = Path()) -> float:
     """Film the drive, and return the smallest effective number of particles."""
     folder.mkdir(parents=True, exist_ok=True)
     drive = moteslam.simulate(moteslam.load_scenario("corridor").with_(duration=SECONDS), seed=0)
@@ -68,8 +68,9 @@ def main(folder: Path) -> float:
                     draw(plan, near, slam.map, update, endpoints(lidar, mount, update))
                     film.grab_frame()
     plt.close(figure)
+    print(f"down to {min(fewest):.0f} effective particles of 100")
     return float(min(fewest))
 
 
 if __name__ == "__main__":
-    print(f"down to {main(Path(sys.argv[1] if len(sys.argv) > 1 else '.')):.0f} effective particles of 100")
+    script(main)

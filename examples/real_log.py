@@ -5,12 +5,12 @@
 Without a log it writes one: CSV files of a simulated drive, as you may write them of your robot.
 """
 
-import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 
 import moteslam
+from moteslam.eval.cli.main import script
 
 
 def written(folder: Path) -> Path:
@@ -21,7 +21,7 @@ def written(folder: Path) -> Path:
     return path
 
 
-def main(folder: Path, log: str | Path | None = None) -> float:
+def main(folder: Path = Path(), log: Path | None = None) -> float:
     """Read, check, run SLAM, draw, write what other programs read; return the length of the path [m]."""
     folder.mkdir(parents=True, exist_ok=True)
     recording = moteslam.open_recording(log or written(folder))
@@ -41,8 +41,9 @@ def main(folder: Path, log: str | Path | None = None) -> float:
     figure.savefig(folder / "real_log.png", dpi=100)
     plt.close(figure)
     moteslam.write_results(folder / "result", found, figures=False)  # map.pgm, trajectory.tum and more
+    print(f"{found.trajectory_final.length:.1f} m")
     return found.trajectory_final.length
 
 
 if __name__ == "__main__":
-    print(f"{main(Path(sys.argv[1] if len(sys.argv) > 1 else '.'), *sys.argv[2:3]):.1f} m")
+    script(main)

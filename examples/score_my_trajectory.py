@@ -5,12 +5,12 @@
 Without files it makes two: the odometry of a simulated drive, and its truth.
 """
 
-import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 
 import moteslam
+from moteslam.eval.cli.main import script
 
 
 def files(folder: Path) -> tuple[Path, Path]:
@@ -22,7 +22,7 @@ def files(folder: Path) -> tuple[Path, Path]:
     return estimate, truth
 
 
-def main(folder: Path, *given: str) -> float:
+def main(folder: Path = Path(), given: tuple[Path, Path] | None = None) -> float:
     """Score, draw, print a table (Markdown), and return the ATE [m]."""
     folder.mkdir(parents=True, exist_ok=True)
     estimate, truth = (moteslam.read_trajectory(path) for path in given or files(folder))
@@ -51,4 +51,4 @@ def main(folder: Path, *given: str) -> float:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "."), *sys.argv[2:])
+    script(main)

@@ -6,7 +6,6 @@ Ctrl-C ends it and draws the map. It needs the device, and is not run by the tes
 "RPLIDAR interface protocol": after A5 20 the device sends five bytes a reading.
 """
 
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 import serial
 
 import moteslam
+from moteslam.eval.cli.main import script
 
 BEAMS = 360
 
@@ -63,4 +63,4 @@ def main(port: str, folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2] if len(sys.argv) > 2 else "."))
+    script(main)

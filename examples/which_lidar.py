@@ -5,13 +5,13 @@
 ``moteslam sweep`` does this over many seeds, with intervals; here is the idea in a loop.
 """
 
-import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 
 import moteslam
+from moteslam.eval.cli.main import script
 
 LIDARS = {  # beams, reach [m], scans a second, noise of a range [m]
     "like an RPLIDAR A1": (360, 12.0, 5.5, 0.02),
@@ -31,7 +31,7 @@ def scenario(name: str, beams: int, reach: float, rate: float, noise: float) -> 
     return moteslam.load_scenario(name, settings=settings).with_(duration=40.0)
 
 
-def main(folder: Path, name: str = "corridor") -> dict[str, float]:
+def main(folder: Path = Path(), name: str = "corridor") -> dict[str, float]:
     """Run, draw, and return the median ATE by lidar [m]."""
     folder.mkdir(parents=True, exist_ok=True)
     errors = {lidar: [] for lidar in LIDARS}
@@ -49,9 +49,11 @@ def main(folder: Path, name: str = "corridor") -> dict[str, float]:
     axes.set(yticks=range(len(errors)), yticklabels=list(errors), xlabel=label, xlim=(0, None))
     figure.savefig(folder / "which_lidar.png", dpi=100)
     plt.close(figure)
-    return {lidar: float(np.median(values)) for lidar, values in errors.items()}
+    medians = {lidar: float(np.median(values)) for lidar, values in errors.items()}
+    for lidar, error in medians.items():
+        print(f"{lidar}: {100 * error:.1f} cm")
+    return medians
 
 
 if __name__ == "__main__":
-    for each, error in main(Path(*sys.argv[1:2]), *sys.argv[2:3]).items():
-        print(f"{each}: {100 * error:.1f} cm")
+    script(main)

@@ -16,7 +16,7 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised, expect_type
 from moteslam.sim.actors.actors import TRUTH_RATE, Actors, Tracks
 from moteslam.sim.robot.drive import Drive, Run, drive
-from moteslam.sim.robot.driver import driver_for
+from moteslam.sim.robot.driver import check_moves, driver_for
 from moteslam.sim.robot.mishaps import Carried, Mishap
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 from moteslam.sim.scenario import Scenario
@@ -86,7 +86,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
         seed: of all that is random, the scenario's own by default; the same seed gives the same bytes.
         progress: called now and then.
 
-    Raises ``ConfigError``: a negative seed, or a robot that gets stuck on its route.
+    Raises ``ConfigError``: a negative seed, a duration of rests alone, or a robot that gets stuck on its route.
     """
     expect_type(scenario, Scenario, "scenario", "load_scenario(name) reads one")
     scenario = seeded(scenario, seed)
@@ -134,6 +134,7 @@ def true_drive(
 ) -> Drive:
     """What the robot truly does in ``simulate(scenario, seed)``, in a world that may be given, without any sensor."""
     scenario = seeded(scenario, seed)
+    check_moves(scenario.drive, scenario.duration)
     rngs, world = random_generators(scenario.seed), world or World.of(scenario.standing)
     driver = driver_for(scenario.task, scenario.drive, world, rngs["driver"])
     return drive(run_of(scenario, world, rngs), driver, scenario.drive, scenario.duration, progress=progress)

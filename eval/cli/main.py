@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import inspect
 import os
 import sys
 import traceback
@@ -33,15 +34,13 @@ HELP = """Simulate a robot, run particle-filter SLAM over what its sensors saw, 
 Every command has its own --help, with examples.
 """
 
-app = typer.Typer(
-    name="moteslam",
-    help=HELP,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    no_args_is_help=True,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)
+_LOOK: dict[str, Any] = {
+    "add_completion": False,
+    "rich_markup_mode": None,
+    "pretty_exceptions_enable": False,
+    "context_settings": {"help_option_names": ["-h", "--help"], "max_content_width": 100},
+}
+app = typer.Typer(name="moteslam", help=HELP, no_args_is_help=True, **_LOOK)
 
 
 def _version(wanted: bool) -> None:
@@ -79,15 +78,30 @@ def main() -> None:
     sys.exit(code)
 
 
-def run(arguments: list[str]) -> int:
+def script(function: Any) -> None:
+    """Run a script: its arguments are the parameters of a function, its docstring is the help."""
+    signature = inspect.signature(function)
+    arguments = [
+        each.replace(annotation=Annotated[each.annotation, typer.Argument(file_okay=each.name != "folder")])
+        for each in signature.parameters.values()
+    ]
+    function.__signature__ = signature.replace(parameters=arguments)
+    alone = typer.Typer(**_LOOK)
+    about = (sys.modules["__main__"].__doc__ or "").split("\n\n")
+    alone.command(help="\n\n".join(f"\b\n{part}" for part in about))(function)
+    sys.exit(run(sys.argv[1:], alone, sys.argv[0]))
+
+
+def run(arguments: list[str], program: typer.Typer = app, name: str = "moteslam") -> int:
     """Run one command line and return its exit code; an error is one line on stderr."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal that knows no such letter gets an escape, not an error
             stream.reconfigure(errors="backslashreplace")
     try:
-        on_interrupt()
+        if program is app:  # a script has its own way with Ctrl-C, and may leave files
+            on_interrupt()
         with _warnings_noted():
-            code = app(args=arguments, prog_name="moteslam", standalone_mode=False)
+            code = program(args=arguments, prog_name=name, standalone_mode=False)
         with stdout_named():
             sys.stdout.flush()
     except (BrokenPipeError, SystemExit):  # Typer makes the one of the other

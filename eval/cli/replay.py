@@ -152,6 +152,8 @@ def localize(
     """  # noqa: D301
     from moteslam.slam.known_map.config import KnownMapConfig
 
+    if known.suffix.lower() in (".png", ".pgm"):
+        raise ConfigError(f"{known}, expected the .yaml file of this image, or a result folder", field="--map")
     file = known / "map.yaml" if known.is_dir() else known
     start = [] if near is None else [f"start=[{', '.join(map(repr, near))}]"]
     with options.named(**({} if near is None else {"--set start": "--near"})):

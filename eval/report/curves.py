@@ -81,17 +81,21 @@ def _draw_errors(
 
 
 def draw_effective_particles(
-    path: File, stamps: Array, n_eff: Array, resampled: Array, *, particles: Array, title: str = ""
+    path: File, stamps: Array, n_eff: Array, resampled: Array, *, particles: Array, below: float = 0.0, title: str = ""
 ) -> None:
     """The effective number of particles before resampling at updates [n] of the filter with stamps [s], how many
-    particles there are where that changes, and where the filter resampled (not 0).
+    particles there are where that changes, where the filter resampled (not 0), and the share of the particles
+    ``below`` which it does.
     """
     time, when, most, n = stamps - stamps[0], np.asarray(resampled, bool), int(particles.max()), len(stamps)
-    with style.saved_figure(path, size=(10.0, 3.6), title=title) as figure:
+    with style.saved_figure(path, size=(10.0, 3.6), title=title, columns=(3, 2)) as figure:
         axes = figure.subplots()
         style.draw_curve(axes, time, n_eff, label="effective particles", color=style.SLAM)
         if particles.min() < most:
             axes.plot(time, particles, color="0.5", lw=0.8, drawstyle="steps-post", label="particles")
+        if below:
+            label = f"resampled below {below:g} of the particles"
+            axes.plot(time, below * particles, color="0.3", lw=0.8, ls="--", drawstyle="steps-post", label=label)
         above = np.full(when.sum(), most * RUG)  # over the curve, which marks on it would hide
         label = f"resampled ({when.sum()} of {n} updates)"
         axes.plot(time[when], above, "|", color=style.DEAD_RECKONING, ms=7, mew=0.5, label=label)

@@ -20,6 +20,7 @@ from moteslam.robot.formats import format_of
 from moteslam.robot.platforms import BASE, UCSD
 from moteslam.robot.platforms import FOLDER as PLATFORMS
 from moteslam.robot.values import Section, read_toml
+from moteslam.sim.robot.driver import check_moves
 from moteslam.sim.scenario import SCENARIOS, load_scenario
 from moteslam.slam.settings import resolve_config
 
@@ -201,7 +202,9 @@ def _check(runs: list[PlannedRun]) -> None:
         if world not in seen and run.scenario:
             platform, noise = run.platform or None, run.noise or None
             with _named(f"scenarios, {Path(run.scenario).name}", run):
-                load_scenario(run.scenario, platform=platform, noise=noise, settings=run.for_scenario())
+                scenario = load_scenario(run.scenario, platform=platform, noise=noise, settings=run.for_scenario())
+            with _named("duration", run):
+                check_moves(scenario.drive, run.duration or scenario.duration)
         if world not in seen and run.recording:
             if not Path(run.recording).exists():
                 raise ConfigError(f"{run.recording!r}, which there is not, expected a recording", field="recordings")

@@ -129,7 +129,8 @@ def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 def _read(path: Path) -> tuple[MapFile, NDArray[np.uint16]]:
     """The YAML file, and the pixels [rows, columns, channels] of its image, the largest y first."""
-    table = read_yaml(path, "a map_server .yaml file", limit=MAX_YAML_BYTES)
+    keys = ", ".join(name for name, key in MapFile.model_fields.items() if key.is_required())
+    table = read_yaml(path, f"a map_server .yaml file ({keys})", limit=MAX_YAML_BYTES)
     try:
         about = MapFile.model_validate(table)
     except ValidationError as error:

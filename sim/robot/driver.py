@@ -306,6 +306,13 @@ def check_duration(task: Task, limits: Limits, duration: float) -> None:
         raise ConfigError(problem, field="duration")
 
 
+def check_moves(limits: Limits, duration: float) -> None:
+    """Refuse a run [s] that ends before the robot has moved."""
+    if duration <= (rests := limits.rest_start + limits.rest_end):
+        problem = f"{duration:g} s, expected more than {rests:g} s: drive.rest_start and drive.rest_end"
+        raise ConfigError(problem, field="duration")
+
+
 def check_task(task: Task, world: World, platform: Platform) -> None:
     """Refuse a start, waypoint or leg in a wall, or too near to one for the robot."""
     if isinstance(task, Route):

@@ -2,6 +2,7 @@
 
 import ast
 import json
+import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -59,6 +60,23 @@ def test_a_script_draws_its_picture(name: str, tmp_path: Path, monkeypatch: pyte
         assert (tmp_path / "new" / picture).stat().st_size > 5000
     least, most = MOST[name]
     assert all(least < each < most for each in (found.values() if isinstance(found, dict) else [found]))
+
+
+@pytest.mark.parametrize(
+    ("given", "code", "words"),
+    [
+        ("--help", 0, "A log of a real robot (CARMEN, CSV, a bag) to a map and a path."),
+        ("a.log", 2, "'a.log' is a file"),
+        ("new nothing.log", 2, "nothing.log: No such file or directory, expected a recording"),
+    ],
+)
+def test_a_script_has_help_and_says_what_does_not_fit(given: str, code: int, words: str, tmp_path: Path):
+    (tmp_path / "a.log").touch()
+    command = [sys.executable, str(EXAMPLES / "real_log.py"), *given.split()]
+    found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert found.returncode == code
+    assert words in found.stdout + found.stderr
+    assert found.stderr.count("\n") == (code != 0)
 
 
 @pytest.mark.slow

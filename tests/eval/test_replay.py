@@ -173,6 +173,7 @@ def test_poses_are_in_the_frame_of_the_map_which_does_not_change(
     ("arguments", "says"),
     [
         (("--map", "nowhere.yaml"), "nowhere.yaml"),
+        (("--map", "map.pgm"), "expected the .yaml file of this image, or a result folder"),
         (("--map", "map.yaml", "--preset", "default"), "--set known_map"),
         (("--map", "map.yaml", "--near", "0", "0", "90", "0.5"), "--near: a heading of 90, expected radians"),
     ],

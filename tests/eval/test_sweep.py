@@ -29,7 +29,7 @@ from moteslam.eval.sweep.workers import Outcome, make_all, make_all_on
 
 SPEC = """
 scenarios = ["corridor"]
-duration = 4
+duration = 11
 seeds = "0-1"
 metrics = ["final.ate", "online.ate", "map_f1", "final.rpe_1m"]
 [configurations.default]
@@ -38,7 +38,7 @@ set = { slam.backend.method = "none" }
 [vary]
 slam.particles = [1, 3]
 """
-"""Eight runs of four seconds."""
+"""Eight runs of eleven seconds."""
 
 ROOT = Path(__file__).parents[2]
 
@@ -126,6 +126,7 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
         (HERE + "[configurations.a]\ncommand = 'python3 x'", "a.command: expected a list: ['python3', 'x'], found "),
         (HERE + "seeds = '5-'", "seeds: '5-', "),
         (HERE + "seeds = [0.5]", "seeds: [0.5], expected a text"),
+        (HERE + "duration = 10", "duration: 10 s, expected more than 10 s: drive.rest_start and drive.rest_end"),
         (
             HERE + "[configurations.a]\nset = { particles = 5 }",
             "a.set: 'particles', expected slam.particles",
@@ -532,7 +533,7 @@ RECIPES = {
     *("particles", "lidar-beams", "lidar-range", "range-noise"),
     *("encoder-noise", "yaw-noise", "key-scan-spacing", "people"),
 }
-ONE = 'scenarios = ["corridor"]\nseeds = "0"\nduration = 4\n'
+ONE = 'scenarios = ["corridor"]\nseeds = "0"\nduration = 11\n'
 
 
 def runs_of(name: str) -> list[PlannedRun]:
@@ -640,7 +641,7 @@ def test_the_hash_follows_from_robots_that_scenarios_name(tmp_path: Path) -> Non
 def test_a_sweep_in_which_no_run_ends_well_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = """
 scenarios = ["corridor"]
-duration = 7
+duration = 11
 seeds = "0"
 [configurations.bad]
 command = ["sh", "-c", "echo '\\u001b[31m<b>' >&2; exit 3"]

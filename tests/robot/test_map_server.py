@@ -92,6 +92,12 @@ def test_a_broken_image_is_refused(tmp_path: Path, content: bytes) -> None:
     assert caught.value.file == str(tmp_path / "m.png")
 
 
+def test_for_an_image_without_its_yaml_the_keys_are_named(tmp_path: Path) -> None:
+    written(tmp_path)
+    with pytest.raises(InputError, match=r"expected a map_server .yaml file \(image, resolution, origin, negate, "):
+        read_map(tmp_path / "m.png")
+
+
 def test_an_outsized_image_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
     path = written(tmp_path, image="huge.pgm")
     (tmp_path / "huge.pgm").write_bytes(b"P5\n# 3 4\n100000 100000\n255\n")

@@ -252,6 +252,13 @@ def test_a_changed_copy_with_a_wrong_key_or_value_is_refused(change: dict) -> No
     assert ("expected one of duration, " in caught.value.problem) == ("durations" in change)
 
 
+@pytest.mark.parametrize("changes", [{"duration": 10.0}, {"duration": 7.0, "drive": {"rest_end": 1.0}}])
+def test_a_drive_that_ends_before_the_robot_has_moved_is_refused(changes: dict) -> None:
+    with pytest.raises(ConfigError, match="expected more than") as caught:
+        simulate(load_scenario("corridor").with_(**changes))
+    assert caught.value.field == "duration"
+
+
 def test_what_never_changes_says_so_in_a_line() -> None:
     with pytest.raises(ConfigError) as caught:
         load_scenario("corridor").duration = 3.0

@@ -282,7 +282,7 @@ def test_two_visits_have_truths_of_their_own_in_one_building() -> None:
     for seed, settings in ((1, ("moved=0.0", "shut=0.0")), (2, ("seed=2", "moved=0.1", "shut=1.0"))):
         more = [f"visit={{{', '.join(settings)}}}"]
         scenario = load_scenario("office", platform="turtlebot3", noise="as_recorded", settings=more)
-        maps[seed] = simulate(scenario.model_copy(update={"duration": 5.0}), seed)
+        maps[seed] = simulate(scenario.model_copy(update={"duration": 11.0}), seed)
     first, second = (maps[seed].true_map(0.05) for seed in (1, 2))
     assert (second.values == FREE).sum() < 0.9 * (first.values == FREE).sum()
     assert ((first.values == OCCUPIED) & (second.values == FREE)).sum() > 20
