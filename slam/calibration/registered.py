@@ -138,7 +138,7 @@ class RegisteredPairs:
         most = int(beyond.argmax()) if len(beyond) else 0
         far = order[: most + 1]
         of_pairs = np.bincount(np.concatenate(pairs)[far], np.concatenate(through)[far], minlength=len(there))
-        chance = MANY_PARTS * float(np.linalg.norm(parts_of(of_pairs)))
+        chance = MANY_PARTS * float(np.linalg.norm(parts_of(np.asarray(of_pairs, np.float64))))
         clear = len(beyond) and beyond[most] > max(LEAST_THROUGH * len(beyond), chance)
         return float(all_ranges[far[-1]]) if clear else None
 
