@@ -175,7 +175,7 @@ def _of_stamps(streams: tuple[StreamReport, ...], clocks: tuple[ClockReport, ...
             yield Issue("other-clock", text, one.readings)
     for clock in clocks:
         sparse = any((by_name[name].median_rate or 0.0) < 1 / LATE for name in (clock.name, clock.reference))
-        if abs(clock.offset) > LATE and clock.correlation > SAME_MOTION and not sparse:
+        if abs(clock.offset) > LATE + 2 * clock.deviation and clock.correlation > SAME_MOTION and not sparse:
             side = "late" if clock.offset > 0 else "early"
             text = f"{clock.name}: turns come {abs(clock.offset):.2f} s {side} by the {clock.reference}'s clock"
             yield Issue("clock-offset", text)

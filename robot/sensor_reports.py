@@ -65,12 +65,13 @@ class LidarReport:
 
 @dataclass(frozen=True)
 class ClockReport:
-    """By how much the stamps of a stream are late against those of another [s], and how their yaw rates correlate."""
+    """By how much the stamps of a stream are late against those of another, and the standard deviation of that [s]."""
 
     name: str
     reference: str
     offset: float
-    correlation: float
+    correlation: float  # of their yaw rates
+    deviation: float  # wheels slip for about a second at a time
 
 
 def lidar_report(lidar: LidarStream, rests: Spans, *, read_ranges: bool = True) -> LidarReport:
@@ -179,8 +180,7 @@ def yaw_rate(stamps: Array, headings: Array, times: Array) -> Array:
 def clock_reports(recording: Recording) -> tuple[ClockReport, ...]:
     """The offsets of the streams that turn against the first of them, where they measure the same turns."""
     found = turns(recording)
-    reports = [_compared(name, next(iter(found)), found) for name in list(found)[1:]]
-    return tuple(report for report in reports if report is not None)
+    return tuple(filter(None, (_compared(name, next(iter(found)), found) for name in list(found)[1:])))
 
 
 def _compared(name: str, reference: str, found: dict[str, tuple[Array, Array]]) -> ClockReport | None:
@@ -195,7 +195,9 @@ def _compared(name: str, reference: str, found: dict[str, tuple[Array, Array]]) 
         return None
     lags = np.arange(-LONGEST, LONGEST + STEP / 2, STEP)
     lag, _, correlation = agreement(times - WINDOW / 2, times + WINDOW / 2, expected, *found[name], lags)
-    return ClockReport(name, reference, round(lag, 3), correlation) if correlation >= LEAST_CORRELATION else None
+    about = np.sqrt((1 - correlation**2) / (end - begin)) * expected.std() / np.gradient(expected, _EVERY).std()
+    report = ClockReport(name, reference, round(lag, 3), correlation, float(about))
+    return report if correlation >= LEAST_CORRELATION else None
 
 
 def agreement(

@@ -40,6 +40,20 @@ def test_late_stamps_are_a_problem_and_small_delays_are_none() -> None:
     assert "clock-offset" not in {problem.code for problem in inspect_recording(turning(0.05)).problems}
 
 
+def test_an_offset_that_slip_may_explain_is_no_problem() -> None:
+    """Slip of half a second at a time, in 15 s; the scatter of the offset over 30 such drives is as stated."""
+    short, reports, told = slice(0, 300), [], 0
+    for seed in range(30):
+        slip = np.random.default_rng(seed).normal(0, 0.3, 300).reshape(-1, 10).mean(axis=1).repeat(10)
+        poses = np.column_stack((np.zeros((300, 2)), HEADINGS[short] + np.cumsum(slip / 20)))
+        late = turning().replace(odometry=OdometryStream(STAMPS[short] + 0.06, poses))
+        reports.append(offset(late, "odometry"))
+        told += any(problem.code == "clock-offset" for problem in inspect_recording(late).problems)
+    scatter, stated = np.std([report.offset for report in reports]), np.mean([report.deviation for report in reports])
+    assert scatter / 2 < stated < 2 * scatter
+    assert told == 0 < sum(abs(report.offset) > 0.1 for report in reports)
+
+
 def test_wheels_against_the_gyro() -> None:
     side = np.diff(HEADINGS, prepend=HEADINGS[0]) * UCSD.wheels.effective_track / 2 / UCSD.wheels.metres_per_count
     counter = np.rint(np.cumsum(side)).astype(np.int64)
