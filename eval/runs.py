@@ -254,7 +254,7 @@ def metric_names(given: list[str] | None, rows: Sequence[Row] = ()) -> list[str]
     is.
     """
     chosen(given or ())
-    there = dict.fromkeys(name for row in rows for name in row.scores)
+    there = dict.fromkeys(name for row in rows for name in row.known)
     named = dict.fromkeys(name for row in rows for name in row.run.metrics)
     # dead reckoning is the same in all configurations
     shown = {one: "" if split(one)[0] == DEAD_RECKONING else split(one)[1] for one in there}

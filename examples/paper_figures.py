@@ -84,9 +84,9 @@ def main(folder: Path = Path(), ucsd: Path | None = None) -> float:
         for row, sequence in enumerate((20, 21)):
             recording = moteslam.open_recording(source, sequence=sequence)
             found, maps, floors = run(recording)
-            for number, rasters in ((1 + row, maps), (3 + row, floors)):
+            for number, rasters, look in ((1 + row, maps, {}), (3 + row, floors, {"color": "magenta", "lw": 2})):
                 for axes, raster, share in zip(picture(folder, number, len(STAGES)), rasters, STAGES, strict=True):
-                    show(axes, raster, found.trajectory.poses[: int(share * len(found.trajectory))])
+                    show(axes, raster, found.trajectory.poses[: int(share * len(found.trajectory))], **look)
                     axes.set_title(f"sequence {sequence}, {share * np.ptp(recording.lidar.stamps):.0f} s")
             for axes in picture(folder, 6 - row):
                 axes.plot(*endpoints(recording, found.dead_reckoning).T, ".", ms=0.8, mew=0, c="0.6", label="endpoints")

@@ -9,7 +9,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import distribution
 from importlib.resources import files
@@ -282,9 +282,7 @@ def _hash(text: str) -> str:
 def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     having = list(dict.fromkeys(name for run in material.runs for name in run.known))
     if wanted:
-        known = ({name: run.scores[name] for name in run.known} for run in material.runs)
-        made = [replace(run, scores=scores) for run, scores in zip(material.runs, known, strict=True)]
-        return runs.metric_names(list(wanted), made)
+        return runs.metric_names(list(wanted), material.runs)
     found = [name for name in (*material.wanted, *USUAL) if name in having] or having or material.wanted
     found = list(dict.fromkeys(found or ["final.ate"]))[: max(MOST_METRICS, len(set(material.wanted)))]
     each = runs.compared(material.runs).values()

@@ -17,9 +17,9 @@
     const text = variable("--text"), line = variable("--line"), style = { gridcolor: line, linecolor: line, zerolinecolor: line, automargin: true };
     return {
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: text, size: 13 },
-      margin: { l: 60, r: 16, t: 16, b: 48 }, hovermode: "closest", hoverlabel: { align: "left" },
+      margin: { l: 60, r: 16, t: 36, b: 48 }, hovermode: "closest", hoverlabel: { align: "left" },
       modebar: { bgcolor: "rgba(0,0,0,0)", color: variable("--quiet"), activecolor: text },
-      legend: { orientation: "h", y: (innerWidth < 600 ? -0.45 : -0.2) * (own.xaxis.title ? 1 : 0.6), yanchor: "top" }, ...own,
+      legend: { orientation: "h", y: 1, yanchor: "bottom" }, ...own, // above: labels below are of any height
       xaxis: { ...style, ...own.xaxis }, yaxis: { ...style, ...own.yaxis },
     };
   }

@@ -93,7 +93,7 @@ def draw_effective_particles(
         style.draw_curve(axes, time, n_eff, label="effective particles", color=style.SLAM)
         if particles.min() < most:
             axes.plot(time, particles, color="0.5", lw=0.8, drawstyle="steps-post", label="particles")
-        if below:
+        if 0 < below < 1:  # else never, or at every update
             label = f"resampled below {below:g} of the particles"
             axes.plot(time, below * particles, color="0.3", lw=0.8, ls="--", drawstyle="steps-post", label=label)
         above = np.full(when.sum(), most * RUG)  # over the curve, which marks on it would hide

@@ -171,7 +171,7 @@ class Follower:
         with np.errstate(invalid="ignore"):  # most often some differ
             same = len(self._last) == len(ranges) and not (np.abs(ranges - self._last) > REPEATED).any()
         same = same and np.isfinite(ranges).sum() >= BEAMS
-        same = same and np.allclose(ranges, self._last, rtol=0, atol=REPEATED, equal_nan=True)
+        same = same and np.array_equal(np.isnan(ranges), np.isnan(self._last))
         again = same and moved > STANDS and np.array_equal(ranges, self._last, equal_nan=True)
         if same and not again and not self.repeats and moved > STEP:
             both = np.stack((self._last, ranges))[:, self._fan.beams], np.stack((self._at_last, odometry))

@@ -135,13 +135,13 @@ def test_a_robot_that_never_moved_can_be_drawn(occupancy: Raster, tmp_path: Path
     assert len(list(tmp_path.glob("*.png"))) == 5
 
 
-@pytest.mark.parametrize("below", [0.0, 0.5])
+@pytest.mark.parametrize("below", [0.0, 0.5, 1.0])
 def test_below_which_number_the_filter_resampled_is_drawn(below: float, tmp_path: Path, drawn: list[Figure]) -> None:
     given = np.arange(3.0), np.array([9.0, 4.0, 9.0]), np.array([0, 1, 0])
     curves.draw_effective_particles(tmp_path / "e.png", *given, particles=np.full(3, 10), below=below)
     shown = {line.get_label(): line.get_ydata() for line in drawn[0].axes[0].lines}
     threshold = shown.get("resampled below 0.5 of the particles")
-    assert threshold is None if not below else (threshold == 5.0).all()
+    assert threshold is None if below != 0.5 else (threshold == 5.0).all()
 
 
 @pytest.fixture
