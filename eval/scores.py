@@ -16,7 +16,7 @@ from moteslam.errors import InputError, MoteslamWarning
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, in_plane, match, oriented, spatial
 from moteslam.eval.metrics.ate import AteResult, PoseErrors, absolute_trajectory_error
 from moteslam.eval.metrics.clocks import clock_offset
-from moteslam.eval.metrics.doubts import doubts, few_matched
+from moteslam.eval.metrics.doubts import doubts, few_matched, relation_doubts
 from moteslam.eval.metrics.evidence import FINAL, TRACKS, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
 from moteslam.eval.metrics.registry import Value, measure
@@ -30,7 +30,6 @@ from moteslam.eval.metrics.relations import (
 )
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import Unit, relative_pose_error
-from moteslam.eval.tables import length
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import OCCUPIED, UNKNOWN, read_map, trinary
 from moteslam.robot.raster import Raster
@@ -51,8 +50,6 @@ Truth = Trajectory | None
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
 OF_LOOPS = ("loops_precision", "loops_recall", "loops_false")
-INVERTED = 0.1
-"""Relations are the other way round where the mean error would fall to less than this share."""
 OUTSIDE, ASTRAY, ALIKE = 2, 10.0, 0.5
 """A value for beyond the edges of a map; fewer per cent of a robot's path than the second are there or in walls, and
 more are known; and of two maps of one place more than the third of one's walls are at those of the other."""
@@ -180,16 +177,7 @@ def against(
     if isinstance(reference, Relations):
         tolerance = TOLERANCE if max_difference is None else max_difference
         missed = evaluate_relations(estimate, reference, tolerance=tolerance)
-        told: tuple[Issue, ...] = ()
-        others = {
-            "the other way round, t1 seen from t2,": se2.inverse(reference.poses),
-            "with x and y exchanged": reference.poses[:, [1, 0, 2]],
-        }
-        for how, poses in others.items():
-            other = evaluate_relations(estimate, replace(reference, poses=poses), tolerance=tolerance)
-            if other.translation.mean < INVERTED * missed.translation.mean and not told:
-                means = f"{length(other.translation.mean)} in place of {length(missed.translation.mean)}"
-                told = (Issue("relations-inverted", f"relations {how} are missed by {means}", len(reference)),)
+        told = relation_doubts(estimate, missed)
         figures = {"kind": "relations", **missed.as_dict(), "warnings": [issue.as_dict() for issue in told]}
         return missed, figures, _by_stamp(missed)
     apart = MAX_DIFFERENCE if max_difference is None else max_difference

@@ -169,9 +169,7 @@ def _of_stamps(streams: tuple[StreamReport, ...], clocks: tuple[ClockReport, ...
     for scans, one in product([by_name[name] for name in by_name if name == "lidar"], moving):
         if one.start > scans.end or one.end < scans.start:
             late, side = abs(one.start - scans.start), "after" if one.start > scans.end else "before"
-            text = (
-                f"{one.name}: no stamp within the time of the lidar, begins {late:.0f} s {side} it, expected one clock"
-            )
+            text = f"{one.name}: no stamp within the lidar's time, begins {late:.0f} s {side} it, expected one clock"
             yield Issue("other-clock", text, one.readings)
     for clock in clocks:
         sparse = any((by_name[name].median_rate or 0.0) < 1 / LATE for name in (clock.name, clock.reference))

@@ -212,7 +212,8 @@ def load_scenario(
     ``random-corridors-7`` is the random building of seed 7 (`random_corridors`). In place of the scenario's own are a
     ``platform`` (a bundled robot's name, a ``platform.toml`` of a whole robot, or the robot itself), the class of
     ``noise`` (``datasheet`` or ``as_recorded``), and ``settings``, ``key=value`` with dotted keys, ``drive.speed=0.5``.
-    These may name files anywhere; the scenario's own floor plan, picture and robot lie in its folder or below.
+    These may name files anywhere, from the current folder; the scenario's own floor plan, picture and robot lie in its
+    folder or below.
 
     A `ConfigError` says what is wrong with it, by file and key.
     """
@@ -241,7 +242,7 @@ def _changed(
         table = {**table, "platform": platform if isinstance(platform, Platform) else load_platform(platform)}
     if noise is not None:
         table = {**table, "noise_class": noise}
-    changes = assigned(settings)
+    changes = _with_files_beside(assigned(settings), Path("settings"))  # of the folder where they are given
     robot = changes.get("platform")
     if isinstance(robot, dict) and BASE not in robot:  # single values of the robot, whichever it is
         table = {**table, "platform": platform_table(chosen_platform(table.get("platform")))}

@@ -78,6 +78,8 @@ def match(
     else:
         shorter, longer = sorted((estimate, reference), key=len)
         pair = within(shorter.stamps, longer.stamps, max_difference)
+        if np.array_equal(shorter.stamps, longer.stamps):  # poses of one stamp each have their own
+            pair = (np.arange(len(shorter)),) * 2
         which = [*(pair if shorter is estimate else pair[::-1])]
         stamps = estimate.stamps[which[0]]
     if not len(stamps):

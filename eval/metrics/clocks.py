@@ -43,6 +43,8 @@ def clock_offset(estimate: Trajectory, reference: Trajectory, before: float | No
     swapped = float(np.median(np.diff(drives[0][0]))) > float(np.median(np.diff(drives[1][0])))
     if (found := _offset(_Search(*drives[swapped], *drives[not swapped]))) is None:
         return None
+    if before is not None and found[2] > SHAPE * before:  # a sparse reference says more at its own stamps than between
+        return None
     seconds, slow, rmse = found if not swapped else (-found[0], -found[1], found[2])
     fits = f"the estimate fits with an ATE of {length(rmse)}{f' in place of {length(before)}' if before else ''}"
     if slow:

@@ -8,11 +8,21 @@ from math import inf
 
 import numpy as np
 
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, spatial
+from moteslam.eval.metrics.association import (
+    MAX_DIFFERENCE,
+    MAX_GAP,
+    covered,
+    evenly,
+    in_space,
+    nearest_rotation,
+    spatial,
+)
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.metrics.clocks import ALIKE, FINE, FITS, GAIN_METRES, LEAST, ROUNDS, SHAPE, clock_offset, rmse_of
+from moteslam.eval.metrics.relations import RelationResult
 from moteslam.eval.tables import length
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import TILT, Space, Trajectory, rotations_of, tilt_of
 from moteslam.robot.values import Issue, counted, when
 from moteslam.slam.inputs.odometry_path import jumps
@@ -30,6 +40,11 @@ odometry (0.11 at most), by half of that; an estimate spread by less than the se
 UNLIKE, FEW, ALL_FIT = 0.5, 0.5, 3
 """Two paths have nothing in common where the error is more than this share of the spread of the reference; errors are
 of a part where less than the second share is compared; fewer poses than the third always fit each other."""
+
+LEAST_RELATIONS = 5  # Fewer relations fit some clock, arm or axes always
+LAGS = np.deg2rad(1.5)  # Errors of the heading that are less are not looked into [rad]
+EVENLY, FILLED = 2e-4, 2.0  # Velocities that differ by less [m/s] for so long [s] are of no robot that drives
+LATEST, APART = 2.0, 0.02  # Offsets of a clock that are tried on relations, and on headings alone: up to [s], every [s]
 
 
 def _lever_arm(
@@ -91,9 +106,58 @@ def doubts(
     few_off = float(np.median(ate.errors)) < UNLIKE * float(np.linalg.norm(ate.reference[:, :2].std(axis=0)))
     if few_off and {"implausible-speed", "poses-held"} & {issue.code for issue in issues}:  # these make paths unlike
         best = [issue for issue in best if issue.code != "unlike"]
-    turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate)
-    of_both = *_of_space(estimate, reference), *best, *turns, *_parts(estimate, reference, ate)
+    turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate, lags=not best)
+    filled = tuple(_filled(reference, ate))
+    best = [issue for issue in best if not filled or issue.code != "unlike"]
+    of_both = *_of_space(estimate, reference), *best, *turns, *filled, *_parts(estimate, reference, ate)
     return (*dict.fromkeys(issues), *_of_path(reference), *of_both)
+
+
+def relation_doubts(estimate: Trajectory, missed: RelationResult) -> tuple[Issue, ...]:
+    """What explains errors of relations best: another form, unit or clock, or another point of the robot."""
+    given, (one, other) = missed.relations, np.moveaxis(missed.poses, 1, 0)
+    there, mean, turned = se2.between(one, other), missed.translation.mean, float(missed.rotation_errors.mean())
+    if mean < GAIN_METRES and turned < AXES:
+        return ()
+    x, y, turn = given.T
+    forms = {
+        "the other way round, t1 seen from t2,": se2.inverse(given),
+        "with x and y exchanged": given[:, [1, 0, 2]],
+        "with y of the other sign": given * (1, -1, 1),
+        "with angles of the other sign": given * (1, 1, -1),
+        "as their mirror image": given * (1, -1, -1),
+    }
+    reasons = []
+    for how, poses in forms.items():
+        off = se2.between(poses, there)
+        left, turns = float(np.hypot(off[:, 0], off[:, 1]).mean()), float(np.abs(off[:, 2]).mean())
+        means = f"{length(left)} and {np.rad2deg(turns):.2g} degrees in place of {length(mean)} and "
+        text = f"relations {how} are missed by {means}{np.rad2deg(turned):.2g}"
+        if turns < 1.1 * turned if left < SHAPE * mean else turns < SHAPE * turned and left < 1.1 * mean + SAME:
+            reasons.append((left if left < SHAPE * mean else mean, turns, "relations-inverted", text))
+
+    def explains(off: Array, code: str, text: str) -> None:
+        if (left := float(np.linalg.norm(off, axis=1).mean())) < SHAPE * mean - SAME and len(given) > LEAST_RELATIONS:
+            explained = f"{text} relations are missed by {length(left)} in place of {length(mean)}"
+            reasons.append((left, turned, code, explained))
+
+    moved = other[:, :2] - one[:, :2]
+    turn_to, _ = nearest_rotation(moved.T @ given[:, :2])
+    explains(moved - given[:, :2] @ turn_to.T, "relations-inverted", "if x and y are taken in the axes of the map,")
+    factor = float((given[:, :2] * there[:, :2]).sum() / max(np.square(given[:, :2]).sum(), SAME**2))
+    text = f"with lengths multiplied by {factor:.4g}, of another unit or scale,"
+    explains(factor * given[:, :2] - there[:, :2], "sizes-differ", text)
+    c, s = np.cos(turn) - 1, np.sin(turn)
+    design = np.concatenate((np.stack((c, -s), axis=1), np.stack((s, c), axis=1)))
+    off = np.concatenate((x - there[:, 0], y - there[:, 1]))
+    arm = np.linalg.lstsq(design, off, rcond=None)[0]
+    text = f"of a point of the robot at x {arm[0]:.3f} m, y {arm[1]:.3f} m (--est-offset {arm[0]:.3f} {arm[1]:.3f} 0)"
+    explains((off - design @ arm).reshape(2, -1).T, "lever-arm", text)
+    for seconds in np.arange(-LATEST, LATEST + APART / 2, APART):
+        at = se2.interpolate(estimate.stamps, estimate.poses, (missed.stamps + seconds).ravel()).reshape(-1, 2, 3)
+        text = f"with stamps moved by {seconds:+.2f} s, of another clock (--time-offset {-seconds:.2f}),"
+        explains((se2.between(at[:, 0], at[:, 1]) - given)[:, :2], "clocks-differ", text)
+    return tuple(Issue(code, text, len(given)) for _, _, code, text in sorted(reasons)[:1])
 
 
 def _of_path(reference: Trajectory) -> Iterator[Issue]:
@@ -110,6 +174,26 @@ def _of_path(reference: Trajectory) -> Iterator[Issue]:
     if reference.length < SMALL and np.abs(np.diff(np.unwrap(poses[:, 2]))).sum() > TURNED:
         text = f"the reference turns, but moves by {length(reference.length)} in all: are its positions in metres?"
         yield Issue("sizes-differ", f"{text} Degrees of latitude and longitude are none", len(reference))
+
+
+def _filled(reference: Trajectory, ate: AteResult) -> Iterator[Issue]:
+    """Where a reference moves on straight and evenly, as filled in over a gap, and errors are large."""
+    steps = np.diff(reference.stamps)
+    if len(steps) < LEAST or not (steps > 0).all():
+        return
+    velocity = np.diff(reference.poses[:, :2], axis=0) / steps[:, None]
+    goes_on = (np.abs(np.diff(velocity, axis=0)) < EVENLY).all(axis=1) & (np.hypot(*velocity[1:].T) > SMALL)
+    edges = np.flatnonzero(np.diff(goes_on, prepend=False, append=False)).reshape(-1, 2)
+    for first, last in edges.tolist():
+        begin, end = reference.stamps[[first, last + 1]].tolist()
+        inside = (ate.stamps > begin) & (ate.stamps < end)
+        bent = float(np.ptp(velocity[first : last + 1], axis=0).max()) > 5 * EVENLY
+        if end - begin < FILLED or bent or not 0 < inside.sum() < len(inside):
+            continue
+        there, elsewhere = (float(np.median(ate.errors[some])) for some in (inside, ~inside))
+        if there > max(SMALL / 2, elsewhere / SHAPE):
+            text = f"the reference moves straight and evenly {when([(begin, end)])}, as filled in over a gap: errors "
+            yield Issue("poses-held", f"{text}are {length(there)} there (median), {length(elsewhere)} elsewhere")
 
 
 def few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:
@@ -203,9 +287,22 @@ def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
             yield inf, Issue("unlike", f"{text}another drive of this place, or a clock that runs unevenly?", count)
 
 
-def _of_turns(ate: AteResult) -> Iterator[Issue]:
+def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
     turns, spread = ate.rotation_errors, float(np.linalg.norm(ate.reference[:, :2].std(axis=0)))
-    if turns is None or (middle := float(np.median(turns))) < AXES or ate.rmse > max(SMALL, UNLIKE * spread):
+    if turns is None or ate.rmse > max(SMALL, UNLIKE * spread):
+        return
+    if (middle := float(np.median(turns))) < AXES:
+        own, goal = (np.unwrap(poses[:, 2]) for poses in (ate.aligned, ate.reference))
+        offsets = np.arange(-LATEST, LATEST + APART / 2, APART)
+        off = own - [np.interp(ate.stamps + seconds, ate.stamps, goal) for seconds in offsets]
+        left, best = off.std(axis=1), int(off.std(axis=1).argmin())
+        as_is = float(np.sqrt(np.square(turns).mean()))
+        if lags and as_is > LAGS and left[best] < SHAPE * as_is and len(turns) >= LEAST:
+            text = (
+                f"headings of the reference are {abs(offsets[best]):.2f} s {'late' if offsets[best] > 0 else 'early'}, "
+            )
+            text += f"its positions not: errors of rotation, {np.rad2deg(as_is):.2g} degrees, hold that"
+            yield Issue("clocks-differ", text, len(turns))
         return
     why = "throughout: other axes of the body" if turns.std() <= 0.2 * AXES else "where positions agree: another order"
     why += ", unit or sign, or a mirrored path; errors of rotation and relative errors hold that"

@@ -45,12 +45,15 @@ class Relations(Summarised):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RelationResult(PoseErrors):
-    """The errors of the relations that could be used, at their stamps [n, 2], of ``total`` in the file; which of them
-    [n] have a pose at both of their stamps, and which are clear: their stamps each belong to exactly one pose.
+    """The errors of the relations [n, 3] that could be used, at their stamps [n, 2], of ``total`` in the file, and the
+    poses [n, 2, 3] of the trajectory there; which of them [n] have a pose at both of their stamps, and which are clear:
+    their stamps each belong to exactly one pose.
     """
 
     rotation_errors: Array
     total: int
+    relations: Poses
+    poses: Array
     is_at_stamps: NDArray[np.bool_]
     is_clear: NDArray[np.bool_]
     _what: ClassVar[str] = "relation"
@@ -149,4 +152,4 @@ def evaluate_relations(
     errors = between(relations.poses[used], between(poses[:, 0], poses[:, 1]))
     distance, angle = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
     at_stamps, clear = (np.asarray(those.all(axis=1)) for those in (count > 0, count == 1))
-    return RelationResult(at, distance, angle, len(relations), at_stamps, clear)
+    return RelationResult(at, distance, angle, len(relations), relations.poses[used], poses, at_stamps, clear)

@@ -87,7 +87,8 @@ def read_platform(path: str | PathLike[str], *, base: Platform | None = None) ->
 def platform_of(table: Table, *, file: str | PathLike[str], base: Platform | None = None, above: str = "") -> Platform:
     """The robot of the table ``above`` in a file; else as ``read_platform``."""
     table = _over_its_base(table, file, above)
-    return validated(Platform, table if base is None else merged(base.model_dump(), table), file=file, above=above)
+    table = table if base is None else merged(base.model_dump(exclude_unset=True), table)
+    return validated(Platform, table, file=file, above=above)
 
 
 def _over_its_base(table: Table, file: str | PathLike[str] | None, above: str = "") -> Table:
@@ -96,9 +97,8 @@ def _over_its_base(table: Table, file: str | PathLike[str] | None, above: str = 
         return table
     name, changes = table[BASE], {key: value for key, value in table.items() if key != BASE}
     if name not in _names():
-        raise ConfigError(
-            f"{name!r}, expected one of {', '.join(_names())}", file=file, field=".".join(filter(None, (above, BASE)))
-        )
+        field = ".".join(filter(None, (above, BASE)))
+        raise ConfigError(f"{name!r}, expected one of {', '.join(_names())}", file=file, field=field)
     return merged(platform_table(bundled_platform(name)), changes)
 
 

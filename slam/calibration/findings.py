@@ -152,7 +152,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
         backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4
         parts = [
-            f"{one.name.split(' ')[0]} {one.value:.3g} ({_interval(one.value, one.deviation)}), stated {one.stated:.3g}"
+            f"{one.name.replace(' of the lidar', '')} {one.value:.3g} ({_interval(one.value, one.deviation)}), "
+            f"stated {one.stated:.3g}"
             for one in mounts
         ]
         where = "backwards, unless the odometry drives so," if backwards else "elsewhere"
@@ -185,7 +186,9 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"lidar: from about {c.longer.time:.0f} s on all ranges are {abs(c.longer.amount):.2f} m {side} than "
         told.append(("range-change", f"{text}before, or more, by scans from other places: the map has walls twice"))
     if (turns := certain.get("turns")) is not None:
-        text = f"odometry: robot turns {_percent(turns)} odometry does: its track is wrong, or its angles no radians"
+        text = f"odometry: robot turns {_percent(turns)} odometry does: "
+        by_gyro = recording.imu is not None and recording.encoders is not None and c.gyro
+        text += "the gyro's rates are no rad/s" if by_gyro else "its track is wrong, or its angles no radians"
         told.append(("odometry-turn-scale", text))
     if (late := certain.get("offset")) is not None:
         side = ("later", "earlier")[int((late.value > 0) != (c.late == "gyro"))]

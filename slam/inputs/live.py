@@ -201,7 +201,8 @@ class LiveInputs(Inputs):
             self.beginning = Beginning(self._platform, self._lidar)
             self._newest, self.messages = -np.inf, 0
         if stamp < self._latest.get(stream, -np.inf):
-            raise InputError(f"{stamp} s, expected rising seconds", field=f"{stream}.stamp")
+            text = f"{stamp} s after {self._latest[stream]} s, expected rising seconds"
+            raise InputError(text, field=f"{stream}.stamp")
         far = off < -FAR_AHEAD or (stream == "lidar" and off > FAR_AHEAD)
         if far and (others := ", ".join(sorted(self._latest.keys() - {stream}))):
             text = f"{stamp} s, {abs(off):.0f} s {'after' if off > 0 else 'before'} the newest of {others}"

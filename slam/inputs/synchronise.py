@@ -168,6 +168,11 @@ def sweeps(path: OdometryPath, stamps: Array, seconds: float, config: SyncConfig
     return np.asarray(motion)
 
 
+MANY_BEAMS, NARROW = 20, 10.0
+"""As many beams of a planar lidar do not lie within so many degrees."""
+OPPOSED, TURNS = -0.5, 0.3
+"""Turns whose correlation is below the first are opposite: of one robot it is 1, of wheels that slip 0; turns that are
+less than the second, each second's squared [rad], say nothing."""
 FULL, MANY_FULL = (127, 128, 255, 32767, 32768, 65535), 10
 """The largest numbers of one and two bytes; more readings of them are no chance."""
 GYRO_MARGIN = 3.0
@@ -193,6 +198,9 @@ def warnings(
     text = f"{beyond} of {n} scans with all ranges beyond their limit of {lidar.range_max:g} m: are they in m?"
     told.append(("blind-scans", beyond, text))
     told.append(("blind-scans", blind, about_blind(blind, n, lidar)))
+    beams, wide = lidar.ranges.shape[1], float(np.degrees((lidar.ranges.shape[1] - 1) * abs(lidar.angle_increment)))
+    text = f"lidar: all {beams} beams lie within {wide:.3g} degrees: are angles in radians taken for degrees?"
+    told.append(("lidar-angles", int(beams >= MANY_BEAMS and wide < NARROW), text))
     if encoders is not None and len(encoders):
         without = len(encoders)
         if imu is not None and len(imu) > 1:
@@ -205,6 +213,9 @@ def warnings(
         text = f"{full} of {len(encoders)} encoder readings are {most} and none is more: what does not fit into their "
         text += "bytes was cut off, and lengths and turns by the wheels are too small"
         told.append(("counters-wrap", full if full > MANY_FULL else 0, text))
+    if path is not None and path.by_wheels is not None and _opposed(path.stamps, path.poses, path.by_wheels):
+        text = "encoders: the wheels turn the other way than the gyro: left and right are exchanged, or its z is down. "
+        told.append(("odometry-unfit", 1, text + "Turns are the gyro's, and wrong where it has none"))
     if path is None:
         text = f"no odometry: constant velocity over {n} scans; dead reckoning stands still"
         told.append(("no-odometry", n, text))
@@ -216,6 +227,14 @@ def warnings(
     codes = {issue.code for issue in own}
     issues = (Issue(code, text, count) for code, count, text in told if count and code not in codes)
     return (*unknown_mount(recording.platform), *doubtful_stamps(recording, path), *issues, *own)
+
+
+def _opposed(stamps: Array, *paths: Array) -> bool:
+    """Whether two paths [n, 3] turn opposite ways, by their headings each second."""
+    seconds = np.arange(stamps[0], stamps[-1], 1.0)
+    one, other = (np.diff(np.interp(seconds, stamps, np.unwrap(path[:, 2]))) for path in paths)
+    sizes = float(np.linalg.norm(one)), float(np.linalg.norm(other))
+    return len(seconds) > FEWEST and min(sizes) > TURNS and float(one @ other) < OPPOSED * sizes[0] * sizes[1]
 
 
 def about_blind(blind: int, scans: int, lidar: LidarStream) -> str:

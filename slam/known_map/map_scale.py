@@ -15,8 +15,9 @@ LEAST = 10  # Scans, at least; they are in as many parts of the path, as scans o
 PARTS = 20  # ... at most in so many
 SCALES = np.geomspace(0.5, 0.03, 20)
 """Cauchy's of the residuals [m], by iterations: a wrong scale displaces walls at first, cells at last; not people."""
-SIGMAS, WRONG = 5.0, 0.01
-"""A strain is a map's fault at so many standard deviations, and where it is more than this: lidars err by less."""
+SIGMAS, WRONG, BENT = 5.0, 0.01, 0.02
+"""A scale is a map's fault at so many standard deviations, and where it is more than the second: lidars err by less.
+Directions may differ by less than the third: walls of a sound SLAM map are turned by millimetres a metre."""
 ALONG = 15.0  # A direction within as much of an axis is called that [degrees]
 
 
@@ -88,7 +89,7 @@ class MapScale:
         stretch, skew = (strain[0] - strain[1]) / 2, strain[2]
         apart, turned = 2 * float(np.hypot(stretch, skew)), float(np.degrees(np.arctan2(skew, stretch)) / 2)
         of = np.array((stretch, -stretch, 2 * skew, 0.0)) / max(apart / 2, 1e-9)
-        if apart > max(WRONG, SIGMAS * float(np.sqrt(of @ covariance @ of))):
+        if apart > max(BENT, SIGMAS * float(np.sqrt(of @ covariance @ of))):
             text = f"along {turned:.0f} degrees to its x than across: skewed or bent"
             if min(abs(turned), 90 - abs(turned)) < ALONG:
                 text = f"along {'x than along y' if abs(turned) < 45 else 'y than along x'}: stretched"

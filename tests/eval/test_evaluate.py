@@ -95,6 +95,40 @@ def test_relations_the_other_way_round_are_told(
     assert [issue["code"] for issue in found["warnings"]] == codes
 
 
+AHEAD = np.array((0.5, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("change", "late", "codes"),
+    [
+        (lambda poses, headings: poses, 0.0, []),
+        (lambda poses, headings: poses, 0.3, ["clocks-differ"]),
+        (lambda poses, headings: poses * (100, 100, 1), 0.0, ["sizes-differ"]),
+        (lambda poses, headings: poses * (1, -1, 1), 0.0, ["relations-inverted"]),
+        (lambda poses, headings: poses * (1, 1, -1), 0.0, ["relations-inverted"]),
+        (lambda poses, headings: se2.between(AHEAD, se2.compose(poses, AHEAD)), 0.0, ["lever-arm"]),
+        (lambda poses, headings: se2.compose(headings, poses) - headings, 0.0, ["relations-inverted"]),
+    ],
+    ids=["sound", "late", "cm", "y", "angle", "arm", "world"],
+)
+def test_relations_in_another_form_are_told(
+    folder: Path, capsys: pytest.CaptureFixture[str], change, late: float, codes: list[str]
+) -> None:
+    truth = read_tum("truth.tum")
+    first, last = (
+        np.column_stack((truth.stamps, truth.poses))[some] for some in (slice(0, -10, 4), slice(10, None, 4))
+    )
+    poses = change(se2.between(first[:, 1:], last[:, 1:]), first[:, 1:] * (0, 0, 1))
+    stamps = np.column_stack((first[:, 0], last[:, 0])) + late
+    rows = np.column_stack((stamps, poses[:, :2], np.zeros((len(poses), 3)), poses[:, 2]))[:-2]
+    np.savetxt("some.relations", rows, fmt="%.6f")
+    write_tum(
+        "fine.tum", Trajectory(truth.stamps, truth.poses + 0.001 * np.random.default_rng(0).normal(size=(100, 3)))
+    )
+    found = shown(capsys, "evaluate", "fine.tum", "some.relations")
+    assert [issue["code"] for issue in found["warnings"]] == codes
+
+
 @pytest.mark.parametrize("reference", ["truth.tum", "some.relations"])
 def test_results_are_kept_and_drawn(folder: Path, capsys: pytest.CaptureFixture[str], reference: str) -> None:
     files = ("--save", "new/result.json", "--plot", "new/errors.png")

@@ -66,6 +66,16 @@ def held(count: int) -> Change:
     return changed(lambda t: t.__setitem__((slice(None), slice(1, 8)), t[np.arange(len(t)) // count * count, 1:]))
 
 
+def filled(first: int, last: int) -> Change:
+    """Straight from row to row."""
+    rows = slice(first, last), slice(1, 3)
+    return changed(lambda t: t.__setitem__(rows, np.linspace(t[first, 1:3], t[last, 1:3], last - first)))
+
+
+def headings_late(rows: int) -> Change:
+    return changed(lambda t: t.__setitem__((slice(rows, None), slice(4, 8)), t[:-rows, 4:8].copy()))
+
+
 def rounded(step: float) -> Change:
     return changed(lambda table: table.__setitem__((slice(None), 0), np.floor(table[:, 0] / step) * step))
 
@@ -186,6 +196,9 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
         (same, put(slice(1500, 1750), slice(1, 4), 0.0), ["poses-held"]),
         (same, frozen, ["poses-held"]),
         (same, held(100), ["poses-held"]),
+        (same, filled(2500, 2900), ["poses-held"]),
+        (same, headings_late(15), ["clocks-differ"]),
+        (same, lambda t: t[::300], []),  # sparse: between its poses an offset seems to fit
         (same, changed(lambda t: t.__setitem__((slice(None), 2), np.rint(2 * t[:, 2]) / 2)), ["positions-rounded"]),
         (changed(lambda t: t.__setitem__((slice(None), slice(1, 3)), t[:, 1:3].round(2))), same, []),
         (lambda t: np.hstack((t[::9, :1], t[::9, 1:3].round(1), t[::9, 3:])), same, ["positions-rounded"] * 2),

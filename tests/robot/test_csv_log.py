@@ -210,6 +210,7 @@ REFUSED = [
     ('platform = "/etc/x.toml"\n' + LIDAR, "platform"),
     ("platform = 3\n" + LIDAR, "platform"),
     (LIDAR + "[platform]\nwheel = 1\n", "platform.wheel"),
+    (LIDAR + "[platform.lidar]\nx = 100\n", "platform.lidar.x"),
     (ENCODERS + "".join(f'{wheel} = "r0"\n' for wheel in WHEELS[:3]), "encoders"),
     (ENCODERS + 'left = "r0"\nright = "wheel"\n', "encoders.right"),
 ]

@@ -208,9 +208,7 @@ def _frozen(bag: Bag, one: Scans, lidars: list[tuple[Scans, LidarSpec]]) -> NDAr
                 beside = np.arange(begin, end + 1)
                 found[beside] = _change(one.cleaned(beside, one.fan), some[first], 95) < HELD
     if count := int(found.sum()):
-        text = (
-            f"{counted(count, 'scan')} from {one.stamps[found.argmax()]:.2f} s on say the same, to {1000 * HELD:g} mm"
-        )
+        text = f"{counted(count, 'scan')} from {one.stamps[found.argmax()]:.2f} s on are alike to {1000 * HELD:g} mm"
         bag.tell("scans-repeat", one.topic, f"{text}, while another lidar sees the robot move: left out", count)
     return found
 

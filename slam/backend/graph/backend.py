@@ -218,7 +218,7 @@ def contradictions(
         measured: whether the graph's measurements led there.
     """
     issues, stamps = [], graph.nodes.stamps
-    if not measured:
+    if not measured and any(loop.accepted for loop in graph.ledger):
         known, kept = (sum(loop.accepted for loop in ledger) for ledger in (graph.ledger, loops))
         text = (
             "the final path follows from the filter's, whose map is clearly sharper than the graph's: it confirms "

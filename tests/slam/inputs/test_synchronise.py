@@ -175,6 +175,15 @@ def test_streams_that_do_not_overlap_are_refused_and_blind_ones_told():
     nothing = LidarStream(lidar.stamps, np.full_like(lidar.ranges, np.inf), -1.0, 1.0, 0.1, 30.0)
     assert "without an endpoint" in made_do(recording.replace(lidar=nothing))[0]
     assert "without a gyro" in made_do(recording.replace(imu=None))[0]
+    degrees = LidarStream(lidar.stamps, np.ones((len(lidar), 30), np.float32), -1.5, np.radians(0.1), 0.1, 30.0)
+    assert "all 30 beams lie within 2.9 degrees" in made_do(recording.replace(lidar=degrees))[0]
+
+
+def test_wheels_that_turn_the_other_way_than_the_gyro_are_told():
+    recording, counts = circle(seconds=15), np.tile([13, 7, 13, 7], (600, 1))
+    for order, told in (([0, 1, 2, 3], []), ([1, 0, 3, 2], ["odometry-unfit"])):
+        changed = recording.replace(encoders=replace(recording.encoders, counts=counts[:, order]))
+        assert [one.code for one in warnings(changed, synchronise(changed))] == told
 
 
 @pytest.mark.parametrize(("most", "told"), [(127, True), (120, False), (300, False)])
