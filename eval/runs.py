@@ -121,8 +121,8 @@ def compared(rows: Iterable[Row], axis: str = CONFIGURATION) -> dict[str, list[R
     return grouped(rows, lambda row: str(_value(row, axis)))
 
 
-def _value(row: Row, axis: str) -> Any:
-    return row.run.configured if axis == CONFIGURATION else row.about.get(axis, "")
+def _value(row: Row, axis: str, *but: str) -> Any:
+    return row.run.configured_but(*but) if axis == CONFIGURATION else row.about.get(axis, "")
 
 
 def _settings(row: Row) -> Sequence[str]:
@@ -132,12 +132,12 @@ def _settings(row: Row) -> Sequence[str]:
 def apart(rows: Sequence[Row], *but: str) -> list[str]:
     """What sets runs apart of scenario, robot, noise and configuration, some left out."""
     keys = [key for key in (*SETTINGS, CONFIGURATION) if key not in but]
-    return [key for key in keys if len({_value(row, key) for row in rows}) > 1]
+    return [key for key in keys if len({_value(row, key, *but) for row in rows}) > 1]
 
 
-def name_of(row: Row, keys: Iterable[str]) -> str:
-    """The values of a run in some columns, for people."""
-    return ", ".join(str(value) for key in keys if (value := _value(row, key)) != "")
+def name_of(row: Row, keys: Iterable[str], *but: str) -> str:
+    """The values of a run in some columns, for people; without what varies of a column that is left out."""
+    return ", ".join(str(value) for key in keys if (value := _value(row, key, *but)) != "")
 
 
 def comparisons(rows: Sequence[Row], name: str, axis: str, first: str) -> dict[str, dict[str, Comparison]]:
@@ -150,7 +150,7 @@ def comparisons(rows: Sequence[Row], name: str, axis: str, first: str) -> dict[s
     keys = [key for key in apart(rows, axis) if key in known] or [
         key for key in known if key in SETTINGS and key != axis
     ]
-    places = grouped(rows, lambda row: name_of(row, keys))
+    places = grouped(rows, lambda row: name_of(row, keys, axis))
     found: dict[str, dict[str, Comparison]] = {}
     for other in compared(rows, axis):
         if other == first:

@@ -97,12 +97,12 @@ def main(folder: Path = Path(), ucsd: Path | None = None) -> float:
                 spoilt, bad, _ = run(begin, *NO_SEARCH, "motion.yaw_rate=3.0")
                 for axes, raster, share in zip(picture(folder, 7, len(STAGES)), bad, STAGES, strict=True):
                     show(axes, raster, spoilt.trajectory.poses[: int(share * len(spoilt.trajectory))])
-                    axes.set_title(f"sequence 20, yaw noise 3 rad/s, {50 * share:g} s")
+                    axes.set_title(f"sequence 20, no search, yaw noise 3 rad/s, {50 * share:g} s")
                 apart, *_ = run(begin, *NO_SEARCH, "resample_below=0.0")
                 for axes in picture(folder, 8):
                     show(axes, None, *apart.particle_paths[::10])
     most = float(pdist(apart.particle_paths[:, -1, :2]).max())
-    print(f"eight pictures; all 100 particles of the last, which draws ten, end up to {most:.1f} m apart")
+    print(f"eight pictures; figure 8 draws 10 of 100 particles, of which two end {most:.1f} m apart")
     return most
 
 

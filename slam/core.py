@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from array import array
 from collections.abc import Callable
@@ -22,6 +23,7 @@ from moteslam.slam.config import METHODS, SlamConfig
 from moteslam.slam.estimate import Correction, Estimate, as_logged
 from moteslam.slam.filter.certainty import certainty_of_particles, spread
 from moteslam.slam.filter.protocol import Filter, StepResult
+from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.lapses import left_open
 from moteslam.slam.inputs.step import Step
@@ -35,6 +37,7 @@ from moteslam.slam.settings import load_preset
 Array = NDArray[np.float64]
 MakeFilter = Callable[[SlamConfig, int], Filter]
 """Makes a filter of a configuration and a seed: its class, for one."""
+ASTRAY = 1.0  # The pose of an update is no mean of particles that are all farther away [m]
 
 
 class Core:
@@ -126,11 +129,10 @@ class Core:
 
     def _step(self, step: Step) -> Update:
         """Take in a scan."""
-        began = time.perf_counter()
+        began, draws = time.perf_counter(), self._filter.history.draws
         result, corrected = self._filter.step(step), 0.0
-        if not isinstance(result, StepResult):
-            field = f"{type(self._filter).__name__}.step"
-            raise ConfigError(f"returned {type(result).__name__}, expected a StepResult", field=field)
+        if problem := _unsound(self._filter, result, len(self._updates), draws):
+            raise ConfigError(problem, field=f"{type(self._filter).__name__}.step")
         if result.updated:
             self._updates.append(step.index)
             self._waiting.append(self._key_scan(step))
@@ -243,6 +245,28 @@ class Core:
         issues += self._filter.issues
         issues += getattr(self._backend, "issues", ())  # back ends of other packages may have none
         return tuple(issues)
+
+
+def _unsound(made: Filter, result: object, updates: int, draws: int) -> str:
+    """What a run cannot go on with of a filter of one's own; ``updates`` and ``draws`` are those before."""
+    if not isinstance(result, StepResult):
+        return f"returned {type(result).__name__}, expected a StepResult"
+    if np.shape(result.pose) != (3,) or not all(map(math.isfinite, result.pose)):
+        return f"returned the pose {shortened(np.asarray(result.pose).tolist())}, expected x, y and theta"
+    if not result.updated:
+        return "" if updates else "did not update with the first scan, expected updated=True there"
+    history, weights, best = made.history, made.weights, made.best_particle
+    if len(history) != updates + 1:
+        return f"kept {len(history)} of {updates + 1} updates, expected self.history.append(self.poses) at each"
+    if not isinstance(weights, Weights) or len(weights.log) != len(made.poses):
+        return f"left weights of type {type(weights).__name__}, expected Weights, one for each of self.poses"
+    if not isinstance(best, int | np.integer) or not 0 <= best < len(history.last):
+        return f"left best_particle {shortened(best)}, expected an index into self.poses"
+    if result.resampled and len(history.last) > 1 and history.draws == draws:
+        return "resampled, expected self.history.resampled(parents), or paths would be those of other particles"
+    if (off := float(np.hypot(*(history.last[:, :2] - result.pose[:2]).T).min())) > ASTRAY:
+        return f"returned a pose {off:.2f} m from all of self.history.last, expected poses that are kept up to date"
+    return ""
 
 
 def _made(method: MakeFilter, config: SlamConfig, seed: int) -> Filter:

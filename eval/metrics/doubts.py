@@ -284,7 +284,7 @@ def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
         count = int((turns & (np.abs(se2.wrap(turned - goal)) > np.abs(goal) / 2)).sum())
         if turns.sum() >= LEAST and count > OTHERWISE * turns.sum():
             text = f"turns otherwise than the reference in {count} of the {turns.sum()} seconds in which that turns: "
-            yield inf, Issue("unlike", f"{text}another drive of this place, or a clock that runs unevenly?", count)
+            yield inf, Issue("unlike", f"{text}lost, another drive, or a clock that runs unevenly?", count)
 
 
 def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:

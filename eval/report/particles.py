@@ -85,7 +85,7 @@ def draw_particles(path: File, cloud: Cloud, *, title: str = "") -> None:
             _draw_deviations(axes, cloud, drawn, column)
             axes.tick_params(labelbottom=False)
         _draw_ancestors(panels[3], cloud)
-        first.set_title("deviation from the mean of the last update's particles", loc="left")
+        first.set_title("deviation of the last update's particles from their mean path", loc="left")
         panels[3].set_xlabel("time [s]")
 
 

@@ -82,7 +82,7 @@ ONLINE, FINAL = "SLAM (online)", "SLAM (final)"
 """The two trajectories of SLAM: each pose as it was known then, and all as they were known at the end."""
 COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Of lines: the palette of Okabe and Ito without its green, which is the truth's; for more lines again, dashed."""
-DASHES = ("-", "--", ":", "-.")
+DASHES = ("-", "--", ":", "-.", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 3)), (0, (3, 4)))
 STEPS = tuple(step * 10.0**power for power in range(-9, 10) for step in (1, 2, 5))  # Round numbers
 TRUTH_BAND: dict[str, Any] = {"color": TRUTH, "lw": 4.0, "alpha": 0.55}
 """The path of the truth, under the others."""

@@ -62,7 +62,11 @@ class PlannedRun(Section):
 
     @property
     def configured(self) -> str:
-        return ", ".join([self.configuration, *(f"{key}={value}" for key, value in self.varied)])
+        return self.configured_but()
+
+    def configured_but(self, *keys: str) -> str:
+        """The configuration with what varies, some keys left out."""
+        return ", ".join([self.configuration, *(f"{key}={value}" for key, value in self.varied if key not in keys)])
 
     @property
     def version(self) -> str:

@@ -172,7 +172,8 @@ class Wall(Section):
         for begin, end in spans:
             straight = int(np.searchsorted(starts, begin, "right")) - 1
             if end > starts[-1] + _TINY:
-                raise ValueError(f"a door or recess ends at {end:g} m, expected within the wall's {starts[-1]:g} m")
+                text = f"a door or recess from {begin:g} to {end:g} m, expected within the wall's {starts[-1]:g} m"
+                raise ValueError(text)
             if end > starts[straight + 1] + _TINY:
                 raise ValueError(f"a door or recess at {begin:g} m goes round a corner, expected it on one straight")
         for (begin, end), (after, _) in pairwise(spans):

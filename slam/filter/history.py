@@ -40,9 +40,13 @@ class History:
     """Grows by one entry an update; a path is read back through the parents that resampling chose.
 
     Of each update those particles are kept from which some of the last one descend: soon a single one.
+
+    Attributes:
+        draws: how often particles were drawn anew.
     """
 
     def __init__(self) -> None:
+        self.draws = 0
         self._parts: list[_Part] = []
         self._parents: Indices | None = None  # of the next update, where its particles are drawn anew
         self._weights: Array | None = None  # of the last update
@@ -87,6 +91,7 @@ class History:
     def resampled(self, parents: Indices) -> None:
         """Record that the next update's particles descend from these [M] of the last."""
         self._parents = parents
+        self.draws += 1
 
     def ancestors(self, particles: Indices, first: int = 0) -> Indices:
         """The indices of what particles [K] of the last update descend from, [K, updates from the first on]."""

@@ -14,6 +14,7 @@ from moteslam.kernels.matching import match_poses
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.slam.estimate import LONGEST, Estimate, preview_png
+from moteslam.slam.filter.history import History
 from moteslam.slam.inputs.step import Step, steps
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.mapping.config import TsdfConfig
@@ -265,12 +266,33 @@ class NoResult(PaperFilter):
         return np.zeros(3)
 
 
+def spoilt(**changes: object) -> type[PaperFilter]:
+    """A filter whose result, or what it keeps, is other than it should be."""
+
+    class Spoilt(PaperFilter):
+        def step(self, step: Step) -> object:
+            found = super().step(step)
+            for name in changes.keys() - found._fields:
+                setattr(self, name, changes[name])
+            return found._replace(**{name: changes[name] for name in changes.keys() & set(found._fields)})
+
+    return Spoilt
+
+
 @pytest.mark.parametrize(
     ("method", "field", "told"),
     [
         ("mine", "method", "method=NAME"),
         (NoFilter, "method", "FilterDefaults"),
         (NoResult, "NoResult.step", "ndarray, expected a StepResult"),
+        (spoilt(pose=np.full(3, np.nan)), "Spoilt.step", "[nan, nan, nan], expected x, y and theta"),
+        (spoilt(pose=np.zeros(2)), "Spoilt.step", "[0.0, 0.0], expected x, y and theta"),
+        (spoilt(updated=False), "Spoilt.step", "first scan"),
+        (spoilt(history=History()), "Spoilt.step", "self.history.append(self.poses)"),
+        (spoilt(weights=np.ones(2)), "Spoilt.step", "ndarray, expected Weights"),
+        (spoilt(best_particle=None), "Spoilt.step", "best_particle None"),
+        (spoilt(resampled=True), "Spoilt.step", "self.history.resampled(parents)"),
+        (spoilt(pose=np.full(3, 2.0)), "Spoilt.step", "2.83 m from all of self.history.last"),
     ],
 )
 def test_a_method_that_is_no_filter_is_refused(method: object, field: str, told: str):

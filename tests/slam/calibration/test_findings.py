@@ -52,7 +52,12 @@ def calibration(of_fit: dict[str, Any] | None = None, **changes: Any) -> Calibra
         ({"curl": (0.2, 0.01)}, {}, "odometry-turn-scale", ("0.20 rad to the left",)),
         ({"lengths": 1.1}, {}, "range-scale", ("10.0 % (95 %: 8.0 to 12.0 %) more", f"= {1.1 * 0.0022:.6g}, ")),
         ({"turns": 0.8}, {}, "odometry-turn-scale", ("25.0 % (95 %: 21.9 to 28.1 %) more",)),
-        ({"x": 0.5, "y": -0.3}, {}, "lidar-mount", ("x 0.5 (95 %: 0.48 to 0.52)", "y -0.3", "x = 0.500, y = -0.300")),
+        (
+            {"x": 0.5, "y": -0.3},
+            {},
+            "lidar-mount",
+            ("x [m] 0.5 (95 %: 0.48 to 0.52)", "y [m] -0.3", "x = 0.500, y = -0.300"),
+        ),
         ({"offset": -0.5}, {"shared_clock": False}, "clock-offset", ("0.50 s (95 %: 0.48 to 0.52) later",)),
         ({"offset": 0.5}, {"shared_clock": False}, "clock-offset", ("earlier than the odometry",)),
         ({"offset": 0.5}, {"shared_clock": False, "late": "gyro"}, "clock-offset", ("imu: stamped 0.50 s", "later")),
