@@ -75,6 +75,8 @@ def compare(
             if one.isdisjoint(two):
                 problem += f"; {key} {', '.join(sorted(one))} there, {', '.join(sorted(two))} here"
         raise InputError(problem, file=paths[-1])
+    if alone := [one for one in found if one != first and not any(each.get(one) for each in compared.values())]:
+        note(f"warning: not compared, no run in common with {first}: {', '.join(alone)}")
     titles = runs.headings(rows, list(compared))
     lines = _lines(axis, first, compared, titles, form, runs.also_of(found, axis))
     answer({"by": axis, "baseline": first, "metrics": compared}, lines, as_json=as_json)

@@ -18,7 +18,18 @@ from moteslam.eval.metrics.association import (
     spatial,
 )
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.clocks import ALIKE, FINE, FITS, GAIN_METRES, LEAST, ROUNDS, SHAPE, clock_offset, rmse_of
+from moteslam.eval.metrics.clocks import (
+    ALIKE,
+    FINE,
+    FITS,
+    GAIN_METRES,
+    LEAST,
+    ROUNDS,
+    SHAPE,
+    STEP,
+    clock_offset,
+    rmse_of,
+)
 from moteslam.eval.metrics.relations import RelationResult
 from moteslam.eval.tables import length
 from moteslam.robot import se2
@@ -295,13 +306,12 @@ def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
         own, goal = (np.unwrap(poses[:, 2]) for poses in (ate.aligned, ate.reference))
         offsets = np.arange(-LATEST, LATEST + APART / 2, APART)
         off = own - [np.interp(ate.stamps + seconds, ate.stamps, goal) for seconds in offsets]
-        left, best = off.std(axis=1), int(off.std(axis=1).argmin())
-        as_is = float(np.sqrt(np.square(turns).mean()))
-        if lags and as_is > LAGS and left[best] < SHAPE * as_is and len(turns) >= LEAST:
-            text = (
-                f"headings of the reference are {abs(offsets[best]):.2f} s {'late' if offsets[best] > 0 else 'early'}, "
-            )
-            text += f"its positions not: errors of rotation, {np.rad2deg(as_is):.2g} degrees, hold that"
+        left = off.std(axis=1)
+        best, as_is = int(left.argmin()), float(left[len(left) // 2])
+        late = float(offsets[best])
+        if lags and as_is > LAGS and left[best] < SHAPE * as_is and abs(late) >= STEP and len(turns) >= LEAST:
+            text = f"headings of the reference are {abs(late):.2f} s {'late' if late > 0 else 'early'}, its positions "
+            text += f"not: errors of rotation, {np.rad2deg(as_is):.2g} degrees about their mean, hold that"
             yield Issue("clocks-differ", text, len(turns))
         return
     why = "throughout: other axes of the body" if turns.std() <= 0.2 * AXES else "where positions agree: another order"

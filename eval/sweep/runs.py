@@ -84,6 +84,8 @@ def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
     values |= measure(evidence, (*run.metrics, *costs) if run.metrics else None)
     told = [issue.as_dict() for issue in (*case.recording.warnings, *issues)]
     told += [issue for issue in doubted(evidence) if issue not in told]
+    if run.command and (part := next((one for one in told if one["code"] in ("few-matched", "not-scored")), None)):
+        raise InputError(f"its trajectory: {part['message']}", file=Command(*run.command).words[0])  # type: ignore[arg-type]
     return {"values": {name: value.as_dict() for name, value in values.items()}, "issues": told}
 
 

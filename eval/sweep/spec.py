@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -95,6 +96,9 @@ def _dotted(table: Any, prefix: str = "") -> Any:
     return flat
 
 
+PLACES = ("recording", "platform", "out", "seed", "here")  # What stands in braces in a command
+
+
 class Configuration(Section):
     """A way to run SLAM: a preset of ours, or a command of anyone's."""
 
@@ -116,6 +120,9 @@ class Configuration(Section):
             raise ValueError("preset and command, expected one of the two")
         if not self.command and (extra := given & {"version", "format", "trajectory", "map"}):
             raise ValueError(f"{sorted(extra)[0]} without a command")
+        for word in re.findall(r"(?<!\$)\{([a-z_]+)\}", " ".join(self.command)):
+            if word not in PLACES and (meant := get_close_matches(word, PLACES, n=1, cutoff=0.5)):
+                raise ValueError(f"{{{word}}} in the command, expected {{{meant[0]}}}")
         if self.command and any(key.startswith("slam.") for key in self.set):
             raise ValueError("slam. keys with a command, expected those of scenario and platform alone")
         return self

@@ -139,6 +139,17 @@ class Store:
             succeeded = status == "ok" and within(scores, self.success)
             yield Row(PlannedRun.model_validate_json(text), status, error, scores, issues, succeeded)
 
+    def extend(self, runs: Sequence[PlannedRun], spec: str) -> None:
+        """Add the runs that are new in a specification of more seeds."""
+        if not {row.run.id for row in self.rows()} <= {run.id for run in runs}:
+            raise OutputError("has other seeds, expected them and more, or another --out", file=self.path)
+        added = ((run.id, number, run.model_dump_json()) for number, run in enumerate(runs))
+        place = "ON CONFLICT (id) DO UPDATE SET number = excluded.number"
+        with self._connection as connection:
+            connection.executemany(f"INSERT INTO runs (id, number, run) VALUES (?, ?, ?) {place}", added)
+            about = (spec, "spec"), (digest(runs), "digest")
+            connection.executemany("UPDATE about SET value = ? WHERE key = ?", about)
+
     def take(self, other: Store) -> None:
         """Take over what another part of the same sweep has and this one has not."""
         if (other.spec, other.digest) != (self.spec, self.digest):
@@ -199,7 +210,7 @@ def create(
 
 
 def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Environment | None = None) -> None:
-    """Make the file of a sweep, or of a part such as ``2/8``; one that exists must be of the same.
+    """Make the file of a sweep, or of a part such as ``2/8``; one that exists must be of the same, but for more seeds.
 
     ``file`` is that of the specification, for errors.
     """
@@ -209,15 +220,26 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Env
         raise ConfigError(f"{part!r}, expected a part and how many there are, such as 2/8", field="--shard")
     if target.exists():
         with opened(target) as store:
+            mine, theirs = (
+                {key: json.dumps(value) for key, value in json.loads(one).items()} for one in (text, store.spec)
+            )
+            differ = [key for key in {**mine, **theirs} if mine.get(key) != theirs.get(key)]
+            more = differ == ["seeds"] and part == WHOLE
+            before = SweepSpec.model_validate_json(store.spec)
             problems = {
-                "is of another specification": store.spec != text,
+                f"is of another specification, by {', '.join(differ)}": bool(differ) and not more,
                 f"holds part {store.part}, not {part}": store.part != part,
             }
             problem = next((problem for problem, found in problems.items() if found), "")
-            if not problem and store.digest and store.digest != digest(plan(spec, check=False)):
+            if not problem and store.digest and store.digest != digest(plan(before, check=False)):
                 problem = "has runs of other scenarios or robots of these names"
             if problem:
+                with in_file(file):
+                    plan(spec)  # what is wrong with it comes first
                 raise OutputError(f"{problem}, expected another --out", file=target)
+        if more:
+            with in_file(file), opened(target, write=True) as store:
+                store.extend(plan(spec), text)
         return
     with in_file(file):
         runs = plan(spec)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -140,6 +141,7 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
         (HERE + "[configurations.a]\npreset = 'b'", "configurations.a, b: no such preset"),
         (HERE + "[configurations.a]\nset = { slam.backend.method = 'no' }", "configurations.a, backend.method: "),
         (HERE + "[configurations.a]\ntrajectory = 'x'\n", "configurations.a: trajectory without a command"),
+        (HERE + "[configurations.a]\ncommand = ['x', '{output}']\n", "{output} in the command, expected {out}"),
         *(
             (f"{HERE}[configurations.theirs]\ncommand = ['x']\n{more}", "configurations.theirs")
             for more in ("preset = 'default'", "set = { slam.particles = 3 }", "format = 'bag'", "map = '/x'")
@@ -254,9 +256,23 @@ def test_three_shards_come_to_the_same(whole: Path, tmp_path: Path, capsys: pyte
         (["merge", *parts, "--out", str(tmp_path / "all.sweep")], "all.sweep: exists already"),
         ([str(spec), "--shard", "2/3", "--out", parts[0]], "holds part 1/3, not 2/3"),
         ([str(spec), "--out", parts[0]], "holds part 1/3, not 1/1"),
-        ([str(other), "--out", parts[0]], "of another specification"),
+        ([str(other), "--out", parts[0]], "of another specification, by vary"),
     ):
         assert problem in refused(capsys, "sweep", *line)
+
+
+def test_more_seeds_are_added_and_no_run_is_lost(tmp_path: Path) -> None:
+    text = 'scenarios = ["corridor"]\nseeds = "0-1"\n[configurations.plain]\n'
+    file = recorded(tmp_path / "a.sweep", text, lambda run: {"final.ate": (1.0 + run.seed, "m")}, digest="")
+    for seeds, found in (("0-3", [1.0, 2.0, None, None]), ("0-3", [1.0, 2.0, None, None]), ("0", None)):
+        spec = written(tmp_path, text.replace("0-1", seeds))
+        with nullcontext() if found else pytest.raises(OutputError, match="and more"):
+            begin(file, spec, read_spec(spec), "1/1")
+        with opened(file) as store:
+            assert [row.known.get("final.ate") for row in store.rows()] == (found or [1.0, 2.0, None, None])
+    other = written(tmp_path, text + "set = { slam.particles = 5 }\n")
+    with pytest.raises(OutputError, match="by seeds, configurations"):
+        begin(file, other, read_spec(other), "1/1")
 
 
 @pytest.mark.slow
@@ -448,10 +464,11 @@ def test_anyones_slam_is_a_configuration_like_ours_and_where_it_fails_a_row_with
 def test_what_is_doubtful_of_a_commands_path_is_told_and_the_way_driven_is_the_truths(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One that writes millimetres, and one on another clock."""
+    """One that writes millimetres, and two that fail: on another clock, and with a few poses."""
     wrong = {
         "mm": ANYONES["works"].replace("$(NF-10), $(NF-9)", "1000 * $(NF-10), 1000 * $(NF-9)"),
         "clock": ANYONES["works"].replace("print $(NF-2)", "print $(NF-2) + 1000"),
+        "few": ANYONES["works"].replace(" > ", " | head -5 > "),
     }
     text = 'scenarios = ["corridor"]\nduration = 14\nseeds = "0"\nplatforms = ["lms200"]\nmetrics = ["final.ate"]\n'
     for mode, words in wrong.items():
@@ -460,14 +477,16 @@ def test_what_is_doubtful_of_a_commands_path_is_told_and_the_way_driven_is_the_t
     assert main.run(["sweep", str(spec), "--workers", "1"]) == 0
     said = capsys.readouterr().err
     rows = rows_of(tmp_path / "spec.sweep")
-    assert [row.scores["distance"]["by"] for row in rows] == ["truth"] * 2
-    assert rows[0].known["distance"] == rows[1].known["distance"] < 10
-    codes = [{issue["code"] for issue in row.issues} for row in rows]
-    assert codes == [{"implausible-speed", "sizes-differ"}, {"not-scored"}]
+    assert [row.status for row in rows] == ["ok", "failed", "failed"]
+    assert rows[0].scores["distance"]["by"] == "truth"
+    assert rows[0].known["distance"] < 10
+    assert {issue["code"] for issue in rows[0].issues} == {"implausible-speed", "sizes-differ"}
+    assert "seems to be another one" in rows[1].error
+    assert "covers 0.0 m of the " in rows[2].error
     assert "corridor, lms200, seed 0, mm: path.tum: moves at " in said
     assert "moteslam-" not in said
-    assert "seems to be another one" in said
-    assert told(capsys, "sweep", "show", tmp_path / "spec.sweep") == said
+    doubts = [line for line in said.splitlines() if ": failed: " not in line]
+    assert told(capsys, "sweep", "show", tmp_path / "spec.sweep").splitlines() == doubts
     assert [issue in page(gather([tmp_path / "spec.sweep"])) for issue in ("moves at ", "seems to be")] == [True, True]
 
 
