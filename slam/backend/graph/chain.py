@@ -23,7 +23,7 @@ from moteslam.slam.registration.registrar import prior_spread
 
 FLOOR = np.diag(np.square([RESOLVED[0], *RESOLVED]))  # The covariance [3, 3] of the error that every step has besides
 AGREEING = 5.0  # Odometry that differs from a registration by more standard deviations of both is left out of a step
-DOUBTED = 2.0  # A registration so many deviations of both from the odometry is no prior of the joint one
+DOUBTED = 2.0  # Registration and odometry so many deviations of both apart contradict each other
 OPEN = 0.5  # A step is the filter's where the odometry leaves so much open [m]: it has searched for the robot
 LEAST_INFORMATION = 1e-2  # That every step has besides [1/m^2], [1/rad^2]: one that was not registered has no other
 FITS = (16, 64, 256)  # The odometry's errors are fitted at so many steps; of a run of fewer than the last, at the end
@@ -63,9 +63,10 @@ class Chain:
     def measured(self) -> MeasuredChain:
         """The steps as they are now.
 
-        For a joint registration, where a registration is moved much from the odometry, the odometry: all scans together
-        are the better judge. That is doubtful, and so is a step that was not registered. Its heading remains the
-        registration's, which scans know best, and the motion turns by half of what that differs.
+        For a joint registration, where registration and odometry contradict each other, either may be right: the step
+        is spread as far as they are apart, since all scans together are the better judge. Where the registration has
+        overruled the odometry, it is the odometry's. Both are doubtful, and so is a step that was not registered. Its
+        heading remains the registration's, which scans know best; the odometry turns by half of what that differs.
         """
         steps, covariance = self.steps, self.covariance
         predicted = np.array([each.step for each in self._predicted]).reshape(-1, 3)
@@ -75,9 +76,13 @@ class Chain:
         turned = se2.compose(np.column_stack((np.zeros((len(off), 2)), off / 2)), predicted)
         predicted = np.column_stack((turned[:, :2], found[:, 2]))
         known = np.array([_deviations(each.information) for each in self._proved]).reshape(-1, 3)
-        doubted = np.asarray(_differs(found, predicted, DOUBTED * np.hypot(spread, known)).any(axis=1))
+        doubted, overruled = (
+            _differs(found, predicted, most * np.hypot(spread, known)).any(axis=1) for most in (DOUBTED, AGREEING)
+        )
         unregistered = np.array([not each.information.any() for each in self._proved], bool)
-        steps[doubted], covariance[doubted] = predicted[doubted], np.square(spread[doubted])[:, None] * np.eye(3)
+        steps[overruled] = predicted[overruled]
+        wide = np.square(spread) + np.square(se2.between(steps, predicted))  # 0 apart where it is the odometry's
+        covariance[doubted] = wide[doubted][:, None] * np.eye(3)
         return MeasuredChain(self.steps, self.covariance, steps, covariance, doubted | unregistered)
 
     def last(self) -> tuple[Array, Array]:

@@ -161,6 +161,16 @@ def test_a_registration_far_from_the_odometry_is_no_prior():
     assert which[2]
 
 
+def test_where_wheels_slip_a_little_the_prior_is_as_wide_as_registration_and_odometry_are_apart():
+    drive = Driven(room().astype(np.float32))
+    for k in range(1, 7):
+        drive.on(0.6 + 0.2 * (k == 3), (room() - (0.6 * k, 0.0)).astype(np.float32))
+    chain = drive.chain.measured
+    assert chain.doubted.tolist() == [False, False, True, False, False]
+    np.testing.assert_array_equal(chain.prior_steps, chain.steps)
+    assert chain.prior_covariance[2, 0, 0] > 0.19**2 > 100 * chain.covariance[2, 0, 0]
+
+
 def test_a_path_that_contradicts_a_step_is_its_own_prior_there():
     """The wheels did not count on one step of seven; what the path has in its place is held loosely."""
     rng = np.random.default_rng(3)
