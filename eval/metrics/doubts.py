@@ -52,7 +52,7 @@ UNLIKE, FEW, ALL_FIT = 0.5, 0.5, 3
 """Two paths have nothing in common where the error is more than this share of the spread of the reference; errors are
 of a part where less than the second share is compared; fewer poses than the third always fit each other."""
 
-LEAST_RELATIONS = 5  # Fewer relations fit some clock, arm or axes always
+FEW_RELATIONS = 5  # So many relations always fit some clock, arm or axes
 LAGS = np.deg2rad(1.5)  # Errors of the heading that are less are not looked into [rad]
 EVENLY, FILLED = 2e-4, 2.0  # Velocities that differ by less [m/s] for so long [s] are of no robot that drives
 LATEST, APART = 2.0, 0.02  # Offsets of a clock that are tried on relations, and on headings alone: up to [s], every [s]
@@ -131,6 +131,8 @@ def relation_doubts(estimate: Trajectory, missed: RelationResult) -> tuple[Issue
     if mean < GAIN_METRES and turned < AXES:
         return ()
     x, y, turn = given.T
+    many = len(given) > FEW_RELATIONS
+    most, reasons = (SHAPE if many else SHAPE**2) * mean, []
     forms = {
         "the other way round, t1 seen from t2,": se2.inverse(given),
         "with x and y exchanged": given[:, [1, 0, 2]],
@@ -138,17 +140,16 @@ def relation_doubts(estimate: Trajectory, missed: RelationResult) -> tuple[Issue
         "with angles of the other sign": given * (1, 1, -1),
         "as their mirror image": given * (1, -1, -1),
     }
-    reasons = []
     for how, poses in forms.items():
         off = se2.between(poses, there)
         left, turns = float(np.hypot(off[:, 0], off[:, 1]).mean()), float(np.abs(off[:, 2]).mean())
         means = f"{length(left)} and {np.rad2deg(turns):.2g} degrees in place of {length(mean)} and "
         text = f"relations {how} are missed by {means}{np.rad2deg(turned):.2g}"
-        if turns < 1.1 * turned if left < SHAPE * mean else turns < SHAPE * turned and left < 1.1 * mean + SAME:
-            reasons.append((left if left < SHAPE * mean else mean, turns, "relations-inverted", text))
+        if turns < ALIKE * turned if left < most else turns < SHAPE * turned and left < ALIKE * mean:
+            reasons.append((min(left, mean), turns, "relations-inverted", text))
 
     def explains(off: Array, code: str, text: str) -> None:
-        if (left := float(np.linalg.norm(off, axis=1).mean())) < SHAPE * mean - SAME and len(given) > LEAST_RELATIONS:
+        if (left := float(np.linalg.norm(off, axis=1).mean())) < most and many:
             explained = f"{text} relations are missed by {length(left)} in place of {length(mean)}"
             reasons.append((left, turned, code, explained))
 
@@ -304,8 +305,8 @@ def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
         return
     if (middle := float(np.median(turns))) < AXES:
         own, goal = (np.unwrap(poses[:, 2]) for poses in (ate.aligned, ate.reference))
-        offsets = np.arange(-LATEST, LATEST + APART / 2, APART)
-        off = own - [np.interp(ate.stamps + seconds, ate.stamps, goal) for seconds in offsets]
+        offsets, some = np.arange(-LATEST, LATEST + APART / 2, APART), evenly(np.arange(len(own)), FINE)
+        off = own[some] - [np.interp(ate.stamps[some] + seconds, ate.stamps, goal) for seconds in offsets]
         left = off.std(axis=1)
         best, as_is = int(left.argmin()), float(left[len(left) // 2])
         late = float(offsets[best])
