@@ -210,9 +210,7 @@ def doubted(run: Evidence) -> list[dict[str, Any]]:
     given: tuple[Reference | None, ...] = run.truth, run.relations
     for reference in (one for one in given if one is not None):
         try:
-            told = against(run.trajectories[FINAL], reference)[1]["warnings"]
-            ours = run.certainty is not None  # whose axes are known
-            found += [issue for issue in told if not ours or issue["code"] != "body-axes"]
+            found += against(run.trajectories[FINAL], reference)[1]["warnings"]
         except InputError as error:
             found.append(Issue("not-scored", f"{error.problem}; not scored").as_dict())
     return found

@@ -115,11 +115,11 @@ def doubts(
     if found is not None and best[0].code == "lever-arm" and found[0] < ALIKE * reasons[0][0]:  # at an even speed
         best = [replace(best[0], message=f"{best[0].message}; or else {found[1]}")]
     few_off = float(np.median(ate.errors)) < UNLIKE * float(np.linalg.norm(ate.reference[:, :2].std(axis=0)))
-    if few_off and {"implausible-speed", "poses-held"} & {issue.code for issue in issues}:  # these make paths unlike
-        best = [issue for issue in best if issue.code != "unlike"]
-    turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate, lags=not best)
     filled = tuple(_filled(reference, ate))
-    best = [issue for issue in best if not filled or issue.code != "unlike"]
+    if filled or (few_off and {"implausible-speed", "poses-held"} & {issue.code for issue in issues}):
+        best = [issue for issue in best if issue.code != "unlike"]  # these make paths unlike
+    lags = not best and not filled
+    turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate, lags=lags)
     of_both = *_of_space(estimate, reference), *best, *turns, *filled, *_parts(estimate, reference, ate)
     return (*dict.fromkeys(issues), *_of_path(reference), *of_both)
 
@@ -145,7 +145,8 @@ def relation_doubts(estimate: Trajectory, missed: RelationResult) -> tuple[Issue
         left, turns = float(np.hypot(off[:, 0], off[:, 1]).mean()), float(np.abs(off[:, 2]).mean())
         means = f"{length(left)} and {np.rad2deg(turns):.2g} degrees in place of {length(mean)} and "
         text = f"relations {how} are missed by {means}{np.rad2deg(turned):.2g}"
-        if turns < ALIKE * turned if left < most else turns < SHAPE * turned and left < ALIKE * mean:
+        places, headings = left < most and turns < ALIKE * turned, turns < SHAPE * turned and left < ALIKE * mean
+        if places or headings:
             reasons.append((min(left, mean), turns, "relations-inverted", text))
 
     def explains(off: Array, code: str, text: str) -> None:
@@ -315,6 +316,10 @@ def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
             text += f"not: errors of rotation, {np.rad2deg(as_is):.2g} degrees about their mean, hold that"
             yield Issue("clocks-differ", text, len(turns))
         return
-    why = "throughout: other axes of the body" if turns.std() <= 0.2 * AXES else "where positions agree: another order"
+    why = (
+        "throughout: other axes of the body"
+        if turns.std() <= 0.2 * AXES
+        else "where positions agree: lost, or another order"
+    )
     why += ", unit or sign, or a mirrored path; errors of rotation and relative errors hold that"
     yield Issue("body-axes", f"orientations differ by {np.rad2deg(middle):.0f} degrees {why}", len(turns))

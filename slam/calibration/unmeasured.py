@@ -38,9 +38,7 @@ class UnfitScansError(UnmeasuredError):
     def __init__(self, good: int, total: int, share: float) -> None:
         self.share = share
         text = f"lidar: {good} of {total} pairs of scans fit each other, and no more with other angles between beams: "
-        text += (
-            "angles, unit of ranges or what stands for no return are not as stated, or scans are too far apart. They "
-        )
+        text += "angles, unit of ranges or what stands for no return are other ones, or scans are too far apart. They "
         super().__init__("scans-unfit", f"{text}cannot be held against the odometry, and a map of them may be wrong")
 
 

@@ -198,7 +198,8 @@ def warnings(
     text = f"{beyond} of {n} scans with all ranges beyond their limit of {lidar.range_max:g} m: are they in m?"
     told.append(("blind-scans", beyond, text))
     told.append(("blind-scans", blind, about_blind(blind, n, lidar)))
-    beams, wide = lidar.ranges.shape[1], float(np.degrees((lidar.ranges.shape[1] - 1) * abs(lidar.angle_increment)))
+    beams = lidar.ranges.shape[1]
+    wide = np.degrees((beams - 1) * abs(lidar.angle_increment))
     text = f"lidar: all {beams} beams lie within {wide:.3g} degrees: are angles in radians taken for degrees?"
     told.append(("lidar-angles", int(beams >= MANY_BEAMS and wide < NARROW), text))
     if encoders is not None and len(encoders):

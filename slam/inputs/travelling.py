@@ -73,7 +73,7 @@ class Travelling:
         """What there was, each kind with its times; ``stamps`` [n] are those of the scans [s]."""
         along = any(one.kind == "along" for one in self.seen)
         nearest, far = np.nanpercentile(self.ranges, (0, 50)) if along else (0.0, 0.0)
-        away = f"{nearest:.1f}" if f"{nearest:.1f}" == f"{far:.1f}" else f"{nearest:.1f} to {far:.1f}"
+        away = " to ".join(dict.fromkeys((f"{nearest:.1f}", f"{far:.1f}")))
         load = f"something {away} m away travels with the robot (a load, beams that are stuck, or "
         again = "the lidar gives the same scan again while the odometry moves: odometry alone there"
         stands = "the wheels turn while all that the lidar sees stands still: the robot is taken to stand"

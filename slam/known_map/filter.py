@@ -149,9 +149,7 @@ class KnownMapFilter(TsdfFilter):
         issues = []
         if self._most_given_up > 1:
             text = f"{self._most_given_up} places, one after the other, did not fit for {WINDOW:g} m: the map may be "
-            text += (
-                "of another place or scale, mirrored, incomplete or out of date, and poses said to be sure may be wrong"
-            )
+            text += "of another place or scale, mirrored, incomplete or out of date, and sure poses may be wrong"
             issues.append(Issue("places-given-up", text))
         for begin, end, off in self._losses:
             text = f"from {begin:.2f} s on to the end the scans do not say where in the map the robot is: there the "
