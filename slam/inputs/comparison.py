@@ -14,9 +14,12 @@ Flags = NDArray[np.bool_]
 
 LEAST_MOVED = 0.15
 """Only where a wall would have moved by more than this, seen from the robot, it differs from what travels [m]."""
-SAME, OTHER = 0.25, 0.5
-"""A range is where it was expected within this share of that displacement, and not from this share on."""
+SAME, OTHER, THROUGH = 0.25, 0.5, 0.35
+"""Of that displacement: a range is where it was expected within the first share and not from the second on; from the
+third on the place of a wall is seen through: floor that a tilted lidar sees aslant recedes by less than it moves."""
+FEWEST = 5  # More endpoints must stand for the turn by odometry to be that of the robot
 ASIDE = 2  # An expected endpoint is looked for, and looked through, this many beams to either side
+ASIDES = np.arange(-ASIDE, ASIDE + 1)[:, None, None]
 BEAM = np.radians(1.0)  # Of a finer lidar beams this far apart are compared [rad]
 
 
@@ -26,7 +29,8 @@ class ComparedBeams:
     Attributes:
         beams: [b] their indices in a scan.
         mount: [3] of the lidar on the robot.
-        angles: [b] of the beams in the lidar's frame [rad], ``step`` apart.
+        first: the angle of the first in the robot's frame [rad]; the others follow, ``step`` apart.
+        cos, sin: [b] of their angles.
         closed: whether they go all the way round.
     """
 
@@ -34,7 +38,8 @@ class ComparedBeams:
         beams = np.arange(0, lidar.ranges.shape[1], max(1, round(BEAM / abs(lidar.angle_increment))))
         self.beams = beams
         self.mount = mount.pose
-        self.angles = lidar.angles[beams]
+        angles = lidar.angles[beams] + mount.yaw
+        self.first, self.cos, self.sin = angles[0], np.cos(angles), np.sin(angles)
         self.step = lidar.angle_increment * (beams[1] - beams[0] if len(beams) > 1 else 1)
         self.closed = bool(len(beams) * abs(self.step) > 2 * np.pi - 1.5 * abs(self.step))
 
@@ -44,7 +49,8 @@ def compare_scans(beams: ComparedBeams, ranges: NDArray[np.float32], odometry: A
 
     An endpoint that tells the two apart travels where the same beam has the same range and the place where a wall would
     be is seen through; it stands where the next scan has an endpoint there and the beam another range. An endpoint may
-    do either where a wall would have moved, the beam has an endpoint again, and not both are so.
+    do either where a wall would have moved, the beam has an endpoint again, and not both are so. Wheels that slip in a
+    turn show walls elsewhere: unless most others stand, the place of a wall without the turn is seen through, too.
 
     Args:
         ranges: [k + 1, b] along them [m].
@@ -53,17 +59,19 @@ def compare_scans(beams: ComparedBeams, ranges: NDArray[np.float32], odometry: A
     known = np.where(np.isfinite(ranges), ranges, np.nan).astype(np.float64)
     before, after = known[:-1], known[1:]
     moved = se2.between(odometry[:-1], odometry[1:])
-    straight = moved * (1.0, 1.0, 0.0)  # wheels that slip in a turn show a wall at a glancing angle elsewhere
     with np.errstate(invalid="ignore"):
         kept = np.abs(after - before)
         displaced, expected, seen = _expected(beams, before, after, moved)
         there = (np.abs(seen - expected) <= SAME * displaced).any(axis=0)
-        may = (displaced > LEAST_MOVED) & np.isfinite(after) & ~((kept <= OTHER * displaced) & there)
+        moves = displaced > LEAST_MOVED
+        may = moves & np.isfinite(after) & ~((kept <= OTHER * displaced) & there)
         stand = may & there
-        travel = kept <= SAME * displaced
-        for motion in (moved, straight):
-            displaced, expected, seen = _expected(beams, before, after, motion)
-            travel &= (displaced > LEAST_MOVED) & (seen >= expected + OTHER * displaced).all(axis=0)
+        travel = moves & (kept <= SAME * displaced) & (seen >= expected + THROUGH * displaced).all(axis=0)
+        unsure = stand.sum(axis=1) <= np.maximum(FEWEST, (may & ~travel).sum(axis=1) / 2)
+        if travel[unsure].any():
+            displaced, expected, seen = _expected(beams, before, after, moved * (1.0, 1.0, 0.0))
+            through = (displaced > LEAST_MOVED) & (seen >= expected + THROUGH * displaced).all(axis=0)
+            travel &= ~unsure[:, None] | through
     return travel, stand, may
 
 
@@ -78,23 +86,17 @@ def _expected(beams: ComparedBeams, before: Array, after: Array, moved: Array) -
         of each endpoint before how far it moves as seen from the robot [k, b], its range then [k, b], and the ranges
         after of the beams about its bearing [2 ASIDE + 1, k, b]; NaN outside of the scan.
     """
-    x, y, yaw = beams.mount
-    angles = beams.angles + yaw
-    points_x, points_y = x + before * np.cos(angles), y + before * np.sin(angles)
+    x, y, _ = beams.mount
+    points_x, points_y = x + before * beams.cos, y + before * beams.sin
     cos, sin = np.cos(moved[:, 2])[:, None], np.sin(moved[:, 2])[:, None]
     forward, left = points_x - moved[:, 0, None], points_y - moved[:, 1, None]
     there_x, there_y = cos * forward + sin * left, cos * left - sin * forward
     displaced = np.hypot(there_x - points_x, there_y - points_y)
     expected = np.hypot(there_x - x, there_y - y)
-    count = after.shape[1]
-    bearing = np.arctan2(there_y - y, there_x - x) - angles[0]
+    bearing = np.arctan2(there_y - y, there_x - x) - beams.first
     number = np.floor(np.mod(bearing / beams.step + 0.5, 2 * np.pi / abs(beams.step)))
-    known = np.isfinite(number)
-    first = np.where(known, number, 0).astype(np.intp)
-    rows = np.arange(len(after))[:, None]
-    seen = np.full((2 * ASIDE + 1, *after.shape), np.nan)
-    for k, aside in enumerate(range(-ASIDE, ASIDE + 1)):
-        beam = first + aside
-        inside = known & ((beam >= 0) & (beam < count) | beams.closed)
-        seen[k] = np.where(inside, after[rows, beam % count], np.nan)
+    known, count = np.isfinite(number), after.shape[1]
+    beam = np.where(known, number, 0).astype(np.intp) + ASIDES
+    inside = known if beams.closed else known & (beam >= 0) & (beam < count)
+    seen = np.where(inside, after[np.arange(len(after))[:, None], beam % count], np.nan)
     return displaced, expected, seen

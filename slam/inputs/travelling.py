@@ -61,6 +61,7 @@ class Travelling:
     ranges: NDArray[np.float32]
     repeated: Flags  # [n] scans that are not new: the driver gave the one before again
     seen: tuple[Episode, ...]  # what there was, in order
+    away: tuple[float, ...]  # at which distances something travels, whenever it was seen to [m]
 
     def hides(self, scan: int, ranges: NDArray[np.float32]) -> Flags | None:
         """Which ranges [beams] of a scan are no measurement of the walls; None if all may be."""
@@ -71,10 +72,8 @@ class Travelling:
 
     def issues(self, stamps: Array) -> tuple[Issue, ...]:
         """What there was, each kind with its times; ``stamps`` [n] are those of the scans [s]."""
-        along = any(one.kind == "along" for one in self.seen)
-        nearest, far = np.nanpercentile(self.ranges, (0, 50)) if along else (0.0, 0.0)
-        away = " to ".join(dict.fromkeys((f"{nearest:.1f}", f"{far:.1f}")))
-        load = f"something {away} m away travels with the robot (a load, beams that are stuck, or "
+        away = " to ".join(dict.fromkeys(f"{one:.1f}" for one in (min(self.away), max(self.away)))) if self.away else ""
+        load = f"something {away} m away travels with the robot (a load, stuck beams, glass beside it, or "
         again = "the lidar gives the same scan again while the odometry moves: odometry alone there"
         stands = "the wheels turn while all that the lidar sees stands still: the robot is taken to stand"
         issues = []
@@ -114,13 +113,19 @@ def _line(angles: Array, ranges: Array) -> Array:
         middle = points.mean(axis=0)
         across = np.linalg.svd(points - middle, full_matrices=False)[2][1]
         distance = float(middle @ across)
-        on = np.abs(x * across[0] + y * across[1] - distance) < NEAR / 2
+        facing = (np.cos(angles) * across[0] + np.sin(angles) * across[1]) * np.sign(distance)
+        on = (np.abs(x * across[0] + y * across[1] - distance) < NEAR / 2) & (facing > LEAST_FACING)
     if np.ptp(points @ (-across[1], across[0])) < LINE_WIDTH:
         return line
-    facing = (np.cos(angles) * across[0] + np.sin(angles) * across[1]) * np.sign(distance)
     ahead = facing > LEAST_FACING
     line[ahead] = abs(distance) / facing[ahead]
     return line
+
+
+def _side_by_side(flags: Flags) -> Flags:
+    """Those flags [b] that are in a run of ``WIDE`` at least."""
+    runs = np.convolve(flags, np.ones(WIDE), "valid") >= WIDE
+    return np.asarray(np.convolve(runs, np.ones(WIDE), "full") > 0)
 
 
 class Follower:
@@ -144,6 +149,7 @@ class Follower:
         self._begins: list[int] = []
         self._epochs: list[Array] = []
         self._seen: list[Episode] = []
+        self._away: list[float] = []  # at which distances something travels [m]
         self._for = np.zeros(count)  # comparisons that speak for it
         self._range = np.full(count, np.nan)
         self._kept, self._heading = np.full((2, count), np.nan)  # a range, and the heading since when it is the same
@@ -207,11 +213,11 @@ class Follower:
 
     def found(self, repeated: Flags) -> Travelling | None:
         """What there was so far, with which scans [n] repeat; None if nothing travelled."""
-        if not self._seen:
+        if not self._seen and not self._epochs:
             return None
         ranges = np.array(self._epochs, np.float32).reshape(-1, len(self._range))[:, self._nearest]
         seen = tuple(sorted(self._seen, key=lambda one: one.first))
-        return Travelling(np.array(self._begins, np.intp), ranges, repeated, seen)
+        return Travelling(np.array(self._begins, np.intp), ranges, repeated, seen, tuple(self._away))
 
     def _see(self, kind: str, first: int, last: int, *, apart: int = 1) -> None:
         """Note an episode, which goes on with the latest of its kind that ended this many scans before at most."""
@@ -225,12 +231,17 @@ class Follower:
 
     def _compare(self, before: _Compared, now: _Compared) -> None:
         """Take in a comparison."""
-        both = np.stack((before.ranges, now.ranges)), np.stack((before.odometry, now.odometry))
-        flags = compare_scans(self._fan, *both)
-        travel, stand, may = (each[0] for each in flags)
+        # and back: floor behind the robot is where it saw through the place of a wall before
+        ranges = np.stack((before.ranges, now.ranges, before.ranges))
+        poses = np.stack((before.odometry, now.odometry, before.odometry))
+        travels, stands, mays = compare_scans(self._fan, ranges, poses)
+        line = _line(self._angles, np.where(travels.any(axis=0), now.ranges, np.nan))
+        travel, stand, may = travels[0] | travels[1] & near(now.ranges, line), stands[0], mays[0]
         new = travel & (self._for < TRAVELS)
         if self._epochs and (known := near(now.ranges, self._epochs[-1])).any():  # of floor new beams, too
-            self._see("along", now.scan, now.scan, apart=now.scan)
+            if (known & (self._for >= TRAVELS)).any():
+                self._see("along", now.scan, now.scan, apart=now.scan)
+                self._away.append(float(np.median(now.ranges[known])))
             new &= ~known
         walls = int(stand.sum())
         with np.errstate(invalid="ignore"):
@@ -267,10 +278,8 @@ class Follower:
         """From a scan on, what is known by then."""
         if not self._trusted:
             return
-        travels = self._for >= TRAVELS
-        beside = np.convolve(travels, np.ones(WIDE), "valid") >= WIDE  # runs of as many
-        travels = np.convolve(beside, np.ones(WIDE), "full") > 0
-        held = np.where(travels, self._range, _line(self._angles, np.where(travels, self._range, np.nan)))
+        travels, may = (_side_by_side(self._for >= least) for least in (TRAVELS, 1))
+        held = np.where(travels, self._range, _line(self._angles, np.where(may, self._range, np.nan)))
         before = self._epochs[-1] if self._epochs else np.full_like(held, np.nan)
         if np.array_equal(held, before, equal_nan=True):
             return

@@ -77,8 +77,9 @@ class GraphBackend:
     def relocated(self, path: Array) -> None:
         self._move(path)
         if self._closing is not None:
-            self._nodes.place(self._placed)
+            begins = self._nodes.place(self._placed)
             self._closing.graph.rejoin()
+            self._closing.rejoin(begins, self._placed)
 
     def _crowded(self) -> bool:
         """Whether there are enough nodes where the key scan before the latest was taken; it goes with the nearest."""

@@ -55,6 +55,23 @@ class LoopClosing(Generic[G]):
             self._queries.append(query)
             self._look_for(query)
 
+    def rejoin(self, begins: int, poses: Array) -> None:
+        """Bind a part of the path to what is before it: its nodes from ``begins`` on lie at poses [n, 3], as searched.
+
+        Else the first search would be as wide as where the part lay is uncertain, and of two places that look alike the
+        graph might take the other.
+        """
+        path = self.graph.submaps.path
+        query = int(np.searchsorted(path, path[-1] - self._config.loops.query_length / 2, side="right")) - 1
+        if not 0 < begins <= query:
+            return
+        submap = int(np.argmin(np.hypot(*(poses[:begins, :2] - poses[query, :2]).T)))
+        predicted = se2.between(poses[submap], poses[query])
+        found = self._search.match(submap, query, predicted, np.diag(np.square(LEAST_DEVIATIONS)))
+        if found is not None:
+            self.graph.enter((submap, query), found)
+            self.graph.solve()
+
     def close(self, start: int = 0) -> None:
         """Look for all nodes again, those near ``start``, whose place is known best, first, until nothing is found."""
         while (query := self._next()) is not None:

@@ -211,6 +211,7 @@ class LoopGraph(BoundGraph):
 
     def rejoin(self) -> None:
         """Take in that the filter's steps have changed."""
+        self.poses = self.poses[: max(len(self.registered), 1)]  # those after lie along the chain as it is now
         self.chain.renew()
         self._refit()
 
