@@ -82,8 +82,8 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
             believed[axis] = _belief(gains[axis] / np.diag(left), 1 / np.diag(left) - prior)
             rest = errors[:, axis] - odometry @ gains[axis]
             known = variance[:, axis] < KNOWN * noise
-            measured[axis] = known.sum() > FEWEST
-            if measured[axis]:
+            if known.sum() > FEWEST:  # of less noise fewer steps are known: what was measured stands then
+                measured[axis] = True
                 scales[axis] = max(NORMAL_MAD * float(np.median(np.abs(rest[known]) / shape[known, axis])), LEAST_SCALE)
         if measured.any():  # along bare walls: no worse than where it can be measured
             scales[~measured] = scales[measured].max()
