@@ -89,6 +89,18 @@ def test_where_walls_measure_no_step_the_noise_is_that_of_the_other_axes():
     assert abs(pulled.gains[0, 0]) < 0.006
 
 
+def test_noise_that_some_steps_measure_is_not_that_of_the_turns():
+    """In half of a drive walls measure the way, to a fifth of what odometry that turns badly would leave open."""
+    random = np.random.default_rng(0)
+    odometry = np.tile((0.42, 0.0, 0.0), (40, 1))
+    registered = odometry + random.normal(0, (0.008, 0.01, 0.1), (40, 3))
+    variance = np.tile(np.square((0.018, 0.005, 0.005)), (40, 1))
+    variance[:20, 0] = 0.09
+    model = fit_odometry(odometry, registered, variance[:, None] * np.eye(3))
+    assert model.scales[2] > 4
+    assert model.scales[0] < 0.6
+
+
 @pytest.mark.parametrize(("wheels", "scans"), [(0.08, 0.002), (0.05, 0.05), (0.0, 0.0)])
 def test_noise_of_the_turns_does_not_dilute_their_gain(wheels: float, scans: float):
     """On a path that is straight but for one turn in twelve most of what noisy wheels say of a turn is noise."""
