@@ -278,8 +278,8 @@ class Follower:
         """From a scan on, what is known by then."""
         if not self._trusted:
             return
-        travels, may = (_side_by_side(self._for >= least) for least in (TRAVELS, 1))
-        held = np.where(travels, self._range, _line(self._angles, np.where(may, self._range, np.nan)))
+        travels, suspected = (_side_by_side(self._for >= least) for least in (TRAVELS, 1))
+        held = np.where(travels, self._range, _line(self._angles, np.where(suspected, self._range, np.nan)))
         before = self._epochs[-1] if self._epochs else np.full_like(held, np.nan)
         if np.array_equal(held, before, equal_nan=True):
             return
