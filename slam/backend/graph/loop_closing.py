@@ -63,7 +63,7 @@ class LoopClosing(Generic[G]):
         """
         path = self.graph.submaps.path
         query = int(np.searchsorted(path, path[-1] - self._config.loops.query_length / 2, side="right")) - 1
-        if not 0 < begins <= query:
+        if not self._config.loops.enabled or not 0 < begins <= query:
             return
         submap = int(np.argmin(np.hypot(*(poses[:begins, :2] - poses[query, :2]).T)))
         predicted = se2.between(poses[submap], poses[query])
