@@ -18,8 +18,7 @@ SAME, OTHER, THROUGH = 0.25, 0.5, 0.35
 """Of that displacement: a range is where it was expected within the first share and not from the second on; from the
 third on the place of a wall is seen through: floor that a tilted lidar sees aslant recedes by less than it moves."""
 FEWEST = 5  # More endpoints must stand for the turn by odometry to be that of the robot
-ASIDE = 2  # An expected endpoint is looked for, and looked through, this many beams to either side
-ASIDES = np.arange(-ASIDE, ASIDE + 1)[:, None, None]
+ASIDE = np.arange(-2, 3)[:, None, None]  # In these beams beside its own an expected endpoint is looked for, and through
 BEAM = np.radians(1.0)  # Of a finer lidar beams this far apart are compared [rad]
 
 
@@ -28,7 +27,7 @@ class ComparedBeams:
 
     Attributes:
         beams: [b] their indices in a scan.
-        mount: [3] of the lidar on the robot.
+        mount: [2] where the lidar is on the robot [m].
         first: the angle of the first in the robot's frame [rad]; the others follow, ``step`` apart.
         cos, sin: [b] of their angles.
         closed: whether they go all the way round.
@@ -37,7 +36,7 @@ class ComparedBeams:
     def __init__(self, lidar: LidarStream, mount: LidarSpec) -> None:
         beams = np.arange(0, lidar.ranges.shape[1], max(1, round(BEAM / abs(lidar.angle_increment))))
         self.beams = beams
-        self.mount = mount.pose
+        self.mount = mount.x, mount.y
         angles = lidar.angles[beams] + mount.yaw
         self.first, self.cos, self.sin = angles[0], np.cos(angles), np.sin(angles)
         self.step = lidar.angle_increment * (beams[1] - beams[0] if len(beams) > 1 else 1)
@@ -61,32 +60,28 @@ def compare_scans(beams: ComparedBeams, ranges: NDArray[np.float32], odometry: A
     moved = se2.between(odometry[:-1], odometry[1:])
     with np.errstate(invalid="ignore"):
         kept = np.abs(after - before)
-        displaced, expected, seen = _expected(beams, before, after, moved)
-        there = (np.abs(seen - expected) <= SAME * displaced).any(axis=0)
-        moves = displaced > LEAST_MOVED
-        may = moves & np.isfinite(after) & ~((kept <= OTHER * displaced) & there)
+        displaced, there, through = _expected(beams, before, after, moved)
+        may = (displaced > LEAST_MOVED) & np.isfinite(after) & ~((kept <= OTHER * displaced) & there)
         stand = may & there
-        travel = moves & (kept <= SAME * displaced) & (seen >= expected + THROUGH * displaced).all(axis=0)
+        travel = through & (kept <= SAME * displaced)
         unsure = stand.sum(axis=1) <= np.maximum(FEWEST, (may & ~travel).sum(axis=1) / 2)
         if travel[unsure].any():
-            displaced, expected, seen = _expected(beams, before, after, moved * (1.0, 1.0, 0.0))
-            through = (displaced > LEAST_MOVED) & (seen >= expected + THROUGH * displaced).all(axis=0)
-            travel &= ~unsure[:, None] | through
+            travel &= ~unsure[:, None] | _expected(beams, before, after, moved * (1.0, 1.0, 0.0))[2]
     return travel, stand, may
 
 
-def _expected(beams: ComparedBeams, before: Array, after: Array, moved: Array) -> tuple[Array, Array, Array]:
-    """Where endpoints of walls would be, and what the scans after see there.
+def _expected(beams: ComparedBeams, before: Array, after: Array, moved: Array) -> tuple[Array, Flags, Flags]:
+    """What the scans after see where endpoints of walls would be.
 
     Args:
         before, after: [k, b] ranges of pairs of scans, NaN where there is no return [m].
         moved: [k, 3] the robot's motion from the one to the other.
 
     Returns:
-        of each endpoint before how far it moves as seen from the robot [k, b], its range then [k, b], and the ranges
-        after of the beams about its bearing [2 ASIDE + 1, k, b]; NaN outside of the scan.
+        of each endpoint before [k, b] how far a wall moves as seen from the robot [m], whether one is seen there, and
+        whether its place is seen through.
     """
-    x, y, _ = beams.mount
+    x, y = beams.mount
     points_x, points_y = x + before * beams.cos, y + before * beams.sin
     cos, sin = np.cos(moved[:, 2])[:, None], np.sin(moved[:, 2])[:, None]
     forward, left = points_x - moved[:, 0, None], points_y - moved[:, 1, None]
@@ -96,7 +91,8 @@ def _expected(beams: ComparedBeams, before: Array, after: Array, moved: Array) -
     bearing = np.arctan2(there_y - y, there_x - x) - beams.first
     number = np.floor(np.mod(bearing / beams.step + 0.5, 2 * np.pi / abs(beams.step)))
     known, count = np.isfinite(number), after.shape[1]
-    beam = np.where(known, number, 0).astype(np.intp) + ASIDES
+    beam = np.where(known, number, 0).astype(np.intp) + ASIDE
     inside = known if beams.closed else known & (beam >= 0) & (beam < count)
-    seen = np.where(inside, after[np.arange(len(after))[:, None], beam % count], np.nan)
-    return displaced, expected, seen
+    beyond = np.where(inside, after[np.arange(len(after))[:, None], beam % count], np.nan) - expected
+    there = (np.abs(beyond) <= SAME * displaced).any(axis=0)
+    return displaced, there, (displaced > LEAST_MOVED) & (beyond >= THROUGH * displaced).all(axis=0)
