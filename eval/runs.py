@@ -122,7 +122,7 @@ def compared(rows: Iterable[Row], axis: str = CONFIGURATION) -> dict[str, list[R
 
 
 def _value(row: Row, axis: str, *but: str) -> Any:
-    return row.run.configured_but(*but) if axis == CONFIGURATION else row.about.get(axis, "")
+    return row.run.configured(*but) if axis == CONFIGURATION else row.about.get(axis, "")
 
 
 def _settings(row: Row) -> Sequence[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import Issue, Summarised, expect_type
+from moteslam.robot.values import Issue, expect_type
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.inputs.scans import Scans
 
@@ -110,7 +110,11 @@ def score_loops(
     try:
         if recording is not None:
             among, why = possible_loops(recording, truth, scans=scans), "no key scan has a possible loop"
-            possible, bound = len(np.unique(among.later)), among.bound_by(found.stamps[~found.is_false])
+            possible, right = len(np.unique(among.later)), found.stamps[~found.is_false]
+            if possible and len(right):
+                loops_right = tree_of(np.interp(right, among.stamps, among.path))
+                apart = loops_right.query(among.places, p=np.inf)[0]  # the larger of the distances along the path
+                bound = len(np.unique(among.later[apart <= BOUND_PATH]))
     except InputError as error:
         if error.field != "trajectory":
             raise
@@ -131,27 +135,16 @@ def _errors(loops: Sequence[LoopCandidate], truth: Trajectory) -> tuple[Array, A
     return stamps, np.hypot(*(found - true)[:, :2].T), np.abs(se2.wrap(found[:, 2] - true[:, 2]))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class PossibleLoops(Summarised):
+class PossibleLoops(NamedTuple):
     """The pairs [p] of key scans between which a loop is possible: indices in the recording, and path driven up to
-    both.
-
-    ``stamps`` [n] are of all scans that the truth covers [s], ``path`` [n] is driven up to each [m].
+    both [p, 2]; the stamps [n] of all scans that the truth covers [s], and the path [n] driven up to each [m].
     """
 
     earlier: Indices
     later: Indices
+    places: Array
     stamps: Array
     path: Array
-    places: Array
-
-    def bound_by(self, stamps: Array) -> int:
-        """How many of the later scans are bound by loops whose earlier and later scans have stamps [a, 2] [s]."""
-        if not len(stamps) or not len(self.places):
-            return 0
-        loops = tree_of(np.interp(stamps, self.stamps, self.path))
-        apart = np.asarray(loops.query(self.places, p=np.inf)[0])  # the larger of the two distances along the path
-        return len(np.unique(self.later[apart <= BOUND_PATH]))
 
 
 def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | None = None) -> PossibleLoops:
@@ -178,7 +171,7 @@ def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | No
         some = pairs[:, 0] == earlier
         shared[some] = _shared(clouds[earlier], [few[scan] for scan in pairs[some, 1].tolist()])
     pairs = pairs[shared >= MIN_SHARED]
-    return PossibleLoops(index[pairs[:, 0]], index[pairs[:, 1]], lidar.stamps[index], path, path[pairs])
+    return PossibleLoops(*index[pairs].T, path[pairs], lidar.stamps[index], path)
 
 
 def _shared(cloud: Array, others: list[Array]) -> Array:

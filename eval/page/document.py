@@ -188,7 +188,7 @@ def page(
         progress(len(players))
 
     def grouped(some: Sequence[str]) -> dict[str, list[Row]]:
-        return runs.grouped(made, lambda run: runs.name_of(run, some) or run.run.configured)
+        return runs.grouped(made, lambda run: runs.name_of(run, some) or run.run.configured())
 
     several = {key: len({runs.name_of(run, [key]) for run in made}) for key in keys}
     varied = list(dict.fromkeys(key for run in made for key, _ in run.run.varied))

@@ -58,13 +58,9 @@ class PlannedRun(Section):
     @property
     def name(self) -> str:
         parts = [self.scenario or Path(self.recording).name, self.platform, self.noise, f"seed {self.seed}"]
-        return ", ".join(filter(None, [*parts, self.configured]))
+        return ", ".join(filter(None, [*parts, self.configured()]))
 
-    @property
-    def configured(self) -> str:
-        return self.configured_but()
-
-    def configured_but(self, *keys: str) -> str:
+    def configured(self, *keys: str) -> str:
         """The configuration with what varies, some keys left out."""
         return ", ".join([self.configuration, *(f"{key}={value}" for key, value in self.varied if key not in keys)])
 

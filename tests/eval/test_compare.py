@@ -81,7 +81,7 @@ def test_robots_are_compared_where_they_vary_and_each_scenario_has_a_row(
     assert each["corridor"]["low"] is None  # three pairs have no interval
     assert shown(capsys, "compare", file, "--by", "scenario")["baseline"] == "corridor"
     assert "--by: 'seed', expected one of " in refused(capsys, "compare", file, "--by", "seed")
-    vary = recorded(tmp_path / "vary.sweep", OTHER, lambda run: {"final.ate": (len(run.configured), "m")})
+    vary = recorded(tmp_path / "vary.sweep", OTHER, lambda run: {"final.ate": (len(run.configured()), "m")})
     of_key = shown(capsys, "compare", vary, "--by", "slam.particles")["metrics"]["final.ate"]["10"]
     assert [(place, one["losses"]) for place, one in of_key.items()] == [("corridor", 10)]
 
