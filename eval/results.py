@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
 from moteslam.eval.metrics.relations import Relations
-from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops, write_particles
+from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops
 from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
 from moteslam.files import Shape, cleared, mark, read_arrays, write_atomically
 from moteslam.robot.formats.map_server import map_image, trinary, write_map, write_picture
@@ -97,7 +97,9 @@ def write_results(
     write_diagnostics(folder / "diagnostics.csv", estimate)
     write_map_files(folder, estimate.map, estimate.texture)
     if len(estimate.particle_stamps):
-        write_particles(folder / "particles.npz", estimate)
+        particles, spread = (one.astype(np.float32) for one in (estimate.particle_paths, estimate.particle_spread))
+        arrays: dict[str, Any] = {"stamps": estimate.particle_stamps, "paths": particles, "spread": spread}
+        write_atomically(folder / "particles.npz", lambda file: np.savez_compressed(file, **arrays))
     looked = looks_for_loops(estimate.config)
     if looked:
         write_loops(folder / "loops.csv", estimate.loops)

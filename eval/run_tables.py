@@ -29,10 +29,8 @@ VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 MAX_BYTES = 1_000_000_000  # No table is larger: some five million rows
 MAX_DIGITS = 18  # Of the index of a scan: what fits into 64 bits
 
-
 Kind = Literal["number", "number or nan", "index"] | tuple[str, ...]
 """Of a column: its numbers, or the names of which it holds one, read as its place among them."""
-
 
 ELEMENTS = {"var_x": (0, 0), "var_y": (1, 1), "var_theta": (2, 2)}
 ELEMENTS |= {"cov_xy": (0, 1), "cov_x_theta": (0, 2), "cov_y_theta": (1, 2)}
@@ -126,13 +124,6 @@ def read_loops(path: str | PathLike[str]) -> tuple[LoopCandidate, ...]:
         verdict = VERDICTS[row["verdict"]]
         loops.append(LoopCandidate(earlier, later, stamps, predicted, found, window, **scores, verdict=verdict))
     return tuple(loops)
-
-
-def write_particles(path: str | PathLike[str], estimate: Estimate) -> None:
-    """Write ``particles.npz``; the same run writes the same bytes."""
-    paths, spread = (values.astype(np.float32) for values in (estimate.particle_paths, estimate.particle_spread))
-    arrays: dict[str, Any] = {"stamps": estimate.particle_stamps, "paths": paths, "spread": spread}
-    write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
 
 
 def read_particles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float32]]:

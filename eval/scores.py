@@ -20,14 +20,7 @@ from moteslam.eval.metrics.doubts import doubts, few_matched, relation_doubts
 from moteslam.eval.metrics.evidence import FINAL, TRACKS, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
 from moteslam.eval.metrics.registry import Value, measure
-from moteslam.eval.metrics.relations import (
-    TOLERANCE,
-    RelationResult,
-    Relations,
-    evaluate_relations,
-    is_relations,
-    read_relations,
-)
+from moteslam.eval.metrics.relations import RelationResult, Relations, evaluate_relations, is_relations, read_relations
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import Unit, relative_pose_error
 from moteslam.robot import se2
@@ -119,8 +112,8 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
     }
     with suppress(InputError):  # what cannot be had never costs the run
         found = run.localisation.as_dict()
-        compared = {name: found[name] for name in ("scans", "wrong", "states", "doubtful_or_lost")}
-        figures["localisation"]["compared"] = compared
+        names = ("scans", "wrong", "states", "doubtful_or_lost")
+        figures["localisation"]["compared"] = {name: found[name] for name in names}
     return figures
 
 
@@ -175,8 +168,8 @@ def against(
     most ``max_difference`` [s]; ``nearest`` takes the poses at these in place of interpolated ones, as evo does.
     """
     if isinstance(reference, Relations):
-        tolerance = TOLERANCE if max_difference is None else max_difference
-        missed = evaluate_relations(estimate, reference, tolerance=tolerance)
+        how: dict[str, Any] = {} if max_difference is None else {"tolerance": max_difference}
+        missed = evaluate_relations(estimate, reference, **how)
         told = relation_doubts(estimate, missed)
         figures = {"kind": "relations", **missed.as_dict(), "warnings": [issue.as_dict() for issue in told]}
         return missed, figures, _by_stamp(missed)

@@ -15,7 +15,7 @@ from moteslam.eval.tables import BETWEEN, FORMATS, aligned, literal, number
 
 if TYPE_CHECKING:
     from moteslam.eval.runs import Shown
-    from moteslam.eval.sweep.store import Row, Store
+    from moteslam.eval.sweep.store import Store
 
 COUNTS = ("pairs", "wins", "losses", "ties")
 HEAD = ("pairs", "better", "worse", "equal", "median difference", "95 %", "p", "failed", "failed, first")
@@ -120,32 +120,26 @@ def median_cells(one: Mapping[str, Any], shown: Shown, *, sign: bool = False) ->
 
 def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], dict[str, Shown]]:
     """A sweep's hash, its runs by status, and its groups with successes and summaries; how its metrics are shown."""
-    from moteslam.eval.runs import driven, driven_by, grouped, headings, success_of, summary_of, warnings_of
+    from moteslam.eval import runs
 
     rows = [row for row in store.rows() if row.status]
-    names = _measured(rows, wanted)
+    costs = [name for name in ("cpu_per_scan", "memory") if wanted is None and any(name in row.costs for row in rows)]
+    names = list(dict.fromkeys([*runs.metric_names(wanted, rows), *costs]))
     groups = [
         {
             "group": dict(about),
             "runs": len(members),
-            "driven_m": driven(members),
-            "driven_by": driven_by(members),
-            "success": None if (share := success_of(members)) is None else share.as_dict(),
-            "metrics": {name: asdict(summary_of(members, name)) for name in names},
+            "driven_m": runs.driven(members),
+            "driven_by": runs.driven_by(members),
+            "success": None if (share := runs.success_of(members)) is None else share.as_dict(),
+            "metrics": {name: asdict(runs.summary_of(members, name)) for name in names},
         }
-        for about, members in grouped(rows, lambda row: tuple(row.about.items())).items()
+        for about, members in runs.grouped(rows, lambda row: tuple(row.about.items())).items()
     ]
     counts = {name or "pending": count for name, count in store.counts().items()}
     found = {"hash": store.digest, "runs": counts, "success": store.success, "groups": groups}
-    found["warnings"] = warnings_of(rows)
-    return found, headings(rows, names)
-
-
-def _measured(rows: list[Row], wanted: list[str] | None) -> list[str]:
-    from moteslam.eval.runs import metric_names
-
-    costs = [name for name in ("cpu_per_scan", "memory") if wanted is None and any(name in row.costs for row in rows)]
-    return list(dict.fromkeys([*metric_names(wanted, rows), *costs]))
+    found["warnings"] = runs.warnings_of(rows)
+    return found, runs.headings(rows, names)
 
 
 def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str) -> Iterator[str]:

@@ -213,21 +213,23 @@ def _refuse_options(context: typer.Context, paths: list[Path]) -> None:
 
 
 def _parts(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str | Table]:
-    """Tables, and lines between them."""
     from moteslam.eval.metrics.registry import title_of
 
-    kind, reference = rows[0].get("kind"), literal(rows[0].get("reference"))
-    whose, metrics = f"{literal(rows[0]['estimate'])} " * (len(rows) == 1), more.get("metrics", {})
+    first, kind, how = rows[0], rows[0].get("kind"), ""
+    whose, metrics = f"{literal(first['estimate'])} " * (len(rows) == 1), more.get("metrics", {})
+    if kind == "trajectory":  # how the estimate was laid on the reference
+        scaled, nearest = " and scaled" * first["scaled"], ", poses at the nearest stamps" * first["nearest"]
+        how = f", laid on it rigidly{scaled}{nearest}" if first["aligned"] else ", as they are, not aligned"
     if kind is not None:
-        yield f"{whose}against {reference}{'' if kind == 'relations' else f', {_how(rows[0])}'}"
+        yield f"{whose}against {literal(first['reference'])}{how}"
     if kind == "trajectory" and len(rows) > 1:
         yield [
             cells + others for cells, others in zip(_comparison(rows), _side_by_side(metrics, len(rows)), strict=True)
         ]
     elif kind is not None:
-        yield from _relations(rows) if kind == "relations" else [_errors(rows[0])]
-    if "residuals" in rows[0]:
-        yield f"scans of {literal(rows[0]['recording'])}"
+        yield from _relations(rows) if kind == "relations" else [_errors(first)]
+    if "residuals" in first:
+        yield f"scans of {literal(first['recording'])}"
         yield [*map(list, rows_of(RESIDUALS, rows))]
     if len(rows) == 1:
         for name, values in metrics.items():
@@ -240,14 +242,6 @@ def _parts(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str | Table
     for name, values in metrics.items() if len(rows) > 1 else ():
         absent = (f"{title_of(metric)}: {value['absent']}" for metric, value in values.items() if "absent" in value)
         yield from (f"{literal(name)}: {one}" for one in absent)
-
-
-def _how(row: Row) -> str:
-    """How the estimate was laid on the reference."""
-    if not row["aligned"]:
-        return "as they are, not aligned"
-    scaled, nearest = " and scaled" * row["scaled"], ", poses at the nearest stamps" * row["nearest"]
-    return f"laid on it rigidly{scaled}{nearest}"
 
 
 def _doubts(rows: Sequence[Row]) -> Iterator[str]:

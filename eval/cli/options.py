@@ -166,7 +166,6 @@ class RecordingOptions:
         return cut(recording, part)
 
     def _named(self) -> dict[str, tuple[str, ...]]:
-        """The topics of each stream that are named."""
         topics: dict[str, tuple[str, ...]] = {}
         for words in self.topics or ():
             stream, _, text = words.partition("=")

@@ -106,10 +106,9 @@ def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Ite
     if measured := list(_sensors(found, platform)):
         yield aligned([("sensors", "measured", "platform"), *measured])
     if about is not None:
-        held = [("by scans and odometry", "measured", "within, 95 %", "stated")]
-        for one in about.figures:
-            held.append((one.name, f"{one.value:.4f}", f"+-{WITHIN * one.deviation:.4f}", f"{one.stated:g}"))
-        yield aligned(held)
+        figures = ((each.name, each.value, WITHIN * each.deviation, each.stated) for each in about.figures)
+        held = [(name, f"{value:.4f}", f"+-{within:.4f}", f"{stated:g}") for name, value, within, stated in figures]
+        yield aligned([("by scans and odometry", "measured", "within, 95 %", "stated"), *held])
     elif found.lidar is not None:
         yield "by scans and odometry: nothing measured: too few scans fit each other or turn, or there is no odometry"
     if found.wheels is not None:
@@ -133,14 +132,14 @@ def _sensors(found: Inspection, platform: Platform) -> Iterator[Row]:
         yield from _lidar(found.lidar, rates.get("lidar"), platform)
     if found.wheels is not None:
         rate = _shown(rates.get("encoders"), ".1f", "Hz")
-        yield "encoder rate", rate, _shown(_of(platform.encoders, "rate"), "g", "Hz")
+        yield "encoder rate", rate, _shown(getattr(platform.encoders, "rate", None), "g", "Hz")
         yield "encoder counts FR FL RR RL", " ".join(map(str, found.wheels.counts)), NONE
     if "imu" in rates:
-        yield "IMU rate", _shown(rates["imu"], ".1f", "Hz"), _shown(_of(platform.imu, "rate"), "g", "Hz")
+        yield "IMU rate", _shown(rates["imu"], ".1f", "Hz"), _shown(getattr(platform.imu, "rate", None), "g", "Hz")
     if (gyro := found.gyro_at_rest) is not None:
         noise = None if platform.imu is None else platform.noise.imu
-        yield _row("gyro at rest, mean", gyro.mean, _of(noise, "gyro_bias"), ".5f", "rad/s")
-        yield _row("gyro at rest, noise", gyro.deviation, _of(noise, "gyro_noise"), ".5f", "rad/s")
+        yield _row("gyro at rest, mean", gyro.mean, getattr(noise, "gyro_bias", None), ".5f", "rad/s")
+        yield _row("gyro at rest, noise", gyro.deviation, getattr(noise, "gyro_noise", None), ".5f", "rad/s")
 
 
 def _lidar(found: LidarReport, rate: float | None, platform: Platform) -> Iterator[Row]:
@@ -162,14 +161,10 @@ def _lidar(found: LidarReport, rate: float | None, platform: Platform) -> Iterat
     yield _row("longest limit", found.range_max, spec.range_max, "g", "m")
     yield _row("nearest endpoint", found.nearest, None, ".3f", "m")
     yield _row("farthest endpoint", found.farthest, None, ".3f", "m")
-    yield _row("range resolution", found.resolution, _of(noise, "resolution"), ".3g", "mm", 1000)
+    yield _row("range resolution", found.resolution, getattr(noise, "resolution", None), ".3g", "mm", 1000)
     yield _row(f"range noise {at}", deviation, expected, ".3g", "mm", 1000)
-    yield _row("dropouts", found.invalid, _of(noise, "dropout"), ".2f", "%", 100)
+    yield _row("dropouts", found.invalid, getattr(noise, "dropout", None), ".2f", "%", 100)
     yield _row("no return", found.no_return, None, ".2f", "%", 100)
-
-
-def _of(stated: object, name: str) -> Any:
-    return getattr(stated, name, None)
 
 
 def _row(name: str, measured: float | None, stated: float | None, form: str, unit: str, factor: float = 1) -> Row:

@@ -23,7 +23,6 @@ class RunByDefault(TyperGroup):
     """``sweep SPEC.toml`` is ``sweep run SPEC.toml``."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put ``run`` before what is no command."""
         given = bool(args) and args[0] not in (*self.commands, "--help", "-h")
         return super().parse_args(ctx, ["run", *args] if given else args)
 

@@ -8,28 +8,10 @@ from math import inf
 
 import numpy as np
 
-from moteslam.eval.metrics.association import (
-    MAX_DIFFERENCE,
-    MAX_GAP,
-    covered,
-    evenly,
-    in_space,
-    nearest_rotation,
-    spatial,
-)
+from moteslam.eval.metrics import association, clocks
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, spatial
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.clocks import (
-    ALIKE,
-    FINE,
-    FITS,
-    GAIN_METRES,
-    LEAST,
-    ROUNDS,
-    SHAPE,
-    STEP,
-    clock_offset,
-    rmse_of,
-)
+from moteslam.eval.metrics.clocks import ALIKE, FINE, FITS, GAIN_METRES, LEAST, ROUNDS, SHAPE, STEP
 from moteslam.eval.metrics.relations import RelationResult
 from moteslam.eval.tables import length
 from moteslam.robot import se2
@@ -79,7 +61,7 @@ def _lever_arm(
         moved = (there.positions + there.rotations @ arm) @ turn.T
         moved -= moved.mean(axis=0)
         off = goal - moved
-        best = min(best, (rmse_of(off), arm), key=lambda one: one[0])
+        best = min(best, (clocks.rmse_of(off), arm), key=lambda one: one[0])
         about = np.cross(np.eye(3)[:, None], moved / max(size, SAME))
         design = np.concatenate((about, np.moveaxis(turn @ there.rotations, 2, 0)))
         design -= design.mean(axis=1, keepdims=True)
@@ -104,7 +86,7 @@ def doubts(
     """
     left_out = "out-of-plane" if in_space(estimate, reference) else ""  # it matters in x and y
     issues = [issue for issue in (*estimate.warnings, *reference.warnings) if issue.code != left_out]
-    reasons, found = [*_shapes(ate)], clock_offset(estimate, reference, ate.rmse) if align else None
+    reasons, found = [*_shapes(ate)], clocks.clock_offset(estimate, reference, ate.rmse) if align else None
     if align:
         reasons += _inverted(estimate, reference, ate, apart)
         reasons += _lever_arm(estimate, reference, ate, SHAPE if found is None else 1.0)
@@ -155,7 +137,7 @@ def relation_doubts(estimate: Trajectory, missed: RelationResult) -> tuple[Issue
             reasons.append((left, turned, code, explained))
 
     moved = other[:, :2] - one[:, :2]
-    turn_to, _ = nearest_rotation(moved.T @ given[:, :2])
+    turn_to, _ = association.nearest_rotation(moved.T @ given[:, :2])
     explains(moved - given[:, :2] @ turn_to.T, "relations-inverted", "if x and y are taken in the axes of the map,")
     factor = float((given[:, :2] * there[:, :2]).sum() / max(np.square(given[:, :2]).sum(), SAME**2))
     text = f"with lengths multiplied by {factor:.4g}, of another unit or scale,"

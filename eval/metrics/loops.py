@@ -171,7 +171,8 @@ def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | No
         some = pairs[:, 0] == earlier
         shared[some] = _shared(clouds[earlier], [few[scan] for scan in pairs[some, 1].tolist()])
     pairs = pairs[shared >= MIN_SHARED]
-    return PossibleLoops(*index[pairs].T, path[pairs], lidar.stamps[index], path)
+    earlier, later = index[pairs].T
+    return PossibleLoops(earlier, later, path[pairs], lidar.stamps[index], path)
 
 
 def _shared(cloud: Array, others: list[Array]) -> Array:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import covered, from_to
@@ -46,38 +45,27 @@ class Relations(Summarised):
 @dataclass(frozen=True, eq=False, repr=False)
 class RelationResult(PoseErrors):
     """The errors of the relations [n, 3] that could be used, at their stamps [n, 2], of ``total`` in the file, and the
-    poses [n, 2, 3] of the trajectory there; which of them [n] have a pose at both of their stamps, and which are clear:
-    their stamps each belong to exactly one pose.
+    poses [n, 2, 3] of the trajectory there; of those alone that have a pose at both of their stamps, and of those that
+    are clear: their stamps each belong to exactly one pose.
     """
 
     rotation_errors: Array
     total: int
     relations: Poses
     poses: Array
-    is_at_stamps: NDArray[np.bool_]
-    is_clear: NDArray[np.bool_]
+    at_stamps: PoseErrors | None
+    clear: PoseErrors | None
     _what: ClassVar[str] = "relation"
 
     @property
     def matched(self) -> int:
-        return int(self.is_at_stamps.sum())
-
-    @property
-    def at_stamps(self) -> PoseErrors | None:
-        return self._of(self.is_at_stamps)
-
-    @property
-    def clear(self) -> PoseErrors | None:
-        return self._of(self.is_clear)
+        return 0 if self.at_stamps is None else self.at_stamps.pairs
 
     def as_dict(self) -> dict[str, Any]:
         counts = {"total": self.total, "used": self.pairs, "interpolated": self.pairs - self.matched}
         some = {"at_stamps": self.at_stamps, "clear": self.clear}
         some_or_none = {name: None if errors is None else errors.as_dict() for name, errors in some.items()}
         return {**counts, "all": super().as_dict(), **some_or_none}
-
-    def _of(self, some: NDArray[np.bool_]) -> PoseErrors | None:
-        return PoseErrors(self.stamps[some], self.errors[some], self.rotation_errors[some]) if some.any() else None
 
 
 def is_relations(path: str | PathLike[str]) -> bool:
@@ -150,6 +138,7 @@ def evaluate_relations(
     between_poses = interpolated(stamps, trajectory.poses, at.ravel()).reshape(-1, 2, 3)
     poses = np.where((count > 0)[..., None], trajectory.poses[first[used]], between_poses)
     errors = between(relations.poses[used], between(poses[:, 0], poses[:, 1]))
-    distance, angle = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
-    at_stamps, clear = (np.asarray(those.all(axis=1)) for those in (count > 0, count == 1))
-    return RelationResult(at, distance, angle, len(relations), relations.poses[used], poses, at_stamps, clear)
+    found = at, np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+    which = (those.all(axis=1) for those in (count > 0, count == 1))
+    some = (PoseErrors(*(each[those] for each in found)) if those.any() else None for those in which)
+    return RelationResult(*found, len(relations), relations.poses[used], poses, *some)

@@ -8,17 +8,8 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import (
-    MAX_DIFFERENCE,
-    Indices,
-    Matched,
-    angles,
-    evenly,
-    match,
-    oriented,
-    travelled,
-    tree_of,
-)
+from moteslam.eval.metrics import association
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, Indices, Matched, evenly, match, oriented, travelled
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.robot.se2 import Array, Poses, between
 from moteslam.robot.trajectory import Trajectory
@@ -121,7 +112,7 @@ def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> PoseError
     matched = match(*oriented(estimate, reference))
     chosen = evenly(np.arange(len(matched.stamps)), MAX_RETURNS)
     true, path = matched.reference[chosen], travelled(matched.reference)[0][chosen]
-    pairs = tree_of(true[:, :2]).query_pairs(SAME_PLACE, output_type="ndarray")
+    pairs = association.tree_of(true[:, :2]).query_pairs(SAME_PLACE, output_type="ndarray")
     earliest = np.arange(len(true))
     np.minimum.at(earliest, pairs[:, 1], pairs[:, 0])
     later = np.flatnonzero(path - path[earliest] > LEAST_PATH)
@@ -147,7 +138,7 @@ def _errors(matched: Matched, first: Indices, last: Indices) -> tuple[Array, Arr
         back = np.swapaxes(space.rotations[first], 1, 2)
         moved.append((back @ (space.positions[last] - space.positions[first])[:, :, None])[:, :, 0])
         turned.append(back @ space.rotations[last])
-    return np.linalg.norm(moved[0] - moved[1], axis=1), angles(np.swapaxes(turned[1], 1, 2) @ turned[0])
+    return np.linalg.norm(moved[0] - moved[1], axis=1), association.angles(np.swapaxes(turned[1], 1, 2) @ turned[0])
 
 
 def planar_errors(true: Poses, estimated: Poses, first: Indices, last: Indices) -> tuple[Array, Array]:

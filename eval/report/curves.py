@@ -39,14 +39,15 @@ def draw_error(
     """
     online, colour = ("SLAM", style.SLAM) if final is None else (style.ONLINE, style.ONLINE_COLOUR)
     given = (
-        ("dead reckoning", dead_reckoning, {"color": style.DEAD_RECKONING}),
-        (online, slam, {"color": colour}),
-        (style.FINAL, final, {"color": style.SLAM}),
+        ("dead_reckoning", "dead reckoning", dead_reckoning, style.DEAD_RECKONING),
+        ("slam", online, slam, colour),
+        ("final", style.FINAL, final, style.SLAM),
     )
-    for field, errors in {"slam": slam, "final": final, "dead_reckoning": dead_reckoning}.items():
+    for field, _, errors, _ in given:
         if errors is not None or field == "slam":
             expect_type(errors, AteResult, field, "absolute_trajectory_error(estimate, truth) makes one")
-    lines: list[Line] = [(f"{name}, RMSE", errors, look) for name, errors, look in given if errors is not None]
+    known = ((name, errors, colour) for _, name, errors, colour in given if errors is not None)
+    lines: list[Line] = [(f"{name}, RMSE", errors, {"color": colour}) for name, errors, colour in known]
     rmse = [errors.rmse for _, errors, _ in lines]
     with style.saved_figure(path, size=(8.0, 5.0), title=title, columns=(3, 2)) as figure:
         distance, angle = figure.subplots(2, 1, sharex=True)

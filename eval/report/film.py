@@ -31,7 +31,6 @@ Frame = NDArray[np.uint8]  # [height, width, 3]: red, green, blue
 MAX_FPS, MAX_SPEED, MAX_FRAMES = 50.0, 10000.0, 2000
 """Frames a second (browsers slow GIFs down that have more), times real time, and frames in all."""
 USUAL_LENGTH = 15.0  # A film is at most this long where nobody asks for a speed [s]
-SPEEDS = tuple(step for step in style.STEPS if 1 <= step <= 5000)  # The speeds to choose from then
 BEAMS_DRAWN = 90
 PERSON, DOOR, BEAM = "#D55E00", "#CC79A7", "#E69F00"
 STYLE = style.PictureStyle(font_size=12.0, dpi=100.0)
@@ -57,7 +56,7 @@ class Pace:
     def of(cls, duration: float, *, fps: float = 15.0, speed: float | None = None) -> Pace:
         """The pace of a film of a run of this duration [s]; without a speed it takes at most ``USUAL_LENGTH``."""
         if speed is None:
-            speed = next((speed for speed in SPEEDS if duration / speed <= USUAL_LENGTH), SPEEDS[-1])
+            speed = next((speed for speed in style.STEPS if duration / speed <= USUAL_LENGTH), style.STEPS[-1])
         if not 1 <= fps <= MAX_FPS:
             raise ConfigError(f"{fps:g}, expected 1 to {MAX_FPS:g} frames a second", field="fps")
         if not 0.1 <= speed <= MAX_SPEED:

@@ -133,28 +133,23 @@ def draw_loops(
     """The map, on it the final path (a pose at every scan), and lines between the two poses of every loop."""
     poses = trajectory.poses[:, :2]
     counts = loop_counts(loops)
-    accepted = [loop for loop in loops if loop.accepted]
-    rejected = [loop for loop in loops if loop.verdict in REJECTED_DRAWN]
+    rejected = f"rejected: {', '.join(f'{counts[verdict]} {verdict}' for verdict in REJECTED_DRAWN)}"
+    lines: tuple[tuple[tuple[str, ...], str, dict[str, Any]], ...] = (
+        (("accepted",), f"accepted: {counts['accepted']}", {"color": ACCEPTED, "lw": 1.6, "ms": 3.5, "zorder": 5}),
+        (REJECTED_DRAWN, rejected, {"color": REJECTED, "lw": 0.8, "ls": "--", "ms": 2.5, "zorder": 4}),
+    )
     drawn = ("candidates", "accepted", *REJECTED_DRAWN)
     others = [f"{count} {verdict}" for verdict, count in counts.items() if count and verdict not in drawn]
     with style.saved_plan(path, np.concatenate((poses, map_corners(occupancy))), title=title, columns=(3, 1)) as axes:
         draw_map(axes, occupancy)
         style.draw_paths(axes, (poses, {"color": style.SLAM, "lw": 0.7, "label": style.FINAL}), start=poses)
-        look: dict[str, Any] = {"color": ACCEPTED, "lw": 1.6, "ls": "-", "ms": 3.5, "zorder": 5}
-        axes.plot(*_lines(trajectory, accepted).T, marker="o", mew=0, label=f"accepted: {len(accepted)}", **look)
-        look = {"color": REJECTED, "lw": 0.8, "ls": "--", "ms": 2.5, "zorder": 4}
-        label = f"rejected: {', '.join(f'{counts[verdict]} {verdict}' for verdict in REJECTED_DRAWN)}"
-        axes.plot(*_lines(trajectory, rejected).T, marker="o", mew=0, label=label, **look)
+        for verdicts, label, look in lines:
+            scans = [(loop.earlier, loop.later) for loop in loops if loop.verdict in verdicts]
+            ends = np.full((len(scans), 3, 2), np.nan)  # lines as one artist, each apart from the next
+            ends[:, :2] = poses[np.reshape(scans, (-1, 2)).astype(np.intp)]
+            axes.plot(*ends.reshape(-1, 2).T, marker="o", mew=0, label=label, **look)
         if others:
             axes.plot([], [], ls="", label=f"not drawn: {', '.join(others)}")
-
-
-def _lines(trajectory: Trajectory, loops: Sequence[LoopCandidate]) -> Array:
-    """The two ends of every loop and a NaN [3 n, 2]: lines as one artist, each apart from the next."""
-    scans = np.array([(loop.earlier, loop.later) for loop in loops], np.intp).reshape(-1, 2)
-    ends = np.full((len(loops), 3, 2), np.nan)
-    ends[:, :2] = trajectory.poses[scans, :2]
-    return ends.reshape(-1, 2)
 
 
 STAGES = 6  # Of a run

@@ -96,7 +96,7 @@ def _draw_plan(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None
     size = float(np.ptp(mean[:, :2], axis=0).max())
     spread = 2 * cloud.spread[:, :2]
     limit = DRAWN_SIZE * size / max(float(abs(deviations[..., :2]).max()), float(np.quantile(spread, 0.9)), 1e-6)
-    factor = max(int(step) for step in STEPS if step == 1 or 1 < step <= min(limit, 5000))
+    factor = max(int(step) for step in STEPS if step <= max(limit, 1))
     paths = compose(mean, deviations * (factor, factor, 1.0))
     along = travelled(mean)[0]
     places = np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], ELLIPSES)).clip(max=len(mean) - 1))

@@ -83,7 +83,7 @@ ONLINE, FINAL = "SLAM (online)", "SLAM (final)"
 COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Of lines: the palette of Okabe and Ito without its green, which is the truth's; for more lines again, dashed."""
 DASHES = ("-", "--", ":", "-.", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 3)), (0, (3, 4)))
-STEPS = tuple(step * 10.0**power for power in range(-9, 10) for step in (1, 2, 5))  # Round numbers
+STEPS = tuple(step * 10.0**power for power in range(4) for step in (1, 2, 5))  # Round numbers up to 5000
 TRUTH_BAND: dict[str, Any] = {"color": TRUTH, "lw": 4.0, "alpha": 0.55}
 """The path of the truth, under the others."""
 SINGLE_VALUES, WINDOWS, MEDIANS = 300, 240, 60
@@ -91,8 +91,6 @@ SINGLE_VALUES, WINDOWS, MEDIANS = 300, 240, 60
 MEDIANS_AND_RANGES = "lines: running medians, bands: ranges"
 GAP = 10
 """Median intervals, and at least a second: a curve is broken at a longer gap, in which nothing was measured."""
-
-
 UNDATED: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 """What keeps the time out of files of lines, so that the same figure has the same bytes."""
 FORMS = "png", *UNDATED
