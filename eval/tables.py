@@ -194,5 +194,4 @@ BETWEEN = {"text": "{}", "markdown": "\n{}\n", "latex": "% {}", "csv": ""}
 
 
 def _numeric(rows: Rows) -> set[int]:
-    """The columns that hold numbers below their head."""
     return {k for k, (_, *cells) in enumerate(zip(*rows, strict=True)) if cells and all(map(NUMBER.fullmatch, cells))}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 Indices = NDArray[np.intp]
+Flags = NDArray[np.bool_]
 
 MAX_DIFFERENCE, MAX_GAP = 0.01, 1.0
 """Stamps further apart than this [s] do not belong together, as evo has it; no pose is interpolated in a longer gap."""
@@ -103,7 +104,7 @@ def _denser(estimate: Trajectory, reference: Trajectory, max_difference: float) 
     return None if 2 * len(within(estimate.stamps, reference.stamps, max_difference)[0]) >= counts[0][0] else reference
 
 
-def _at(trajectory: Trajectory, stamps: Array, index: NDArray[Any] | None, space: bool) -> tuple[Poses, Space | None]:
+def _at(trajectory: Trajectory, stamps: Array, index: Indices | None, space: bool) -> tuple[Poses, Space | None]:
     """The poses of an index, or interpolated at the stamps where it is None."""
     if index is not None:
         return trajectory.poses[index], spatial(trajectory)[index] if space else None
@@ -132,9 +133,7 @@ def within(stamps: Array, among: Array, max_difference: float) -> tuple[Indices,
     return near, nearest[near]
 
 
-def covered(
-    stamps: Array, reference: Array, max_difference: float = MAX_DIFFERENCE, *, gap: float = MAX_GAP
-) -> NDArray[np.bool_]:
+def covered(stamps: Array, reference: Array, max_difference: float = MAX_DIFFERENCE, *, gap: float = MAX_GAP) -> Flags:
     """Which stamps [...] a reference [m] can be interpolated at.
 
     Those that two of its stamps at most ``gap`` apart enclose, and those within ``max_difference`` of one [s].

@@ -5,9 +5,8 @@ from __future__ import annotations
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
-from moteslam.eval.metrics.association import evenly, in_space, nearest_rotation, spatial
+from moteslam.eval.metrics.association import Indices, evenly, in_space, nearest_rotation, spatial
 from moteslam.eval.tables import length
 from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import FARTHEST, Trajectory
@@ -103,7 +102,7 @@ class _Search:
 
     def laid(
         self, offset: float, rate: float, most: int, part: tuple[float, float] = (-inf, inf)
-    ) -> tuple[NDArray[np.intp], Array, Array] | None:
+    ) -> tuple[Indices, Array, Array] | None:
         """Which positions are compared, what is left of them [k, d] after rigid alignment, and its rotation.
 
         None where too little of the shorter drive is left, or what is left stands still.

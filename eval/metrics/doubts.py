@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf
 
@@ -199,9 +199,9 @@ def few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[I
     return (Issue("few-matched", f"{matched} of {shorter} {what} have a partner: {means}: {question}", matched),)
 
 
-def _parts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> Iterator[Issue]:
+def _parts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> Sequence[Issue]:
     """Whether much of the path of one is not covered by the other, or few poses have a partner."""
-    found = False
+    found: list[Issue] = []
     sides = (estimate, "estimate"), (reference, "reference")
     for (one, whose), (other, what) in (sides, sides[::-1]):
         gap = max(MAX_GAP, 3 * float(np.median(np.diff(other.stamps)))) if len(other) > 1 else MAX_GAP
@@ -209,12 +209,10 @@ def _parts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> Itera
         steps = np.linalg.norm(np.diff(spatial(one).positions, axis=0), axis=1)
         seen, length = float(steps[there[1:] & there[:-1]].sum()), float(steps.sum())
         if seen < FEW * length and len(ate.stamps) >= ALL_FIT:
-            found = True
             text = f"the {what} covers {seen:.1f} m of the {length:.1f} m of the {whose}"
-            yield Issue("few-matched", f"{text}: errors are those of this part alone", len(ate.stamps))
-    if not found:
-        question = "are these the same drive, on the same clock?"
-        yield from few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
+            found.append(Issue("few-matched", f"{text}: errors are those of this part alone", len(ate.stamps)))
+    question = "are these the same drive, on the same clock?"
+    return found or few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
 
 
 def _of_space(estimate: Trajectory, reference: Trajectory) -> Iterator[Issue]:
@@ -298,10 +296,7 @@ def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
             text += f"not: errors of rotation, {np.rad2deg(as_is):.2g} degrees about their mean, hold that"
             yield Issue("clocks-differ", text, len(turns))
         return
-    why = (
-        "throughout: other axes of the body"
-        if turns.std() <= 0.2 * AXES
-        else "where positions agree: lost, or another order"
-    )
-    why += ", unit or sign, or a mirrored path; errors of rotation and relative errors hold that"
-    yield Issue("body-axes", f"orientations differ by {np.rad2deg(middle):.0f} degrees {why}", len(turns))
+    alike = turns.std() <= 0.2 * AXES
+    why = "throughout: other axes of the body" if alike else "where positions agree: lost, or another order"
+    text = f"orientations differ by {np.rad2deg(middle):.0f} degrees {why}, unit or sign, or a mirrored path; "
+    yield Issue("body-axes", f"{text}errors of rotation and relative errors hold that", len(turns))

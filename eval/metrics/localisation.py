@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import Indices, covered, evenly
+from moteslam.eval.metrics.association import Flags, Indices, covered, evenly
 from moteslam.eval.statistics import CONFIDENCE
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array, Poses
@@ -19,8 +19,6 @@ from moteslam.robot.values import Summarised, counted, expect_type
 from moteslam.slam.estimate import Correction
 from moteslam.slam.filter.certainty import NEIGHBOURHOOD, LocalisationState
 from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION
-
-Flags = NDArray[np.bool_]
 
 MAX_SCANS, MAX_AROUND = 5000, 60
 """At most this many scans are scored, each by at most this many poses of the map around it, evenly chosen."""

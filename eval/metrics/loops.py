@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import Indices, covered, evenly, placed_scans, travelled, tree_of
+from moteslam.eval.metrics.association import Flags, Indices, covered, evenly, placed_scans, travelled, tree_of
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
@@ -54,7 +53,7 @@ class LoopResult(PoseErrors):
     issues: tuple[Issue, ...] = ()
 
     @property
-    def is_false(self) -> NDArray[np.bool_]:
+    def is_false(self) -> Flags:
         return np.asarray((self.errors > MAX_TRANSLATION) | (self.rotation_errors > MAX_ROTATION))
 
     @property

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import evenly, placed_scans, travelled, tree_of
+from moteslam.eval.metrics.association import Indices, evenly, placed_scans, travelled, tree_of
 from moteslam.eval.metrics.residuals import surface_points
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
@@ -183,7 +182,7 @@ def _surface(scans: Scans, lidar: LidarStream, index: int, pose: Array) -> tuple
     return points, normals
 
 
-def _between_scans(points: Array, normals: Array, owners: NDArray[np.intp], path: Array) -> tuple[Array, Array, Array]:
+def _between_scans(points: Array, normals: Array, owners: Indices, path: Array) -> tuple[Array, Array, Array]:
     """Distances [m] of some endpoints [p, 2] with normals [p, 2], each of a scan [p] after some path [p] [m], to the
     nearest one of near scans, of far scans, and of far ones on the same side.
     """

@@ -130,7 +130,6 @@ FIGURES: dict[str, Callable[[Any], Found]] = {
 
 
 def _relative_error(name: str) -> Metric | None:
-    """The relative error of a name such as ``rpe_2.5m``, None for another metric's."""
     found = RPE.fullmatch(name)
     if found is None:
         return None

@@ -7,10 +7,9 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import evenly, placed_scans, travelled, tree_of
+from moteslam.eval.metrics.association import Flags, Indices, evenly, placed_scans, travelled, tree_of
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording, chunks, measured
 from moteslam.robot.se2 import Array, Poses
@@ -110,15 +109,13 @@ def unfit_scans(recording: Recording, trajectory: Trajectory) -> tuple[Issue, ..
     median = float(np.median(np.concatenate(residuals)))
     if median <= max(UNFIT, UNFIT_NOISE * noise):
         return ()
-    text = (
-        f"scans lie {100 * median:.1f} cm (median) off those next to them, of which noise explains {100 * noise:.1f}: "
-    )
-    text += "their angles, ranges or stamps vary, or a driver filters them; path and map are off by such lengths"
-    return (Issue("scans-unfit", text, len(compared)),)
+    off = f"{100 * median:.1f} cm (median) off those next to them, of which noise explains {100 * noise:.1f}"
+    why = "their angles, ranges or stamps vary, or a driver filters them; path and map are off by such lengths"
+    return (Issue("scans-unfit", f"scans lie {off}: {why}", len(compared)),)
 
 
 def _compared(
-    lidar: LidarStream, index: NDArray[np.intp], poses: Poses, scans: Scans, most: int
+    lidar: LidarStream, index: Indices, poses: Poses, scans: Scans, most: int
 ) -> tuple[list[int], list[Array], int, int]:
     """The scans that are compared, at most so many, the residuals of each, how many endpoints, and those unseen."""
     path, turned = travelled(poses)
@@ -153,7 +150,7 @@ def _compared(
 
 def surface_points(
     scans: Scans, lidar: LidarStream, index: int, pose: Poses, *, longest: float = np.inf
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Flags]:
     """The endpoints [k, 2] of a scan taken at a pose [3], and which adjacent ones [k - 1] lie on one surface.
 
     Those at most ``MAX_STRETCH`` times as far apart as their beams are there, or ``MIN_JOINED``, and never farther than

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import evenly
@@ -167,7 +166,7 @@ def _path(poses: Array) -> list[list[int]]:
     return [_deltas(1e3 * poses[:, 0]), _deltas(1e3 * poses[:, 1]), _deltas(1e3 * np.unwrap(poses[:, 2]))]
 
 
-def _deltas(values: NDArray[Any]) -> list[int]:
+def _deltas(values: Array) -> list[int]:
     """Rounded values as the first one and the differences from each to the next."""
     whole = np.rint(np.asarray(values, np.float64)).astype(np.int64)
     return [int(value) for value in np.diff(whole, prepend=0)]
