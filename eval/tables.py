@@ -103,7 +103,8 @@ class Column(NamedTuple):
         found = _at(rows, self.place)
         if self.form == "number":
             unit, factor = fitting(self.unit, _at(rows, self.like or self.place))
-            return [f"{self.head} [{unit}]", *(number(None if one is None else factor * one) for one in found)]
+            head = f"{self.head} [{unit}]" if unit else self.head
+            return [head, *(number(None if one is None else factor * one) for one in found)]
         values = (one if one is None or isinstance(one, str) else self.factor * one for one in found)
         return [self.head, *("-" if one is None else f"{one:{self.form}} {self.unit}".rstrip() for one in values)]
 

@@ -13,7 +13,7 @@ from moteslam.errors import InputError, in_file
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import arg, flag, opt
 from moteslam.eval.cli.text import answer, note, warn
-from moteslam.eval.tables import BETWEEN, FORMATS, Column, fitting, literal, number, rows_of
+from moteslam.eval.tables import BETWEEN, FORMATS, Column, Rows, fitting, literal, number, rows_of
 
 NEEDED = {
     "a recording": ("sequence", "platform"),
@@ -28,7 +28,6 @@ Row = Mapping[str, Any]
 LOOP_COUNTS = ("accepted", "overruled", "overruled_false", "possible", "bound")
 WHOSE = "the reference "  # Begins a doubt of it
 STATISTICS = ("rmse", "mean", "median", "std", "max")
-Table = list[list[str]]
 RESIDUALS = (
     Column("estimate", "estimate"),
     Column("scans", "residuals/scans"),
@@ -212,7 +211,7 @@ def _refuse_options(context: typer.Context, paths: list[Path]) -> None:
         raise typer.BadParameter(problem, param_hint=f"'{hint}'")
 
 
-def _parts(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str | Table]:
+def _parts(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str | Rows]:
     from moteslam.eval.metrics.registry import title_of
 
     first, kind, how = rows[0], rows[0].get("kind"), ""
@@ -223,22 +222,19 @@ def _parts(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str | Table
     if kind is not None:
         yield f"{whose}against {literal(first['reference'])}{how}"
     if kind == "trajectory" and len(rows) > 1:
-        yield [
-            cells + others for cells, others in zip(_comparison(rows), _side_by_side(metrics, len(rows)), strict=True)
-        ]
+        yield [*zip(*_comparison(rows), *_side_by_side(metrics), strict=True)]
     elif kind is not None:
         yield from _relations(rows) if kind == "relations" else [_errors(first)]
     if "residuals" in first:
         yield f"scans of {literal(first['recording'])}"
-        yield [*map(list, rows_of(RESIDUALS, rows))]
+        yield rows_of(RESIDUALS, rows)
     if len(rows) == 1:
         for name, values in metrics.items():
             yield f"metrics of {literal(name)}"
             yield [["metric", "value"], *([title_of(metric), _value(value)] for metric, value in values.items())]
     elif metrics and kind != "trajectory":
         yield "metrics"
-        names = ["estimate", *metrics]
-        yield [[name, *others] for name, others in zip(names, _side_by_side(metrics, len(rows)), strict=True)]
+        yield [*zip(["estimate", *metrics], *_side_by_side(metrics), strict=True)]
     for name, values in metrics.items() if len(rows) > 1 else ():
         absent = (f"{title_of(metric)}: {value['absent']}" for metric, value in values.items() if "absent" in value)
         yield from (f"{literal(name)}: {one}" for one in absent)
@@ -266,24 +262,20 @@ def _counts(value: Row) -> str:
     return f" ({more})" * bool(more)
 
 
-def _side_by_side(metrics: Mapping[str, Mapping[str, Any]], count: int) -> Table:
-    """A column a metric, a row an estimate below the heads."""
+def _side_by_side(metrics: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
+    """A column a metric: its head, and below it a cell an estimate."""
     from moteslam.eval.metrics.registry import title_of
 
-    table: Table = [[] for _ in range(count + 1)]
+    columns = []
     for name in next(iter(metrics.values()), ()):
         values = [each[name] for each in metrics.values()]
-        found = [one.get("value") for one in values]
-        unit, factor = fitting(next((one["unit"] for one in values if "unit" in one), ""), found)
-        cells = [
-            number(None if one is None else factor * one) + _counts(of) for one, of in zip(found, values, strict=True)
-        ]
-        for row, cell in zip(table, (f"{title_of(name)} [{unit}]" if unit else title_of(name), *cells), strict=True):
-            row.append(cell)
-    return table
+        unit = next((one["unit"] for one in values if "unit" in one), "")
+        head, *cells = Column(title_of(name), "value", "number", unit).cells(values)
+        columns.append([head, *(cell + _counts(of) for cell, of in zip(cells, values, strict=True))])
+    return columns
 
 
-def _errors(row: Row) -> Table:
+def _errors(row: Row) -> Rows:
     name = f"ATE, scaled by {row['ate']['scale']:.4f}" if row["scaled"] else "ATE"
     errors = [(name, row["ate"])]
     if (rpe := row.get("rpe")) is not None:
@@ -299,7 +291,8 @@ def _errors(row: Row) -> Table:
     return table
 
 
-def _comparison(rows: Sequence[Row]) -> Table:
+def _comparison(rows: Sequence[Row]) -> list[list[str]]:
+    """As ``_side_by_side``, of the errors."""
     pairs = [f"RPE over {row['rpe']['delta']:g} {row['rpe']['unit']}" for row in rows if row["rpe"] is not None]
     rmse = "ate/translation_m/rmse"
     columns = [
@@ -309,10 +302,10 @@ def _comparison(rows: Sequence[Row]) -> Table:
         Column("heading RMSE", "ate/rotation_deg/rmse", "number", "deg"),
         *(Column(head, "rpe/translation_m/rmse", "number", "m", like=rmse) for head in pairs[:1]),
     ]
-    return [*map(list, rows_of(columns, rows))]
+    return [column.cells(rows) for column in columns]
 
 
-def _relations(rows: Sequence[Row]) -> Iterator[str | Table]:
+def _relations(rows: Sequence[Row]) -> Iterator[str | Rows]:
     several = len(rows) > 1
     kinds = {"clear": "clear", "at stamps": "at_stamps", "all used": "all"}
     scores = [(name, row["estimate"], row[place]) for name, place in kinds.items() for row in rows]
