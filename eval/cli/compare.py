@@ -152,23 +152,20 @@ def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str)
         about = varying([each["group"] for each in groups])
         alike = [key for key in about if len({str(each["group"].get(key, "")) for each in groups}) == 1]
         alike = alike if form != "csv" and len(groups) > 1 else []
-        about = [key for key in about if key not in alike]
+        columns = [[key, *(str(each["group"].get(key, "")) for each in groups)] for key in about if key not in alike]
+        columns.append(["runs", *(str(each["runs"]) for each in groups)])
+        shares = [one and Proportion(one["count"], one["total"]) for one in (each["success"] for each in groups)]
+        columns.append(["success", *("-" if one is None else f"{one.count}{one.range}" for one in shares)])
         places = grouped(groups, lambda each: str(each["group"].get("scenario"))).values()
-        by = " or ".join(sorted({each["driven_by"] for each in groups}))
-        apart = [f"driven by {by} [m]"] * any(unlike(each["driven_m"] for each in some) for some in places)
-        rows = [[*about, "runs", "success", *apart]]
-        for each in groups:
-            one = each["success"]
-            success = "-" if one is None else f"{one['count']}{Proportion(one['count'], one['total']).range}"
-            rows.append([*(str(each["group"].get(key, "")) for key in about), str(each["runs"]), success])
-            rows[-1] += [number(each["driven_m"])] * len(apart)
+        if any(unlike(each["driven_m"] for each in some) for some in places):
+            by = " or ".join(sorted({each["driven_by"] for each in groups}))
+            columns.append([f"driven by {by} [m]", *(number(each["driven_m"]) for each in groups)])
+        few = form != "csv" and all(each["runs"] < FEWEST for each in groups)
         for name, shown in titles.items():
-            rows[0] += [shown.title, f"{shown.title} 95 %" if form == "csv" else "95 %"]
-            for row, each in zip(rows[1:], groups, strict=True):
-                row += median_cells(each["metrics"][name], shown)
-        if form != "csv" and all(each["runs"] < FEWEST for each in groups):
-            rows = [[cell for k, cell in enumerate(row) if rows[0][k] != "95 %"] for row in rows]
-        yield FORMATS[form](rows)
+            medians, ranges = zip(*(median_cells(each["metrics"][name], shown) for each in groups), strict=True)
+            columns.append([shown.title, *medians])
+            columns += [] if few else [[f"{shown.title} 95 %" if form == "csv" else "95 %", *ranges]]
+        yield FORMATS[form]([*zip(*columns, strict=True)])
         yield from (BETWEEN[form].format(f"{key} {literal(groups[0]['group'][key])} throughout") for key in alike)
         if form == "text":
             if any(each["runs"] < FEWEST for each in groups):

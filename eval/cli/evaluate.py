@@ -312,13 +312,12 @@ def _relations(rows: Sequence[Row]) -> Iterator[str | Rows]:
     unit, factor = fitting("m", [score["translation_m"]["mean"] for *_, score in scores if score is not None])
     table = [["relations", *["estimate"] * several, "count", f"translation [{unit}]", "rotation [deg]"]]
     for name, estimate, score in scores:
-        table.append([name, *[estimate] * several])
-        if score is None:
-            table[-1] += ["0", "-", "-"]
-            continue
-        along, turn = score["translation_m"], score["rotation_deg"]
-        values = [[size * one[part] for part in ("mean", "std")] for one, size in ((along, factor), (turn, 1.0))]
-        table[-1] += [str(along["count"]), *(" +- ".join(map(number, pair)) for pair in values)]
+        cells = ["0", "-", "-"]
+        if score is not None:
+            along, turn = score["translation_m"], score["rotation_deg"]
+            values = [[size * one[part] for part in ("mean", "std")] for one, size in ((along, factor), (turn, 1.0))]
+            cells = [str(along["count"]), *(" +- ".join(map(number, pair)) for pair in values)]
+        table.append([name, *[estimate] * several, *cells])
     yield table
     for row in rows:
         used = f"{row['used']} of {row['total']} relations used, {row['interpolated']} of them between poses"

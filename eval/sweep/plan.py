@@ -6,7 +6,7 @@ import hashlib
 import json
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice, product
 from pathlib import Path
@@ -97,22 +97,17 @@ def plan(spec: SweepSpec, *, check: bool = True) -> list[PlannedRun]:
 
 def shard(runs: list[PlannedRun], number: int, of: int) -> list[PlannedRun]:
     """The runs of one of several shards, each case in one of them: shard ``number`` from 1 on."""
-    cases: dict[tuple[Any, ...], int] = {}
-    for run in runs:
-        cases.setdefault(run.case, len(cases))
+    cases = {case: k for k, case in enumerate(dict.fromkeys(run.case for run in runs))}
     return [run for run in runs if cases[run.case] % of == number - 1]
 
 
-def digest(runs: Iterable[PlannedRun]) -> str:
+def digest(runs: Sequence[PlannedRun]) -> str:
     """SHA-256 of what runs are, as 64 hexadecimal digits; two sweeps of the same have the same runs.
 
     Of the identities of the runs, and of the tables of their scenarios and robots, descriptions and comments left out.
     The code is not in it, nor are the presets, random buildings and the contents of recordings.
     """
-    ids, cases = set(), set()
-    for run in runs:
-        ids.add(run.id)
-        cases.add((run.scenario, run.platform))
+    ids, cases = {run.id for run in runs}, {(run.scenario, run.platform) for run in runs}
     scenarios = {name: _table(name, SCENARIOS) for name in sorted({scenario for scenario, _ in cases})}
     robots: dict[str, Any] = {}
 
