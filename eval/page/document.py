@@ -33,7 +33,7 @@ from moteslam.eval.tables import literal, shortened
 from moteslam.files import read_text
 from moteslam.robot.values import interval, read_toml
 
-DEPTH = 3  # Of folders in which result folders are looked for
+DEPTH, CONFIG = 3, "config.toml"  # Of folders in which result folders are looked for, and a file that each has
 
 
 @dataclass
@@ -86,14 +86,14 @@ def gather(paths: Sequence[Path]) -> Material:
         material.runs += made
         if programs := {row.run.configuration: row.run.version for row in made if row.run.version}:
             material.facts[f"programs of {path.name}"] = programs
-    rows = [runs.read_result_folder(folder) for folder in folders]
+    rows = {folder: runs.read_result_folder(folder) for folder in folders}
     # those of one configuration, by the text of ``config.toml``, are runs of it
-    texts = runs.grouped(rows, lambda row: read_text(_config(row), "a file of a result folder", limit=runs.MAX_BYTES))
+    texts = runs.grouped(folders, lambda at: read_text(at / CONFIG, "a file of a result folder", limit=runs.MAX_BYTES))
     names = _names(texts)
     for text, members in texts.items():
         material.documents.append((f"Configuration {names[text]}", text))
-        material.runs += [row.renamed(names[text]) for row in members]
-        for row in members:
+        for row in (rows[folder] for folder in members):
+            material.runs.append(row.renamed(names[text]))
             for title, values in row.facts.items():
                 material.facts.setdefault(title.capitalize(), dict(values))
     if not material.runs:
@@ -115,20 +115,14 @@ def _within(top: Path) -> Iterator[Path]:
         yield from [Path(root)] if is_result else sweeps
 
 
-def _config(row: Row) -> Path:
-    assert row.folder is not None
-    return row.folder / "config.toml"
-
-
-def _names(texts: dict[str, list[Row]]) -> dict[str, str]:
+def _names(texts: dict[str, list[Path]]) -> dict[str, str]:
     """A name for each configuration: what it sets otherwise than the first one, else the folder of its runs."""
-    tables = {text: _flat(read_toml(_config(rows[0]), "a config.toml")) for text, rows in texts.items()}
+    tables = {text: _flat(read_toml(folders[0] / CONFIG, "a config.toml")) for text, folders in texts.items()}
     keys = dict.fromkeys(key for table in tables.values() for key in table)
     changed = [key for key in keys if len({repr(table.get(key)) for table in tables.values()}) > 1]
     names: dict[str, str] = {}
-    for text, rows in texts.items():
-        folders = [_config(row).parent for row in rows]
-        together = len(rows) > 1 and len({folder.parent for folder in folders}) == 1
+    for text, folders in texts.items():
+        together = len(folders) > 1 and len({folder.parent for folder in folders}) == 1
         name = folders[0].parent.name if together else folders[0].name
         if 0 < len(changed) <= 3:
             name = ", ".join(f"{key}={tables[text].get(key, '-')}" for key in changed)
