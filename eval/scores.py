@@ -27,6 +27,8 @@ from moteslam.robot import se2
 from moteslam.robot.formats.map_server import OCCUPIED, UNKNOWN, read_map, trinary
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
+from moteslam.robot.se2 import Array
+from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import TILT, Space, Trajectory, tilt_of
 from moteslam.robot.values import Issue, expect_type
 from moteslam.slam.backend.ledger import LoopCandidate
@@ -133,6 +135,18 @@ def beside(recording: Path, name: str) -> Path | None:
 def truth_file(recording: Path) -> Path | None:
     """The truth of a recording, or the reference of a log."""
     return beside(recording, "{}.reference.tum") or beside(recording, "truth.tum")
+
+
+def truth_beside(recording: Path, stamps: Array) -> tuple[Trajectory | None, tuple[Issue, ...]]:
+    """The same if it is on the clock of these stamps [s], and what is doubtful in it; if not, why."""
+    if (file := truth_file(recording)) is None:
+        return None, ()
+    truth = read_tum(file)
+    try:
+        match(Trajectory(stamps, np.zeros((len(stamps), 3))), truth)
+    except InputError as error:
+        return None, (Issue("not-scored", f"{file}: {error.problem}; not scored"),)
+    return truth, truth.warnings
 
 
 def relations_beside(recording: Path) -> Relations | None:

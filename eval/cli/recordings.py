@@ -202,30 +202,28 @@ def convert(
     """  # noqa: D301
     from moteslam.eval.scores import truth_file
     from moteslam.files import result_folder, staged_file
-    from moteslam.robot.formats import format_to_write
-    from moteslam.robot.trajectories import format_to_write as trajectory_format
-    from moteslam.robot.trajectories import is_trajectory, write_trajectory
+    from moteslam.robot import formats, trajectories
     from moteslam.robot.values import counted
 
     name, problem, truth = None, "", None
     try:
-        name = trajectory_format(out, to)
+        name = trajectories.format_to_write(out, to)
     except (ConfigError, OutputError) as error:
         problem = error.problem
     found: dict[str, Any] = {"out": str(out), "format": name}
-    if name is not None or is_trajectory(path):
+    if name is not None or trajectories.is_trajectory(path):
         if part.given:
             raise ConfigError("of a recording, expected none for a trajectory", field=f"--{next(iter(part.given))}")
         if name is None:
             raise ConfigError(f"{path} is a trajectory: {problem}", field="--to")
         with staged_file(out, force=force, keep=path) as file:
             trajectory, issues = _read(path)
-            write_trajectory(file, trajectory, name)
+            trajectories.write_trajectory(file, trajectory, name)
         found |= {"poses": len(trajectory), "distance_m": trajectory.length}
         line = f"{literal(path.name)}: {counted(len(trajectory), 'pose')}, {trajectory.length:.1f} m"
     else:
         with options.named("--to"):
-            found["format"], known = format_to_write(out, to)
+            found["format"], known = formats.format_to_write(out, to)
         assert known.write is not None
         with (result_folder if known.is_folder else staged_file)(out, force=force, keep=path) as place:
             recording = part.open(path)

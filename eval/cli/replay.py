@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from moteslam.errors import ConfigError, InputError, in_file
+from moteslam.errors import ConfigError, in_file
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import arg, flag, opt
 from moteslam.eval.cli.text import answer, simulation_bar, warn
@@ -19,8 +19,6 @@ from moteslam.eval.tables import literal
 
 if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
-    from moteslam.robot.se2 import Array
-    from moteslam.robot.trajectory import Trajectory
     from moteslam.robot.values import Issue
     from moteslam.slam.config import SlamConfig
 
@@ -174,14 +172,14 @@ def _run_over(
     onto: Path | None = None,
 ) -> None:
     from moteslam.eval.cli.running import run_into, run_lines
-    from moteslam.eval.scores import relations_beside, true_map_beside
+    from moteslam.eval.scores import relations_beside, true_map_beside, truth_beside
     from moteslam.files import result_folder
     from moteslam.slam.calibration.findings import trusting
 
     recording, not_as_stated = _checked(part.open(path), calibrate)
     if calibrate is None:
         config = config.model_copy(update={"sync": trusting(config.sync, not_as_stated)})
-    truth, issues = (None, ()) if recording.lidar is None else _truth_beside(path, recording.lidar.stamps)
+    truth, issues = (None, ()) if recording.lidar is None else truth_beside(path, recording.lidar.stamps)
     about = {name: value for name, value in part.given.items() if name not in ("sequence", "platform")}
     about |= {} if calibrate is None else {"calibrate": calibrate}
     about |= {} if onto is None else {"onto": str(onto)}
@@ -227,27 +225,6 @@ def _checked(recording: Recording, side: Side) -> tuple[Recording, tuple[Issue, 
     return calibrated(recording, found, side), tuple(issues)
 
 
-def _truth_beside(path: Path, stamps: Array) -> tuple[Trajectory | None, tuple[Issue, ...]]:
-    """The truth in a recording's folder, or beside a log, if it is on the clock of these stamps [s]; if not, why."""
-    import numpy as np
-
-    from moteslam.eval.metrics.association import match
-    from moteslam.eval.scores import truth_file
-    from moteslam.robot.trajectories.text import read_tum
-    from moteslam.robot.trajectory import Trajectory
-    from moteslam.robot.values import Issue
-
-    file = truth_file(path)
-    if file is None:
-        return None, ()
-    truth = read_tum(file)
-    try:
-        match(Trajectory(stamps, np.zeros((len(stamps), 3))), truth)
-    except InputError as error:
-        return None, (Issue("not-scored", f"{file}: {error.problem}; not scored"),)
-    return truth, truth.warnings
-
-
 def _dead_reckon(
     path: Path, recording: Recording, config: SlamConfig, out: Path | None, run: options.SlamOptions
 ) -> None:
@@ -263,8 +240,9 @@ def _dead_reckon(
             write_atomically(folder / "config.toml", config.to_toml())
             if not run.no_figures:
                 from moteslam.eval.report.maps import draw_dead_reckoning
+                from moteslam.eval.scores import truth_beside
 
-                truth, _ = _truth_beside(path, trajectory.stamps)
+                truth, _ = truth_beside(path, trajectory.stamps)
                 file, title = folder / "dead_reckoning.png", f"{recording.name}: dead reckoning"
                 draw_dead_reckoning(file, trajectory, recording=recording, truth=truth, title=title)
     x, y, theta = trajectory.poses[-1].tolist()
