@@ -137,9 +137,8 @@ def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None 
 
         floor = replace(texture, values=with_opacity(texture))
         write_picture(folder / "texture.png", floor, {"frames": texture.frames})
-        write_map_arrays(
-            folder / "texture.npz", {"colours": texture, "points": replace(texture, values=texture.points)}
-        )
+        arrays = {"colours": texture, "points": replace(texture, values=texture.points)}
+        write_map_arrays(folder / "texture.npz", arrays)
 
 
 def draw_figures(

@@ -147,9 +147,8 @@ def comparisons(rows: Sequence[Row], name: str, axis: str, first: str) -> dict[s
     of one and metres of another, have no common median.
     """
     known = (*_settings(rows[0]), CONFIGURATION) if axis == CONFIGURATION else (*SETTINGS, CONFIGURATION)
-    keys = [key for key in apart(rows, axis) if key in known] or [
-        key for key in known if key in SETTINGS and key != axis
-    ]
+    settings = [key for key in known if key in SETTINGS and key != axis]
+    keys = [key for key in apart(rows, axis) if key in known] or settings
     places = grouped(rows, lambda row: name_of(row, keys, axis))
     found: dict[str, dict[str, Comparison]] = {}
     for other in compared(rows, axis):

@@ -160,10 +160,8 @@ class RecordingOptions:
         streams = tuple(name.strip() for name in self.streams.split(",")) if self.streams is not None else ()
         with named(start="--start", end="--end", every="--every", streams="--streams"):
             part = Cut(self.start, inf if self.end is None else self.end, self.every, streams)
-        recording = open_recording(
-            path, sequence=self.sequence, platform=self.platform, topics=self._named(), streams=streams
-        )
-        return cut(recording, part)
+        which: dict[str, Any] = {"sequence": self.sequence, "platform": self.platform, "streams": streams}
+        return cut(open_recording(path, topics=self._named(), **which), part)
 
     def _named(self) -> dict[str, tuple[str, ...]]:
         topics: dict[str, tuple[str, ...]] = {}

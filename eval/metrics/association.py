@@ -96,9 +96,8 @@ def _denser(estimate: Trajectory, reference: Trajectory, max_difference: float) 
     """The one with more poses where both have some, or in all; see ``match``."""
     begin = max(estimate.stamps[0], reference.stamps[0]) - max_difference
     end = min(estimate.stamps[-1], reference.stamps[-1]) + max_difference
-    counts = [
-        (int(np.count_nonzero((one.stamps >= begin) & (one.stamps <= end))), len(one)) for one in (estimate, reference)
-    ]
+    inside = [(one.stamps >= begin) & (one.stamps <= end) for one in (estimate, reference)]
+    counts = [(int(np.count_nonzero(some)), len(some)) for some in inside]
     if counts[0] != counts[1]:
         return estimate if counts[0] > counts[1] else reference
     return None if 2 * len(within(estimate.stamps, reference.stamps, max_difference)[0]) >= counts[0][0] else reference

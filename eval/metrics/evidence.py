@@ -112,9 +112,8 @@ class Evidence:
     @cached_property
     def localisation(self) -> filters.LocalisationResult:
         known, online, truth = self._known()
-        return filters.score_localisation(
-            online, known.covariances, known.states, known.updated, truth, corrections=known.corrections
-        )
+        said = known.covariances, known.states, known.updated
+        return filters.score_localisation(online, *said, truth, corrections=known.corrections)
 
     @cached_property
     def nees_from_start(self) -> filters.NeesResult:

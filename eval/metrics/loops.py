@@ -161,9 +161,8 @@ def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | No
     pairs = keys[np.sort(pairs, axis=1)].reshape(-1, 2)
     pairs = pairs[path[pairs[:, 1]] - path[pairs[:, 0]] > MIN_PATH]
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-    clouds = {
-        scan: se2.transform_points(poses[scan], scans.points(int(index[scan]))) for scan in np.unique(pairs).tolist()
-    }
+    seen = ((scan, scans.points(int(index[scan]))) for scan in np.unique(pairs).tolist())
+    clouds = {scan: se2.transform_points(poses[scan], points) for scan, points in seen}
     few = {scan: cloud[evenly(np.arange(len(cloud)), MAX_ENDPOINTS)] for scan, cloud in clouds.items()}
     shared = np.zeros(len(pairs))
     for earlier in np.unique(pairs[:, 0]).tolist():

@@ -188,9 +188,8 @@ def spec_file(name: str) -> Path:
         return bundled[name]
     if path.suffix == ".toml" or path.is_file():
         return path
-    raise ConfigError(
-        f"no specification of this name, expected one of {', '.join(bundled)}, or a .toml file", file=name
-    )
+    problem = f"no specification of this name, expected one of {', '.join(bundled)}, or a .toml file"
+    raise ConfigError(problem, file=name)
 
 
 def read_spec(path: Path) -> SweepSpec:

@@ -220,9 +220,8 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Env
         raise ConfigError(f"{part!r}, expected a part and how many there are, such as 2/8", field="--shard")
     if target.exists():
         with opened(target) as store:
-            mine, theirs = (
-                {key: json.dumps(value) for key, value in json.loads(one).items()} for one in (text, store.spec)
-            )
+            tables = (json.loads(one) for one in (text, store.spec))
+            mine, theirs = ({key: json.dumps(value) for key, value in table.items()} for table in tables)
             differ = [key for key in {**mine, **theirs} if mine.get(key) != theirs.get(key)]
             more = differ == ["seeds"] and part == WHOLE
             before = SweepSpec.model_validate_json(store.spec)
