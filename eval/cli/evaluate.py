@@ -165,10 +165,8 @@ def evaluate(
             known: dict[str, Any] = {"recording": opened, "occupancy": map_file, "true_map": true_map}
             known["loops"] = None if loops is None else read_loops(loops)
             with options.named(metrics="--metric"):
-                found["metrics"] = {
-                    name: {metric: value.as_dict() for metric, value in measured(one, truth, metrics, **known).items()}
-                    for name, one in trajectories.items()
-                }
+                each = {name: measured(one, truth, metrics, **known) for name, one in trajectories.items()}
+            found["metrics"] = {of: {name: value.as_dict() for name, value in one.items()} for of, one in each.items()}
         if save is not None:
             from moteslam.eval.results import write_json
 

@@ -167,10 +167,8 @@ def _failed(error: Any) -> int:
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = f"in {last.filename}, line {last.lineno}"
         whose = blamed(error)
-        note(
-            f"{f'{whose} failed' if whose else 'internal error'}: {kind}: {error} {place}; "
-            f"MOTESLAM_TRACEBACK=1 shows more{', please report it' * (not whose)}"
-        )
+        more = f"MOTESLAM_TRACEBACK=1 shows more{', please report it' * (not whose)}"
+        note(f"{f'{whose} failed' if whose else 'internal error'}: {kind}: {error} {place}; {more}")
         return INTERNAL_ERROR
     return BAD_INPUT
 
