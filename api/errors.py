@@ -5,9 +5,14 @@ The command line prints ``str(error)`` as one line and exits with code 2; no tra
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from difflib import get_close_matches
 from os import PathLike
+from typing import Any, get_args
+
+MOST_KEYS, NEAREST, LONGEST = 24, 3, 60
+"""Of a table with more keys than the first so many are named; characters of a list that is shown."""
 
 
 class MoteslamError(Exception):
@@ -68,3 +73,35 @@ def in_file(file: str | PathLike[str]) -> Iterator[None]:
         if error.file is not None or (error.field or "").startswith("--"):
             raise
         raise type(error)(error.problem, file=file, field=error.field) from error
+
+
+def explained(complaint: Mapping[str, Any], model: Any) -> str:
+    """A complaint of pydantic about a model, or one that is not known: with the keys of the table, or as a list."""
+    kind, place, value = complaint["type"], complaint["loc"], complaint["input"]
+    if kind == "extra_forbidden":
+        return "unknown key" + ("" if model is None else f", expected one of {_keys(model, place)}")
+    if kind == "model_type" and model is not None:
+        return f"expected a table of {_keys(model, (*place, ''))}"
+    if kind == "tuple_type":
+        listed = repr(value.split() if isinstance(value, str) else [value])
+        return f"expected a list{f': {listed}' if len(listed) <= LONGEST else ''}"
+    return str(complaint["msg"]).removeprefix("Value error, ")
+
+
+def _keys(model: Any, place: Sequence[str | int]) -> str:
+    """The keys of the table in which a place of a pydantic model lies, those most like its last part first."""
+    models = [model]
+    for part in place[:-1]:
+        below = [
+            each for one in models if part in one.model_fields for each in _within(one.model_fields[part].annotation)
+        ]
+        of_kind = [one for one in models if any(field.default == part for field in one.model_fields.values())]
+        models = below or of_kind or models
+    keys = list(dict.fromkeys(key for one in models for key in one.model_fields))
+    near = get_close_matches(str(place[-1]), keys, n=max(len(keys), 1), cutoff=0.0)
+    return ", ".join(near if len(near) <= MOST_KEYS else [*near[:NEAREST], "..."])
+
+
+def _within(kind: Any) -> list[Any]:
+    """The models in an annotation."""
+    return [kind] if hasattr(kind, "model_fields") else [each for one in get_args(kind) for each in _within(one)]

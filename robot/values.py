@@ -10,23 +10,20 @@ import os
 import tomllib
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, fields
-from difflib import get_close_matches
 from os import PathLike
-from typing import Annotated, Any, Self, TypeVar, get_args
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import ConfigError, InputError, explained
 from moteslam.files import read_text
 
 Table = dict[str, Any]
 
 _LONGEST = 40  # Characters of a value that are shown
 _SPANS = 3  # As many times are given, others counted
-_MOST_KEYS, _NEAREST, _LONGEST_LIST = 24, 3, 60
-"""Of a table with more keys than the first so many are named; characters of a list that is shown."""
 
 
 @dataclass(frozen=True)
@@ -196,42 +193,16 @@ def validated(
 
 
 def first_complaint(error: ValidationError, kinds: Collection[str] = (), model: Any = None) -> tuple[str, str]:
-    """The field, with dots, and the problem of the first thing that is wrong, with the keys of the model's table.
+    """The field, with dots, and the problem of the first thing that is wrong.
 
     A key that is missing where another is unknown is most likely misspelt: the unknown one is named first.
     """
     errors = error.errors(include_url=False)
     first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
-    loc, kind, value = first["loc"], first["type"], first["input"]
+    loc = first["loc"]
     field = ".".join(str(one) for k, one in enumerate(loc) if not (k and one in kinds and isinstance(loc[k - 1], int)))
-    problem = str(first["msg"]).removeprefix("Value error, ")
-    if kind == "extra_forbidden":
-        problem = "unknown key" + ("" if model is None else f", expected one of {_keys(model, loc)}")
-    elif kind == "model_type" and model is not None:
-        problem = f"expected a table of {_keys(model, (*loc, ''))}"
-    elif kind == "tuple_type":
-        listed = repr(value.split() if isinstance(value, str) else [value])
-        problem = f"expected a list{f': {listed}' if len(listed) <= _LONGEST_LIST else ''}"
-    silent = kind in ("extra_forbidden", "missing", "value_error")
-    return field, problem + ("" if silent else f", found {shortened(value)}")
-
-
-def _keys(model: Any, place: Sequence[str | int]) -> str:
-    """The keys of the table in which a place of a pydantic model lies, those most like its last part first."""
-    models = [model]
-    for part in place[:-1]:
-        fields_of = [one.model_fields for one in models]
-        below = [each for some in fields_of if part in some for each in _within(some[part].annotation)]
-        of_kind = [one for one in models if any(field.default == part for field in one.model_fields.values())]
-        models = below or of_kind or models
-    keys = list(dict.fromkeys(key for one in models for key in one.model_fields))
-    near = get_close_matches(str(place[-1]), keys, n=max(len(keys), 1), cutoff=0.0)
-    return ", ".join(near if len(near) <= _MOST_KEYS else [*near[:_NEAREST], "..."])
-
-
-def _within(kind: Any) -> list[Any]:
-    """The models in an annotation."""
-    return [kind] if hasattr(kind, "model_fields") else [each for one in get_args(kind) for each in _within(one)]
+    silent = first["type"] in ("extra_forbidden", "missing", "value_error")
+    return field, explained(first, model) + ("" if silent else f", found {shortened(first['input'])}")
 
 
 def read_toml(path: str | PathLike[str], what: str) -> Table:
