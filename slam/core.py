@@ -19,11 +19,11 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, expect_type, shortened
 from moteslam.slam.backend.building import Building, between_known
 from moteslam.slam.backend.protocol import BACKENDS, KeyScan
-from moteslam.slam.config import METHODS, SlamConfig
+from moteslam.slam.config import METHODS, SlamConfig, load_preset
 from moteslam.slam.estimate import Correction, Estimate, as_logged
 from moteslam.slam.filter.certainty import certainty_of_particles, spread
 from moteslam.slam.filter.protocol import Filter, StepResult
-from moteslam.slam.filter.weights import Weights
+from moteslam.slam.filter.resampling import Weights
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.lapses import left_open
 from moteslam.slam.inputs.step import Step
@@ -32,7 +32,6 @@ from moteslam.slam.mapping.occupancy import draw_map
 from moteslam.slam.odometry.dead_reckoning import dead_reckoning
 from moteslam.slam.rows import Rows
 from moteslam.slam.scan_records import Losses, ScanRecords, Update
-from moteslam.slam.settings import load_preset
 
 Array = NDArray[np.float64]
 MakeFilter = Callable[[SlamConfig, int], Filter]

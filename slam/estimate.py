@@ -16,7 +16,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import PoseGraph, Trajectory
 from moteslam.robot.values import Issue, Summarised
 from moteslam.slam.backend.building import Building
-from moteslam.slam.backend.ledger import LoopCandidate
+from moteslam.slam.backend.protocol import LoopCandidate
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map, map_texture
 

@@ -10,11 +10,11 @@ from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import trinary
 from moteslam.robot.values import Issue
 from moteslam.slam.backend.building import Building, Session
-from moteslam.slam.backend.graph.binding import bind
+from moteslam.slam.backend.graph.backend import bind
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.known_map.path_search import find_path
+from moteslam.slam.known_map.search import find_path
 
 SAME = 0.005
 """Endpoints of one scan differ by less [m]: they were written in steps of up to some millimetres."""

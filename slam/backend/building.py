@@ -15,8 +15,7 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import PoseGraph, Trajectory
 from moteslam.robot.values import Summarised
-from moteslam.slam.backend.graph.measured_chain import MeasuredChain
-from moteslam.slam.backend.graph.pose_graph import Edges
+from moteslam.slam.backend.graph.pose_graph import Edges, MeasuredChain
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.mapping.config import MapConfig

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.slam.registration.config import RegistrationConfig
-from moteslam.slam.registration.information import least_bound_turn
+from moteslam.slam.registration.registrar import least_bound_turn
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

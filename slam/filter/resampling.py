@@ -1,19 +1,63 @@
-"""Resampling: indices of particles drawn in proportion to their weights, by one of three schemes."""
+"""The particles' weights, and resampling: indices drawn in proportion to them, by one of three schemes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Positive, Section, Truth, Whole
 
-Weights = NDArray[np.float64]
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """Normalised importance weights, kept as logarithms."""
+
+    log: NDArray[np.float64]  # [N] float64, log of weights that sum to 1
+
+    @classmethod
+    def uniform(cls, n: int) -> Weights:
+        """N equal weights (section III.D of the paper)."""
+        return cls(np.full(n, -np.log(n)))
+
+    @cached_property
+    def values(self) -> NDArray[np.float64]:
+        """The weights [N]; they sum to 1."""
+        values = np.exp(self.log)
+        values.setflags(write=False)
+        return values
+
+    @cached_property
+    def effective_number(self) -> float:
+        """1 / sum of squared weights, from 1 to N (III.4 with the square that the paper's formula lacks)."""
+        return float(1 / np.square(self.values).sum())
+
+    @cached_property
+    def best(self) -> int:
+        """The index of the largest weight, the first of equal ones (section II.B)."""
+        return int(np.argmax(self.log))
+
+    def times_log(self, log_likelihood: NDArray[np.float64]) -> Weights:
+        """Multiplied by a likelihood given as its logarithm [N], and normalised (II.7)."""
+        log = self.log + log_likelihood
+        log = log - log.max()
+        return Weights(log - np.log(np.exp(log).sum()))
+
+    def times(self, likelihood: ArrayLike) -> Weights:
+        """Multiplied by a likelihood [N] >= 0 and normalised (II.7); zeros alone leave the weights as they are."""
+        with np.errstate(divide="ignore"):
+            log = np.log(np.asarray(likelihood, np.float64))
+        return self.times_log(log) if np.isfinite((self.log + log).max()) else self
+
+
 Parents = NDArray[np.int64]
 
 
@@ -32,7 +76,7 @@ class KldConfig(Section):
 
 
 def resample(
-    scheme: str, weights: Weights, generator: np.random.Generator, count: int | None = None
+    scheme: str, weights: Array, generator: np.random.Generator, count: int | None = None
 ) -> NDArray[np.int64]:
     """Draw ``count`` particles in proportion to their weights [N], not all 0; as many as there are by default.
 
@@ -41,7 +85,7 @@ def resample(
     return SCHEMES[scheme](weights, generator, len(weights) if count is None else count)
 
 
-def systematic(weights: Weights, generator: np.random.Generator, count: int) -> Parents:
+def systematic(weights: Array, generator: np.random.Generator, count: int) -> Parents:
     """Low-variance resampling with one random number (Probabilistic Robotics, table 4.4).
 
     A particle of weight w is drawn floor(M w) or ceil(M w) times.
@@ -49,7 +93,7 @@ def systematic(weights: Weights, generator: np.random.Generator, count: int) -> 
     return _at((np.arange(count) + generator.random()) / count, weights)
 
 
-def stratified(weights: Weights, generator: np.random.Generator, count: int) -> Parents:
+def stratified(weights: Array, generator: np.random.Generator, count: int) -> Parents:
     """One number drawn in each of M equal strata (Kitagawa 1996).
 
     Unlike the numbers of ``systematic`` they are independent; a particle of weight w is drawn less than 2 times off
@@ -58,7 +102,7 @@ def stratified(weights: Weights, generator: np.random.Generator, count: int) -> 
     return _at((np.arange(count) + generator.random(count)) / count, weights)
 
 
-def residual(weights: Weights, generator: np.random.Generator, count: int) -> Parents:
+def residual(weights: Array, generator: np.random.Generator, count: int) -> Parents:
     """floor(M w) times for certain, the rest drawn independently from what the floors leave (Liu and Chen 1998)."""
     expected = count * weights / weights.sum()
     # equal weights must not lose one of their copies to rounding
@@ -71,7 +115,7 @@ def residual(weights: Weights, generator: np.random.Generator, count: int) -> Pa
     return copies.astype(np.int64)
 
 
-SCHEMES: dict[str, Callable[[Weights, np.random.Generator, int], Parents]] = {
+SCHEMES: dict[str, Callable[[Array, np.random.Generator, int], Parents]] = {
     "systematic": systematic,
     "stratified": stratified,
     "residual": residual,
@@ -93,7 +137,7 @@ def generator_for(seed: int, step: int, purpose: Draws = Draws.RESAMPLING) -> np
     return np.random.Generator(np.random.Philox(key=key, counter=np.array([0, 0, 0, purpose], np.uint64)))
 
 
-def _at(positions: NDArray[np.float64], weights: Weights) -> Parents:
+def _at(positions: NDArray[np.float64], weights: Array) -> Parents:
     """The particles whose share of the interval from 0 to 1 has these positions in it, [M]."""
     cumulative = np.cumsum(weights)
     last = int(np.searchsorted(cumulative, cumulative[-1]))  # those after it weigh nothing
@@ -141,7 +185,7 @@ def particle_number(
 
 
 def choose_parents(
-    scheme: str, kld: KldConfig, most: int, poses: NDArray[np.float64], weights: Weights, *, seed: int, step: int
+    scheme: str, kld: KldConfig, most: int, poses: NDArray[np.float64], weights: Array, *, seed: int, step: int
 ) -> Parents:
     """The particles [N, 3], as weighed [N], that survive: [M] rising indices, as many as there are or as ``kld`` asks
     for.

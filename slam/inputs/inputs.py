@@ -15,9 +15,8 @@ from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, chunks
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.gyro import about_hanging
 from moteslam.slam.inputs.lapses import Lapse, Lapses, Open, lapses
-from moteslam.slam.inputs.odometry_path import OdometryPath, jumps
+from moteslam.slam.inputs.odometry_path import OdometryPath, about_hanging, jumps
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.travelling import Follower, Travelling
 from moteslam.slam.rows import Rows

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.scans import ThinnedScan, thin_scan, thin_scans
 from moteslam.robot.values import Summarised
+from moteslam.slam.inputs.camera import FloorView, FloorViews
 from moteslam.slam.inputs.config import ThinningConfig
-from moteslam.slam.inputs.floor_views import FloorView, FloorViews
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.lapses import Open
 from moteslam.slam.inputs.scans import Scans

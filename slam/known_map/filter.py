@@ -21,15 +21,13 @@ from moteslam.robot.se2 import Array, as_pose, compose_one
 from moteslam.robot.values import Issue
 from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of
 from moteslam.slam.filter.protocol import StepResult
-from moteslam.slam.filter.resampling import Draws, choose_parents, generator_for
+from moteslam.slam.filter.resampling import Draws, Weights, choose_parents, generator_for
 from moteslam.slam.filter.update_policy import update_due
-from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step, thin
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares, within
-from moteslam.slam.known_map.map_scale import MapScale
-from moteslam.slam.known_map.maps import KnownMaps, as_log_odds
+from moteslam.slam.known_map.maps import KnownMaps, MapScale, as_log_odds
 from moteslam.slam.known_map.search import (
     APART,
     CROSSING,
@@ -44,7 +42,7 @@ from moteslam.slam.known_map.search import (
     sight_of,
 )
 from moteslam.slam.mapping.config import LOST_DISTANCE, RESOLVED
-from moteslam.slam.registration.evidence import CORRELATION
+from moteslam.slam.registration.localisation import CORRELATION
 from moteslam.slam.tsdf.doubt import Doubt, ScanFit
 from moteslam.slam.tsdf.filter import WRONG_WHILE_LOST, TsdfFilter
 from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate

@@ -15,14 +15,21 @@ from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import shortened
-from moteslam.slam.filter.certainty import FLOOR, NEIGHBOURHOOD, Certainty, certainty_of
-from moteslam.slam.filter.covariance import Symmetric, moved, plus_diagonal, symmetric
+from moteslam.slam.filter.certainty import (
+    FLOOR,
+    NEIGHBOURHOOD,
+    Certainty,
+    Symmetric,
+    certainty_of,
+    moved,
+    plus_diagonal,
+    symmetric,
+)
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.misfit import Misfit
 from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
-from moteslam.slam.filter.resampling import choose_parents
+from moteslam.slam.filter.resampling import Weights, choose_parents
 from moteslam.slam.filter.update_policy import Travelled, magnitude, update_due
-from moteslam.slam.filter.weights import Weights
 from moteslam.slam.mapping.occupancy import OccupancyGrid
 from moteslam.slam.paper.config import MatchConfig, MotionNoise, PaperFilterConfig
 

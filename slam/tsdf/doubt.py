@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from moteslam.slam.filter.certainty import LocalisationState, state_of
 from moteslam.slam.filter.misfit import DOUBTFUL_DROP, LOST_DROP, Scores
-from moteslam.slam.registration.evidence import CORRELATION
+from moteslam.slam.registration.localisation import CORRELATION
 
 PRIOR = -6.0  # The log-odds that a pose is wrong of which nothing is known: one in 400
 FIRST, MOST = 4.0, 1.5

@@ -20,7 +20,7 @@ from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.evidence import proved
+from moteslam.slam.registration.localisation import proved
 from moteslam.slam.registration.registrar import deviation_of_way, prior_spread, register, subsample
 from moteslam.slam.tsdf.config import ProposalConfig
 from moteslam.slam.tsdf.motion import MotionSinceUpdate

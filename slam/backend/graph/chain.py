@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.measured_chain import MeasuredChain
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.odometry_model import OdometryModel, fit_odometry, turned_aside
+from moteslam.slam.backend.graph.pose_graph import MeasuredChain
 from moteslam.slam.backend.graph.step_registration import Prediction, RegisteredStep, StepRegistration
 from moteslam.slam.mapping.config import RESOLVED
 from moteslam.slam.registration.registrar import prior_spread

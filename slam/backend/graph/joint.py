@@ -22,10 +22,8 @@ from moteslam.robot import se2
 from moteslam.robot.raster import cell_counts
 from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.measured_chain import MeasuredChain
-from moteslam.slam.backend.graph.pose_graph import BlockSystem, relative_jacobians
-from moteslam.slam.registration.information import least_bound_turn, least_informed
-from moteslam.slam.registration.registrar import FULL
+from moteslam.slam.backend.graph.pose_graph import BlockSystem, MeasuredChain, relative_jacobians
+from moteslam.slam.registration.registrar import FULL, least_bound_turn, least_informed
 
 Indices = NDArray[np.intp]
 

@@ -12,12 +12,10 @@ from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.loop_search import Loop
-from moteslam.slam.backend.graph.measured_chain import MeasuredChain
+from moteslam.slam.backend.graph.loop_search import Loop, Submaps
 from moteslam.slam.backend.graph.nodes import Nodes
-from moteslam.slam.backend.graph.pose_graph import Edges, solve
-from moteslam.slam.backend.graph.submaps import Submaps
-from moteslam.slam.backend.ledger import LoopCandidate, Verdict
+from moteslam.slam.backend.graph.pose_graph import Edges, MeasuredChain, solve
+from moteslam.slam.backend.protocol import LoopCandidate, Verdict
 
 Pair = tuple[int, int]  # Two nodes, the earlier first
 

@@ -18,10 +18,14 @@ from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import FEW_POINTS
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import TrackingConfig
-from moteslam.slam.registration.evidence import against, heavy_tail, nats_for
-from moteslam.slam.registration.information import less_where_unbound, measured_information
-from moteslam.slam.registration.localisation import match_score
-from moteslam.slam.registration.registrar import Registration, register, subsample
+from moteslam.slam.registration.localisation import against, heavy_tail, match_score, nats_for
+from moteslam.slam.registration.registrar import (
+    Registration,
+    less_where_unbound,
+    measured_information,
+    register,
+    subsample,
+)
 
 GATE = 4.0  # An offset of more standard deviations of the odometry must be proved
 SCORES = TrackingConfig()  # Match score and heavy tail are those of tracking

@@ -4,20 +4,20 @@ import numpy as np
 import pytest
 from slam_rooms import circled_room
 
+from moteslam.slam.config import resolve_config
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.resampling import (
     SCHEMES,
     Draws,
     KldConfig,
+    Weights,
     enough_particles,
     generator_for,
     particle_number,
     resample,
 )
 from moteslam.slam.filter.update_policy import Travelled, UpdateConfig, update_due
-from moteslam.slam.filter.weights import Weights
 from moteslam.slam.online import OnlineSlam
-from moteslam.slam.settings import resolve_config
 
 WEIGHTS = np.array([0.02, 0.31, 0.0, 0.17, 0.5, 0.0])
 

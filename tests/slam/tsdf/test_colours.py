@@ -15,12 +15,12 @@ from moteslam.robot import se2
 from moteslam.robot.recording import Recording, RgbdStream
 from moteslam.sim.scenario import load_scenario, with_camera
 from moteslam.sim.simulate import Simulation, simulate
+from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.inputs.floor_views import FloorViews
+from moteslam.slam.inputs.camera import FloorViews
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.synchronise import synchronise
-from moteslam.slam.run import run_slam
-from moteslam.slam.settings import resolve_config
+from moteslam.slam.online import run_slam
 from moteslam.slam.tsdf import filter as tsdf_filter
 from moteslam.slam.tsdf.config import ColourConfig, TsdfFilterConfig
 from moteslam.slam.tsdf.floor import FloorLikelihood
