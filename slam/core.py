@@ -10,11 +10,11 @@ from dataclasses import replace
 from importlib.metadata import version
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, expect_type, shortened
 from moteslam.slam.backend.building import Building, between_known
@@ -33,7 +33,6 @@ from moteslam.slam.odometry.dead_reckoning import dead_reckoning
 from moteslam.slam.rows import Rows
 from moteslam.slam.scan_records import Losses, ScanRecords, Update
 
-Array = NDArray[np.float64]
 MakeFilter = Callable[[SlamConfig, int], Filter]
 """Makes a filter of a configuration and a seed: its class, for one."""
 ASTRAY = 1.0  # The pose of an update is no mean of particles that are all farther away [m]

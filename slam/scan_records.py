@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, Summarised
 from moteslam.slam.filter.certainty import LocalisationState, state_of
 from moteslam.slam.rows import Rows
 
-Array = NDArray[np.float64]
 DIAGNOSTICS = (
     "particles", "n_eff", "score", "updated", "resampled", "seconds", "degenerate", "wrong", "state", "corrected",
 )  # fmt: skip

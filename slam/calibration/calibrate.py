@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.se2 import Array
 from moteslam.robot.sensor_reports import turns
 from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.hand_eye import (
@@ -38,8 +38,6 @@ from moteslam.slam.calibration.unmeasured import (
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
 from moteslam.slam.inputs.synchronise import Bundles, apart, bundles, in_order, is_coarse
-
-Array = NDArray[np.float64]
 
 PAIRS, FEW_PAIRS = 300, 150
 """Of a recording; the second is enough to see what moves a result by a tenth of a metre, in half a second."""

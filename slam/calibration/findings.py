@@ -9,7 +9,6 @@ from math import degrees, floor
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recording
@@ -19,8 +18,6 @@ from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
 from moteslam.slam.calibration.unmeasured import UnmeasuredError
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.synchronise import sweep_seconds
-
-Array = NDArray[np.float64]
 
 PLACE, YAW = 0.07, 0.06
 """Smaller differences move no result by a tenth of a metre: of the mount [m], [rad],"""

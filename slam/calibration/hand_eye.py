@@ -11,12 +11,11 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.robot.sensor_reports import agreement
 
-Array = NDArray[np.float64]
 Path = Callable[[Array], Array]
 """Gives the odometry's poses [m, 3] at times [m] [s]."""
 

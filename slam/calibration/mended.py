@@ -6,17 +6,16 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
+from moteslam.robot.se2 import Array
 from moteslam.slam.calibration.calibrate import Calibration
 from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar_of, mount_of, stamped_at_end
 from moteslam.slam.calibration.hand_eye import CLOCKS, Parameter
 from moteslam.slam.calibration.readings import in_form, with_poses, with_stamps
 from moteslam.slam.inputs.odometry_path import OdometryPath
 
-Array = NDArray[np.float64]
 Side = Literal["lidar", "odometry"]
 
 NOT_MENDED = "odometry-unfit", "scans-unfit", "lidar-tilted", "range-change", "range-max", "mount-moves", "no-gyro"

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.se2 import Array
 from moteslam.slam.calibration.hand_eye import Change, Pairs, clearest_change, covariances, parts_of
 from moteslam.slam.calibration.scan_pairs import LEAST_FIT, Beams, cost, refine, register, seen_through
 from moteslam.slam.calibration.unmeasured import FEWEST, UnevenAnglesError, UnfitScansError
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MOTION, SHORTEST, LONGEST = (0.5, 0.4), 0.3, 2.0

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.se2 import Array
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import least_bound_turn
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LINE = 0.15

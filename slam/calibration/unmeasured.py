@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from moteslam.robot.se2 import Array
 
 FEWEST = 40
 """Fewer scans, beams or pairs of scans say nothing."""

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
+from moteslam.robot.se2 import Array
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LEAST_MOVED = 0.15

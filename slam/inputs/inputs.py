@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, chunks
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.lapses import Lapse, Lapses, Open, lapses
@@ -21,7 +22,6 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.travelling import Follower, Travelling
 from moteslam.slam.rows import Rows
 
-Array = NDArray[np.float64]
 NONE = np.empty(0, np.bool_)
 
 

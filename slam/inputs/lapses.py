@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LATEST, LidarStream, gaps
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, when
-from moteslam.slam.inputs.comparison import ComparedBeams, compare_scans
+from moteslam.slam.inputs.comparison import ComparedBeams, Flags, compare_scans
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, jumps
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 BEFORE = 0.5  # The speed before a lapse is the mean over so long [s]
 HARDEST, USUAL = 3.0, 1.0

@@ -21,6 +21,7 @@ from moteslam.robot.formats.streams import CODES, MAX_STAMP
 from moteslam.robot.inspection import SPEEDS
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, gaps
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, given_up, when
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.inputs import Inputs
@@ -29,7 +30,6 @@ from moteslam.slam.inputs.scans import Scans, without
 from moteslam.slam.inputs.synchronise import about_blind, apart, at_scans, sweeps
 from moteslam.slam.rows import Rows
 
-Array = NDArray[np.float64]
 BEFORE_WHEELS = 0.5  # Scans this long before the first reading of the wheels are not of a robot known to stand [s]
 FAR_AHEAD = 3600.0
 """A scan this much later than every message before, where other streams are heard, is of another clock [s]: the sound

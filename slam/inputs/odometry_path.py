@@ -19,13 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
-from moteslam.robot.recording import Recording, nearest_stamp
+from moteslam.robot.recording import LATEST, Recording, nearest_stamp
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, when
 from moteslam.robot.wheel_odometry import arc_increment, gyro_covers, wheel_motion
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.rows import Rows, summed
 
-Array = NDArray[np.float64]
 HANGS = 2.0  # A gyro that turns hangs once it has repeated a yaw rate to the last bit for so long [s]
 
 
@@ -127,7 +127,6 @@ def about_hanging(hung: Sequence[tuple[float, float]]) -> tuple[Issue, ...]:
     return (Issue("no-gyro", text, len(hung)),) if hung else ()
 
 
-LATEST = 1000  # How many steps are compared with
 KEPT, MOST_KEPT = LATEST + 100, 4 * LATEST
 """Readings that are kept from before the last scan, and of odometry that stands still from before it did at most."""
 

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
+from moteslam.robot.se2 import Array
 from moteslam.slam.inputs.travelling import Travelling
-
-Array = NDArray[np.float64]
 
 
 class ScanBlock(NamedTuple):

@@ -12,13 +12,13 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LATEST, STREAMS, LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.odometry_path import OdometryPath, jumps, odometry_path
 from moteslam.slam.inputs.scans import Scans
 
-Array = NDArray[np.float64]
 COARSE = 0.5
 """Where more than this share of the readings have the stamp of the one before, the clock is too coarse for them."""
 JITTERS, OPPOSITE = 0.03, -0.15

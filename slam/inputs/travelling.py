@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, when
-from moteslam.slam.inputs.comparison import ComparedBeams, compare_scans
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from moteslam.slam.inputs.comparison import ComparedBeams, Flags, compare_scans
 
 STEP = 0.25  # Scans this far apart by odometry are compared [m]; a turn counts as a metre a radian
 FARTHEST = 0.6  # Scans farther apart are not compared [m]: on the way the odometry errs and the view changes too much

@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, SquareScores
@@ -34,10 +33,8 @@ from moteslam.slam.known_map.hypotheses import LEAST
 from moteslam.slam.known_map.maps import KnownMaps
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.localisation import CORRELATION
-from moteslam.slam.registration.registrar import Registration, prior_spread, register, subsample
+from moteslam.slam.registration.registrar import Points, Registration, prior_spread, register, subsample
 from moteslam.slam.registration.search import apart, is_elsewhere
-
-Points = NDArray[np.float32]
 
 STEP, TURN = 0.2, 0.06  # Of the lattice: a basin of Gauss-Newton [m], [rad]
 NEAR = 0.2  # Endpoints nearer to a surface than this count for a place [m]

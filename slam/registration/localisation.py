@@ -22,6 +22,7 @@ from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.registrar import (
     Fitted,
+    Points,
     Registration,
     Spread,
     options_of,
@@ -31,8 +32,6 @@ from moteslam.slam.registration.registrar import (
     subsample,
 )
 from moteslam.slam.registration.search import LEAST_KNOWN, Window, apart, candidates
-
-Points = NDArray[np.float32]
 
 SLIP = 7.0  # Negative log-probability that the wheels slip in one step: one in a thousand
 CORRELATION = 10.0  # Neighbouring endpoints err alike: this many of them count as one, as in `backend.correlation`

@@ -8,7 +8,6 @@ scans, finds the robot at the same place.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.robot import se2
@@ -16,10 +15,8 @@ from moteslam.robot.se2 import Array
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
 from moteslam.slam.registration.localisation import BENT
-from moteslam.slam.registration.registrar import Registration, register, subsample
+from moteslam.slam.registration.registrar import Points, Registration, register, subsample
 from moteslam.slam.registration.search import Window, candidates, is_elsewhere, runner_up, shares
-
-Points = NDArray[np.float32]
 
 QUERY = 4.0  # Path of the scans that are searched for together [m]
 FIRST_LOOK, APART = 2.0, 1.0

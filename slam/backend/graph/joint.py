@@ -22,10 +22,8 @@ from moteslam.robot import se2
 from moteslam.robot.raster import cell_counts
 from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.pose_graph import BlockSystem, MeasuredChain, relative_jacobians
+from moteslam.slam.backend.graph.pose_graph import BlockSystem, Indices, MeasuredChain, relative_jacobians
 from moteslam.slam.registration.registrar import FULL, least_bound_turn, least_informed
-
-Indices = NDArray[np.intp]
 
 LEAST_RESIDUAL = 0.003  # Standard deviation of the endpoints' distances to lines, at least [m]; the rest is measured
 LEAST_INLIERS = 0.2  # Of the weights, in the estimate of that variance

@@ -14,7 +14,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
@@ -23,10 +22,15 @@ from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.protocol import LoopCandidate, Verdict
 from moteslam.slam.mapping.tsdf import TsdfMaps, TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
-from moteslam.slam.registration.registrar import Registration, keep_odometry, measured_information, register, subsample
+from moteslam.slam.registration.registrar import (
+    Points,
+    Registration,
+    keep_odometry,
+    measured_information,
+    register,
+    subsample,
+)
 from moteslam.slam.registration.search import Window, candidates, runner_up, shares
-
-Points = NDArray[np.float32]
 
 MAP_NODES, QUERY_NODES = 12, 6  # Of a submap and of a query, at most: where the robot turns many lie close together
 SPACING = 0.1  # Endpoints of a query are at least about this far apart [m]
