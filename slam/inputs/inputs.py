@@ -16,13 +16,11 @@ from moteslam.robot.recording import LidarStream, chunks
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, counted
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.lapses import Lapse, Lapses, Open, lapses
+from moteslam.slam.inputs.lapses import Lapse, Open, about_lapses, lapses
 from moteslam.slam.inputs.odometry_path import OdometryPath, about_hanging, jumps
 from moteslam.slam.inputs.scans import Scans
-from moteslam.slam.inputs.travelling import Follower, Travelling
+from moteslam.slam.inputs.travelling import Follower
 from moteslam.slam.rows import Rows
-
-NONE = np.empty(0, np.bool_)
 
 
 class Inputs:
@@ -41,6 +39,7 @@ class Inputs:
         moves: whether the odometry measures any motion.
         logged: [n] the stamps that the recording gives them, where it has them in another order [s].
         open: what is left open of the motion to scans of which more is known than the velocity before, by scan.
+        follower: of what travels with the robot; None where nobody asks.
     """
 
     scans: Scans
@@ -49,7 +48,7 @@ class Inputs:
     def __init__(self, platform: Platform, config: SyncConfig, lidar: LidarStream) -> None:
         self._platform, self._config = platform, config
         self._rows, self._flags = Rows(7), Rows(2, np.bool_)  # stamp, odometry, motion; jumped, measured
-        self._follower = Follower(lidar, platform.lidar) if config.travelling else None
+        self.follower = Follower(lidar, platform.lidar) if config.travelling else None
         self._seen: dict[tuple[str, float], Lapse] = {}
         self._start: NDArray[np.float32] | None = None  # the first scan, until the robot has left it
         self.open: dict[int, Open] = {}
@@ -68,17 +67,13 @@ class Inputs:
     @property
     def issues(self) -> tuple[Issue, ...]:
         """Odometry that never moves, what was seen to travel with the robot, and the lapses."""
-        travels, seen = self.travels(NONE), tuple(sorted(self._seen.values(), key=lambda one: one.begin))
-        issues = () if travels is None else travels.issues(self.stamps)
+        issues = () if self.follower is None else self.follower.issues(self.stamps)
         if self.path is not None and not self.moves and (still := int((~self.measured).sum())):
             text = f"odometry that never moves: constant velocity over {counted(still, 'scan')}"
             issues = (Issue("still-odometry", text, still), *issues)
         issues += about_hanging(self.path.hung) if self.path else ()
-        return (*issues, *Lapses(NONE, NONE, {}, {}, seen).issues(self.stamps))
-
-    def travels(self, repeated: NDArray[np.bool_]) -> Travelling | None:
-        """What was seen to travel with the robot, with which scans [n] repeat; None if nothing did."""
-        return None if self._follower is None else self._follower.found(repeated)
+        seen = sorted(self._seen.values(), key=lambda one: one.begin)
+        return (*issues, *about_lapses(seen, self.stamps))
 
     def take(
         self,
@@ -91,7 +86,7 @@ class Inputs:
         absent: NDArray[np.bool_],
         counted: bool,
         lapsing: bool = True,
-    ) -> NDArray[np.bool_]:
+    ) -> None:
         """Take in the scans from ``first`` to before ``last`` of a stretch of k, with the odometry [k, 3] at them.
 
         The others, before and after, say what is usual. It is causal: what is taken in of a scan follows from those
@@ -102,14 +97,11 @@ class Inputs:
             absent: [m] scans to which no odometry measured the motion.
             counted: whether it is of wheel counters, which measure from the first turn on.
             lapsing: whether the stamps show lapses.
-
-        Returns:
-            [m] which of them are not new: the driver gave the one before again.
         """
         self.path, last = path, len(lidar) if last is None else last
         n, new, stamps = len(self), slice(first, last), lidar.stamps
         unmeasured, motions = absent, dict[int, Array]()
-        jumped = repeated = np.zeros(last - first, np.bool_)
+        jumped = np.zeros(last - first, np.bool_)
         if path is not None and not lapsing:
             unmeasured = jumped = jumps(stamps, odometry, self._config)[new]
         elif path is not None and not absent.all():
@@ -121,16 +113,15 @@ class Inputs:
             self.open |= {n + scan - first: left for scan, left in found.open.items() if first <= scan < last}
             self._seen |= {(lapse.kind, lapse.begin): lapse for lapse in found.seen}
         places = odometry[new]
-        if self._follower is not None and path is not None:
+        if self.follower is not None and path is not None:
             begin = max(first - 1, 0)
             steps = se2.between(odometry[begin : last - 1], odometry[begin + 1 : last])
             driven = np.append(np.zeros(int(not first)), np.hypot(steps[:, 0], steps[:, 1]) + np.abs(steps[:, 2]))
-            places, repeated = np.empty((last - first, 3)), np.zeros(last - first, np.bool_)
+            places = np.empty((last - first, 3))
             scans = (ranges for some in chunks(lidar.ranges[new] if first else lidar.ranges) for ranges in some)
             each = zip(scans, odometry[new], driven.tolist(), unmeasured.tolist(), strict=False)
             for scan, of_scan in enumerate(each):
-                places[scan] = self._follower.add(*of_scan)
-                repeated[scan] = self._follower.repeats
+                places[scan] = self.follower.add(n + scan, *of_scan)
         before = self.odometry[-1:] if n else places[:1]
         moved = np.asarray(se2.between(np.vstack((before, places[:-1])), places))
         for scan, motion in motions.items():
@@ -140,7 +131,6 @@ class Inputs:
         measured = np.zeros(last - first, np.bool_) if path is None else self._measures(lidar, new, places, counted)
         self._rows.add(stamps[new], places, moved)
         self._flags.add(jumped, measured & ~unmeasured)
-        return repeated
 
     def _measures(self, lidar: LidarStream, new: slice, places: Array, counted: bool) -> NDArray[np.bool_]:
         """Whether the odometry has moved by each new scan, or the robot is seen to stand where it began."""
@@ -151,15 +141,11 @@ class Inputs:
         for scan in np.flatnonzero(~moved).tolist():
             if self._start is None:
                 break
-            left, seen = has_left(self._start, lidar.ranges[new.start + scan], self._config)
-            measures[scan] = seen and not left
+            here = lidar.ranges[new.start + scan]
+            both = np.isfinite(self._start) & np.isfinite(here)
+            differs = np.abs(here[both] - self._start[both]) > self._config.same_range
+            left = differs.sum() > self._config.moved_share * both.sum()
+            measures[scan] = both.any() and not left
             if left:
                 self._start = None
         return measures
-
-
-def has_left(first: NDArray[np.float32], here: NDArray[np.float32], config: SyncConfig) -> tuple[bool, bool]:
-    """Whether two scans [beams] [m] are of different places, and whether any beam has an endpoint in both."""
-    both = np.isfinite(first) & np.isfinite(here)
-    differs = np.abs(here[both] - first[both]) > config.same_range
-    return bool(differs.sum() > config.moved_share * both.sum()), bool(both.any())

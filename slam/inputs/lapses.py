@@ -7,7 +7,7 @@ robot is then is for the scans to say (``docs/theory/default-filter.md``).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -94,25 +94,26 @@ class Lapses:
     open: dict[int, Open]  # how well that is known, by scan
     seen: tuple[Lapse, ...]  # what there was, in order
 
-    def issues(self, stamps: Array) -> tuple[Issue, ...]:
-        """What there was, each kind with its times."""
-        drove, where = "nothing was recorded while the robot drove on", "is then the scans must say"
-        held = f"{drove}, and the next scan carries an odometry pose from before: where the robot {where}"
-        issues = []
-        for kind, code, text in (
-            ("gap", "gap", f"{drove}: where it {where}"),
-            ("held", "gap", held),
-            ("anew", "gap", "nothing was recorded, then odometry begins anew: two runs in one file? Cut it there"),
-            ("stale", "stale-odometry", "the odometry stood still while the robot drove: the scans alone there"),
-            ("missing", "no-odometry", "no odometry was recorded while the robot moved: the scans alone there"),
-        ):
-            spans = [(s.begin, s.end) for s in self.seen if s.kind == kind and s.named and s.begin < stamps[-1]]
-            count = len(spans)
-            if kind in ("stale", "missing"):
-                count = max(sum(int(((stamps > begin) & (stamps <= end)).sum()) for begin, end in spans), 1)
-            if spans:
-                issues.append(Issue(code, f"{when(spans)}: {text}", count))
-        return tuple(issues)
+
+def about_lapses(seen: Sequence[Lapse], stamps: Array) -> tuple[Issue, ...]:
+    """What there was, each kind with its times, among scans at stamps [n] [s]."""
+    drove, where = "nothing was recorded while the robot drove on", "is then the scans must say"
+    held = f"{drove}, and the next scan carries an odometry pose from before: where the robot {where}"
+    issues = []
+    for kind, code, text in (
+        ("gap", "gap", f"{drove}: where it {where}"),
+        ("held", "gap", held),
+        ("anew", "gap", "nothing was recorded, then odometry begins anew: two runs in one file? Cut it there"),
+        ("stale", "stale-odometry", "the odometry stood still while the robot drove: the scans alone there"),
+        ("missing", "no-odometry", "no odometry was recorded while the robot moved: the scans alone there"),
+    ):
+        spans = [(s.begin, s.end) for s in seen if s.kind == kind and s.named and s.begin < stamps[-1]]
+        count = len(spans)
+        if kind in ("stale", "missing"):
+            count = max(sum(int(((stamps > begin) & (stamps <= end)).sum()) for begin, end in spans), 1)
+        if spans:
+            issues.append(Issue(code, f"{when(spans)}: {text}", count))
+    return tuple(issues)
 
 
 def lapses(

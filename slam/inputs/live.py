@@ -318,7 +318,7 @@ class LiveInputs(Inputs):
             self._late.append(index)
         counted = self.odometry_in.counted
         self.take(lidar, odometry, path, first=last - 1, last=last, absent=np.array([absent]), counted=counted)
-        hidden = None if self._follower is None or path is None else self._follower.hides(scan.ranges)
+        hidden = None if self.follower is None or path is None else self.follower.hides(index, scan.ranges)
         sweep = np.zeros(3)
         if (seconds := self._sweep_seconds) > 0 and path is not None:
             sweep = np.asarray(sweeps(path, np.array([scan.stamp]), seconds, self._config)[0])
@@ -340,6 +340,6 @@ class LiveInputs(Inputs):
         while path is not None and self._unheard and self.stamps[self._unheard[0]] <= path.stamps[-1]:
             index = self._unheard.popleft()
             pose = self._pose(Waiting(float(self.stamps[index]), NOTHING, None), path)
-            self._rows.values[index, 1:4] = pose if self._follower is None else self._follower.corrected(pose)
+            self._rows.values[index, 1:4] = pose if self.follower is None else self.follower.corrected(pose)
             if index - len(self) + len(self._tail) >= 0:
                 self._tail.values[index - len(self), 1:4] = pose

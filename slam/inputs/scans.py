@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
 from moteslam.robot.se2 import Array
-from moteslam.slam.inputs.travelling import Travelling
+from moteslam.slam.inputs.travelling import Follower
 
 
 class ScanBlock(NamedTuple):
@@ -38,7 +38,7 @@ class Scans:
         sweeps: [n, 3] the robot's motion while each scan is taken, in its frame at the first beam; None for scans
             that count as taken at once.
         max_range: endpoints beyond it are left out [m].
-        travelling: what travels with the robot: left out; None if nothing does.
+        follower: of what travels with the robot, which is left out; None if nothing is.
 
     Attributes:
         origin: [2] where the rays start, in the robot's frame [m].
@@ -51,9 +51,9 @@ class Scans:
         *,
         sweeps: Array | None = None,
         max_range: float = np.inf,
-        travelling: Travelling | None = None,
+        follower: Follower | None = None,
     ) -> None:
-        self._lidar, self._sweeps, self._max_range, self._travelling = lidar, sweeps, max_range, travelling
+        self._lidar, self._sweeps, self._max_range, self._follower = lidar, sweeps, max_range, follower
         x, y, yaw = mount.pose
         angles = lidar.angles + yaw
         self._directions = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
@@ -99,9 +99,8 @@ class Scans:
     def _some(self, first: int, last: int) -> tuple[NDArray[np.float32], Array | None]:
         """The ranges [m, beams] of some scans without what travels with the robot, and its sweeps [m, 3]."""
         ranges = self._lidar.ranges[first:last]
-        if self._travelling is not None:
-            some = [(each, self._travelling.hides(first + k, each)) for k, each in enumerate(ranges)]
-            ranges = np.stack([without(*each) for each in some])
+        if self._follower is not None:
+            ranges = np.stack([without(each, self._follower.hides(first + k, each)) for k, each in enumerate(ranges)])
         return ranges, None if self._sweeps is None else self._sweeps[first:last]
 
 

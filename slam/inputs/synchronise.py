@@ -60,12 +60,11 @@ def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_r
     counted = recording.encoders is not None and len(recording.encoders) > 0
     inputs = Inputs(platform, config, lidar)
     inputs.logged = logged
-    repeated = inputs.take(lidar, odometry, path, absent=absent, counted=counted, lapsing=lapsing)
+    inputs.take(lidar, odometry, path, absent=absent, counted=counted, lapsing=lapsing)
     seconds, swept = sweep_seconds(recording, lidar), None
     if config.deskew and seconds > 0 and path is not None:
         swept = sweeps(path, lidar.stamps, seconds, config)
-    travels = inputs.travels(repeated)
-    inputs.scans = Scans(lidar, platform.lidar, sweeps=swept, max_range=max_range, travelling=travels)
+    inputs.scans = Scans(lidar, platform.lidar, sweeps=swept, max_range=max_range, follower=inputs.follower)
     return inputs
 
 
