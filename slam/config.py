@@ -35,7 +35,7 @@ from moteslam.slam.filter.resampling import KldConfig
 from moteslam.slam.filter.update_policy import UpdateConfig
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.mapping.config import MapConfig
-from moteslam.slam.texture.config import TextureConfig
+from moteslam.slam.texture.floor_map import TextureConfig
 
 if TYPE_CHECKING:
     from moteslam.slam.filter.protocol import Filter

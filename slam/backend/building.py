@@ -159,7 +159,7 @@ class Building(Summarised):
             session = self.sessions[number]
             for k in np.flatnonzero(session.drawn):
                 points, pose = session.points[session.begins[k] :][: session.counts[k]], session.path[session.nodes[k]]
-                grid.add_scan(se2.transform_points(pose, session.origin), se2.transform_points(pose, points))
+                grid.add_scan(pose, points, session.origin)
         return grid.snapshot()
 
     def _summary(self) -> str:

@@ -19,6 +19,7 @@ from moteslam.slam.filter.certainty import (
     FLOOR,
     NEIGHBOURHOOD,
     Certainty,
+    Misfit,
     Symmetric,
     certainty_of,
     moved,
@@ -26,7 +27,6 @@ from moteslam.slam.filter.certainty import (
     symmetric,
 )
 from moteslam.slam.filter.history import History
-from moteslam.slam.filter.misfit import Misfit
 from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
 from moteslam.slam.filter.resampling import Weights, choose_parents
 from moteslam.slam.filter.update_policy import Travelled, magnitude, update_due
@@ -73,7 +73,7 @@ class PaperFilter(FilterDefaults):
         self._misfit.update(self._best)
         n_eff = self.weights.effective_number
         resampled = self._resample(step.index, n_eff)
-        self._map(self._best, step.points, step.origin)
+        self.grid.add_scan(self._best, step.points, step.origin)  # III.2
         return StepResult(self._best, step.motion, n_eff, score, True, resampled, self._certainty())
 
     def likelihood(self, scores: Array) -> Array:
@@ -109,7 +109,7 @@ class PaperFilter(FilterDefaults):
         self.poses = se2.compose(self._best, se2.between(last, self.poses))
         self.grid = OccupancyGrid(self._config.map)
         for pose, update in zip(poses, updates, strict=True):
-            self._map(pose, scans.points(int(update)), scans.origin)
+            self.grid.add_scan(pose, scans.points(int(update)), scans.origin)
 
     def _predict(self, step: Step) -> None:
         """III.3: every particle moves by the control, with noise."""
@@ -139,10 +139,6 @@ class PaperFilter(FilterDefaults):
 
     def _certainty(self) -> Certainty:
         return certainty_of(self._covariance.value, math.nan, self._misfit.probability)
-
-    def _map(self, pose: Array, points: NDArray[np.float32], origin: Array) -> None:
-        """III.2: the best particle's scan goes into the map."""
-        self.grid.add_scan(se2.transform_points(pose, origin), se2.transform_points(pose, points))
 
 
 def prediction_noise(noise: MotionNoise, distance: float, rotation: float, elapsed: float) -> NDArray[np.float64]:

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.slam.inputs.camera import FloorView
-from moteslam.slam.texture.config import TextureConfig
 from moteslam.slam.texture.floor_map import (
     FloorPatch,
+    TextureConfig,
     TextureMap,
     TextureMapper,
     colour_errors,

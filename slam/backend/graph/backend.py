@@ -119,7 +119,8 @@ class GraphBackend:
         """The corrected path of all key scans where a new loop is off by enough, and the map is sharper after it."""
         graph, updates, path = closing.graph, np.array(self._nodes.updates), self._path.values
         placed = path[updates]
-        off, grown = graph.misfit(closing.news, placed), graph.driven / max(self._corrected, 1.0)
+        driven, off = graph.submaps.driven, graph.misfit(closing.news, placed)
+        grown = driven / max(self._corrected, 1.0)
         if off < OFF or grown < (GROWN if off > CLEARLY_OFF else WELL_GROWN):
             return None
         graph.solve()
@@ -129,7 +130,7 @@ class GraphBackend:
         moved = np.hypot(*(poses[:, :2] - placed[:, :2]).T).max()
         better = moved < FARTHEST * off + SLACK and graph.misfit(closing.news, poses) < off
         better = better and sharpness(endpoints, poses) < sharpness(endpoints, placed)
-        self._corrected = graph.driven
+        self._corrected = driven
         closing.news.clear()
         if not better:
             return None

@@ -69,13 +69,10 @@ class Endpoints(NamedTuple):
         """Those of some scans [m], which rise; numbered anew."""
         if len(scans) == len(self.starts) - 1:
             return self
-        counts = np.diff(self.starts)
-        wanted = np.zeros(len(counts), bool)
-        wanted[scans] = True
-        kept = wanted[self.owners]
-        starts = np.r_[0, np.cumsum(counts[scans])].astype(np.int32)
-        owners = np.repeat(np.arange(len(scans)), counts[scans]).astype(np.int32)
-        return Endpoints(self.points[kept], self.normals[kept], starts, owners)
+        counts = np.diff(self.starts)[scans]
+        kept = np.isin(self.owners, scans)
+        owners = np.repeat(np.arange(len(scans)), counts).astype(np.int32)
+        return Endpoints(self.points[kept], self.normals[kept], np.r_[0, np.cumsum(counts)].astype(np.int32), owners)
 
     def placed(self, poses: Array) -> tuple[Array, Array]:
         """Points and normals [p, 2] in the map frame."""

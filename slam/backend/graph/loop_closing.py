@@ -156,7 +156,7 @@ class LoopClosing(Generic[G]):
                 return []
         cost = float(window.places * MAX_SEARCH_POINTS)
         if cost > CHEAP:
-            if self._looked_up + cost > LOOKUPS_PER_METRE * graph.driven:
+            if self._looked_up + cost > LOOKUPS_PER_METRE * graph.submaps.driven:
                 if known is None:
                     graph.enter(pair, self._search.unsearched(submap, query, predicted, window))
                 return []

@@ -105,11 +105,6 @@ class BoundGraph:
         return self._steps if isinstance(self._steps, MeasuredChain) else self._steps.measured
 
     @property
-    def driven(self) -> float:
-        """Length of the path [m]."""
-        return self.submaps.driven
-
-    @property
     def ledger(self) -> tuple[LoopCandidate, ...]:
         """Every candidate, in the order of the latest searches."""
         return tuple(loop.candidate for loop in self.loops.values())
@@ -194,11 +189,10 @@ class LoopGraph(BoundGraph):
         self._fits = 0  # of the chain, as taken in
 
     def extend(self) -> None:
-        self.chain.add()
+        step = self.chain.add()
         if self.chain.fits != self._fits:
             self._refit()
             return
-        step, _ = self.chain.last()
         self.submaps.extend(step)
         self.poses = np.vstack((self.poses, se2.compose(self.poses[-1], step)))
         self._uncertainty = None

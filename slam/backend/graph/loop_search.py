@@ -164,7 +164,7 @@ class LoopSearch:
         information = measured_information(kept, best, self._registration, self._config.correlation)
         error = np.linalg.inv(information + WEAKEST * np.eye(3)) + np.diag(np.square(FLOOR))
         candidate = replace(
-            self._candidate(submap, query, predicted, window),
+            self.unsearched(submap, query, predicted, window).candidate,
             found=se2.compose(predicted, kept.offsets[best]),
             share=float(places[best]),
             runner_up=second,
@@ -177,12 +177,10 @@ class LoopSearch:
 
     def unsearched(self, submap: int, query: int, predicted: Array, window: Window) -> Loop:
         """The candidate of a search that is not made."""
-        return Loop(self._candidate(submap, query, predicted, window), WEAKEST * np.eye(3))
-
-    def _candidate(self, submap: int, query: int, predicted: Array, window: Window) -> LoopCandidate:
         indices, stamps = self._nodes.indices, self._nodes.stamps
         pair, half = (indices[submap], indices[query]), (float(window.half[0]), float(window.half[2]))
-        return LoopCandidate.unsearched(*pair, (stamps[submap], stamps[query]), predicted, half)
+        candidate = LoopCandidate.unsearched(*pair, (stamps[submap], stamps[query]), predicted, half)
+        return Loop(candidate, WEAKEST * np.eye(3))
 
     def window(self, covariance: Array) -> Window:
         """What is searched of a prediction of this covariance [3, 3]."""

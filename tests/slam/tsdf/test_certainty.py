@@ -13,6 +13,8 @@ from moteslam.robot.recording import Recording
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import (
     FLOOR,
+    LEAST_SPREAD,
+    LOST_DROP,
     NEIGHBOURHOOD,
     LocalisationState,
     as_array,
@@ -21,7 +23,6 @@ from moteslam.slam.filter.certainty import (
     symmetric,
     wrong_by_spread,
 )
-from moteslam.slam.filter.misfit import LEAST_SPREAD, LOST_DROP
 from moteslam.slam.mapping.config import LOST_DISTANCE
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import prior_spread
