@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import tomli_w
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
@@ -40,6 +40,8 @@ from moteslam.slam.texture.floor_map import TextureConfig
 if TYPE_CHECKING:
     from moteslam.slam.filter.protocol import Filter
 
+Kind = TypeVar("Kind")
+
 
 class SlamConfig(Section):
     """The keys of every method. It cannot be built itself: build a method's own, or take a preset."""
@@ -67,13 +69,7 @@ class SlamConfig(Section):
         if not isinstance(table, dict):
             return table
         name = table.get("method", cls.model_fields["backend"].default.method)
-        if not isinstance(name, str):
-            raise ConfigError(f"{name!r}, expected one of {', '.join(BACKENDS.names())}", field="backend.method")
-        try:
-            model = BACKENDS[name].config
-        except ConfigError as error:
-            raise ConfigError(error.problem, field="backend.method") from error
-        return validated(model, table, above="backend")
+        return validated(_named(BACKENDS, name, "backend.method").config, table, above="backend")
 
     def to_toml(self) -> str:
         """The configuration as TOML; it reads back equal."""
@@ -176,7 +172,7 @@ def resolve_config(
 
 def _resolved(method: str, given: Table, *, file: Path | None) -> SlamConfig:
     """A method's defaults, or those of the method that is given, and what is given over them."""
-    model = _model(given.get("method", method), file=file)
+    model = _named(METHODS, given.get("method", method), "method", file=file).config
     base = model.model_validate({}).model_dump(mode="json")
     values = _over(base, {**given, "method": base["method"]})
     try:
@@ -218,11 +214,11 @@ def _backend_of(table: Table) -> object:
     return backend.get("method") if isinstance(backend, dict) else None
 
 
-def _model(method: object, *, file: Path | None) -> type[SlamConfig]:
-    """The model of a method's configuration."""
-    if not isinstance(method, str):
-        raise ConfigError(f"{method!r}, expected one of {', '.join(METHODS.names())}", file=file, field="method")
+def _named(kinds: Plugins[Kind], name: object, field: str, *, file: Path | None = None) -> Kind:
+    """The plug-in that a configuration names in a field."""
+    if not isinstance(name, str):
+        raise ConfigError(f"{name!r}, expected one of {', '.join(kinds.names())}", file=file, field=field)
     try:
-        return METHODS[method].config
+        return kinds[name]
     except ConfigError as error:
-        raise ConfigError(error.problem, file=file, field="method") from error
+        raise ConfigError(error.problem, file=file, field=field) from error

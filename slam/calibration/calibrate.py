@@ -37,7 +37,7 @@ from moteslam.slam.calibration.unmeasured import (
 )
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
-from moteslam.slam.inputs.synchronise import Bundles, apart, bundles, in_order, is_coarse
+from moteslam.slam.inputs.synchronise import Bundles, apart, bundles, in_order, is_coarse, require_lidar
 
 PAIRS, FEW_PAIRS = 300, 150
 """Of a recording; the second is enough to see what moves a result by a tenth of a metre, in half a second."""
@@ -149,9 +149,8 @@ def _without_step(recording: Recording, found: Calibration | None, pairs: int) -
         return found
     for step in clock_steps(recording, LATE):
         undone = step.undone(recording)
-        assert undone.lidar is not None
         try:
-            again = _in_some_reading(undone, in_order(undone.lidar), pairs)
+            again = _in_some_reading(undone, in_order(require_lidar(undone)), pairs)
         except UnmeasuredError:
             continue
         if again is None or again.clocks is None or not again.fits:

@@ -15,6 +15,7 @@ from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar
 from moteslam.slam.calibration.hand_eye import CLOCKS, Parameter
 from moteslam.slam.calibration.readings import in_form, with_poses, with_stamps
 from moteslam.slam.inputs.odometry_path import OdometryPath
+from moteslam.slam.inputs.synchronise import require_lidar
 
 Side = Literal["lidar", "odometry"]
 
@@ -55,9 +56,7 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
     )
     if c.fits and (c.form, c.quarter) != ("stated", 0.0):
         mended = with_poses(mended, lambda *path: in_form(OdometryPath(*path), c.form, c.quarter).poses)
-    lidar = mended.lidar
-    assert lidar is not None
-    lidar = lidar_of(lidar, c, certain)
+    lidar = lidar_of(require_lidar(mended), c, certain)
     if c.sweep is not None and c.sweep >= 0 and side is not None:
         lidar = replace(lidar, time_increment=c.sweep / (lidar.ranges.shape[1] - 1))
     mended = mended.replace(lidar=lidar)
@@ -65,8 +64,7 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
         mended = _mirror_image(mended, gyro=mirror == "gyro" or not c.wrong, poses=mirror == "odometry")
     if c.late == "gyro":
         mended, offset, drift = with_stamps(mended, ("imu",), lambda stamps: stamps - offset), 0.0, 0.0
-    lidar = mended.lidar
-    assert lidar is not None
+    lidar = require_lidar(mended)
     if lidar.odometry is not None and (offset or drift):
         at = lidar.stamps + offset + drift * (lidar.stamps - c.fit.middle)
         mended = mended.replace(lidar=replace(lidar, odometry=se2.interpolate(lidar.stamps, lidar.odometry, at)))
@@ -90,8 +88,7 @@ def _mirror_image(recording: Recording, *, gyro: bool, poses: bool) -> Recording
 
 def _other_lidar(recording: Recording, scale: float, offset: float, drift: float, middle: float) -> Recording:
     """With the scans on the odometry's clock, and their ranges as long as it."""
-    lidar = recording.lidar
-    assert lidar is not None
+    lidar = require_lidar(recording)
     stamps = lidar.stamps + offset + drift * (lidar.stamps - middle)
     factor = np.float32(1 / scale)
     ranges = lidar.ranges if scale == 1 else changed_ranges(lidar, lambda ranges: ranges * factor)

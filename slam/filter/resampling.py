@@ -16,6 +16,8 @@ from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Positive, Section, Truth, Whole
 
+Parents = NDArray[np.int64]
+
 
 @dataclass(frozen=True, eq=False)
 class Weights:
@@ -58,9 +60,6 @@ class Weights:
         return self.times_log(log) if np.isfinite((self.log + log).max()) else self
 
 
-Parents = NDArray[np.int64]
-
-
 class KldConfig(Section):
     """KLD sampling: as many particles as the posterior needs (Fox 2003; Probabilistic Robotics, table 8.4).
 
@@ -73,16 +72,6 @@ class KldConfig(Section):
     bin_size: Positive = 0.1  # Of the bins in x and in y [m]
     bin_angle: Positive = 0.05  # Of the bins in the heading [rad]
     least: Annotated[Whole, Field(ge=1)] = 10  # Never fewer particles than these; `particles` wins if it is smaller
-
-
-def resample(
-    scheme: str, weights: Array, generator: np.random.Generator, count: int | None = None
-) -> NDArray[np.int64]:
-    """Draw ``count`` particles in proportion to their weights [N], not all 0; as many as there are by default.
-
-    A particle of weight w is drawn count * w times on average, one of weight 0 never. Rising indices [M].
-    """
-    return SCHEMES[scheme](weights, generator, len(weights) if count is None else count)
 
 
 def systematic(weights: Array, generator: np.random.Generator, count: int) -> Parents:
@@ -120,7 +109,8 @@ SCHEMES: dict[str, Callable[[Array, np.random.Generator, int], Parents]] = {
     "stratified": stratified,
     "residual": residual,
 }
-"""What the configuration key ``resampling`` names."""
+"""What the configuration key ``resampling`` names: draw so many particles M in proportion to their weights [N], not all
+0. One of weight w is drawn M w times on average, one of weight 0 never. Rising indices [M]."""
 
 
 class Draws(IntEnum):
@@ -193,4 +183,4 @@ def choose_parents(
     count = len(poses)
     if kld.enabled:
         count = particle_number(poses, weights, kld, most, seed=seed, step=step)
-    return resample(scheme, weights, generator_for(seed, step), count)
+    return SCHEMES[scheme](weights, generator_for(seed, step), count)

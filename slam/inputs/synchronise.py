@@ -185,8 +185,7 @@ def warnings(
 
     ``path``: by odometry, of inputs that forget it.
     """
-    lidar, encoders, imu = recording.lidar, recording.encoders, recording.imu
-    assert lidar is not None
+    lidar, encoders, imu = require_lidar(recording), recording.encoders, recording.imu
     n, told, own, path = len(lidar), [], inputs.issues, path or inputs.path
     parts, limit = chunks(lidar.ranges) if read_ranges else (), np.float32(lidar.range_max)
     blind = beyond = 0
@@ -301,9 +300,9 @@ def bundles(lidar: LidarStream) -> Bundles | None:
 
 def doubtful_stamps(recording: Recording, path: OdometryPath | None) -> list[Issue]:
     """Clocks that are too coarse for their readings, and ways that are driven without scans, by a path."""
-    issues, scans = list[Issue](), require_lidar(recording).stamps
-    logged = require_lidar(recording).odometry is not None  # the motion then does not depend on stamps
-    if (found := bundles(require_lidar(recording))) is not None:
+    issues, lidar = list[Issue](), require_lidar(recording)
+    scans, logged = lidar.stamps, lidar.odometry is not None  # the motion then does not depend on stamps
+    if (found := bundles(lidar)) is not None:
         issues.append(Issue(*found.text))
     for name, stamps in recording.stamps().items():
         if name in STREAMS[:4] and is_coarse(stamps):

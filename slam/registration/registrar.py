@@ -40,10 +40,10 @@ class Registration(NamedTuple):
 
     def of(self, which: int) -> Fitted:
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.information[which].tolist()
-        known, likelihood, crossed = (float(a[which]) for a in (self.known, self.likelihoods, self.crossed))
-        offset, information = as_pose(self.offsets[which]), (xx, xy, xt, yy, yt, tt)
-        cost, free, far = float(self.costs[which]), as_pose(self.free[which]), float(self.far[which])
-        return Fitted(offset, information, known, likelihood, crossed, cost, free, far)
+        offset, free, information = as_pose(self.offsets[which]), as_pose(self.free[which]), (xx, xy, xt, yy, yt, tt)
+        several = self.costs, self.known, self.likelihoods, self.crossed, self.far
+        cost, known, likelihood, crossed, far = (float(values[which]) for values in several)
+        return Fitted(offset, information, cost, known, likelihood, crossed, free, far)
 
     def at(self, which: int) -> Registration:
         """One of them, as of one particle."""
@@ -52,12 +52,9 @@ class Registration(NamedTuple):
     @classmethod
     def one(cls, fitted: Fitted) -> Registration:
         """Of one particle: what ``of`` took out, without ``means``."""
-        information = np.array(fitted.information)[FULL].reshape(1, 3, 3)
-        cost, known, likelihood, crossed, far = np.array(
-            ((fitted.cost,), (fitted.known,), (fitted.likelihood,), (fitted.crossed,), (fitted.far,))
-        )
-        offset, free = np.array((fitted.offset,)), np.array((fitted.free,))
-        return cls(offset, information, cost, known, likelihood, crossed, free, far, np.zeros((1, 3)))
+        columns = [np.array((each,)) for each in (*fitted, (0.0, 0.0, 0.0))]
+        columns[1] = columns[1][:, FULL].reshape(1, 3, 3)
+        return cls(*columns)
 
 
 def register(
@@ -111,10 +108,10 @@ class Fitted(NamedTuple):
 
     offset: Pose
     information: tuple[float, float, float, float, float, float]  # the elements xx, xy, xt, yy, yt, tt; t is theta
+    cost: float
     known: float
     likelihood: float
     crossed: float
-    cost: float
     free: Pose
     far: float
 
@@ -142,7 +139,7 @@ def register_one(
     x, y, theta, xx, xy, xt, yy, yt, tt, cost, known, likelihood, crossed = found[: kernel.CROSSED + 1]
     free_x, free_y, free_turn = found[kernel.FREE]
     offset, information, free = (x, y, theta), (xx, xy, xt, yy, yt, tt), (free_x, free_y, free_turn)
-    return Fitted(offset, information, known, likelihood / max(known, 1), crossed, cost, free, found[kernel.FAR])
+    return Fitted(offset, information, cost, known, likelihood / max(known, 1), crossed, free, found[kernel.FAR])
 
 
 def options_of(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOptions:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,13 +36,6 @@ from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.proposal import Proposal
 
 FLAT = 1e-6  # Curvatures below this say nothing
-
-
-class FloorFit(NamedTuple):
-    """What the floor says of where the particles are."""
-
-    offsets: Array  # [N, 3] from each particle's pose to where the floor puts it, in the frame of that pose; no turn
-    information: Array  # [3, 3] of that: the inverse of a covariance, zero where it says nothing
 
 
 @dataclass(eq=False)
@@ -115,13 +107,13 @@ class FloorLikelihood:
         if fit is None:
             return None
         lidar = proposal.precision(self._share)
-        gain = np.linalg.solve(lidar + fit.information, np.broadcast_to(fit.information, lidar.shape))
-        inside = fit.information - fit.information @ gain
-        off = fit.offsets
+        off, information = fit
+        gain = np.linalg.solve(lidar + information, np.broadcast_to(information, lidar.shape))
+        inside = information - information @ gain
         return replace(
             proposal,
             offsets=se2.compose(proposal.offsets, np.einsum("nij,nj->ni", gain, off)),
-            information=proposal.information + fit.information / self._share,
+            information=proposal.information + information / self._share,
             position_share=1.0,  # the floor tells particles apart where the lidar does not
             log_likelihood=-0.5 * np.einsum("ni,nij,nj->n", off, inside, off),
         )
@@ -133,14 +125,13 @@ class FloorLikelihood:
             self.add(self._view, particles.poses, particles.best, self._since_frame)
             self._since_frame = 0.0
 
-    def fit(self, view: FloorView, poses: Array, best: int) -> FloorFit | None:
-        """Where the floor puts the particles.
-
-        ``poses``: [N, 3] where the lidar puts them, at the scan.
+    def fit(self, view: FloorView, poses: Array, best: int) -> tuple[Array, Array] | None:
+        """Where the floor puts the particles, which the lidar puts at poses [N, 3] at the scan.
 
         Returns:
-            None if the frame does not lie on known floor, where it fits nowhere within reach, or where it looks the
-            same everywhere.
+            [N, 3] the offsets from each pose to there, in its frame, without a turn; and their information [3, 3], zero
+            where the floor says nothing. None if the frame does not lie on known floor, where it fits nowhere within
+            reach, or where it looks the same everywhere.
         """
         if not self._maps:
             return None
@@ -155,7 +146,7 @@ class FloorLikelihood:
         offsets[:, 2] = 0.0
         whole = np.zeros((3, 3))
         whole[:2, :2] = information
-        return FloorFit(offsets, whole)
+        return offsets, whole
 
     def add(self, view: FloorView, poses: Array, best: int, travelled: float) -> None:
         """Write a frame into the newest map along the best particle's motion, or begin the next with it.
