@@ -122,11 +122,9 @@ class Core:
 
     @property
     def _done(self) -> int:
-        """Scans that were taken in."""
         return self._records.done
 
     def _step(self, step: Step) -> Update:
-        """Take in a scan."""
         began, draws = time.perf_counter(), self._filter.history.draws
         result, corrected = self._filter.step(step), 0.0
         if problem := _unsound(self._filter, result, len(self._updates), draws):
@@ -189,9 +187,7 @@ class Core:
         """Give the back end the key scans that wait; where it corrects the path, the filter goes on from there.
 
         Those that waited while the particles were at several places are given on the path that turned out to be best.
-
-        Returns:
-            how far that moved the robot [m], 0 where nothing was corrected.
+        Returns how far that moved the robot [m], 0 where nothing was corrected.
         """
         keys, self._waiting = self._waiting, []
         first = len(self._updates) - len(keys)

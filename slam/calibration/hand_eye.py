@@ -156,10 +156,7 @@ def covariances(information: Array, deviation: Array) -> Array:
 def clock(pairs: Pairs, stamps: Array, headings: Array, *, shared: bool) -> tuple[float, float, float]:
     """Offset [s] and drift [s/s] at which the turns of both agree best, and their correlation there, of either sign.
 
-    Args:
-        stamps: [n] of the odometry [s].
-        headings: [n] its headings, unwrapped [rad].
-        shared: the two are on one clock; then these are 0.
+    The odometry has headings [n], unwrapped [rad], at stamps [n] [s]. On a ``shared`` clock offset and drift are 0.
     """
     lags = np.zeros(1) if shared else np.arange(-LONGEST, LONGEST + STEP / 2, STEP)
     span = max(float(np.ptp(pairs.first)), 1.0)

@@ -24,11 +24,9 @@ NOT_MENDED = "odometry-unfit", "scans-unfit", "lidar-tilted", "range-change", "r
 
 
 def calibrated(recording: Recording, calibration: Calibration, side: Side | None) -> Recording:
-    """A recording mended by what is certain.
+    """A recording mended by what is certain of its calibration.
 
     Args:
-        recording: that the calibration was made of.
-        calibration: of it.
         side: what is taken to be wrong where the two contradict each other and scans cannot say which is: one that is
             a mirror image, the ratio of lengths, the clock; None mends only what is known to be on one side
             (``Findings.decided``): the odometry's clock and poses, a mirror image if a third witness says which.

@@ -63,14 +63,11 @@ in more than this share of the scans."""
 
 
 class RegisteredPairs:
-    """Pairs of scans of a recording, registered.
-
-    Attributes:
-        first, last: [k] times of the scans, in the middle of their sweeps [s].
-    """
+    """Pairs of scans of a recording, registered."""
 
     def __init__(self, recording: Recording, lidar: LidarStream, before: Indices, after: Indices) -> None:
         total, sweep = lidar.ranges.shape[1], sweep_seconds(recording, lidar)
+        # [k] times of the scans, in the middle of their sweeps [s]
         self.first, self.last = lidar.stamps[before] + sweep / 2, lidar.stamps[after] + sweep / 2
         self._seconds = self.last - self.first
         self._scans = before, after

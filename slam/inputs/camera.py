@@ -49,9 +49,7 @@ class FloorView:
     def corrected(self, odometry: NDArray[np.float64], motion: NDArray[np.float64], seconds: float) -> FloorView:
         """The same view with its place corrected by the odometry's error, which is taken to be even over a motion.
 
-        Args:
-            odometry: [3] a motion up to the scan as the odometry measured it.
-            motion: [3] the same motion as registration found it.
+        That is up to the scan: [3] as the odometry measured it, and [3] as registration found it.
         """
         share = min(1.0, self.age / seconds) if seconds > 0 else 1.0
         since = se2.compose(se2.inverse(self.place), share * se2.between(odometry, motion))
@@ -65,31 +63,23 @@ class FloorViews:
     measured this place was taken: the floor is flat and the camera does not tilt. So a frame counts as taken at the
     stamp of its colours.
 
-    Args:
-        stream: gives the images, as far as they have come and are kept.
-        mount: of the camera.
-        largest_gap: between the colour and the disparity image of a frame [s].
-
-    Attributes:
-        count: what became of the frames that were asked for.
-        asked: how many scans a frame was asked for.
+    The stream has the images as far as they have come and are kept; ``largest_gap``: between the colour and the
+    disparity image of a frame [s].
     """
 
     def __init__(
         self, stream: Callable[[], RgbdStream], mount: CameraSpec, inputs: Inputs, *, largest_gap: float
     ) -> None:
-        self.count, self.asked = FrameCount(), 0
+        self.count, self.asked = FrameCount(), 0  # what became of the frames; for how many scans one was asked for
         self._stream, self._mount, self._inputs, self._largest_gap = stream, mount, inputs, largest_gap
         self._last = -np.inf
 
     def at(self, index: int, max_age: float) -> FloorView | None:
-        """The newest frame when a scan is taken; None if it is too old, was handed out before, or is broken.
+        """The newest frame when a scan is taken; None if it is older than ``max_age`` [s], was handed out before, or is
+        broken.
 
-        None, too, where the odometry did not measure all of the motion in between.
-
-        Args:
-            index: of the scan; successive calls ask for rising indices.
-            max_age: of the frame when the scan is taken [s].
+        None, too, where the odometry did not measure all of the motion in between. Indices of scans rise from call to
+        call.
         """
         self.asked += 1
         inputs, stream = self._inputs, self._stream()
@@ -120,7 +110,6 @@ class FloorViews:
         return FloorView(frame, self._mount, se2.between(now, then), stamp - taken)
 
     def issues(self) -> tuple[Issue, ...]:
-        """What was lost."""
         issues = self.count.losses("colours")
         without = self.asked - self.count.used
         if without > self.asked / 2:
@@ -134,11 +123,9 @@ RGB, DISPARITY = "rgb", "disparity"
 
 
 class LiveCamera:
-    """Takes in images; what is held in memory does not grow with their number.
+    """Takes in images; what is held in memory, for so long as they are ``kept`` [s], does not grow with their number.
 
-    Args:
-        interval, largest_gap: of the frames that colour the floor [s]: see `FrameChoice`.
-        kept: how long images are kept in memory [s].
+    Interval and largest gap are of the frames that colour the floor [s]: see `FrameChoice`.
     """
 
     def __init__(self, interval: float, largest_gap: float, kept: float) -> None:
@@ -151,7 +138,6 @@ class LiveCamera:
         self._places: dict[str, list[tuple[float, int, int]]] = {RGB: [], DISPARITY: []}  # stamp, offset, bytes
 
     def add(self, kind: str, stamp: float, image: NDArray[Any]) -> None:
-        """Take in an image of a kind."""
         self._latest[kind].append((stamp, image))
         self._undecided += kind == DISPARITY
         self._newest = max(self._newest, stamp)

@@ -56,16 +56,11 @@ class Lapse(NamedTuple):
 
 
 class Open(NamedTuple):
-    """What is left open of a motion that was not measured.
+    """What is left open of a motion that was not measured: standard deviations."""
 
-    Attributes:
-        place, heading: standard deviations, for a robot that may have turned aside on the way [m], [rad].
-        arc: that of the place if it did not [m].
-    """
-
-    place: float = 0.0
-    heading: float = 0.0
-    arc: float = 0.0
+    place: float = 0.0  # of a robot that may have turned aside on the way [m]
+    heading: float = 0.0  # likewise [rad]
+    arc: float = 0.0  # of the place if it did not [m]
 
     def plus(self, other: Open) -> Open:
         """After another such motion."""

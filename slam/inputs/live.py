@@ -67,7 +67,6 @@ class LiveScans(Scans):
         self._indices.append(index)
 
     def forget_latest(self) -> None:
-        """Keep the latest scan no longer."""
         self._indices.pop()
 
     def _some(self, first: int, last: int) -> tuple[NDArray[np.float32], Array | None]:
@@ -78,11 +77,7 @@ class LiveScans(Scans):
 
 
 class Beginning:
-    """The first messages, kept as they came: they are checked as a recording is.
-
-    Args:
-        lidar: its figures.
-    """
+    """The first messages, kept as they came: they are checked as a recording is."""
 
     def __init__(self, platform: Platform, lidar: LidarStream) -> None:
         self._platform, self._lidar = platform, lidar
@@ -95,7 +90,6 @@ class Beginning:
 
     @property
     def full(self) -> bool:
-        """Whether there is no room for more."""
         return len(self) >= FIRST or self._messages >= FIRST_MESSAGES
 
     def add(self, stream: str, message: list[float], ranges: NDArray[np.float32] | None = None) -> None:
@@ -150,16 +144,8 @@ class Waiting(NamedTuple):
 class LiveInputs(Inputs):
     """The scans that were taken in so far.
 
-    Args:
-        patience: a scan waits this long for odometry that comes later [s], and wheels half as long for the gyro; then
-            its motion counts as not measured, and their own turns are taken.
-
-    Attributes:
-        odometry_in: takes in the odometry's messages.
-        beginning: the first messages.
-        waiting: scans that are not taken in yet.
-        too_fast: what is told of odometry that no robot can have driven.
-        awaited: streams that a scan waits for besides, as long: until they have come to its stamp.
+    With ``patience`` a scan waits for odometry that comes later [s], and wheels half as long for the gyro; then its
+    motion counts as not measured, and their own turns are taken.
     """
 
     scans: LiveScans
@@ -175,9 +161,9 @@ class LiveInputs(Inputs):
         self._patience = patience
         self.scans = LiveScans(self._lidar, platform, max_range)
         self.odometry_in, self.beginning = OdometryReadings(platform, config), Beginning(platform, self._lidar)
-        self.waiting: deque[Waiting] = deque()
-        self.too_fast: tuple[Issue, ...] = ()
-        self.awaited: tuple[str, ...] = ()
+        self.waiting: deque[Waiting] = deque()  # scans that are not taken in yet
+        self.too_fast: tuple[Issue, ...] = ()  # what is told of odometry that no robot can have driven
+        self.awaited: tuple[str, ...] = ()  # streams that a scan waits for besides, until they have come to its stamp
         self._newest, self.messages = -np.inf, 0  # of all messages
         self._other_clock: tuple[Issue, ...] = ()
         self._blind = 0
@@ -247,13 +233,8 @@ class LiveInputs(Inputs):
             self.too_fast = (Issue("odometry-units", text + "speed: are its stamps in s and its lengths in m?"),)
 
     def take_next(self, *, finish: bool = False) -> int | None:
-        """Take in the scan that waits longest, if the odometry covers it, or it has waited long enough.
-
-        Args:
-            finish: nothing more is to come.
-
-        Returns:
-            its index; None if there is none.
+        """Take in the scan that waits longest, if the odometry covers it, it has waited long enough, or nothing more is
+        to come. Its index; None if there is none.
         """
         if not self.waiting:
             return None

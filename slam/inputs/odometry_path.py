@@ -33,10 +33,8 @@ class LowPass:
     """A causal first-order Butterworth low-pass, settled at the first value.
 
     The readings are taken to be evenly spaced: stamps jitter more than a sensor does. The rate is the mean one up to
-    each reading, so that no output follows from a later reading.
-
-    Args:
-        cut_off: [Hz]; 0 filters nothing, and nor does one at or above half the rate.
+    each reading, so that no output follows from a later reading. A cut-off of 0 [Hz] filters nothing, and nor does one
+    at or above half the rate.
     """
 
     def __init__(self, cut_off: float) -> None:
@@ -61,18 +59,14 @@ class LowPass:
 
 
 class Gyro:
-    """What it has measured; readings may be forgotten from the beginning on.
-
-    Attributes:
-        heard: stamp of the latest reading, of one left out, too [s].
-        hung: from when to when it hung [s].
-    """
+    """What it has measured; readings may be forgotten from the beginning on."""
 
     def __init__(self, config: SyncConfig) -> None:
         self._config, self._low_pass = config, LowPass(config.low_pass_hz)
         self._rows = Rows(3, order="F")  # stamp, yaw rate, heading
         self._rate, self._since = np.nan, -np.inf  # the latest yaw rate as it came, and since when it is the same
-        self.heard, self.hung = -np.inf, list[tuple[float, float]]()
+        self.heard = -np.inf  # stamp of the latest reading, of one left out, too [s]
+        self.hung = list[tuple[float, float]]()  # from when to when [s]
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -187,12 +181,6 @@ class OdometryReadings:
     """Takes in what wheels and gyro, or a base that integrates them itself, report.
 
     A reading of the wheels waits for the gyro's reading after it, where the robot has a gyro.
-
-    Attributes:
-        counted: whether it is of wheel counters.
-        gyro: what it has measured.
-        begins: stamp of the first reading that is part of the path [s].
-        still: whether it has stood still for longer than is kept.
     """
 
     def __init__(self, platform: Platform, config: SyncConfig) -> None:
@@ -205,6 +193,7 @@ class OdometryReadings:
         self._waiting = Rows(3, order="F")  # readings of the wheels: stamp, distance, turn
         self.gyro = Gyro(config)
         self._heard: dict[str, list[list[float]]] = {stream: [] for stream in ("imu", "encoders", "odometry")}
+        # whether it is of wheel counters; the first stamp of the path [s]; whether it stood for longer than is kept
         self.counted, self.begins, self.still = False, np.inf, False
 
     @property
@@ -323,11 +312,9 @@ def jumps(
     Args:
         stamps: [n] of the readings [s]; where two are equal there is no speed, and no jump.
         odometry: [n, 3] poses there.
-        config: the bounds; the defaults if None.
         since: those before are not asked for [s].
 
-    Returns:
-        [n]; the first is False.
+    Returns [n]; the first is False.
     """
     c = config or SyncConfig()
     jump = np.zeros(len(stamps), np.bool_)

@@ -14,16 +14,11 @@ from moteslam.slam.inputs.travelling import Follower
 
 
 class ScanBlock(NamedTuple):
-    """The endpoints of m scans in a row.
+    """The endpoints of m scans in a row."""
 
-    Attributes:
-        points: float32 [k, 2] in the robot's frame at each scan's stamp [m].
-        begins, counts: [m] the first row of each scan in ``points``, and how many are its.
-    """
-
-    points: NDArray[np.float32]
-    begins: NDArray[np.int32]
-    counts: NDArray[np.int32]
+    points: NDArray[np.float32]  # float32 [k, 2] in the robot's frame at each scan's stamp [m]
+    begins: NDArray[np.int32]  # [m] the first row of each scan in them
+    counts: NDArray[np.int32]  # [m] how many are its
 
     def of(self, number: int) -> NDArray[np.float32]:
         """The endpoints [c, 2] of one of the scans."""

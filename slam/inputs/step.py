@@ -58,11 +58,7 @@ class Step(Summarised):
 def steps(
     inputs: Inputs, views: FloorViews | None = None, *, thinning: ThinningConfig | None = None, first: int = 0
 ) -> Iterator[Step]:
-    """One step a scan; the scans are projected and thinned ``BLOCK`` at a time.
-
-    Args:
-        views: camera frames of the floor; None if they are not used.
-    """
+    """One step a scan; the scans are projected and thinned ``BLOCK`` at a time. Views: None if they are not used."""
     indices = range(first, len(inputs))
     for begin in range(0, len(indices), BLOCK):
         some = indices[begin : begin + BLOCK]
@@ -88,21 +84,12 @@ def steps(
 
 
 def thin(points: NDArray[np.float32], origin: NDArray[np.float64], config: ThinningConfig) -> ThinnedScan:
-    """Average neighbouring endpoints.
-
-    Args:
-        points: [k, 2] in the order of their beams, in the robot's frame [m].
-        origin: [2] where the rays start [m].
-    """
+    """Average neighbouring endpoints [k, 2], in the order of their beams, whose rays start at an origin [2] [m]."""
     return thin_scan(points, origin, **vars(config))
 
 
 def thin_some(scans: Scans, indices: Sequence[int], config: ThinningConfig) -> list[ThinnedScan]:
-    """Some of the scans, each as by ``thin``, in one launch.
-
-    Args:
-        indices: [m] of those to thin, one at least.
-    """
+    """Some of the scans, of these indices [m], one at least, each as by ``thin``, in one launch."""
     points = [scans.points(index) for index in indices]
     counts = np.array([len(each) for each in points], np.int32)
     begins = np.cumsum(counts, dtype=np.int32) - counts

@@ -69,11 +69,7 @@ def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_r
 
 
 def require_lidar(recording: Recording) -> LidarStream:
-    """The recording's lidar stream.
-
-    Raises:
-        InputError: it has none, or one without scans.
-    """
+    """The recording's lidar stream; ``InputError`` if it has none, or one without scans."""
     if recording.lidar is None or not len(recording.lidar):
         raise InputError("no lidar scans, expected at least one", file=recording.name, field="lidar")
     return recording.lidar

@@ -58,11 +58,8 @@ def near(ranges: NDArray[Any], held: NDArray[Any]) -> Flags:
 def _line(angles: Array, ranges: Array) -> Array:
     """The straight line along which something travels, as the range [b] of every beam that meets it; NaN without one.
 
-    The floor before a tilted lidar is such a line: a beam that ends on it need not be seen to travel first.
-
-    Args:
-        angles: [b] of the beams [rad].
-        ranges: [b] at which something travels; NaN elsewhere [m].
+    The floor before a tilted lidar is such a line: a beam that ends on it need not be seen to travel first. Of angles
+    [b] [rad], and ranges [b] at which something travels, NaN elsewhere [m].
     """
     line = np.full(len(angles), np.nan)
     x, y = ranges * np.cos(angles), ranges * np.sin(angles)
@@ -118,16 +115,11 @@ class Follower:
         self._since: tuple[Array, Array] | None = None  # the odometry when they last did, and the robot's pose then
 
     def add(self, scan: int, ranges: NDArray[np.float32], odometry: Array, driven: float, unmeasured: bool) -> Array:
-        """Take in the next scan.
+        """Take in the next scan: its index, ranges [beams] [m] and pose [3] by odometry.
 
-        Args:
-            scan: its index; ranges: [beams] [m].
-            odometry: [3] the pose.
-            driven: and turned since the scan before [m].
-            unmeasured: whether odometry does not say how the robot has moved since.
+        It was ``driven``, and turned, so far since the scan before [m], unless odometry left that ``unmeasured``.
 
-        Returns:
-            the pose [3] without the motion of wheels that spun on the spot.
+        Returns the pose [3] without the motion of wheels that spun on the spot.
         """
         self._driven, self._unmeasured = self._driven + driven, self._unmeasured + unmeasured
         moved = self._driven - self._new
@@ -199,7 +191,6 @@ class Follower:
         self._seen.append(Episode(kind, first, last))
 
     def _compare(self, before: _Compared, now: _Compared) -> None:
-        """Take in a comparison."""
         # and back: floor behind the robot is where it saw through the place of a wall before
         ranges = np.stack((before.ranges, now.ranges, before.ranges))
         poses = np.stack((before.odometry, now.odometry, before.odometry))

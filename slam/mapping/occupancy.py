@@ -19,11 +19,7 @@ MAX_CELLS = 400_000_000  # A larger grid (at 5 cm, a square kilometre) is a lost
 
 
 class OccupancyGrid:
-    """Log-odds, and beside them which cells count as occupied, kept in step by one kernel.
-
-    Attributes:
-        origin: [2] (x, y) of the corner of cell [0, 0] [m].
-    """
+    """Log-odds, and beside them which cells count as occupied, kept in step by one kernel."""
 
     def __init__(self, config: MapConfig) -> None:
         self._config = config

@@ -219,11 +219,8 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
 def contradictions(
     graph: LoopGraph, poses: Array, loops: tuple[LoopCandidate, ...], *, measured: bool
 ) -> tuple[Issue, ...]:
-    """What the final poses [n, 3] contradict of what the graph measured.
-
-    Args:
-        loops: the ledger as the poses confirm it.
-        measured: whether the graph's measurements led there.
+    """What the final poses [n, 3], which confirm the ``loops``, contradict of what the graph ``measured``, if it led
+    there.
     """
     issues, stamps = [], graph.nodes.stamps
     if not measured and any(loop.accepted for loop in graph.ledger):

@@ -40,16 +40,12 @@ CACHED = 64  # TSDFs of submaps that are kept, those used last: about half a meg
 
 
 class Submaps:
-    """The submaps around the nodes, built when they are asked for; nodes lie in them as the chain has them.
-
-    Attributes:
-        poses: [n, 3] of the chain.
-        path: [n] distance driven up to each node [m].
-    """
+    """The submaps around the nodes, built when they are asked for; nodes lie in them as the chain has them."""
 
     def __init__(self, nodes: Nodes, config: GraphConfig) -> None:
         self._nodes, self._config = nodes, config
-        self.poses, self.path, self._gaps = np.zeros((1, 3)), np.zeros(1), 0
+        self.poses, self.path = np.zeros((1, 3)), np.zeros(1)  # [n, 3] of the chain; [n] driven up to each [m]
+        self._gaps = 0
         self._maps: OrderedDict[tuple[int, int], TsdfMaps] = OrderedDict()
 
     @property

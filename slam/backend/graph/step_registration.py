@@ -60,9 +60,7 @@ class RegisteredStep(NamedTuple):
 class StepRegistration:
     """Registers nodes one after the other, each to the TSDF of the latest ones before it.
 
-    Args:
-        scan: of the first node; origin: [2] where its rays start, in the robot's frame.
-        proved: the odometry is overruled by proof alone.
+    Rays start at an origin [2] in the robot's frame. With ``proved`` the odometry is overruled by proof alone.
     """
 
     def __init__(self, scan: ThinnedScan, origin: Array, config: GraphConfig, *, proved: bool) -> None:
