@@ -170,12 +170,8 @@ def between_known(path: Array, known: NDArray[np.intp], motion: Array) -> Array:
     """The poses [n, 3] of all n places along a motion, where those of some are known.
 
     Motion on from the place before and back from the place after do not quite meet; the misfit is spread evenly over
-    the places between.
-
-    Args:
-        path: [u, 3] poses of the known places.
-        known: [u] which of the n places they are, rising.
-        motion: [n, 3] poses of all places, as the motion has them, in a frame of its own.
+    the places between. The path [u, 3] has the poses of the known places, which are the ``known`` [u] of all n, rising;
+    the motion [n, 3] those of all, in a frame of its own.
     """
     places = np.arange(len(motion))
     before = np.clip(np.searchsorted(known, places, side="right") - 1, 0, len(known) - 1)

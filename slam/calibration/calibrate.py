@@ -23,6 +23,7 @@ from moteslam.slam.calibration.hand_eye import (
     Parameter,
     Path,
     clock,
+    expected_motions,
     fit,
 )
 from moteslam.slam.calibration.readings import FORMS, ClockStep, clock_steps, in_form, quarter_turn, with_stamps
@@ -223,7 +224,7 @@ def _calibrate(
         aside = float(se2.wrap(best.values[Parameter.YAW] - recording.platform.lidar.yaw))
         quarter = quarter_turn(in_form(path, form).poses, aside)
         at = _at(in_form(path, form, quarter))
-    scans.refine(best.expected(scans.first, scans.last, at))
+    scans.refine(expected_motions(best.values, scans.first, scans.last, best.middle, at))
     scans.expect(GOOD)
     clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged

@@ -92,11 +92,8 @@ class Inputs:
         The others, before and after, say what is usual. It is causal: what is taken in of a scan follows from those
         before and, of odometry, from the reading after.
 
-        Args:
-            path: by odometry, over the stretch.
-            absent: [m] scans to which no odometry measured the motion.
-            counted: whether it is of wheel counters, which measure from the first turn on.
-            lapsing: whether the stamps show lapses.
+        The path is by odometry, over the stretch; it did not measure the motion to scans that are ``absent`` [m]. Wheel
+        counters (``counted``) measure from the first turn on. ``lapsing``: whether the stamps show lapses.
         """
         self.path, last = path, len(lidar) if last is None else last
         n, new, stamps = len(self), slice(first, last), lidar.stamps

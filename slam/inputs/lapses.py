@@ -121,13 +121,10 @@ def lapses(
     counted: bool,
     since: float = -np.inf,
 ) -> Lapses:
-    """Where the odometry did not measure; causal: what is said of a scan follows from it, and from the reading after.
+    """Where the odometry, [n, 3] at the scans, did not measure.
 
-    Args:
-        odometry: [n, 3] at the scans.
-        counted: of wheel counters, which do not say on which way a robot went in a gap; else of poses that the base
-            went on to integrate.
-        since: lapses that end before are not asked for [s].
+    It is causal: what is said of a scan follows from it, and from the reading after. Wheel counters (``counted``) do
+    not say on which way a robot went in a gap; poses the base went on to integrate. ``since`` when on is asked for [s].
     """
     stamps = lidar.stamps
     readings = path if lidar.odometry is None else OdometryPath(stamps, odometry)
@@ -224,19 +221,14 @@ def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: Compar
 
 
 class _Steps:
-    """The steps between the readings of the odometry.
-
-    Attributes:
-        stamps: [m] of the readings.
-        seconds, lengths, turns: [m] of the step to each [s], [m], [rad]; the first is 0.
-    """
+    """The steps between the readings of the odometry."""
 
     def __init__(self, path: OdometryPath) -> None:
-        self.stamps, self._path = path.stamps, path
+        self.stamps, self._path = path.stamps, path  # [m] of the readings; of the step to each, the first 0:
         moved = np.asarray(se2.between(path.poses[:-1], path.poses[1:]))
         self.seconds = np.diff(path.stamps, prepend=path.stamps[:1])
-        self.lengths = np.concatenate(([0.0], np.hypot(moved[:, 0], moved[:, 1])))
-        self.turns = np.concatenate(([0.0], moved[:, 2]))
+        self.lengths = np.concatenate(([0.0], np.hypot(moved[:, 0], moved[:, 1])))  # [m]
+        self.turns = np.concatenate(([0.0], moved[:, 2]))  # [rad]
         self._forward = np.concatenate(([1.0], np.where(moved[:, 0] < 0, -1.0, 1.0)))
         self._still = self.lengths < STILL
 
@@ -319,8 +311,7 @@ class _Steps:
     def standstills(self, since: float) -> Iterator[tuple[int, int, int]]:
         """Where the odometry has stopped dead, harder than a robot brakes, and goes on at a stamp or later [s].
 
-        Yields:
-            the reading from which on it stands still, the one at which that is sure, and the last that does.
+        That is the reading from which on it stands still, the one at which that is sure, and the last that does.
         """
         smallest = np.minimum.accumulate(np.where(self._still, np.inf, self.lengths))
         edges = np.flatnonzero(np.diff(np.concatenate(([False], self._still, [False])).astype(np.int8)))

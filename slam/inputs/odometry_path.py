@@ -155,10 +155,8 @@ def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | No
     """The path at the stamps that the odometry has; None without odometry of any kind.
 
     Wheel encoders with the gyro's yaw rate where there are encoders (wheels alone before the gyro starts, after it
-    ends, or without one), else the odometry's poses, else the poses logged with the scans.
-
-    Raises:
-        InputError: encoders on a platform without wheels.
+    ends, or without one), else the odometry's poses, else the poses logged with the scans. Refused are encoders on a
+    platform without wheels.
     """
     encoders, imu = recording.encoders, recording.imu
     if encoders is not None and len(encoders):

@@ -29,14 +29,8 @@ class ScanBlock(NamedTuple):
 class Scans:
     """Scans as points, de-skewed where the motion during a sweep is known.
 
-    Args:
-        sweeps: [n, 3] the robot's motion while each scan is taken, in its frame at the first beam; None for scans
-            that count as taken at once.
-        max_range: endpoints beyond it are left out [m].
-        follower: of what travels with the robot, which is left out; None if nothing is.
-
-    Attributes:
-        origin: [2] where the rays start, in the robot's frame [m].
+    ``sweeps`` [n, 3] is the robot's motion while each scan is taken, in its frame at the first beam; None for scans
+    that count as taken at once. Endpoints beyond ``max_range`` [m] are left out, and what travels with the robot.
     """
 
     def __init__(
@@ -52,7 +46,7 @@ class Scans:
         x, y, yaw = mount.pose
         angles = lidar.angles + yaw
         self._directions = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
-        self.origin = np.array([x, y])
+        self.origin = np.array([x, y])  # where the rays start, in the robot's frame [m]
 
     def ranges(self, index: int) -> NDArray[np.float32]:
         """Of a scan [beams] [m]; NaN where an endpoint is left out."""

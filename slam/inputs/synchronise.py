@@ -38,19 +38,19 @@ APART = 1.0  # Scans and odometry whose times are this far apart [s] are of diff
 def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_range: float = np.inf) -> Inputs:
     """Bring the streams of a recording onto the stamps of its scans: they are taken in at once.
 
-    Args:
-        recording: with a lidar; odometry of any kind is optional.
-        config: how; the defaults if None.
-        max_range: endpoints beyond it are left out [m].
-
-    Raises:
-        InputError: no scans, encoders without wheels, or odometry that does not overlap with the scans in time.
+    Odometry of any kind is optional. Endpoints beyond ``max_range`` are left out [m]. Refused are no scans, encoders
+    without wheels, and odometry that does not overlap with the scans in time.
     """
     config = config or SyncConfig()
     lidar, path, platform = require_lidar(recording), odometry_path(recording, config), recording.platform
     odometry, logged = np.zeros((len(lidar), 3)), None
     if path is not None:
-        odometry = _at_recorded_scans(lidar, path, config, name=recording.name)
+        if lidar.odometry is None and (text := apart(lidar.stamps, path.stamps[0], path.stamps[-1])):
+            raise InputError(text, file=recording.name, field="time_stamps")
+        if lidar.odometry is not None and lidar.sequence is not None:
+            odometry = lidar.odometry  # by its stamp a scan may lie in a gap that it was not taken in
+        else:
+            odometry = at_scans(lidar.stamps, lidar.odometry, path, config)
     if lidar.sequence is not None:
         taken = np.argsort(lidar.sequence, kind="stable")
         logged, odometry, lidar = lidar.stamps[taken], odometry[taken], in_order(lidar)
@@ -110,34 +110,22 @@ def apart(scans: Array, begin: float, end: float) -> str:
     return f"{text}{side} them, expected streams that overlap in time"
 
 
-def _at_recorded_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, name: str) -> Array:
-    """The odometry's pose [n, 3] at every scan."""
-    if lidar.odometry is not None and lidar.sequence is not None:
-        return lidar.odometry  # by its stamp a scan may lie in a gap that it was not taken in
-    if lidar.odometry is None and (text := apart(lidar.stamps, path.stamps[0], path.stamps[-1])):
-        raise InputError(text, file=name, field="time_stamps")
-    return at_scans(lidar.stamps, lidar.odometry, path, config)
-
-
 def at_scans(stamps: Array, logged: Array | None, path: OdometryPath, config: SyncConfig) -> Array:
-    """The odometry's pose [n, 3] at scans: that logged with them [n, 3] where there is one, unless it is stale."""
+    """The odometry's pose [n, 3] at scans: that logged with them [n, 3] where there is one, unless it is stale.
+
+    That is in a gap of the odometry, between readings that are much farther apart than usual, where it is the pose of
+    the reading before.
+    """
     if logged is not None:
-        held = is_stale(stamps, logged, path)
+        readings = path.stamps
+        gap = np.append(gaps(readings, stamps[0]), False)  # before each reading, and after the last
+        following = np.searchsorted(readings, stamps, side="left")
+        held = np.abs(logged - path.poses[np.maximum(following - 1, 0)]).max(axis=1) < SAME
+        held &= gap[following] & ~np.isin(stamps, readings)
         return np.where(held[:, None], path.at(stamps), logged) if held.any() else logged
     if config.method == "interpolate":
         return path.at(stamps)
     return path.poses[nearest_stamp(path.stamps, stamps)]
-
-
-def is_stale(scans: Array, logged: Array, path: OdometryPath) -> NDArray[np.bool_]:
-    """Which scans [n] lie in a gap of the odometry, between readings that are much farther apart than usual, with the
-    pose [n, 3] of the reading before it.
-    """
-    readings = path.stamps
-    gap = np.append(gaps(readings, scans[0]), False)  # before each reading, and after the last
-    following = np.searchsorted(readings, scans, side="left")
-    held = np.abs(logged - path.poses[np.maximum(following - 1, 0)]).max(axis=1) < SAME
-    return np.asarray(gap[following] & held & ~np.isin(scans, readings))
 
 
 def sweep_seconds(recording: Recording, lidar: LidarStream) -> float:

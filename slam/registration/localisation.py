@@ -163,9 +163,8 @@ class _Sought(NamedTuple):
         Either the robot did not turn aside on the way, or it did, with equal odds. All places of a standard deviation
         that registration can tell apart share its probability.
 
-        Returns:
-            them, and the same as if each place knew no more endpoints than that of the likely ones which knows fewest:
-            that one knows more is no evidence against another, but for one that knows less than ``LEAST_KNOWN``.
+        Returns them, and the same as if each place knew no more endpoints than that of the likely ones which knows
+        fewest: that one knows more is no evidence against another, but for one that knows less than ``LEAST_KNOWN``.
         """
         crossing = config.score_crossing / config.score_likelihood * costs.outlier_cost
         share = len(self.points) / points / CORRELATION
@@ -202,13 +201,11 @@ class Localiser:
         measured: bool,
         left: Open = CLOSED,
     ) -> Located:
-        """Where a scan fits: from the prediction, else after a search around it, at last in the relocation window.
+        """Where a scan of points [k, 2], whose rays start at an origin [m], fits: from the prediction, else after a
+        search around it, at last in the relocation window.
 
         Args:
-            points: [k, 2] of the scan.
-            origin: where its rays start [m].
-            predictions: of a search, gives other predictions [m, 3] to try beside what it finds, as offsets from
-                ``predicted``.
+            predictions: of a search, gives others [m, 3] to try beside what it finds, as offsets from ``predicted``.
             measured: whether odometry measured the prediction: then only the endpoints' evidence overrules it.
         """
         c = self._config

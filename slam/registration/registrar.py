@@ -15,9 +15,8 @@ from moteslam.kernels.gauss_newton import LEAST_INFORMATION, LEAST_RATIO, MOST_N
 from moteslam.kernels.gauss_newton import keep_predictions as kept
 from moteslam.kernels.registration import LIKELIHOODS, RegistrationOptions, register_scans
 from moteslam.robot.se2 import Array, Pose, as_pose
-from moteslam.slam.mapping.config import LOST_DISTANCE, RESOLVED, TsdfConfig
+from moteslam.slam.mapping.config import LOST_DISTANCE, TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView
-from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig
 
 Points = NDArray[np.float32]
@@ -153,25 +152,16 @@ def prior_deviations(config: RegistrationConfig, distance: float, rotation: floa
 
     The rotation is the sum of absolute turns [rad]; what odometry did not measure was extrapolated.
     """
-    forward, left, turn = odometry_error(config, distance, rotation)
+    place = config.translation + config.translation_from_translation * distance
+    turn = config.rotation + config.rotation_from_rotation * rotation
     if not measured:
-        forward, left = forward + config.extrapolated_translation, left + config.extrapolated_translation
-        turn += config.extrapolated_rotation
-    return forward, left, turn
+        place, turn = place + config.extrapolated_translation, turn + config.extrapolated_rotation
+    return place, place, turn
 
 
 def prior_spread(config: RegistrationConfig, distance: float, rotation: float, *, measured: bool = True) -> Array:
     """``prior_deviations`` as an array [3]."""
     return np.array(prior_deviations(config, distance, rotation, measured=measured))
-
-
-def deviation_of_way(spread: Array, config: RegistrationConfig) -> float:
-    """What ``prior_spread`` has for the way alone [m]; at rest, what a map resolves.
-
-    Along bare walls the errors of a map pull the same way at every update, and at each as far as odometry lets them:
-    with what the prior has at rest the farther, the more updates there are.
-    """
-    return max(float(spread[0]) - config.translation, RESOLVED[0])
 
 
 def subsample(points: Points, most: int) -> Points:

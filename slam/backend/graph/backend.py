@@ -91,8 +91,6 @@ class GraphBackend:
         """Whether there are enough nodes where the key scan before the latest was taken; it goes with the nearest."""
         here, c = self._path.values[-2], self._config
         away = np.hypot(self._placed[:, 0] - here[0], self._placed[:, 1] - here[1])
-        if (away < c.distance).sum() < c.crowd:
-            return False
         near = (away < c.distance) & (np.abs(se2.wrap(self._placed[:, 2] - here[2])) < c.rotation)
         if near.sum() < c.crowd:
             return False
