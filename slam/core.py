@@ -96,7 +96,9 @@ class Core:
         finishing = time.perf_counter() - began
         driven = se2.accumulate(records.motions)
         placed = between_known(path if corrected is None else corrected, updates, driven)
-        final = Trajectory(stamps, self._losses.parted(placed, updates, driven))
+        final, building = Trajectory(stamps, self._losses.parted(placed, updates, driven)), None
+        if measured := getattr(self._backend, "measured", None):  # back ends of other packages may have none
+            building = Building.of(measured, final, self._inputs.scans, self._losses.drawn(measured.nodes))
         found = Estimate(
             name=self.name,
             config=self.config,
@@ -116,7 +118,7 @@ class Core:
             seconds=float(records.diagnostics["seconds"].sum()) + finishing,
             corrections=tuple(self._corrections),
             loops=self._backend.loops,
-            building=self._building(final),
+            building=building,
         )
         return found if self._inputs.logged is None else as_logged(found, self._inputs.logged[:n])
 
@@ -211,13 +213,6 @@ class Core:
             now = revised[-1]
             self._corrections.append(Correction(scan, revised))
         return float(np.hypot(*(now - before)[:2]))
-
-    def _building(self, final: Trajectory) -> Building | None:
-        """The run as a session that others can be bound to."""
-        measured = getattr(self._backend, "measured", None)  # back ends of other packages may have none
-        if measured is None:
-            return None
-        return Building.of(measured, final, self._inputs.scans, self._losses.drawn(measured.nodes))
 
     def _path(self) -> Array:
         """The path [u, 3] of the best particle at every update."""

@@ -38,19 +38,12 @@ class LoopCandidate(Summarised):
     window: tuple[float, float]  # half widths of the search: [m], [rad]
     # of the endpoints that lie on surfaces of the submap, at most 1, less what rays through surfaces and the
     # offset from the prediction cost.
-    share: float
-    runner_up: float  # the largest share at a place half a metre or more off, 0 where there is none
-    known: float  # share of the endpoints where the submap is known
-    likelihood: float  # mean likelihood of those, 0 to 1
-    crossed: float  # share of the rays that pass through a surface of the submap
-    verdict: Verdict  # what became of it
-
-    @classmethod
-    def unsearched(
-        cls, earlier: int, later: int, stamps: tuple[float, float], predicted: Array, window: tuple[float, float]
-    ) -> LoopCandidate:
-        """One before it is searched for."""
-        return cls(earlier, later, stamps, predicted, predicted, window, 0.0, 0.0, 0.0, 0.0, 0.0, "unsearched")
+    share: float = 0.0
+    runner_up: float = 0.0  # the largest share at a place half a metre or more off, 0 where there is none
+    known: float = 0.0  # share of the endpoints where the submap is known
+    likelihood: float = 0.0  # mean likelihood of those, 0 to 1
+    crossed: float = 0.0  # share of the rays that pass through a surface of the submap
+    verdict: Verdict = "unsearched"  # what became of it
 
     @property
     def accepted(self) -> bool:

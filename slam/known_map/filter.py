@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
-from moteslam.robot.formats.map_server import read_map
+from moteslam.robot.formats.map_server import FREE, OCCUPIED, read_map
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array, as_pose, compose_one
 from moteslam.robot.values import Issue
@@ -27,7 +27,7 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step, thin
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares, within
-from moteslam.slam.known_map.maps import KnownMaps, MapScale, as_log_odds
+from moteslam.slam.known_map.maps import KnownMaps, MapScale
 from moteslam.slam.known_map.search import (
     APART,
     CROSSING,
@@ -167,7 +167,10 @@ class KnownMapFilter(TsdfFilter):
         return (*issues, *([scale] if scale else []))
 
     def occupancy(self) -> Raster:
-        return as_log_odds(self._maps.occupancy, self._config.map)
+        """The map as an occupancy grid has it after one ray a cell."""
+        known = self._maps.occupancy
+        values = (known.values == OCCUPIED).astype(np.float32) - (known.values == FREE)
+        return Raster(values * np.float32(self._config.map.limit), known.cell_size, known.origin)
 
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
         """The history was revised when the robot was found."""

@@ -13,7 +13,7 @@ from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue
-from moteslam.slam.mapping.config import MapConfig, TsdfConfig
+from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps
 
 TO_SIDE = 0.6  # A direction that few walls lie along [rad]
@@ -175,13 +175,6 @@ def upright(occupancy: Raster) -> Raster:
     within = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
     values = np.where(within, occupancy.values[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)], UNKNOWN)
     return Raster(values.astype(np.int8), size, (float(low[0] * size), float(low[1] * size), 0.0))
-
-
-def as_log_odds(occupancy: Raster, config: MapConfig) -> Raster:
-    """A trinary map as an occupancy grid has it after one ray a cell."""
-    values = np.zeros(occupancy.shape, np.float32)
-    values[occupancy.values == OCCUPIED], values[occupancy.values == FREE] = 1.0, -1.0
-    return Raster(values * np.float32(config.limit), occupancy.cell_size, occupancy.origin)
 
 
 SPACING, MOST = 0.5, 256  # A scan is kept each so much path [m]; of so many every second, and the spacing doubles

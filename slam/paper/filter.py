@@ -62,7 +62,10 @@ class PaperFilter(FilterDefaults):
             return StepResult(pose, step.motion, self.weights.effective_number, 0, False, False, self._certainty())
         score, driven = 0, self._travelled.distance
         if len(self.history):
-            self._predict(step)
+            # III.3: every particle moves by the control, with noise
+            spread = prediction_noise(self._config.motion, *self._travelled)
+            sample_motion(self.poses, self._motion, spread, seed=self._seed, step=step.index)
+            self._motion, self._travelled = np.zeros(3), Travelled()
             scores = self._match(step)
             self.weights = self.weights.times(self._checked(self.likelihood(scores.astype(np.float64)), scores))
             self.best_particle = self.weights.best
@@ -110,12 +113,6 @@ class PaperFilter(FilterDefaults):
         self.grid = OccupancyGrid(self._config.map)
         for pose, update in zip(poses, updates, strict=True):
             self.grid.add_scan(pose, scans.points(int(update)), scans.origin)
-
-    def _predict(self, step: Step) -> None:
-        """III.3: every particle moves by the control, with noise."""
-        spread = prediction_noise(self._config.motion, *self._travelled)
-        sample_motion(self.poses, self._motion, spread, seed=self._seed, step=step.index)
-        self._motion, self._travelled = np.zeros(3), Travelled()
 
     def _match(self, step: Step) -> NDArray[np.int32]:
         """Section III.D.2: every particle moves to the best of its neighbourhood, of this score [N]."""

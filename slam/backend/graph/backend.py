@@ -316,8 +316,8 @@ def _graph_of(building: Building, config: GraphConfig) -> BoundGraph:
 
 def _as_known(pair: Pair, relative: Array, information: Array) -> Loop:
     """A loop that was proved before."""
-    candidate = LoopCandidate.unsearched(*pair, (0.0, 0.0), relative, (0.0, 0.0))
-    return Loop(replace(candidate, verdict="accepted"), information)
+    known = LoopCandidate(*pair, (0.0, 0.0), relative, relative, (0.0, 0.0), verdict="accepted")
+    return Loop(known, information)
 
 
 def _accepted(graph: BoundGraph, ledger: Sequence[LoopCandidate]) -> list[Pair]:

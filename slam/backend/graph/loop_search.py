@@ -175,7 +175,7 @@ class LoopSearch:
         """The candidate of a search that is not made."""
         indices, stamps = self._nodes.indices, self._nodes.stamps
         pair, half = (indices[submap], indices[query]), (float(window.half[0]), float(window.half[2]))
-        candidate = LoopCandidate.unsearched(*pair, (stamps[submap], stamps[query]), predicted, half)
+        candidate = LoopCandidate(*pair, (stamps[submap], stamps[query]), predicted, predicted, half)
         return Loop(candidate, WEAKEST * np.eye(3))
 
     def window(self, covariance: Array) -> Window:
