@@ -24,44 +24,32 @@ from moteslam.slam.rows import Rows
 
 
 class Inputs:
-    """What SLAM takes in: n scans, and the motion between them.
+    """What SLAM takes in: n scans, and the motion between them."""
 
-    Attributes:
-        stamps: [n] of the scans, in the order in which they were taken [s].
-        scans: their endpoints.
-        path: by odometry, at its own stamps, as far as it is kept; None without odometry.
-        odometry: [n, 3] the pose at every scan by odometry; zeros without.
-        motions: [n, 3] the increment since the scan before, in the frame of the pose there; zeros where nothing
-            measured it.
-        jumped: [n] whether the odometry jumps at the scan.
-        measured: [n] whether the odometry measured the motion since the scan before: it does not jump there, and it is
-            of wheel encoders, has moved by then, or the robot is seen to stand.
-        moves: whether the odometry measures any motion.
-        logged: [n] the stamps that the recording gives them, where it has them in another order [s].
-        open: what is left open of the motion to scans of which more is known than the velocity before, by scan.
-        follower: of what travels with the robot; None where nobody asks.
-    """
-
-    scans: Scans
-    logged: Array | None = None
+    scans: Scans  # their endpoints
+    logged: Array | None = None  # [n] the stamps that the recording gives them, where it has them in another order [s]
 
     def __init__(self, platform: Platform, config: SyncConfig, lidar: LidarStream) -> None:
         self._platform, self._config = platform, config
         self._rows, self._flags = Rows(7), Rows(2, np.bool_)  # stamp, odometry, motion; jumped, measured
-        self.follower = Follower(lidar, platform.lidar) if config.travelling else None
+        self.follower = Follower(lidar, platform.lidar) if config.travelling else None  # of what travels with the robot
         self._seen: dict[tuple[str, float], Lapse] = {}
         self._start: NDArray[np.float32] | None = None  # the first scan, until the robot has left it
+        # what is left open of the motion to scans of which more is known than the velocity before, by scan
         self.open: dict[int, Open] = {}
-        self.path: OdometryPath | None = None
-        self.moves = False
+        self.path: OdometryPath | None = None  # by odometry, at its own stamps, as far as it is kept; None without
+        self.moves = False  # whether the odometry measures any motion
 
     def __len__(self) -> int:
         return len(self._rows)
 
-    stamps = property(lambda self: self._rows.values[:, 0])
-    odometry = property(lambda self: self._rows.values[:, 1:4])
+    stamps = property(lambda self: self._rows.values[:, 0])  # [n] in the order in which they were taken [s]
+    odometry = property(lambda self: self._rows.values[:, 1:4])  # [n, 3] the pose by odometry; zeros without
+    # [n, 3] the increment since the scan before, in the frame of the pose there; zeros where nothing measured it
     motions = property(lambda self: self._rows.values[:, 4:7])
-    jumped = property(lambda self: self._flags.values[:, 0])
+    jumped = property(lambda self: self._flags.values[:, 0])  # [n] whether the odometry jumps
+    # [n] whether the odometry measured the motion since the scan before: it does not jump there, and it is of wheel
+    # encoders, has moved by then, or the robot is seen to stand
     measured = property(lambda self: self._flags.values[:, 1])
 
     @property

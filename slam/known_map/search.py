@@ -241,12 +241,34 @@ def find_path(
     [2] [m].
     """
     config = KnownMapConfig()
-    maps = KnownMaps(occupancy, config.tsdf)
-    search, near = WholeMapSearch(maps, config.registration), cKDTree(stood[:, :2])
+    maps, near = KnownMaps(occupancy, config.tsdf), cKDTree(stood[:, :2])
+    view, search = maps.of(0), WholeMapSearch(maps, config.registration)
+
+    def followed(node: int, poses: Array) -> list[Place]:
+        """Places [m, 3] of a scan, followed along the path to both ends."""
+        still = np.zeros_like(poses)
+        tracks = np.zeros((len(poses), len(path), 3))
+        evidence, known, far = np.zeros((3, len(poses)))
+        for way in (range(node, len(path)), range(node - 1, -1, -1)):
+            at, last = poses, node
+            for k in way:
+                points = subsample(scans[k], POINTS)
+                at, last = se2.compose(at, se2.between(path[last], path[k])), k
+                if len(points):
+                    fit = register(view, at, PATH_STEP, points, origin, still, config.registration, coarse=False)
+                    corrects = fit.known >= CORRECTING * len(points)
+                    at = np.where(corrects[:, None], se2.compose(at, fit.offsets), at)
+                    against = (OUTLIER - ON_SURFACE) * fit.far + CROSSING * fit.crossed
+                    evidence += (KNOWN * fit.known - against) / CORRELATION
+                    here = near.query(at[:, :2])[0] < STOOD
+                    known, far = known + here * fit.known, far + here * fit.far
+                tracks[:, k] = at
+        contradicted = np.where(known > 0, far / np.maximum(known, 1), 1.0)
+        return [Place(node, *each) for each in zip(evidence.tolist(), contradicted.tolist(), tracks, strict=True)]
+
     driven = np.r_[0.0, np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))]
-    some = np.arange(
-        min(WINDOW, driven[-1]), driven[-1] + SEARCHES_APART / 2, max(SEARCHES_APART, driven[-1] / MOST_SEARCHES)
-    )
+    way = driven[-1]
+    some = np.arange(min(WINDOW, way), way + SEARCHES_APART / 2, max(SEARCHES_APART, way / MOST_SEARCHES))
     places: list[Place] = []
     for node in np.unique(np.minimum(np.searchsorted(driven, some), len(path) - 1)).tolist():
         search.begin()
@@ -255,7 +277,7 @@ def find_path(
         found = search.find(Sight(path[node], scans[node], origin))
         if found.probabilities.sum() > IN_MAP:
             likely = found.poses[found.probabilities > LEAST * found.probabilities[0]][:FOLLOWED]
-            places += _followed(maps, near, config, path, scans, origin, node, likely)
+            places += followed(node, likely)
     places = [place for place in places if place.evidence > LEAST_EVIDENCE]
     best = max(places, key=lambda place: place.evidence, default=None)
     if best is None or best.contradicted > CONTRADICTED:
@@ -263,35 +285,3 @@ def find_path(
     others = [place for place in places if is_elsewhere(se2.between(best.track[best.node], place.track[best.node]))]
     decided = all(best.contradicted < CLEARLY * place.contradicted for place in others)
     return (best if decided else None), 1 + len(others)
-
-
-def _followed(
-    maps: KnownMaps,
-    near: cKDTree,
-    config: KnownMapConfig,
-    path: Array,
-    scans: Sequence[Points],
-    origin: Array,
-    node: int,
-    poses: Array,
-) -> list[Place]:
-    """Places [m, 3] of a scan, followed along the path to both ends."""
-    view, still = maps.of(0), np.zeros_like(poses)
-    tracks = np.zeros((len(poses), len(path), 3))
-    evidence, known, far = np.zeros((3, len(poses)))
-    for way in (range(node, len(path)), range(node - 1, -1, -1)):
-        at, last = poses, node
-        for k in way:
-            points = subsample(scans[k], POINTS)
-            at, last = se2.compose(at, se2.between(path[last], path[k])), k
-            if len(points):
-                fit = register(view, at, PATH_STEP, points, origin, still, config.registration, coarse=False)
-                corrects = fit.known >= CORRECTING * len(points)
-                at = np.where(corrects[:, None], se2.compose(at, fit.offsets), at)
-                against = (OUTLIER - ON_SURFACE) * fit.far + CROSSING * fit.crossed
-                evidence += (KNOWN * fit.known - against) / CORRELATION
-                here = near.query(at[:, :2])[0] < STOOD
-                known, far = known + here * fit.known, far + here * fit.far
-            tracks[:, k] = at
-    contradicted = np.where(known > 0, far / np.maximum(known, 1), 1.0)
-    return [Place(node, *each) for each in zip(evidence.tolist(), contradicted.tolist(), tracks, strict=True)]
