@@ -181,11 +181,8 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
     """The path that is nearest to what was measured, of those that draw about as few cells as any.
 
     Candidates are, in this order, the joint registrations that begin at the graph as measured, at the corrected graph
-    and at the filter's path, then these three themselves. A later one is taken only where its map is clearly sharper.
-
-    Args:
-        graph: of n nodes, as it was solved last; solved as measured afterwards.
-        filtered: [n, 3] by the filter, with the corrections while it drove.
+    and at the filter's path [n, 3], with the corrections while it drove, then these three themselves. A later one is
+    taken only where its map is clearly sharper. The graph is solved as measured afterwards.
 
     Returns [n, 3] poses, and whether the graph's measurements led there rather than the filter's path.
     """

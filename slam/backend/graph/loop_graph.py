@@ -33,10 +33,8 @@ class Uncertainty:
     made, so that place and heading err together: after a long way out and back the robot is at one side of where it
     should be if it is turned one way, and at the other if it is turned the other way.
 
-    Args:
-        poses: [n, 3] of the nodes.
-        first, second: [e] the nodes that each edge binds; where a pair is bound more than once the surest counts.
-        covariance: [e, 3, 3] of the edges, in the frame of the second node.
+    Nodes have poses [n, 3]; each edge binds two of them, ``first`` and ``second`` [e], with a covariance [e, 3, 3] in
+    the frame of the second. Where a pair is bound more than once the surest counts.
     """
 
     def __init__(self, poses: Array, first: NDArray[np.intp], second: NDArray[np.intp], covariance: Array) -> None:

@@ -144,11 +144,8 @@ class BlockSystem:
         return total
 
     def solve(self, own: Array, pairs: Array, right: Array) -> Array:
-        """The solution [n, 3] of the system.
-
-        Args:
-            own: [n, 3, 3] blocks of each pose with itself; right: [n, 3] right-hand side.
-            pairs: [e, 3, 3] blocks between the first and the second pose of each pair; those of equal pairs are added.
+        """The solution [n, 3] of the system of the blocks of each pose with itself [n, 3, 3], those between the first
+        and the second pose of each pair [e, 3, 3], added of equal pairs, and the right-hand side [n, 3].
         """
         placed = np.where(self._turned[:, None, None], np.swapaxes(pairs, 1, 2), pairs)
         blocks = np.zeros((self._blocks, 9))
