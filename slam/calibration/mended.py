@@ -68,7 +68,12 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
         mended = mended.replace(lidar=replace(lidar, odometry=se2.interpolate(lidar.stamps, lidar.odometry, at)))
         offset = drift = 0.0
     if side == "lidar" or (side is None and stamped_at_end(calibration, recording)):
-        return _other_lidar(mended, scale, offset, drift, c.fit.middle)
+        # with the scans on the odometry's clock, and their ranges as long as it
+        lidar, factor = require_lidar(mended), np.float32(1 / scale)
+        stamps = lidar.stamps + offset + drift * (lidar.stamps - c.fit.middle)
+        ranges = lidar.ranges if scale == 1 else changed_ranges(lidar, lambda ranges: ranges * factor)
+        limit = lidar.range_max / scale
+        return mended.replace(lidar=replace(lidar, stamps=stamps, ranges=ranges, range_max=limit))
     return _other_odometry(mended, scale, offset, drift, c.fit.middle)
 
 
@@ -82,15 +87,6 @@ def _mirror_image(recording: Recording, *, gyro: bool, poses: bool) -> Recording
     if encoders is not None:
         recording = recording.replace(encoders=replace(encoders, counts=encoders.counts[:, [1, 0, 3, 2]]))
     return with_poses(recording, lambda _, poses: poses * (1, -1, -1))
-
-
-def _other_lidar(recording: Recording, scale: float, offset: float, drift: float, middle: float) -> Recording:
-    """With the scans on the odometry's clock, and their ranges as long as it."""
-    lidar = require_lidar(recording)
-    stamps = lidar.stamps + offset + drift * (lidar.stamps - middle)
-    factor = np.float32(1 / scale)
-    ranges = lidar.ranges if scale == 1 else changed_ranges(lidar, lambda ranges: ranges * factor)
-    return recording.replace(lidar=replace(lidar, stamps=stamps, ranges=ranges, range_max=lidar.range_max / scale))
 
 
 def _other_odometry(recording: Recording, scale: float, offset: float, drift: float, middle: float) -> Recording:

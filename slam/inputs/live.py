@@ -44,7 +44,7 @@ FEW, SOON = 10, 10.0
 SURELY = 1.0
 """Odometry faster than any robot in ``FEW`` steps in a row, and for so long [s], is in other units: no jump is so long,
 and nor are readings that come in a burst."""
-NOTHING, BLOCK = np.empty(0, np.float32), 256
+BLOCK = 256
 
 
 class LiveScans(Scans):
@@ -276,7 +276,7 @@ class LiveInputs(Inputs):
         return (*told, Issue("no-odometry", text, len(late)))
 
     def _take(self, scan: Waiting, path: OdometryPath | None, *, covered: bool) -> None:
-        index, pose = len(self), self._pose(scan, path)
+        index, pose = len(self), self._pose(scan.stamp, scan.odometry, path)
         self._correct(path)
         self._tail.add(np.array([scan.stamp]), pose[None], pose[None] if scan.odometry is None else scan.odometry[None])
         self._ranges.add(scan.ranges[None])
@@ -309,18 +309,19 @@ class LiveInputs(Inputs):
             self._ranges.keep(KEPT)
         self.odometry_in.forget(scan.stamp)
 
-    def _pose(self, scan: Waiting, path: OdometryPath | None) -> Array:
-        """The pose [3] by odometry."""
+    def _pose(self, stamp: float, logged: Array | None, path: OdometryPath | None) -> Array:
+        """The pose [3] by odometry at a scan, with which one is logged [3]."""
         if path is None:
-            return np.zeros(3) if scan.odometry is None else scan.odometry
-        logged = None if scan.odometry is None else scan.odometry[None]
-        return np.asarray(at_scans(np.array([scan.stamp]), logged, path, self._config)[0])
+            return np.zeros(3) if logged is None else logged
+        return np.asarray(
+            at_scans(np.array([stamp]), logged if logged is None else logged[None], path, self._config)[0]
+        )
 
     def _correct(self, path: OdometryPath | None) -> None:
         """Scans that did not wait for their odometry have it now, for what is driven from them on."""
         while path is not None and self._unheard and self.stamps[self._unheard[0]] <= path.stamps[-1]:
             index = self._unheard.popleft()
-            pose = self._pose(Waiting(float(self.stamps[index]), NOTHING, None), path)
+            pose = self._pose(float(self.stamps[index]), None, path)
             self._rows.values[index, 1:4] = pose if self.follower is None else self.follower.corrected(pose)
             if index - len(self) + len(self._tail) >= 0:
                 self._tail.values[index - len(self), 1:4] = pose

@@ -305,14 +305,10 @@ def jumps(
     A step has jumped if it is faster than a robot drives and ``jump_factor`` times as long as the 90th percentile of
     the latest 1000 steps. These end with the step itself, so that the result is causal. With a factor of ten none of
     the first nine steps is a jump: a single long step does not stand out among nine. Log writers stamp readings in
-    bursts: a step counts as having taken at least the median time of the latest steps.
+    bursts: a step counts as having taken at least the median time of the latest steps. Where two stamps [n] are equal
+    there is no speed, and no jump. Those before ``since`` are not asked for [s].
 
-    Args:
-        stamps: [n] of the readings [s]; where two are equal there is no speed, and no jump.
-        odometry: [n, 3] poses there.
-        since: those before are not asked for [s].
-
-    Returns [n]; the first is False.
+    Returns [n], of poses [n, 3]; the first is False.
     """
     c = config or SyncConfig()
     jump = np.zeros(len(stamps), np.bool_)

@@ -33,13 +33,7 @@ class KnownMaps(TsdfMaps):
         super().__init__(config)
         self.occupancy = occupancy = upright(occupancy)
         self.surface = Surface(occupancy)
-        self._fill(config)
-
-    def _write(self, poses: Array, scans: object) -> None:
-        """The map is known: nothing is written into it."""
-
-    def _fill(self, config: TsdfConfig) -> None:
-        left, right, bottom, top = self.occupancy.extent
+        left, right, bottom, top = occupancy.extent
         margin = config.coarse_truncation + self._tile_size
         low = np.floor((np.array((left, bottom)) - margin) / self._tile_size).astype(int)
         columns, rows = (np.ceil((np.array((right, top)) + margin) / self._tile_size).astype(int) - low).tolist()
@@ -57,6 +51,9 @@ class KnownMaps(TsdfMaps):
         pool[1:] = tiles[used]
         self._store = tile_store(rows, columns, len(pool))
         self._store.fill(pool.reshape(-1), table)
+
+    def _write(self, poses: Array, scans: object) -> None:
+        """The map is known: nothing is written into it."""
 
     def _cells(self, corner: Array, rows: int, columns: int, level: int, truncation: float) -> NDArray[np.int16]:
         """The cells of a level, [tiles, cells of one]."""
