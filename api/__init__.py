@@ -34,7 +34,7 @@ PUBLIC = {
         "moteslam.sim.simulator": "Readings Simulator",
         "moteslam.sim.output": "write_simulation",
         "moteslam.slam.config": "SlamConfig load_preset preset_names resolve_config",
-        "moteslam.slam.odometry.dead_reckoning": "dead_reckon",
+        "moteslam.slam.inputs.synchronise": "dead_reckon",
         "moteslam.slam.calibration.calibrate": "Calibration calibrate",
         "moteslam.slam.calibration.findings": "Findings findings",
         "moteslam.slam.calibration.mended": "calibrated",

@@ -29,7 +29,6 @@ from moteslam.slam.inputs.lapses import left_open
 from moteslam.slam.inputs.step import Step
 from moteslam.slam.inputs.synchronise import about_jumps
 from moteslam.slam.mapping.occupancy import draw_map
-from moteslam.slam.odometry.dead_reckoning import dead_reckoning
 from moteslam.slam.rows import Rows
 from moteslam.slam.scan_records import Losses, ScanRecords, Update
 
@@ -89,7 +88,7 @@ class Core:
             raise ConfigError("no scan was taken in yet, expected some first")
         n, records = self._done, self._records
         stamps, updates = self._inputs.stamps[:n], np.array(self._updates)
-        history, odometry = self._filter.history, dead_reckoning(stamps, self._inputs.odometry[:n])
+        history, odometry = self._filter.history, self._inputs.odometry[:n]
         path, particles = self._path(), np.arange(history.particles)
         began = time.perf_counter()
         corrected = self._backend.finish(path)
@@ -106,7 +105,7 @@ class Core:
             versions={name: version(name) for name in ("moteslam", "taichi", "numpy")},
             trajectory=Trajectory(stamps, records.poses),
             trajectory_final=final,
-            dead_reckoning=odometry,
+            dead_reckoning=Trajectory(stamps, se2.between(odometry[0], odometry)),
             map=self.map if corrected is None else self._draw(corrected, n),
             particle_stamps=stamps[updates],
             particle_paths=history.paths(particles),

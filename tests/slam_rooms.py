@@ -14,7 +14,7 @@ from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.odometry.dead_reckoning import dead_reckon
+from moteslam.slam.inputs.synchronise import dead_reckon
 from moteslam.slam.online import run_slam
 
 STEP = np.radians(1.5)

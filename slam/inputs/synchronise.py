@@ -1,4 +1,7 @@
-"""From streams with their own clocks to what SLAM takes in: scans, and the motion between them, settled once."""
+"""From streams with their own clocks to what SLAM takes in: scans, and the motion between them, settled once.
+
+And where the robot would think it is by its odometry alone: what SLAM has to beat.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,8 @@ from moteslam.robot import se2
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LATEST, STREAMS, LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
 from moteslam.robot.se2 import Array
-from moteslam.robot.values import Issue, when
+from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.values import Issue, expect_type, when
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.odometry_path import OdometryPath, jumps, odometry_path
@@ -322,3 +326,20 @@ def about_jumps(stamps: Array, odometry: Array, jumped: NDArray[np.bool_]) -> tu
     if len(at) > 1 and np.ptp(sizes) < ALIKE * sizes.min():
         text += f". Each is by {np.median(sizes):.4g} m along x or y, as of a counter that is full and begins again"
     return (Issue("odometry-jumps", text, len(at)),)
+
+
+def dead_reckon(recording: Recording, config: SyncConfig | None = None) -> Trajectory:
+    """The trajectory of dead reckoning, starting at the identity (figures 5 and 6 of the paper).
+
+    At every scan, or at every odometry reading where there are no scans. Refused is a recording without any odometry,
+    or whose streams do not overlap in time.
+    """
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+    config = config or SyncConfig()
+    path = odometry_path(recording, config)
+    if path is None:
+        raise InputError("neither encoders nor odometry, expected one of them", file=recording.name)
+    if recording.lidar is not None and len(recording.lidar):
+        inputs = synchronise(recording, config)
+        return Trajectory(inputs.stamps, se2.between(inputs.odometry[0], inputs.odometry))
+    return Trajectory(path.stamps, se2.between(path.poses[0], path.poses))

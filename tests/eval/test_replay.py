@@ -30,7 +30,7 @@ from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.config import resolve_config
-from moteslam.slam.odometry.dead_reckoning import dead_reckon
+from moteslam.slam.inputs.synchronise import dead_reckon
 from moteslam.slam.online import run_slam
 
 SCANS = 60

@@ -23,7 +23,7 @@ from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.odometry_path import KEPT, MOST_KEPT, OdometryReadings
-from moteslam.slam.odometry.dead_reckoning import dead_reckon
+from moteslam.slam.inputs.synchronise import dead_reckon
 from moteslam.slam.online import OnlineSlam, run_slam
 
 pytestmark = pytest.mark.usefixtures("taichi")
