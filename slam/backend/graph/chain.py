@@ -7,7 +7,6 @@ odometry, which only evidence overrules.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
@@ -75,9 +74,8 @@ class Chain:
         turned = se2.compose(np.column_stack((np.zeros((len(off), 2)), off / 2)), predicted)
         predicted = np.column_stack((turned[:, :2], found[:, 2]))
         known = np.array([_deviations(each.information) for each in self._proved]).reshape(-1, 3)
-        doubted, overruled = (
-            _differs(found, predicted, most * np.hypot(spread, known)).any(axis=1) for most in (DOUBTED, AGREEING)
-        )
+        apart, both = np.abs(se2.between(found, predicted)), np.hypot(spread, known)
+        doubted, overruled = ((apart >= most * both).any(axis=1) for most in (DOUBTED, AGREEING))
         unregistered = np.array([not each.information.any() for each in self._proved], bool)
         steps[overruled] = predicted[overruled]
         wide = np.square(spread) + np.square(se2.between(steps, predicted))  # 0 apart where it is the odometry's
@@ -173,11 +171,6 @@ def _same(before: list[Prediction], after: list[Prediction]) -> bool:
     )
 
 
-def _differs(found: Array, predicted: Array, most: Array) -> NDArray[np.bool_]:
-    """[..., 3] whether registered steps are off the odometry by more than ``most``, each [..., 3]."""
-    return np.asarray(np.abs(se2.between(found, predicted)) >= most)
-
-
 def _deviations(information: Array) -> Array:
     """The standard deviations [3] of a step of this information [3, 3]."""
     return np.asarray(np.sqrt(np.diagonal(np.linalg.inv(information + LEAST_INFORMATION * np.eye(3)))))
@@ -192,8 +185,7 @@ def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[A
     off = se2.between(found.step, predicted.step)
     # where the registration overruled the odometry this says nothing
     spread = np.hypot(predicted.spread, _deviations(found.information))
-    overruled = _differs(found.step, predicted.step, AGREEING * spread)
-    weights = np.where(overruled, 0.0, 1 / np.square(predicted.spread))
+    weights = np.where(np.abs(off) >= AGREEING * spread, 0.0, 1 / np.square(predicted.spread))
     covariance = np.linalg.inv(found.information + np.diag(weights) + LEAST_INFORMATION * np.eye(3))
     step = se2.compose(found.step, covariance @ (weights * off))
     off = se2.between(step, predicted.filtered)
