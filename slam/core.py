@@ -7,6 +7,7 @@ import time
 from array import array
 from collections.abc import Callable
 from dataclasses import replace
+from functools import reduce
 from importlib.metadata import version
 
 import numpy as np
@@ -25,7 +26,7 @@ from moteslam.slam.filter.certainty import certainty_of_particles, spread
 from moteslam.slam.filter.protocol import Filter, StepResult
 from moteslam.slam.filter.resampling import Weights
 from moteslam.slam.inputs.inputs import Inputs
-from moteslam.slam.inputs.lapses import left_open
+from moteslam.slam.inputs.lapses import CLOSED, Open
 from moteslam.slam.inputs.step import Step
 from moteslam.slam.inputs.synchronise import about_jumps
 from moteslam.slam.mapping.occupancy import draw_map
@@ -160,6 +161,7 @@ class Core:
         """The scan that the filter was updated with last, at the best particle's pose."""
         last = self._updates[-2] if len(self._updates) > 1 else step.index
         odometry, best = self._inputs.odometry, self._filter.best_particle
+        left = (more for scan, more in self._inputs.open.items() if last < scan <= step.index)
         return KeyScan(
             index=step.index,
             stamp=step.stamp,
@@ -170,7 +172,7 @@ class Core:
             measured=bool(self._inputs.measured[last + 1 : step.index + 1].all()),
             motion=self._filter.history.step(best),
             lost=self._filter.lost,
-            left_open=left_open(self._inputs.open, last + 1, step.index + 1),
+            left_open=reduce(Open.plus, left, CLOSED),
         )
 
     def _relocate(self, scan: int) -> float:

@@ -70,15 +70,6 @@ class Open(NamedTuple):
 CLOSED = Open()  # Nothing is left open
 
 
-def left_open(scans: dict[int, Open], first: int, last: int) -> Open:
-    """What is left open of the motions to the scans from the first to before the last, together."""
-    left = CLOSED
-    for scan, more in scans.items():
-        if first <= scan < last:
-            left = left.plus(more)
-    return left
-
-
 @dataclass(frozen=True, eq=False)
 class Lapses:
     """Where the odometry did not measure."""

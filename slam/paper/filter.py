@@ -41,8 +41,7 @@ class PaperFilter(FilterDefaults):
 
     def __init__(self, config: PaperFilterConfig, seed: int) -> None:
         self._config, self._seed = config, seed
-        self._offsets_xy = np.array(config.search.offsets_xy)
-        self._offsets_theta = np.array(config.search.offsets_theta)
+        self._around = {name: np.array(offsets) for name, offsets in config.search.model_dump().items()}
         self.poses = np.zeros((config.particles, 3))  # [N, 3] of the particles at the last update
         self.weights = Weights.uniform(config.particles)  # of the particles
         self.grid = OccupancyGrid(config.map)  # the one shared map
@@ -66,7 +65,10 @@ class PaperFilter(FilterDefaults):
             spread = prediction_noise(self._config.motion, *self._travelled)
             sample_motion(self.poses, self._motion, spread, seed=self._seed, step=step.index)
             self._motion, self._travelled = np.zeros(3), Travelled()
-            scores = self._match(step)
+            # section III.D.2: every particle moves to the best of its neighbourhood, of this score
+            grid = self.grid
+            found = match_poses(grid.occupied, grid.origin, grid.cell_size, self.poses, step.points, **self._around)
+            self.poses, scores = found.poses, found.scores
             self.weights = self.weights.times(self._checked(self.likelihood(scores.astype(np.float64)), scores))
             self.best_particle = self.weights.best
             score = int(scores[self.best_particle])
@@ -113,13 +115,6 @@ class PaperFilter(FilterDefaults):
         self.grid = OccupancyGrid(self._config.map)
         for pose, update in zip(poses, updates, strict=True):
             self.grid.add_scan(pose, scans.points(int(update)), scans.origin)
-
-    def _match(self, step: Step) -> NDArray[np.int32]:
-        """Section III.D.2: every particle moves to the best of its neighbourhood, of this score [N]."""
-        grid, around = self.grid, {"offsets_xy": self._offsets_xy, "offsets_theta": self._offsets_theta}
-        found = match_poses(grid.occupied, grid.origin, grid.cell_size, self.poses, step.points, **around)
-        self.poses = found.poses
-        return found.scores
 
     def _resample(self, step: int, n_eff: float) -> bool:
         """Section III.D.3: where few particles carry the weight, draw them anew in proportion to it."""

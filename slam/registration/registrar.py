@@ -72,13 +72,12 @@ def register(
 ) -> Registration:
     """Register one scan to the TSDF of every particle, or from many starts to that of one.
 
+    Its points [k, 2], and where its rays start [2], are in the robot's frame [m].
+
     Args:
-        predicted: [N, 3] poses by the odometry.
-        spread: [3] standard deviation of that prediction.
-        points: [k, 2] of the scan in the robot's frame [m].
-        origin: [2] where its rays start, in the same frame [m].
-        starts: [N, 3] offsets from the predicted poses to begin at.
-        means: [N, 3] means of the prior on the offsets; zeros by default.
+        predicted: [N, 3] poses by the odometry, of standard deviation ``spread`` [3].
+        starts: [N, 3] offsets from these to begin at.
+        means: [N, 3] of the prior on the offsets; zeros by default.
         keep: keep the odometry along degenerate directions, as ``keep_odometry`` does.
         deviation: of the odometry along these [m]; by default that of the prediction.
     """

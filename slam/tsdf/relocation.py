@@ -87,12 +87,11 @@ class Relocation:
             self._next_whole = self._driven + metres
             place, _ = self._search(pose, np.array([*(low + high) / 2, 0.0]), half) if half[:2].all() else (None, 0.0)
         before, self._found = self._found, None
-        if place is None:
-            return None
-        self._found = se2.compose(place, se2.between(pose, np.zeros(3)))
-        if before is None:
-            return None
-        return None if is_elsewhere(se2.between(se2.compose(before, pose), place)) else self._found
+        if place is not None:
+            self._found = se2.compose(place, se2.between(pose, np.zeros(3)))
+            if before is not None and not is_elsewhere(se2.between(se2.compose(before, pose), place)):
+                return self._found
+        return None
 
     def revise(self, drawn: TsdfMaps) -> None:
         """Look in the old map as it was drawn anew."""
