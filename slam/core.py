@@ -124,7 +124,7 @@ class Core:
 
     @property
     def _done(self) -> int:
-        return self._records.done
+        return len(self._records)
 
     def _step(self, step: Step) -> Update:
         began, draws = time.perf_counter(), self._filter.history.draws

@@ -72,15 +72,13 @@ class ScanRecords:
         self._rows = Rows(6 + 9 + len(DIAGNOSTICS))  # pose, motion, covariance, diagnostics
         self.last_sure = -1  # index of the latest scan at which the filter was sure of the pose; -1 without one
 
-    @property
-    def done(self) -> int:
-        """Scans that are recorded."""
+    def __len__(self) -> int:
         return len(self._rows)
 
     def add(self, update: Update, motion: Array) -> None:
         """Record the next scan, and the motion [3] to it."""
         if update.state == LocalisationState.SURE:
-            self.last_sure = self.done
+            self.last_sure = len(self)
         diagnostics = [float(getattr(update, name)) for name in DIAGNOSTICS]
         self._rows.add(np.concatenate((update.pose, motion, update.covariance, diagnostics), axis=None)[None])
 

@@ -320,10 +320,9 @@ def mount_of(
 
 def changed_ranges(lidar: LidarStream, change: Callable[[Any], Any]) -> Ranges:
     """The ranges, changed; those of a file when they are asked for."""
-    if isinstance(lidar.ranges, np.ndarray):
-        changed: Ranges = change(lidar.ranges)
-        return changed
     ranges = lidar.ranges
+    if isinstance(ranges, np.ndarray):
+        return np.asarray(change(ranges))
     return ChunkedRanges(lambda first, last: change(ranges[first:last]), *ranges.shape)
 
 

@@ -86,11 +86,9 @@ def _expect_whole_ranges(ranges: NDArray[np.float32]) -> None:
     drops = both & (farther > (1 - NEARLY) * most) & (nearer < NEARLY * most)
     count = int(drops.any(axis=1).sum())
     if count > DROPS * len(ranges) and len(np.unique(nearer[drops])) > CODES:
-        text = (
-            f"lidar: from one beam to the next ranges drop from {most:.2f} m to nearly 0, in {count} of {len(ranges)} "
-        )
-        text += "scans, as a number of too few bits begins again: what is farther off is taken to be near, and a map "
-        raise UnmeasuredError("scans-unfit", f"{text}of them is wrong. Read them with all their bits")
+        text = f"lidar: from one beam to the next ranges drop from {most:.2f} m to nearly 0, in {count} of "
+        text += f"{len(ranges)} scans, as a number of too few bits begins again: what is farther off is taken to be "
+        raise UnmeasuredError("scans-unfit", f"{text}near, and a map of them is wrong. Read them with all their bits")
 
 
 def expect_beams_in_place(ranges: NDArray[np.float32]) -> None:

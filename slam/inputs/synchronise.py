@@ -207,10 +207,8 @@ def warnings(
         text = f"no odometry: constant velocity over {n} scans; dead reckoning stands still"
         told.append(("no-odometry", n, text))
     elif lidar.odometry is None and (count := int(_without(recording, path).sum())):
-        text = (
-            f"{count} of {n} scans before or after all odometry: constant velocity there, dead reckoning stands still"
-        )
-        told.append(("no-odometry", count, text))
+        text = f"{count} of {n} scans before or after all odometry: constant velocity there, dead reckoning stands "
+        told.append(("no-odometry", count, f"{text}still"))
     codes = {issue.code for issue in own}
     issues = (Issue(code, text, count) for code, count, text in told if count and code not in codes)
     return (*unknown_mount(recording.platform), *doubtful_stamps(recording, path), *issues, *own)

@@ -139,10 +139,8 @@ class KnownMapFilter(TsdfFilter):
     def issues(self) -> tuple[Issue, ...]:
         """When it was not known where the robot is."""
         if self._losses and not self._was_sure:
-            text = (
-                "nowhere in the map do the scans fit for long: the robot is not in this map, or the map is not of this "
-            )
-            text += "place or scale; the poses mean nothing in it"
+            text = "nowhere in the map do the scans fit for long: the robot is not in this map, or the map is not of "
+            text += "this place or scale; the poses mean nothing in it"
             return (Issue("not-in-this-map", text),)
         issues = []
         if self._most_given_up > 1:

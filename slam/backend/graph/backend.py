@@ -220,10 +220,8 @@ def contradictions(
     issues, stamps = [], graph.nodes.stamps
     if not measured and any(loop.accepted for loop in graph.ledger):
         known, kept = (sum(loop.accepted for loop in ledger) for ledger in (graph.ledger, loops))
-        text = (
-            "the final path follows from the filter's, whose map is clearly sharper than the graph's: it confirms "
-            f"{kept} of {counted(known, 'loop')}"
-        )
+        text = "the final path follows from the filter's, whose map is clearly sharper than the graph's: it confirms "
+        text += f"{kept} of {counted(known, 'loop')}"
         issues.append(Issue("graph-left", text, known - kept))
     off, deviations = graph.measured.errors(poses)
     far = (np.abs(off) > CONTRADICTED * deviations).any(axis=1)
@@ -231,11 +229,9 @@ def contradictions(
         size = np.hypot(off[:, 0], off[:, 1]) + np.abs(off[:, 2])
         worst = int(np.where(far, size, -1.0).argmax())
         distance, turn = float(np.hypot(*off[worst, :2])), abs(float(np.degrees(off[worst, 2])))
-        text = (
-            f"the final path contradicts odometry and registration by over {CONTRADICTED:g} standard deviations in "
-            f"{counted(int(far.sum()), 'step')}, most from {stamps[worst]:.2f} to {stamps[worst + 1]:.2f} s, by "
-            f"{distance:.2f} m and {turn:.1f} degrees: the map may be bent there"
-        )
+        text = f"the final path contradicts odometry and registration by over {CONTRADICTED:g} standard deviations in "
+        text += f"{counted(int(far.sum()), 'step')}, most from {stamps[worst]:.2f} to {stamps[worst + 1]:.2f} s, by "
+        text += f"{distance:.2f} m and {turn:.1f} degrees: the map may be bent there"
         issues.append(Issue("step-contradicted", text, int(far.sum())))
     return tuple(issues)
 

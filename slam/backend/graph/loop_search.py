@@ -185,7 +185,6 @@ class LoopSearch:
         return window._replace(step=WIDEST_STEP, heading_step=WIDEST_TURN) if window.places > MANY else window
 
     def _register(self, maps: TsdfView, predicted: Array, half: Array, points: Points, starts: Array) -> Registration:
-        """Register endpoints from many starts, all but free of the prediction."""
         many = np.repeat(predicted[None], len(starts), axis=0)
         return register(maps, many, LOOSE * half, points, np.zeros(2), starts, self._registration)
 
