@@ -127,8 +127,8 @@ class Building(Summarised):
 
     def at(self, poses: Array) -> Building:
         """The building with all nodes at poses [n, 3]."""
-        parts = np.split(poses, self.firsts[1:-1])
-        return replace(self, sessions=tuple(one.at(part) for one, part in zip(self.sessions, parts, strict=True)))
+        each = zip(self.sessions, np.split(poses, self.firsts[1:-1]), strict=True)
+        return replace(self, sessions=tuple(one.at(part) for one, part in each))
 
     def plus(self, other: Building) -> Building:
         """The building with the sessions of another one, in its frame; nothing binds the two yet."""

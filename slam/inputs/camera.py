@@ -57,7 +57,7 @@ class FloorView:
 
 
 class FloorViews:
-    """The newest frame before each scan of a recording; each frame is handed out once.
+    """The newest frame before each scan of a recording; each is handed out once.
 
     A pixel of the colour image shows floor at the same place of the robot's frame whenever the disparity image that
     measured this place was taken: the floor is flat and the camera does not tilt. So a frame counts as taken at the

@@ -191,7 +191,7 @@ def _over(stamps: Array, begin: float, end: float) -> NDArray[np.intp]:
 
 def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: ComparedBeams) -> Lapse:
     """The lapse of odometry that stops dead; it ends where the scans say that the robot stands."""
-    stamps, speed = steps.stamps, steps.speed(first, late=True)
+    stamps, speed = steps.stamps, steps.rate(steps.lengths, first, late=True)
     begin, end = float(stamps[first]), float(stamps[min(last + 1, len(stamps) - 1)])
     since = max(int(np.searchsorted(lidar.stamps, begin, side="right")) - 1, 0)
     confirmed = last + 1 < len(stamps) and steps.lengths[last + 1] > CAUGHT_UP * speed * steps.seconds[last + 1]
@@ -227,12 +227,10 @@ class _Steps:
         """By the odometry [rad]."""
         return float(self._path.at(np.array([stamp]))[0, 2])
 
-    def speed(self, k: int, *, late: bool = False) -> float:
-        """At reading k [m/s], the mean of ``BEFORE``; with ``late`` of the last two steps, if that is less."""
-        return self._rate(self.lengths, k, late=late)
-
-    def _rate(self, values: Array, k: int, *, late: bool) -> float:
-        """Of the steps' values, to a second."""
+    def rate(self, values: Array, k: int, *, late: bool = False) -> float:
+        """Of the steps' values at reading k, to a second, the mean of ``BEFORE``; with ``late`` of the last two steps,
+        if that is less.
+        """
         first = min(int(np.searchsorted(self.stamps, self.stamps[k] - BEFORE, side="right")), k)
         seconds = float(self.seconds[first : k + 1].sum())
         if seconds <= 0 or k == 0:
@@ -256,12 +254,12 @@ class _Steps:
 
     def lost(self, k: int) -> bool:
         """Whether step k is shorter than braking takes, on the way or in a turn: its motion was not counted."""
-        speed, seconds = self.speed(k - 1), float(self.seconds[k])
+        speed, seconds = self.rate(self.lengths, k - 1), float(self.seconds[k])
         braking = min(speed / USUAL, seconds)
         least = speed * braking - USUAL * braking**2 / 2
         if least > LEAST_STOPPED and self.travelled(k) < least:
             return True
-        rate = max(self._rate(self.turns * np.sign(self.turns[k - 1]), k - 1, late=True), 0.0)  # it turns on the spot
+        rate = max(self.rate(self.turns * np.sign(self.turns[k - 1]), k - 1, late=True), 0.0)  # it turns on the spot
         least = rate * min(rate / TURN_USUAL, seconds) / 2
         stopped = least > LEAST_TURN and abs(float(self.turns[k])) < least
         return bool(stopped and self.travelled(k) <= CAUGHT_UP * self.usual(k))
@@ -286,7 +284,7 @@ class _Steps:
 
         As if the heading on the way were anything up to what the robot can have turned by: the mean of its cosine.
         """
-        speed, seconds = self.speed(k - 1), float(self.seconds[k])
+        speed, seconds = self.rate(self.lengths, k - 1), float(self.seconds[k])
         widest = min(TURNS * seconds / 2, math.pi)
         length, ahead = speed * seconds, math.sin(widest) / widest
         turns = self.turns[max(k - 2, 0) : k].sum() / max(float(self.seconds[max(k - 2, 0) : k].sum()), 1e-9)
@@ -310,7 +308,7 @@ class _Steps:
             first, last = begin - 1, end - 1
             if self.stamps[min(end, len(self.stamps) - 1)] < since:
                 continue
-            speed = self.speed(first, late=True) if first > 0 else 0.0
+            speed = self.rate(self.lengths, first, late=True) if first > 0 else 0.0
             if speed <= 0:
                 continue
             braking = np.minimum(speed / HARDEST, self.stamps[begin:end] - self.stamps[first])

@@ -276,8 +276,7 @@ class Localiser:
         tried = register(maps, many, spread, some, origin, starts, costs, means=means)
         off = np.square(tried.offsets / spread).sum(axis=1)
         cost = off / 2
-        heavy = slice(len(predictions))
-        cost[heavy] = heavy_tail(off[heavy], c)
+        cost[: len(predictions)] = heavy_tail(off[: len(predictions)], c)
         matched = match_score(tried.known, tried.likelihoods, tried.crossed, c)
         scores = matched * len(points) / len(some)
         values = odds = scores - cost

@@ -13,7 +13,7 @@ map that took in what is compared with it would follow its own errors. Older one
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,14 +45,7 @@ class _FloorMap:
     mapper: TextureMapper  # in the frame of the anchor
     anchors: Array  # [N, 3] of the particles
     distance: float = 0.0  # driven since [m]
-    known: tuple[TextureMap, NDArray[np.int32]] | None = field(default=None)
-
-    def lookup(self) -> tuple[TextureMap, NDArray[np.int32]]:
-        """The map as it stands, and packed."""
-        if self.known is None:
-            texture = self.mapper.snapshot()
-            self.known = texture, packed_map(texture)
-        return self.known
+    known: tuple[TextureMap, NDArray[np.int32]] | None = None  # as it stands, and packed, once it was asked for
 
 
 def _square(steps: int, step: float) -> Array:
@@ -176,8 +169,10 @@ class FloorLikelihood:
 
     def _search(self, patch: FloorPatch, target: _FloorMap, moved: Array, place: Array) -> tuple[Array, Array] | None:
         """The shift [2] of a motion [3] that fits best, in its frame, and its information [2, 2]."""
-        texture, packed = target.lookup()
-        c = self._config
+        if target.known is None:
+            snapshot = target.mapper.snapshot()
+            target.known = snapshot, packed_map(snapshot)
+        (texture, packed), c = target.known, self._config
 
         def log_likelihood(shifts: Array) -> tuple[Array, NDArray[np.int64]]:
             turned = np.column_stack((shifts, np.zeros(len(shifts))))
