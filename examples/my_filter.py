@@ -19,7 +19,7 @@ from moteslam.robot import se2
 from moteslam.slam.config import Method
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.protocol import FilterDefaults, Step, StepResult
-from moteslam.slam.filter.resampling import Weights
+from moteslam.slam.filter.weights import Weights
 
 CELL, REACH, ROUNDS = 0.05, 0.3, 15  # one point a cell [m], farthest partner [m], iterations of ICP
 SEEDS = range(2)

@@ -24,7 +24,7 @@ from moteslam.slam.config import METHODS, SlamConfig, load_preset
 from moteslam.slam.estimate import Correction, Estimate, as_logged
 from moteslam.slam.filter.certainty import certainty_of_particles, spread
 from moteslam.slam.filter.protocol import Filter, StepResult
-from moteslam.slam.filter.resampling import Weights
+from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.lapses import CLOSED, Open
 from moteslam.slam.inputs.step import Step
@@ -177,8 +177,7 @@ class Core:
 
     def _relocate(self, scan: int) -> float:
         """Move the path since the robot was lost to where the filter has found it again; how far that moved it [m]."""
-        path = self._filter.relocated()
-        if path is None:
+        if (path := self._filter.relocated()) is None:
             return 0.0
         before = self._filter.history.last[self._filter.best_particle].copy()
         self._filter.revise(path, np.array(self._updates), self._inputs.scans)
@@ -204,8 +203,7 @@ class Core:
                 pose, after = path[k - begin], path[k - begin + 1 :]
                 motion = se2.between(path[k - begin - 1], pose) if k else np.zeros(3)
                 key = replace(key, pose=pose, motion=np.asarray(motion))
-            revised = self._backend.add(key)
-            if revised is None:
+            if (revised := self._backend.add(key)) is None:
                 continue
             if path is not None:
                 revised = np.vstack((revised, se2.compose(revised[-1], se2.between(pose, after))))

@@ -154,10 +154,8 @@ class Losses:
         issues = []
         for begin, end in zip_longest(self._stamps[::2], self._stamps[1::2]):
             text = f"from {begin:.2f} s on the scans do not say where in its map the robot is: it is lost, and a map "
-            text += "apart is drawn, " + (
-                "to the end: how the two lie is a prediction; the map is that of the longer part"
-                if end is None
-                else f"until it is found in the one before at {end:.2f} s"
-            )
-            issues.append(Issue("lost", text))
+            until = "to the end: how the two lie is a prediction; the map is that of the longer part"
+            if end is not None:
+                until = f"until it is found in the one before at {end:.2f} s"
+            issues.append(Issue("lost", f"{text}apart is drawn, {until}"))
         return tuple(issues)

@@ -12,7 +12,7 @@ from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue
 from moteslam.slam.filter.certainty import Certainty
 from moteslam.slam.filter.history import History
-from moteslam.slam.filter.resampling import Weights
+from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step

@@ -334,8 +334,7 @@ def dead_reckon(recording: Recording, config: SyncConfig | None = None) -> Traje
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     config = config or SyncConfig()
-    path = odometry_path(recording, config)
-    if path is None:
+    if (path := odometry_path(recording, config)) is None:
         raise InputError("neither encoders nor odometry, expected one of them", file=recording.name)
     if recording.lidar is not None and len(recording.lidar):
         inputs = synchronise(recording, config)

@@ -21,8 +21,9 @@ from moteslam.robot.se2 import Array, as_pose, compose_one
 from moteslam.robot.values import Issue
 from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of
 from moteslam.slam.filter.protocol import StepResult
-from moteslam.slam.filter.resampling import Draws, Weights, choose_parents, generator_for
+from moteslam.slam.filter.resampling import Draws, choose_parents, generator_for
 from moteslam.slam.filter.update_policy import update_due
+from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step, thin
 from moteslam.slam.known_map.config import KnownMapConfig

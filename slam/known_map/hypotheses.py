@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from moteslam.robot.se2 import Array
-from moteslam.slam.filter.resampling import Weights
+from moteslam.slam.filter.weights import Weights
 from moteslam.slam.tsdf.particles import Particles
 
 LEAST = 0.001  # Hypotheses of a smaller probability are given up

@@ -28,8 +28,9 @@ from moteslam.slam.filter.certainty import (
 )
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
-from moteslam.slam.filter.resampling import Weights, choose_parents
+from moteslam.slam.filter.resampling import choose_parents
 from moteslam.slam.filter.update_policy import Travelled, magnitude, update_due
+from moteslam.slam.filter.weights import Weights
 from moteslam.slam.mapping.occupancy import OccupancyGrid
 from moteslam.slam.paper.config import MatchConfig, MotionNoise, PaperFilterConfig
 

@@ -96,8 +96,7 @@ class FloorLikelihood:
             return None
         registered = se2.compose(since.odometry, proposal.offsets[best])
         self._view = self._view.corrected(np.array(since.wheels), registered, since.travelled.elapsed)
-        fit = self.fit(self._view, proposal.means, best)
-        if fit is None:
+        if (fit := self.fit(self._view, proposal.means, best)) is None:
             return None
         lidar = proposal.precision(self._share)
         off, information = fit
@@ -131,8 +130,7 @@ class FloorLikelihood:
         target = self._maps[0]
         moved = se2.between(target.anchors, poses)
         patch = floor_patch(view.frame, view.mount, self._flat(view), max_depth=self._config.max_depth)
-        found = self._search(patch, target, moved[best], view.place)
-        if found is None:
+        if (found := self._search(patch, target, moved[best], view.place)) is None:
             return None
         shift, information = found
         offsets = se2.between(moved, se2.compose(moved[best], np.append(shift, 0.0)))
@@ -191,8 +189,7 @@ class FloorLikelihood:
         fine = _square(around, c.fine_step)
         values, _ = log_likelihood(start + fine)
         centre = fine[values.argmax()]
-        found = _peak(fine, values)
-        if found is None:
+        if (found := _peak(fine, values)) is None:
             return None
         shift, information = found
         shift = np.clip(shift, centre - c.fine_step * around, centre + c.fine_step * around)

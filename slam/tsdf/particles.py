@@ -11,7 +11,7 @@ from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.slam.filter.history import History
-from moteslam.slam.filter.resampling import Weights
+from moteslam.slam.filter.weights import Weights
 from moteslam.slam.mapping.config import APART, TsdfConfig
 from moteslam.slam.mapping.tsdf import DRAWN, TsdfMaps
 

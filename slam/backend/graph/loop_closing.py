@@ -161,8 +161,7 @@ class LoopClosing(Generic[G]):
                     graph.enter(pair, self._search.unsearched(submap, query, predicted, window))
                 return []
             self._looked_up += cost
-        found = self._search.match(submap, query, predicted, spread)
-        if found is None:
+        if (found := self._search.match(submap, query, predicted, spread)) is None:
             return []
         if last is None:
             self._searched.setdefault(query, []).append(submap)

@@ -8,7 +8,7 @@ from moteslam.robot import se2
 from moteslam.slam.config import Method, SlamConfig
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.protocol import FilterDefaults, StepResult
-from moteslam.slam.filter.resampling import Weights
+from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.step import Step
 
 

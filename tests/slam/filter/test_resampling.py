@@ -6,16 +6,9 @@ from slam_rooms import circled_room
 
 from moteslam.slam.config import resolve_config
 from moteslam.slam.filter.history import History
-from moteslam.slam.filter.resampling import (
-    SCHEMES,
-    Draws,
-    KldConfig,
-    Weights,
-    enough_particles,
-    generator_for,
-    particle_number,
-)
+from moteslam.slam.filter.resampling import SCHEMES, Draws, KldConfig, enough_particles, generator_for, particle_number
 from moteslam.slam.filter.update_policy import Travelled, UpdateConfig, update_due
+from moteslam.slam.filter.weights import Weights
 from moteslam.slam.online import OnlineSlam
 
 WEIGHTS = np.array([0.02, 0.31, 0.0, 0.17, 0.5, 0.0])

@@ -15,7 +15,7 @@ from moteslam.robot.recording import Recording
 from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
-from moteslam.slam.filter.resampling import Weights
+from moteslam.slam.filter.weights import Weights
 from moteslam.slam.known_map import hypotheses, search
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.filter import KnownMapFilter, Presence

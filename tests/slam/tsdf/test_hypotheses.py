@@ -12,8 +12,8 @@ from moteslam.robot import se2
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.config import resolve_config
 from moteslam.slam.filter.protocol import StepResult
-from moteslam.slam.filter.resampling import Weights
 from moteslam.slam.filter.update_policy import Travelled
+from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.step import Step
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.odometry.calibration import CalibrationConfig
