@@ -57,7 +57,7 @@ from parts.runs import (
 
 from moteslam.errors import MoteslamError
 from moteslam.sim.scenario import bundled_scenarios, load_scenario
-from moteslam.slam.settings import resolve_config
+from moteslam.slam.config import resolve_config
 
 WHEELS = {"platform": "lms200", "settings": ("platform.imu=false",), "key_scans": KEY_SCANS}
 """A robot without gyro that logs key scans."""
@@ -248,7 +248,7 @@ def measure(this: Runs, name: str, seed: int) -> Row:
     """The figures of one run."""
     from moteslam.eval.metrics.residuals import scan_residuals
     from moteslam.kernels import runtime
-    from moteslam.slam.run import run_slam
+    from moteslam.slam.online import run_slam
 
     runtime.init("cpu", 1)
     config = resolve_config(this.preset, this.settings)

@@ -46,7 +46,7 @@ from parts.harness import Bar, Row, arguments, benchmark, count, memory, status
 from parts.runs import add, errors, load_log, log_file, messages, reference_file, simulate_case, start_kernels
 
 from moteslam.errors import MoteslamError
-from moteslam.slam.settings import resolve_config
+from moteslam.slam.config import resolve_config
 
 if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
@@ -87,7 +87,7 @@ def replay(log: Path, out: Path, settings: list[str], *flags: str, **more: str) 
 
 def load_kernels(recording: Recording, config: SlamConfig) -> None:
     """Run the first scans, so that all the usual kernels are compiled or loaded."""
-    from moteslam.slam.run import run_slam
+    from moteslam.slam.online import run_slam
 
     lidar = recording.lidar
     assert lidar is not None
@@ -136,7 +136,7 @@ def filter_alone(seed: int, settings: list[str], particles: int, log: str = "", 
 
 def real_time(seed: int, settings: list[str], particles: int, duration: float | None = None) -> Row:
     """How many times faster than it was recorded `corridor` is worked through, in wall time, kernels loaded."""
-    from moteslam.slam.run import run_slam
+    from moteslam.slam.online import run_slam
 
     config = start_kernels(settings, 2, particles=particles)
     case = simulate_case("corridor", seed, duration=duration)

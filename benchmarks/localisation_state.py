@@ -52,9 +52,9 @@ def measure(setup: str, scenario: str, seed: int) -> Row:
     """Shares of the scans, the counts in each bin, and NEES of one run."""
     from moteslam.eval.metrics.localisation import score_localisation
     from moteslam.kernels import runtime
+    from moteslam.slam.config import resolve_config
     from moteslam.slam.filter.certainty import LocalisationState
-    from moteslam.slam.run import run_slam
-    from moteslam.slam.settings import resolve_config
+    from moteslam.slam.online import run_slam
 
     runtime.init("cpu", 1)
     simulated = SETUPS[setup][1]

@@ -60,8 +60,8 @@ Array = NDArray[np.float64]
 
 def drives(recording: Recording, occupancy: Raster, seed: int) -> Iterator[Any]:
     """The updates of a run in a known map."""
+    from moteslam.slam.config import resolve_config
     from moteslam.slam.online import OnlineSlam
-    from moteslam.slam.settings import resolve_config
 
     with tempfile.TemporaryDirectory() as folder:
         write_map(Path(folder) / "map.pgm", occupancy)
@@ -165,7 +165,7 @@ def driving(simulation: Simulation, seed: int) -> Row:
 def visit(simulation: Simulation, seed: int) -> Row:
     """A drive in the map of another day, in its own in two cell sizes, and by SLAM: median errors [m]."""
     from moteslam.eval.metrics.ate import absolute_trajectory_error
-    from moteslam.slam.run import run_slam
+    from moteslam.slam.online import run_slam
 
     before = Visit(building=seed, moved=0.0, shut=0.0)
     other = simulate(simulation.scenario.model_copy(update={"visit": before}), seed + 1)

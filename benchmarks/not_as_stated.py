@@ -114,8 +114,8 @@ def driven(world: str, platform: str, seed: int) -> Drive:
 
 def final_ate(recording: Recording, drive: Drive, seed: int) -> float:
     """The ATE [m] of the final path of the preset ``default``."""
-    from moteslam.slam.run import run_slam
-    from moteslam.slam.settings import resolve_config
+    from moteslam.slam.config import resolve_config
+    from moteslam.slam.online import run_slam
 
     return errors(run_slam(recording, resolve_config("default"), seed=seed), drive)["final"]
 

@@ -35,7 +35,7 @@ from moteslam.sim.scenario import Scenario, load_scenario
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.backend.building import Building
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.run import run_slam
+from moteslam.slam.online import run_slam
 from moteslam.slam.sessions import go_on
 
 Array = NDArray[np.float64]

@@ -28,7 +28,7 @@ from parts.harness import Row, arguments, benchmark, count, factor, memory, stat
 from parts.runs import fed
 
 from moteslam.errors import MoteslamError
-from moteslam.slam.settings import resolve_config
+from moteslam.slam.config import resolve_config
 
 if TYPE_CHECKING:
     from moteslam.robot.recording import Recording

@@ -30,8 +30,7 @@ from moteslam.robot.trajectories.text import write_g2o, write_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import expect_type, processor_count
 from moteslam.slam.backend.building import Building, Session
-from moteslam.slam.backend.graph.measured_chain import MeasuredChain
-from moteslam.slam.backend.graph.pose_graph import Edges
+from moteslam.slam.backend.graph.pose_graph import Edges, MeasuredChain
 from moteslam.slam.estimate import Estimate
 
 if TYPE_CHECKING:

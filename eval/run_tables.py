@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.files import Shape, read_arrays, read_text, write_atomically
 from moteslam.robot.values import Summarised
-from moteslam.slam.backend.ledger import LoopCandidate, Verdict
+from moteslam.slam.backend.protocol import LoopCandidate, Verdict
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
 

@@ -31,7 +31,7 @@ from moteslam.robot.se2 import Array
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import TILT, Space, Trajectory, tilt_of
 from moteslam.robot.values import Issue, expect_type
-from moteslam.slam.backend.ledger import LoopCandidate
+from moteslam.slam.backend.protocol import LoopCandidate
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState

@@ -7,34 +7,32 @@ import time
 from array import array
 from collections.abc import Callable
 from dataclasses import replace
+from functools import reduce
 from importlib.metadata import version
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, expect_type, shortened
 from moteslam.slam.backend.building import Building, between_known
 from moteslam.slam.backend.protocol import BACKENDS, KeyScan
-from moteslam.slam.config import METHODS, SlamConfig
+from moteslam.slam.config import METHODS, SlamConfig, load_preset
 from moteslam.slam.estimate import Correction, Estimate, as_logged
 from moteslam.slam.filter.certainty import certainty_of_particles, spread
 from moteslam.slam.filter.protocol import Filter, StepResult
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.inputs import Inputs
-from moteslam.slam.inputs.lapses import left_open
+from moteslam.slam.inputs.lapses import CLOSED, Open
 from moteslam.slam.inputs.step import Step
 from moteslam.slam.inputs.synchronise import about_jumps
 from moteslam.slam.mapping.occupancy import draw_map
-from moteslam.slam.odometry.dead_reckoning import dead_reckoning
 from moteslam.slam.rows import Rows
 from moteslam.slam.scan_records import Losses, ScanRecords, Update
-from moteslam.slam.settings import load_preset
 
-Array = NDArray[np.float64]
 MakeFilter = Callable[[SlamConfig, int], Filter]
 """Makes a filter of a configuration and a seed: its class, for one."""
 ASTRAY = 1.0  # The pose of an update is no mean of particles that are all farther away [m]
@@ -91,14 +89,16 @@ class Core:
             raise ConfigError("no scan was taken in yet, expected some first")
         n, records = self._done, self._records
         stamps, updates = self._inputs.stamps[:n], np.array(self._updates)
-        history, odometry = self._filter.history, dead_reckoning(stamps, self._inputs.odometry[:n])
+        history, odometry = self._filter.history, self._inputs.odometry[:n]
         path, particles = self._path(), np.arange(history.particles)
         began = time.perf_counter()
         corrected = self._backend.finish(path)
         finishing = time.perf_counter() - began
         driven = se2.accumulate(records.motions)
         placed = between_known(path if corrected is None else corrected, updates, driven)
-        final = Trajectory(stamps, self._losses.parted(placed, updates, driven))
+        final, building = Trajectory(stamps, self._losses.parted(placed, updates, driven)), None
+        if measured := getattr(self._backend, "measured", None):  # back ends of other packages may have none
+            building = Building.of(measured, final, self._inputs.scans, self._losses.drawn(measured.nodes))
         found = Estimate(
             name=self.name,
             config=self.config,
@@ -106,7 +106,7 @@ class Core:
             versions={name: version(name) for name in ("moteslam", "taichi", "numpy")},
             trajectory=Trajectory(stamps, records.poses),
             trajectory_final=final,
-            dead_reckoning=odometry,
+            dead_reckoning=Trajectory(stamps, se2.between(odometry[0], odometry)),
             map=self.map if corrected is None else self._draw(corrected, n),
             particle_stamps=stamps[updates],
             particle_paths=history.paths(particles),
@@ -118,17 +118,15 @@ class Core:
             seconds=float(records.diagnostics["seconds"].sum()) + finishing,
             corrections=tuple(self._corrections),
             loops=self._backend.loops,
-            building=self._building(final),
+            building=building,
         )
         return found if self._inputs.logged is None else as_logged(found, self._inputs.logged[:n])
 
     @property
     def _done(self) -> int:
-        """Scans that were taken in."""
-        return self._records.done
+        return len(self._records)
 
     def _step(self, step: Step) -> Update:
-        """Take in a scan."""
         began, draws = time.perf_counter(), self._filter.history.draws
         result, corrected = self._filter.step(step), 0.0
         if problem := _unsound(self._filter, result, len(self._updates), draws):
@@ -163,6 +161,7 @@ class Core:
         """The scan that the filter was updated with last, at the best particle's pose."""
         last = self._updates[-2] if len(self._updates) > 1 else step.index
         odometry, best = self._inputs.odometry, self._filter.best_particle
+        left = (more for scan, more in self._inputs.open.items() if last < scan <= step.index)
         return KeyScan(
             index=step.index,
             stamp=step.stamp,
@@ -173,13 +172,12 @@ class Core:
             measured=bool(self._inputs.measured[last + 1 : step.index + 1].all()),
             motion=self._filter.history.step(best),
             lost=self._filter.lost,
-            left_open=left_open(self._inputs.open, last + 1, step.index + 1),
+            left_open=reduce(Open.plus, left, CLOSED),
         )
 
     def _relocate(self, scan: int) -> float:
         """Move the path since the robot was lost to where the filter has found it again; how far that moved it [m]."""
-        path = self._filter.relocated()
-        if path is None:
+        if (path := self._filter.relocated()) is None:
             return 0.0
         before = self._filter.history.last[self._filter.best_particle].copy()
         self._filter.revise(path, np.array(self._updates), self._inputs.scans)
@@ -191,9 +189,7 @@ class Core:
         """Give the back end the key scans that wait; where it corrects the path, the filter goes on from there.
 
         Those that waited while the particles were at several places are given on the path that turned out to be best.
-
-        Returns:
-            how far that moved the robot [m], 0 where nothing was corrected.
+        Returns how far that moved the robot [m], 0 where nothing was corrected.
         """
         keys, self._waiting = self._waiting, []
         first = len(self._updates) - len(keys)
@@ -207,8 +203,7 @@ class Core:
                 pose, after = path[k - begin], path[k - begin + 1 :]
                 motion = se2.between(path[k - begin - 1], pose) if k else np.zeros(3)
                 key = replace(key, pose=pose, motion=np.asarray(motion))
-            revised = self._backend.add(key)
-            if revised is None:
+            if (revised := self._backend.add(key)) is None:
                 continue
             if path is not None:
                 revised = np.vstack((revised, se2.compose(revised[-1], se2.between(pose, after))))
@@ -217,13 +212,6 @@ class Core:
             now = revised[-1]
             self._corrections.append(Correction(scan, revised))
         return float(np.hypot(*(now - before)[:2]))
-
-    def _building(self, final: Trajectory) -> Building | None:
-        """The run as a session that others can be bound to."""
-        measured = getattr(self._backend, "measured", None)  # back ends of other packages may have none
-        if measured is None:
-            return None
-        return Building.of(measured, final, self._inputs.scans, self._losses.drawn(measured.nodes))
 
     def _path(self) -> Array:
         """The path [u, 3] of the best particle at every update."""

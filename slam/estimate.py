@@ -16,7 +16,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import PoseGraph, Trajectory
 from moteslam.robot.values import Issue, Summarised
 from moteslam.slam.backend.building import Building
-from moteslam.slam.backend.ledger import LoopCandidate
+from moteslam.slam.backend.protocol import LoopCandidate
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map, map_texture
 
@@ -100,12 +100,7 @@ class Estimate(Summarised):
 
 
 def as_logged(estimate: Estimate, stamps: NDArray[np.float64]) -> Estimate:
-    """An estimate in the order of the recording, whose stamps are not in the order in which its scans were taken.
-
-    Args:
-        estimate: of n scans, in the order in which they were taken.
-        stamps: [n] that the recording gives them, in that order [s].
-    """
+    """An estimate in the order of the recording, whose stamps [n] [s] are not in that in which its scans were taken."""
     order = np.argsort(stamps, kind="stable")
     updates = np.flatnonzero(estimate.diagnostics["updated"])
     at = np.argsort(order)  # where each scan lies in the recording
@@ -169,11 +164,7 @@ def preview_png(occupancy: Raster, path: NDArray[np.float64]) -> bytes:
     """A PNG of a map in greys and a path in colour, a ring at its start and a square at its end, the largest y on top.
 
     What is neither known nor near the path is cut off. Of several cells in a pixel the darkest is shown, so that walls
-    stay.
-
-    Args:
-        occupancy: log-odds [H, W], not turned.
-        path: [n, 2 or more] x, y [m]; at least one.
+    stay. The map has log-odds [H, W] and is not turned, the path [n, 2 or more] has x, y [m] of one place at least.
     """
     import cv2
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from numbers import Real
 from typing import Any
 
@@ -20,10 +20,9 @@ from moteslam.slam.calibration.findings import checked
 from moteslam.slam.config import METHODS, SlamConfig
 from moteslam.slam.core import Core, MakeFilter
 from moteslam.slam.estimate import Estimate, with_texture
-from moteslam.slam.inputs.floor_views import FloorViews
+from moteslam.slam.inputs.camera import BEHIND, DISPARITY, RGB, FloorViews, LiveCamera, checked_image
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.live import LiveInputs
-from moteslam.slam.inputs.live_camera import BEHIND, DISPARITY, RGB, LiveCamera, checked_image
 from moteslam.slam.inputs.odometry_path import odometry_path
 from moteslam.slam.inputs.step import steps
 from moteslam.slam.inputs.synchronise import synchronise, unknown_mount, warnings
@@ -289,3 +288,26 @@ def _numbers(values: Any, dtype: type, count: int | None, field: str) -> NDArray
         shown, whole = shortened(given.tolist() if given.ndim == 1 else values), "whole " * (dtype is np.int64)
         raise InputError(f"{shown}, expected [{count or 'beams'}] {whole}numbers", field=field)
     return given.astype(dtype)
+
+
+def run_slam(
+    recording: Recording,
+    config: SlamConfig | None = None,
+    seed: int = 0,
+    watch: Callable[[Update], None] | None = None,
+    method: MakeFilter | None = None,
+) -> Estimate:
+    """Run SLAM over a recording, and colour the floor along the final trajectory where there are images.
+
+    Args:
+        recording: with a lidar; with some odometry, too, unless the method does without.
+        config: the preset ``default`` if None.
+        seed: of all randomness.
+        watch: called after every scan.
+        method: makes the filter in place of the configuration's method: a class of your own, for one.
+    """
+    slam = OnlineSlam.over(recording, config, seed, method=method)
+    for update in slam:
+        if watch is not None:
+            watch(update)
+    return with_texture(slam.estimate(), recording)

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, Summarised
 from moteslam.slam.filter.certainty import LocalisationState, state_of
 from moteslam.slam.rows import Rows
 
-Array = NDArray[np.float64]
 DIAGNOSTICS = (
     "particles", "n_eff", "score", "updated", "resampled", "seconds", "degenerate", "wrong", "state", "corrected",
 )  # fmt: skip
@@ -66,25 +66,19 @@ class Update(Summarised):
 
 
 class ScanRecords:
-    """A row a scan, in the order of the scans.
-
-    Attributes:
-        last_sure: index of the latest scan at which the filter was sure of the pose; -1 without one.
-    """
+    """A row a scan, in the order of the scans."""
 
     def __init__(self) -> None:
         self._rows = Rows(6 + 9 + len(DIAGNOSTICS))  # pose, motion, covariance, diagnostics
-        self.last_sure = -1
+        self.last_sure = -1  # index of the latest scan at which the filter was sure of the pose; -1 without one
 
-    @property
-    def done(self) -> int:
-        """Scans that are recorded."""
+    def __len__(self) -> int:
         return len(self._rows)
 
     def add(self, update: Update, motion: Array) -> None:
         """Record the next scan, and the motion [3] to it."""
         if update.state == LocalisationState.SURE:
-            self.last_sure = self.done
+            self.last_sure = len(self)
         diagnostics = [float(getattr(update, name)) for name in DIAGNOSTICS]
         self._rows.add(np.concatenate((update.pose, motion, update.covariance, diagnostics), axis=None)[None])
 
@@ -124,13 +118,7 @@ class Losses:
         self._parts: list[tuple[int, int]] = []  # the first scan that did not fit, and the first in the map apart
 
     def note(self, lost: bool, stamp: float, *, doubted_from: int, scan: int) -> None:
-        """Take in an update.
-
-        Args:
-            lost: whether the robot is.
-            stamp: of its scan [s].
-            doubted_from: the first scan since the filter was sure of the pose.
-        """
+        """Take in an update with a scan, at a stamp [s]; ``doubted_from``: the first scan since the pose was sure."""
         if lost is (len(self._stamps) % 2 == 1):
             return
         self._stamps.append(stamp)
@@ -138,12 +126,10 @@ class Losses:
             self._parts.append((doubted_from, scan))
 
     def drawn(self, updates: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Of which updates [u] the map is drawn, while the robot is lost: of the longer part.
+        """Of which updates, with scans of these indices [u], the map is drawn, while the robot is lost: of the longer
+        part.
 
         Where the two lie relative to each other is not known, and one would be drawn over the other.
-
-        Args:
-            updates: [u] indices of their scans.
         """
         if len(self._stamps) % 2 == 0:
             return np.ones(len(updates), np.bool_)
@@ -153,12 +139,9 @@ class Losses:
     def parted(self, poses: Array, updates: NDArray[np.intp], driven: Array) -> Array:
         """Poses [n, 3] of all scans without the bridge from a part of the path to the next.
 
-        What no longer fitted the map before belongs to what follows, what did to what was before.
-
-        Args:
-            poses: of the scans, between those of the updates as if it were one path.
-            updates: [u] indices of their scans.
-            driven: [n, 3] poses by the motion from scan to scan alone.
+        What no longer fitted the map before belongs to what follows, what did to what was before. Poses between those
+        of the updates, with scans of indices [u], are as if it were one path; those ``driven`` [n, 3] are by the motion
+        from scan to scan alone.
         """
         for first, begun in self._parts:
             last = int(updates[updates < first][-1])
@@ -171,10 +154,8 @@ class Losses:
         issues = []
         for begin, end in zip_longest(self._stamps[::2], self._stamps[1::2]):
             text = f"from {begin:.2f} s on the scans do not say where in its map the robot is: it is lost, and a map "
-            text += "apart is drawn, " + (
-                "to the end: how the two lie is a prediction; the map is that of the longer part"
-                if end is None
-                else f"until it is found in the one before at {end:.2f} s"
-            )
-            issues.append(Issue("lost", text))
+            until = "to the end: how the two lie is a prediction; the map is that of the longer part"
+            if end is not None:
+                until = f"until it is found in the one before at {end:.2f} s"
+            issues.append(Issue("lost", f"{text}apart is drawn, {until}"))
         return tuple(issues)

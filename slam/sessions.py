@@ -10,22 +10,18 @@ from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import trinary
 from moteslam.robot.values import Issue
 from moteslam.slam.backend.building import Building, Session
-from moteslam.slam.backend.graph.binding import bind
+from moteslam.slam.backend.graph.backend import bind
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.known_map.path_search import find_path
+from moteslam.slam.known_map.search import find_path
 
 SAME = 0.005
 """Endpoints of one scan differ by less [m]: they were written in steps of up to some millimetres."""
 
 
 def expect_graph(config: SlamConfig) -> GraphConfig:
-    """The back end's configuration, if it can bind sessions.
-
-    Raises:
-        ConfigError: it cannot.
-    """
+    """The back end's configuration; ``ConfigError`` if it cannot bind sessions."""
     if not isinstance(config.backend, GraphConfig):
         raise ConfigError(f'"{config.backend.method}", expected "graph" to bind sessions', field="backend.method")
     return config.backend
@@ -35,10 +31,6 @@ def go_on(estimate: Estimate, building: Building) -> Estimate:
     """The estimate of a recording bound to a building that was mapped before: in its frame, with the map of both.
 
     Where no loops prove that it belongs there it stays as it is, with a warning.
-
-    Args:
-        estimate: of the recording.
-        building: of the sessions before.
     """
     if estimate.building is None:
         return _apart(estimate, "it has too few scans for a graph")
@@ -50,13 +42,7 @@ def go_on(estimate: Estimate, building: Building) -> Estimate:
 
 
 def joined(building: Building, new: Building, config: SlamConfig) -> Building | str:
-    """A building with one session more, in its frame; why not, where nothing proves that it belongs there.
-
-    Args:
-        building: of the sessions before.
-        new: of one session, in a frame of its own.
-        config: of map and back end.
-    """
+    """A building with the session of a new one, in its frame; why not, where nothing proves that it belongs there."""
     backend = expect_graph(config)
     (session,) = new.sessions
     if (number := next((k for k, one in enumerate(building.sessions, 1) if _holds(one, session)), None)) is not None:

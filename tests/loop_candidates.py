@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from moteslam.slam.backend.ledger import LoopCandidate, Verdict
+from moteslam.slam.backend.protocol import LoopCandidate, Verdict
 
 
 def candidate(

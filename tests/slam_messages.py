@@ -11,7 +11,7 @@ from moteslam.robot.platform import Platform
 from moteslam.robot.recording import OdometryStream, Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
-from moteslam.slam.odometry.dead_reckoning import dead_reckon
+from moteslam.slam.inputs.synchronise import dead_reckon
 
 
 def first(stream: Any, count: int) -> Any:

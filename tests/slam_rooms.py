@@ -12,10 +12,10 @@ from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.simulate import Simulation, simulate
+from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.odometry.dead_reckoning import dead_reckon
-from moteslam.slam.run import run_slam
-from moteslam.slam.settings import resolve_config
+from moteslam.slam.inputs.synchronise import dead_reckon
+from moteslam.slam.online import run_slam
 
 STEP = np.radians(1.5)
 ANGLES = np.radians(np.arange(-135, 135, 1.5))  # Of the beams [rad], and between them

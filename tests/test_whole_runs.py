@@ -15,8 +15,8 @@ from moteslam.robot.trajectories.text import read_tum
 from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
-from moteslam.slam.run import run_slam
-from moteslam.slam.settings import load_preset
+from moteslam.slam.config import load_preset
+from moteslam.slam.online import run_slam
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("taichi")]
 

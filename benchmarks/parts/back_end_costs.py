@@ -66,7 +66,7 @@ def joint(_seed: int, _settings: list[str], scans: int) -> Row:
     from moteslam.slam.backend.graph import joint as registration
     from moteslam.slam.backend.graph.backend import GraphBackend
     from moteslam.slam.backend.graph.joint import Endpoints
-    from moteslam.slam.backend.graph.measured_chain import MeasuredChain
+    from moteslam.slam.backend.graph.pose_graph import MeasuredChain
     from moteslam.slam.online import OnlineSlam
 
     config = start_kernels([], 1)
@@ -89,7 +89,7 @@ def back_end(_seed: int, _settings: list[str], *, keys: bool) -> Row:
     """Processor time over `campus`: the filter, the chain, loop search and graph, the joint registrations."""
     from moteslam.slam.backend.graph import backend
     from moteslam.slam.backend.graph.chain import Chain
-    from moteslam.slam.run import run_slam
+    from moteslam.slam.online import run_slam
     from moteslam.slam.tsdf.filter import TsdfFilter
 
     config = start_kernels([], 1)

@@ -149,7 +149,7 @@ def _tables() -> Iterator[Reader]:
     from moteslam.eval.sweep.spec import read_spec
     from moteslam.robot.platforms import load_platform
     from moteslam.sim.scenario import load_scenario
-    from moteslam.slam.settings import load_preset, resolve_config
+    from moteslam.slam.config import load_preset, resolve_config
 
     def bundled(package: str, name: str) -> bytes:
         return resources.files(package).joinpath(name).read_bytes()
@@ -171,8 +171,7 @@ def _sessions() -> Iterator[Reader]:
     from moteslam.eval.results import BUILDING as NAME
     from moteslam.eval.results import read_building, write_building
     from moteslam.slam.backend.building import Building, Session
-    from moteslam.slam.backend.graph.measured_chain import MeasuredChain
-    from moteslam.slam.backend.graph.pose_graph import Edges
+    from moteslam.slam.backend.graph.pose_graph import Edges, MeasuredChain
 
     rng, stamps, nodes = np.random.default_rng(4), np.arange(9) / 2, np.arange(0, 9, 2)
     path = np.column_stack((stamps, np.sin(stamps), 0.1 * stamps))

@@ -72,7 +72,7 @@ class Case:
 def start_kernels(settings: list[str], threads: int, **more: Any) -> SlamConfig:
     """Start Taichi and resolve the configuration."""
     from moteslam.kernels import runtime
-    from moteslam.slam.settings import resolve_config
+    from moteslam.slam.config import resolve_config
 
     runtime.init("cpu", threads)
     return resolve_config("default", [*settings, *(f"{key}={value}" for key, value in more.items())])

@@ -124,7 +124,7 @@ class SlamOptions:
         A command has a preset of its own where none is chosen, and settings that other options than ``--set`` stand
         for.
         """
-        from moteslam.slam.settings import DEFAULT_PRESET, resolve_config
+        from moteslam.slam.config import DEFAULT_PRESET, resolve_config
 
         preset = self.preset or preset or DEFAULT_PRESET
         with named("--set {}", **{"settings": "--set", repr(preset)[1:-1]: "--preset {}"}):

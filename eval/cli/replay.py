@@ -230,7 +230,7 @@ def _dead_reckon(
 ) -> None:
     from moteslam.files import result_folder, write_atomically
     from moteslam.robot.trajectories.text import write_tum
-    from moteslam.slam.odometry.dead_reckoning import dead_reckon
+    from moteslam.slam.inputs.synchronise import dead_reckon
 
     trajectory = dead_reckon(recording, config.sync)
     warn(recording.warnings)

@@ -21,7 +21,7 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
-from moteslam.slam.backend.ledger import LoopCandidate
+from moteslam.slam.backend.protocol import LoopCandidate
 from moteslam.slam.estimate import Correction
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import synchronise

@@ -16,7 +16,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, expect_type
-from moteslam.slam.backend.ledger import LoopCandidate
+from moteslam.slam.backend.protocol import LoopCandidate
 from moteslam.slam.inputs.scans import Scans
 
 MAX_TRANSLATION, MAX_ROTATION = 0.3, np.deg2rad(3.0)

@@ -20,7 +20,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Array, between, compose, inverse, umeyama
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import expect_type
-from moteslam.slam.backend.ledger import LoopCandidate
+from moteslam.slam.backend.protocol import LoopCandidate
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.scan_records import Update
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper

@@ -22,7 +22,7 @@ from moteslam.robot.platforms import FOLDER as PLATFORMS
 from moteslam.robot.values import Section, read_toml
 from moteslam.sim.robot.driver import check_moves
 from moteslam.sim.scenario import SCENARIOS, load_scenario
-from moteslam.slam.settings import resolve_config
+from moteslam.slam.config import resolve_config
 
 WORDS = ("description", "why")  # Keys of scenarios and robots from which no run follows
 

@@ -27,8 +27,8 @@ from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue
 from moteslam.sim.logged import with_odometry
+from moteslam.slam.config import resolve_config
 from moteslam.slam.online import OnlineSlam
-from moteslam.slam.settings import resolve_config
 
 MAP_CELL = 0.05  # Of the true map [m]
 

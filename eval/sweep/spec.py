@@ -18,7 +18,7 @@ from moteslam.eval.metrics.evidence import TRACKS
 from moteslam.eval.metrics.registry import chosen, split
 from moteslam.eval.tables import shortened
 from moteslam.robot.values import NotNegative, Number, Positive, Section, Whole, read_toml, validated
-from moteslam.slam.settings import DEFAULT_PRESET
+from moteslam.slam.config import DEFAULT_PRESET
 
 FOLDER = Path(__file__).parent / "specs"
 MAX_RUNS = 1_000_000

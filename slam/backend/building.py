@@ -15,8 +15,7 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import PoseGraph, Trajectory
 from moteslam.robot.values import Summarised
-from moteslam.slam.backend.graph.measured_chain import MeasuredChain
-from moteslam.slam.backend.graph.pose_graph import Edges
+from moteslam.slam.backend.graph.pose_graph import Edges, MeasuredChain
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.mapping.config import MapConfig
@@ -128,8 +127,8 @@ class Building(Summarised):
 
     def at(self, poses: Array) -> Building:
         """The building with all nodes at poses [n, 3]."""
-        parts = np.split(poses, self.firsts[1:-1])
-        return replace(self, sessions=tuple(one.at(part) for one, part in zip(self.sessions, parts, strict=True)))
+        each = zip(self.sessions, np.split(poses, self.firsts[1:-1]), strict=True)
+        return replace(self, sessions=tuple(one.at(part) for one, part in each))
 
     def plus(self, other: Building) -> Building:
         """The building with the sessions of another one, in its frame; nothing binds the two yet."""
@@ -160,7 +159,7 @@ class Building(Summarised):
             session = self.sessions[number]
             for k in np.flatnonzero(session.drawn):
                 points, pose = session.points[session.begins[k] :][: session.counts[k]], session.path[session.nodes[k]]
-                grid.add_scan(se2.transform_points(pose, session.origin), se2.transform_points(pose, points))
+                grid.add_scan(pose, points, session.origin)
         return grid.snapshot()
 
     def _summary(self) -> str:
@@ -171,12 +170,8 @@ def between_known(path: Array, known: NDArray[np.intp], motion: Array) -> Array:
     """The poses [n, 3] of all n places along a motion, where those of some are known.
 
     Motion on from the place before and back from the place after do not quite meet; the misfit is spread evenly over
-    the places between.
-
-    Args:
-        path: [u, 3] poses of the known places.
-        known: [u] which of the n places they are, rising.
-        motion: [n, 3] poses of all places, as the motion has them, in a frame of its own.
+    the places between. The path [u, 3] has the poses of the known places, which are the ``known`` [u] of all n, rising;
+    the motion [n, 3] those of all, in a frame of its own.
     """
     places = np.arange(len(motion))
     before = np.clip(np.searchsorted(known, places, side="right") - 1, 0, len(known) - 1)

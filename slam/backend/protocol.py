@@ -1,6 +1,7 @@
 """What a back end is: it is given key scans as the filter places them, and may correct the path they lie on.
 
-And the back ends there are: the bundled ones, and those of other packages (entry points ``moteslam.backends``).
+Its ledger has every loop that it looked for, what was found, and why it was taken or not. And the back ends there are:
+the bundled ones, and those of other packages (entry points ``moteslam.backends``).
 """
 
 from __future__ import annotations
@@ -16,8 +17,38 @@ from moteslam.plugins import Plugins
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, Section, Summarised
 from moteslam.slam.backend.building import Measured
-from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.inputs.lapses import CLOSED, Open
+
+Verdict = Literal["accepted", "weak", "ambiguous", "outside", "contradicted", "overruled", "unsearched"]
+"""What became of a candidate: `accepted`; `weak`: too few endpoints on surfaces; `ambiguous`: another place fits nearly
+as well; `outside`: found beyond what the relative covariance allows; `contradicted`: the other edges of the graph
+outvoted it; `overruled`: it was an edge of the graph, but the final path, from all scans, lies elsewhere;
+`unsearched`: its window is so wide that the search would cost more than the path driven allows."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopCandidate(Summarised):
+    """A pair of scans that may show the same place."""
+
+    earlier: int  # index of a scan in the recording
+    later: int  # likewise
+    stamps: tuple[float, float]  # theirs [s], the earlier first
+    predicted: Array  # [3] pose of the later scan in the frame of the earlier one, by the graph as it was
+    found: Array  # [3] the same, where the search found it
+    window: tuple[float, float]  # half widths of the search: [m], [rad]
+    # of the endpoints that lie on surfaces of the submap, at most 1, less what rays through surfaces and the
+    # offset from the prediction cost.
+    share: float = 0.0
+    runner_up: float = 0.0  # the largest share at a place half a metre or more off, 0 where there is none
+    known: float = 0.0  # share of the endpoints where the submap is known
+    likelihood: float = 0.0  # mean likelihood of those, 0 to 1
+    crossed: float = 0.0  # share of the rays that pass through a surface of the submap
+    verdict: Verdict = "unsearched"  # what became of it
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it is an edge of the graph that the final path confirms."""
+        return self.verdict == "accepted"
 
 
 class BackendConfig(Section):

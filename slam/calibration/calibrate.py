@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.se2 import Array
 from moteslam.robot.sensor_reports import turns
 from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.hand_eye import (
@@ -23,6 +23,7 @@ from moteslam.slam.calibration.hand_eye import (
     Parameter,
     Path,
     clock,
+    expected_motions,
     fit,
 )
 from moteslam.slam.calibration.readings import FORMS, ClockStep, clock_steps, in_form, quarter_turn, with_stamps
@@ -37,9 +38,7 @@ from moteslam.slam.calibration.unmeasured import (
 )
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
-from moteslam.slam.inputs.synchronise import Bundles, apart, bundles, in_order, is_coarse
-
-Array = NDArray[np.float64]
+from moteslam.slam.inputs.synchronise import Bundles, apart, bundles, in_order, is_coarse, require_lidar
 
 PAIRS, FEW_PAIRS = 300, 150
 """Of a recording; the second is enough to see what moves a result by a tenth of a metre, in half a second."""
@@ -151,9 +150,8 @@ def _without_step(recording: Recording, found: Calibration | None, pairs: int) -
         return found
     for step in clock_steps(recording, LATE):
         undone = step.undone(recording)
-        assert undone.lidar is not None
         try:
-            again = _in_some_reading(undone, in_order(undone.lidar), pairs)
+            again = _in_some_reading(undone, in_order(require_lidar(undone)), pairs)
         except UnmeasuredError:
             continue
         if again is None or again.clocks is None or not again.fits:
@@ -226,7 +224,7 @@ def _calibrate(
         aside = float(se2.wrap(best.values[Parameter.YAW] - recording.platform.lidar.yaw))
         quarter = quarter_turn(in_form(path, form).poses, aside)
         at = _at(in_form(path, form, quarter))
-    scans.refine(best.expected(scans.first, scans.last, at))
+    scans.refine(expected_motions(best.values, scans.first, scans.last, best.middle, at))
     scans.expect(GOOD)
     clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged

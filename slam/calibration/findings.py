@@ -9,7 +9,6 @@ from math import degrees, floor
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recording
@@ -18,9 +17,7 @@ from moteslam.slam.calibration.calibrate import ANGLES, LATE, PAIRS, SIGMAS, Cal
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
 from moteslam.slam.calibration.unmeasured import UnmeasuredError
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.synchronise import sweep_seconds
-
-Array = NDArray[np.float64]
+from moteslam.slam.inputs.synchronise import require_lidar, sweep_seconds
 
 PLACE, YAW = 0.07, 0.06
 """Smaller differences move no result by a tenth of a metre: of the mount [m], [rad],"""
@@ -94,9 +91,7 @@ def checked(recording: Recording, pairs: int = PAIRS) -> tuple[Calibration | Non
 
 def findings(calibration: Calibration, recording: Recording) -> Findings:
     """What a calibration says of the recording that it was made of."""
-    lidar, mount = recording.lidar, recording.platform.lidar
-    assert lidar is not None
-    c = calibration
+    lidar, mount, c = require_lidar(recording), recording.platform.lidar, calibration
     told: list[tuple[str, str]] = []  # code, text
     figures = figures_of(c, recording)
     certain = {figure.name.split(" ")[0]: figure for figure in figures if figure.certain}
@@ -259,8 +254,7 @@ def _mirrored(c: Calibration, toml: str) -> str:
 
 def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
     """All estimates beside what the recording and its platform state."""
-    lidar, mount = recording.lidar, recording.platform.lidar
-    assert lidar is not None
+    lidar, mount = require_lidar(recording), recording.platform.lidar
     x, y, yaw, lengths, turns_over_scans, *_ = c.fit.values.tolist()
     about_x, about_y, about_yaw, about_lengths, about_turns, *_ = c.fit.deviations.tolist()
     ratio, about_ratio = 1 / turns_over_scans, about_turns / turns_over_scans**2
@@ -326,10 +320,9 @@ def mount_of(
 
 def changed_ranges(lidar: LidarStream, change: Callable[[Any], Any]) -> Ranges:
     """The ranges, changed; those of a file when they are asked for."""
-    if isinstance(lidar.ranges, np.ndarray):
-        changed: Ranges = change(lidar.ranges)
-        return changed
     ranges = lidar.ranges
+    if isinstance(ranges, np.ndarray):
+        return np.asarray(change(ranges))
     return ChunkedRanges(lambda first, last: change(ranges[first:last]), *ranges.shape)
 
 

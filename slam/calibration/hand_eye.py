@@ -11,12 +11,11 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.robot.sensor_reports import agreement
 
-Array = NDArray[np.float64]
 Path = Callable[[Array], Array]
 """Gives the odometry's poses [m, 3] at times [m] [s]."""
 
@@ -131,10 +130,6 @@ class Fit(NamedTuple):
     curl: tuple[float, float]  # by how much more the odometry turns than the scans [rad/m], and its deviation
     scatter: float  # median deviation of directions by the scans from those by the odometry [rad]; 0 of few pairs
 
-    def expected(self, first: Array, last: Array, path: Path) -> Array:
-        """The lidar's motions [k, 3] between times [k]."""
-        return _expected(self.values, first, last, self.middle, path)
-
     @property
     def stands(self) -> bool:
         """Whether the lidar does not move by its scans, as one that sees the floor: lengths of 0 are no scale."""
@@ -157,10 +152,7 @@ def covariances(information: Array, deviation: Array) -> Array:
 def clock(pairs: Pairs, stamps: Array, headings: Array, *, shared: bool) -> tuple[float, float, float]:
     """Offset [s] and drift [s/s] at which the turns of both agree best, and their correlation there, of either sign.
 
-    Args:
-        stamps: [n] of the odometry [s].
-        headings: [n] its headings, unwrapped [rad].
-        shared: the two are on one clock; then these are 0.
+    The odometry has headings [n], unwrapped [rad], at stamps [n] [s]. On a ``shared`` clock offset and drift are 0.
     """
     lags = np.zeros(1) if shared else np.arange(-LONGEST, LONGEST + STEP / 2, STEP)
     span = max(float(np.ptp(pairs.first)), 1.0)
@@ -176,22 +168,18 @@ def fit(
     """Fit a lidar to odometry: iterated weighted least squares, with the deviations of a clustered sandwich.
 
     Turns by odometry are regressed on those by scans, which are far better: the other way round their noise would pass
-    for a scale (attenuation). How large it is the residuals say.
-
-    Args:
-        shared: the two are on one clock; then these are not estimated.
-        lead: by about so much the wheels may turn before the robot does, all the same [s].
-        slip: that is expected [s].
+    for a scale (attenuation). How large it is the residuals say. A ``shared`` clock is not estimated, but by about a
+    ``lead`` the wheels may turn before the robot does, all the same [s]; ``slip`` is expected [s].
     """
 
     def residuals(p: Array) -> Array:
-        expected = _expected(p, pairs.first, pairs.last, pairs.middle, path, pairs.motions[:, 2])
+        expected = expected_motions(p, pairs.first, pairs.last, pairs.middle, path, pairs.motions[:, 2])
         apart = pairs.motions - expected
         apart[:, 2] = p[Parameter.TURNS] * se2.wrap(apart[:, 2])  # of turns by odometry
         return apart
 
     p = np.array([0.0, 0.0, 0.0, 1.0, 1.0, slip, *clocks])
-    stated = _expected(p, pairs.first, pairs.last, pairs.middle, path)
+    stated = expected_motions(p, pairs.first, pairs.last, pairs.middle, path)
     p[Parameter.YAW], p[Parameter.LENGTHS] = _direction(pairs, stated)
     per_length, per_turn = np.hypot(stated[:, 0], stated[:, 1]), np.abs(pairs.motions[:, 2])
     of_turns = ODOMETRY[2] + ODOMETRY[3] * per_turn
@@ -239,7 +227,7 @@ def fit(
     late = FLOOR[Parameter.OFFSET] / max(float(np.ptp(pairs.first)) / 2, 1.0)  # between the middle and the ends
     deviations[Parameter.DRIFT] = np.hypot(deviations[Parameter.DRIFT], late)
     deviations[Parameter.TURNS] = np.hypot(np.sqrt(spread[Parameter.TURNS, Parameter.TURNS]), FLOOR[Parameter.TURNS])
-    expected = _expected(p, pairs.first, pairs.last, pairs.middle, path, pairs.motions[:, 2])
+    expected = expected_motions(p, pairs.first, pairs.last, pairs.middle, path, pairs.motions[:, 2])
     ratio, deviation = _ratio_of_lengths(pairs, expected, robust)
     deviations[Parameter.LENGTHS] = np.hypot(p[Parameter.LENGTHS] * deviation, FLOOR[Parameter.LENGTHS])
     p[Parameter.LENGTHS] *= ratio
@@ -267,7 +255,9 @@ def fit(
     return Fit(p, deviations, mean, pairs.middle, change, turned, curl, scatter)
 
 
-def _expected(p: Array, first: Array, last: Array, middle: float, path: Path, turns: Array | None = None) -> Array:
+def expected_motions(
+    p: Array, first: Array, last: Array, middle: float, path: Path, turns: Array | None = None
+) -> Array:
     """The lidar's motions [k, 3] between times [k]; lengths go along turns [k], if these are given."""
     began, ended = (path(time + p[Parameter.OFFSET] + p[Parameter.DRIFT] * (time - middle)) for time in (first, last))
     motion = np.asarray(se2.between(began, ended))

@@ -6,17 +6,17 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
+from moteslam.robot.se2 import Array
 from moteslam.slam.calibration.calibrate import Calibration
 from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar_of, mount_of, stamped_at_end
 from moteslam.slam.calibration.hand_eye import CLOCKS, Parameter
 from moteslam.slam.calibration.readings import in_form, with_poses, with_stamps
 from moteslam.slam.inputs.odometry_path import OdometryPath
+from moteslam.slam.inputs.synchronise import require_lidar
 
-Array = NDArray[np.float64]
 Side = Literal["lidar", "odometry"]
 
 NOT_MENDED = "odometry-unfit", "scans-unfit", "lidar-tilted", "range-change", "range-max", "mount-moves", "no-gyro"
@@ -24,11 +24,9 @@ NOT_MENDED = "odometry-unfit", "scans-unfit", "lidar-tilted", "range-change", "r
 
 
 def calibrated(recording: Recording, calibration: Calibration, side: Side | None) -> Recording:
-    """A recording mended by what is certain.
+    """A recording mended by what is certain of its calibration.
 
     Args:
-        recording: that the calibration was made of.
-        calibration: of it.
         side: what is taken to be wrong where the two contradict each other and scans cannot say which is: one that is
             a mirror image, the ratio of lengths, the clock; None mends only what is known to be on one side
             (``Findings.decided``): the odometry's clock and poses, a mirror image if a third witness says which.
@@ -56,9 +54,7 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
     )
     if c.fits and (c.form, c.quarter) != ("stated", 0.0):
         mended = with_poses(mended, lambda *path: in_form(OdometryPath(*path), c.form, c.quarter).poses)
-    lidar = mended.lidar
-    assert lidar is not None
-    lidar = lidar_of(lidar, c, certain)
+    lidar = lidar_of(require_lidar(mended), c, certain)
     if c.sweep is not None and c.sweep >= 0 and side is not None:
         lidar = replace(lidar, time_increment=c.sweep / (lidar.ranges.shape[1] - 1))
     mended = mended.replace(lidar=lidar)
@@ -66,14 +62,18 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
         mended = _mirror_image(mended, gyro=mirror == "gyro" or not c.wrong, poses=mirror == "odometry")
     if c.late == "gyro":
         mended, offset, drift = with_stamps(mended, ("imu",), lambda stamps: stamps - offset), 0.0, 0.0
-    lidar = mended.lidar
-    assert lidar is not None
+    lidar = require_lidar(mended)
     if lidar.odometry is not None and (offset or drift):
         at = lidar.stamps + offset + drift * (lidar.stamps - c.fit.middle)
         mended = mended.replace(lidar=replace(lidar, odometry=se2.interpolate(lidar.stamps, lidar.odometry, at)))
         offset = drift = 0.0
     if side == "lidar" or (side is None and stamped_at_end(calibration, recording)):
-        return _other_lidar(mended, scale, offset, drift, c.fit.middle)
+        # with the scans on the odometry's clock, and their ranges as long as it
+        lidar, factor = require_lidar(mended), np.float32(1 / scale)
+        stamps = lidar.stamps + offset + drift * (lidar.stamps - c.fit.middle)
+        ranges = lidar.ranges if scale == 1 else changed_ranges(lidar, lambda ranges: ranges * factor)
+        limit = lidar.range_max / scale
+        return mended.replace(lidar=replace(lidar, stamps=stamps, ranges=ranges, range_max=limit))
     return _other_odometry(mended, scale, offset, drift, c.fit.middle)
 
 
@@ -87,16 +87,6 @@ def _mirror_image(recording: Recording, *, gyro: bool, poses: bool) -> Recording
     if encoders is not None:
         recording = recording.replace(encoders=replace(encoders, counts=encoders.counts[:, [1, 0, 3, 2]]))
     return with_poses(recording, lambda _, poses: poses * (1, -1, -1))
-
-
-def _other_lidar(recording: Recording, scale: float, offset: float, drift: float, middle: float) -> Recording:
-    """With the scans on the odometry's clock, and their ranges as long as it."""
-    lidar = recording.lidar
-    assert lidar is not None
-    stamps = lidar.stamps + offset + drift * (lidar.stamps - middle)
-    factor = np.float32(1 / scale)
-    ranges = lidar.ranges if scale == 1 else changed_ranges(lidar, lambda ranges: ranges * factor)
-    return recording.replace(lidar=replace(lidar, stamps=stamps, ranges=ranges, range_max=lidar.range_max / scale))
 
 
 def _other_odometry(recording: Recording, scale: float, offset: float, drift: float, middle: float) -> Recording:

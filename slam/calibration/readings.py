@@ -7,13 +7,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
+from moteslam.robot.se2 import Array
 from moteslam.slam.inputs.odometry_path import OdometryPath
-
-Array = NDArray[np.float64]
 
 FORMS = ("stated", "turns", "y", "path")
 """How odometry poses are read: as stated, with their headings or their y negated, headings along the path."""

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.se2 import Array
 from moteslam.slam.calibration.hand_eye import Change, Pairs, clearest_change, covariances, parts_of
 from moteslam.slam.calibration.scan_pairs import LEAST_FIT, Beams, cost, refine, register, seen_through
-from moteslam.slam.calibration.unmeasured import FEWEST, UnevenAnglesError, UnfitScansError
+from moteslam.slam.calibration.unmeasured import FEWEST, UnfitScansError
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MOTION, SHORTEST, LONGEST = (0.5, 0.4), 0.3, 2.0
@@ -63,14 +63,11 @@ in more than this share of the scans."""
 
 
 class RegisteredPairs:
-    """Pairs of scans of a recording, registered.
-
-    Attributes:
-        first, last: [k] times of the scans, in the middle of their sweeps [s].
-    """
+    """Pairs of scans of a recording, registered."""
 
     def __init__(self, recording: Recording, lidar: LidarStream, before: Indices, after: Indices) -> None:
         total, sweep = lidar.ranges.shape[1], sweep_seconds(recording, lidar)
+        # [k] times of the scans, in the middle of their sweeps [s]
         self.first, self.last = lidar.stamps[before] + sweep / 2, lidar.stamps[after] + sweep / 2
         self._seconds = self.last - self.first
         self._scans = before, after
@@ -95,7 +92,10 @@ class RegisteredPairs:
         """Raise ``UnfitScansError`` unless enough pairs are registered, and this share of all."""
         good, total = int(self._found.good.sum()), len(self._seconds)
         if good < FEWEST or good < share * total:
-            raise UnfitScansError(good, total, float((self._found.fit > LEAST_FIT).mean()))
+            text = f"lidar: {good} of {total} pairs of scans fit each other, and no more with other angles between "
+            text += "beams: angles, unit of ranges or what stands for no return are other ones, or scans are too far "
+            text += "apart. They cannot be held against the odometry, and a map of them may be wrong"
+            raise UnfitScansError("scans-unfit", text, float((self._found.fit > LEAST_FIT).mean()))
 
     @property
     def pairs(self) -> Pairs:
@@ -214,7 +214,7 @@ class RegisteredPairs:
 
         Gauss-Newton of what all pairs have in common, this scale and an offset of the ranges; a scale that differs
         between the sectors of the fan adds to the deviation, and the pairs are registered again after each step; one
-        that clearly does raises ``UnevenAnglesError``.
+        that clearly does raises ``UnfitScansError``.
         """
         self._stated = self._beams
         scale, offset, deviation, stated = 1.0, 0.0, 1.0, self._beams.angles
@@ -243,7 +243,10 @@ class RegisteredPairs:
             self.refine(self._found.motions, anew=True)
         off, about_off = (np.abs(of - of.mean(axis=-1, keepdims=True)) for of in (sectors, of_parts))
         if ((off > UNEVEN) & (off > UNEVEN_SIGMAS * np.linalg.norm(about_off, axis=0))).any():
-            raise UnevenAnglesError(float(np.ptp(sectors)))
+            text = f"lidar: angles between beams are not even, by {100 * np.ptp(sectors):.0f} % over a quarter of the "
+            text += "fan: of a disc off its axis, a motor that wobbles, or columns of a camera? Walls are bent, and "
+            text += "turns wrong: give each beam its own angle before it is laid on an even fan"
+            raise UnfitScansError("lidar-angles", text)
         noise = float(np.median(self._found.deviation[self._found.good]))
         return float(scale), deviation, (-float(offset), max(float(about_offset), OFFSET_FLOOR, NOISY * noise))
 

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.se2 import Array
 from moteslam.slam.registration.config import RegistrationConfig
-from moteslam.slam.registration.information import least_bound_turn
+from moteslam.slam.registration.registrar import least_bound_turn
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LINE = 0.15
@@ -71,12 +71,10 @@ class Motions:
 
 
 def register(former: Array, latter: Array, beams: Beams, seconds: Array, turns: Sequence[float]) -> Motions:
-    """Register pairs of scans.
+    """Register pairs of scans, of ranges [k, b] [m], not finite where there is no endpoint, so many seconds [k] apart.
 
-    Args:
-        former, latter: [k, b] ranges [m]; not finite where there is no endpoint.
-        seconds: [k] between the stamps; the lidar is taken to move evenly between them and during a sweep.
-        turns: [s] of all to begin with [rad]; a pair that one does not register begins with the next.
+    The lidar is taken to move evenly between them and during a sweep. All begin with a turn [rad]; a pair that one does
+    not register begins with the next.
     """
     starts = np.zeros((len(turns), len(former), 3))
     starts[..., 2] = np.reshape(turns, (-1, 1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from moteslam.robot.se2 import Array
 
 FEWEST = 40
 """Fewer scans, beams or pairs of scans say nothing."""
@@ -35,23 +35,9 @@ class UnmeasuredError(Exception):
 class UnfitScansError(UnmeasuredError):
     """Scans do not fit each other: ``share`` of the pairs do, be their turns bound by what they see or not."""
 
-    def __init__(self, good: int, total: int, share: float) -> None:
+    def __init__(self, code: str, text: str, share: float = 0.0) -> None:
+        super().__init__(code, text)
         self.share = share
-        text = f"lidar: {good} of {total} pairs of scans fit each other, and no more with other angles between beams: "
-        text += "angles, unit of ranges or what stands for no return are other ones, or scans are too far apart. They "
-        super().__init__("scans-unfit", f"{text}cannot be held against the odometry, and a map of them may be wrong")
-
-
-class UnevenAnglesError(UnfitScansError):
-    """The angles between beams are of scales in the quarters of the fan that differ by a share."""
-
-    def __init__(self, share: float) -> None:
-        self.share = 0.0
-        text = f"lidar: angles between beams are not even, by {100 * share:.0f} % over a quarter of the fan: of a disc "
-        text += (
-            "off its axis, a motor that wobbles, or columns of a camera? Walls are bent, and turns wrong: give each "
-        )
-        UnmeasuredError.__init__(self, "lidar-angles", f"{text}beam its own angle before it is laid on an even fan")
 
 
 def unmeasured(odometry: Array) -> None:
@@ -100,11 +86,9 @@ def _expect_whole_ranges(ranges: NDArray[np.float32]) -> None:
     drops = both & (farther > (1 - NEARLY) * most) & (nearer < NEARLY * most)
     count = int(drops.any(axis=1).sum())
     if count > DROPS * len(ranges) and len(np.unique(nearer[drops])) > CODES:
-        text = (
-            f"lidar: from one beam to the next ranges drop from {most:.2f} m to nearly 0, in {count} of {len(ranges)} "
-        )
-        text += "scans, as a number of too few bits begins again: what is farther off is taken to be near, and a map "
-        raise UnmeasuredError("scans-unfit", f"{text}of them is wrong. Read them with all their bits")
+        text = f"lidar: from one beam to the next ranges drop from {most:.2f} m to nearly 0, in {count} of "
+        text += f"{len(ranges)} scans, as a number of too few bits begins again: what is farther off is taken to be "
+        raise UnmeasuredError("scans-unfit", f"{text}near, and a map of them is wrong. Read them with all their bits")
 
 
 def expect_beams_in_place(ranges: NDArray[np.float32]) -> None:

@@ -2,11 +2,14 @@
 
 All of it is relative to the map around the robot, the scans taken within ``NEIGHBOURHOOD`` of it: a map that bends
 slowly over a building makes nobody lost (``docs/theory/am-i-lost.md``).
+
+Covariances of a pose (x, y, theta) are six plain numbers here: what a scan asks of one takes 4 us, with arrays 58.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import NamedTuple
 
@@ -14,9 +17,89 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.se2 import Array
-from moteslam.slam.filter.covariance import Symmetric, as_array, largest_deviation
+from moteslam.robot.se2 import Array, Pose
 from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION, RESOLVED
+
+Symmetric = tuple[float, float, float, float, float, float]  # xx, xy, xt, yy, yt, tt of a symmetric matrix; t is theta
+
+
+def symmetric(matrix: Array) -> Symmetric:
+    """Of a symmetric array [3, 3]."""
+    (xx, xy, xt), (_, yy, yt), (_, _, tt) = matrix.tolist()
+    return xx, xy, xt, yy, yt, tt
+
+
+def as_array(value: Symmetric) -> Array:
+    """The array [3, 3]."""
+    xx, xy, xt, yy, yt, tt = value
+    return np.array(((xx, xy, xt), (xy, yy, yt), (xt, yt, tt)))
+
+
+def inverse(value: Symmetric) -> Symmetric:
+    """The inverse of a positive definite one, by cofactors."""
+    xx, xy, xt, yy, yt, tt = value
+    a, b, c = yy * tt - yt * yt, xt * yt - xy * tt, xy * yt - xt * yy
+    scale = 1 / (xx * a + xy * b + xt * c)
+    d, e, f = xx * tt - xt * xt, xy * xt - xx * yt, xx * yy - xy * xy
+    return a * scale, b * scale, c * scale, d * scale, e * scale, f * scale
+
+
+def sandwiched(outer: Symmetric, inner: Symmetric) -> Symmetric:
+    """The product outer inner outer."""
+    a, b, c, d, e, f = outer
+    xx, xy, xt, yy, yt, tt = inner
+    # the columns of inner outer
+    px, py, pt = xx * a + xy * b + xt * c, xy * a + yy * b + yt * c, xt * a + yt * b + tt * c
+    qx, qy, qt = xx * b + xy * d + xt * e, xy * b + yy * d + yt * e, xt * b + yt * d + tt * e
+    rx, ry, rt = xx * c + xy * e + xt * f, xy * c + yy * e + yt * f, xt * c + yt * e + tt * f
+    return (
+        a * px + b * py + c * pt,
+        a * qx + b * qy + c * qt,
+        a * rx + b * ry + c * rt,
+        b * qx + d * qy + e * qt,
+        b * rx + d * ry + e * rt,
+        c * rx + e * ry + f * rt,
+    )
+
+
+def plus(one: Symmetric, other: Symmetric, share: float = 1.0) -> Symmetric:
+    """The sum, of the other one this share."""
+    a, b, c, d, e, f = one
+    g, h, i, j, k, m = other
+    return a + share * g, b + share * h, c + share * i, d + share * j, e + share * k, f + share * m
+
+
+def plus_diagonal(value: Symmetric, x: float, y: float, theta: float) -> Symmetric:
+    """With these added to its diagonal."""
+    xx, xy, xt, yy, yt, tt = value
+    return xx + x, xy, xt, yy + y, yt, tt + theta
+
+
+def moved(value: Symmetric, motion: Pose) -> Symmetric:
+    """The covariance of a pose's error, in the frame of the pose, after a motion without an error of its own."""
+    xx, xy, xt, yy, yt, tt = value
+    x, y, theta = motion
+    # an error of the heading turns the motion to the side; then all is seen from the new heading
+    xx, xy, yy = xx + y * (y * tt - 2 * xt), xy + x * xt - y * (yt + x * tt), yy + x * (2 * yt + x * tt)
+    xt, yt = xt - y * tt, yt + x * tt
+    cos, sin = math.cos(theta), math.sin(theta)
+    along, across = cos * xx + sin * xy, cos * xy + sin * yy
+    back, over = cos * xy - sin * xx, cos * yy - sin * xy
+    return (
+        along * cos + across * sin,
+        across * cos - along * sin,
+        cos * xt + sin * yt,
+        over * cos - back * sin,
+        cos * yt - sin * xt,
+        tt,
+    )
+
+
+def largest_deviation(value: Symmetric) -> float:
+    """The largest standard deviation of the position in any direction [m]."""
+    xx, xy, _, yy, _, _ = value
+    return math.sqrt((xx + yy) / 2 + math.hypot((xx - yy) / 2, xy))
+
 
 NEIGHBOURHOOD = 5.0  # The map around the robot was made from poses up to this distance from it [m]
 FLOOR = RESOLVED[0] ** 2, RESOLVED[1] ** 2  # Variances that no pose falls below [m^2], [rad^2]
@@ -99,3 +182,123 @@ def spread(poses: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[
     heading = np.arctan2(weights @ np.sin(poses[:, 2]), weights @ np.cos(poses[:, 2]))
     deviations = se2.between(np.array((x, y, heading)), poses)
     return np.asarray(np.sqrt(weights @ np.square(deviations)))
+
+
+DOUBTFUL_DROP, LOST_DROP = 3.5, 6.0
+"""A scan whose score is below the mean by this many standard deviations is doubtful, or lost. Chosen on simulated
+drives of seeds from 200 on, with and without robots that were carried off (docs/theory/am-i-lost.md)."""
+LEAST_SPREAD = 0.05  # The least standard deviation, and the first, which counts like `FIRST_PATH` of path; likewise
+FIRST_PATH = 10.0  # See `LEAST_SPREAD` [m]
+WRONG_IF_DOUBTFUL, WRONG_IF_LOST = 0.3, 0.75
+"""Probability of a wrong pose: of the scans called lost three of four were wrong, over all scenarios."""
+
+
+class Scores:
+    """What match scores are usual: their mean along the last ``NEIGHBOURHOOD`` of path, their spread along it all."""
+
+    def __init__(self) -> None:
+        self.mean = 0.0  # so far
+        self._scans = 0  # that it is of
+        self._variance, self._path = LEAST_SPREAD**2, FIRST_PATH  # of the scores about it, along all the path
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the scores about their mean."""
+        return max(math.sqrt(self._variance), LEAST_SPREAD)
+
+    def below(self, score: float) -> float:
+        """How far a score is below the mean; 0 for the first."""
+        return self.mean - score if self._scans else 0.0
+
+    def take_in(self, driven: float, score: float) -> None:
+        """Take in the next score, of a scan driven so far after the one before [m]."""
+        step, below = min(driven, NEIGHBOURHOOD), self.below(score)
+        self._path += step
+        self._variance += step / self._path * (below * below - self._variance)
+        self._scans += 1
+        self.mean += max(1 / self._scans, step / NEIGHBOURHOOD) * (score - self.mean)
+
+
+@dataclass
+class _Drop:
+    """A scan that did not fit, and how those since did."""
+
+    usual: float  # mean score before, less a standard deviation: what counts as fitting again
+    before: Array  # [u, 2] places of the updates before
+    path: float = 0.0  # driven since [m]
+    matched: float = 0.0  # part of that to scans that were used [m]
+    fit: float = 0.0  # sum of their scores, each times the distance that it was driven over [m]
+
+    def over(self, x: float, y: float) -> bool:
+        """Whether the scans since fit as well as those before, or nothing around the robot is from before."""
+        if self.path <= NEIGHBOURHOOD:
+            return False
+        if self.matched > 0 and self.fit >= self.usual * self.matched:
+            return True
+        return not (np.hypot(self.before[:, 0] - x, self.before[:, 1] - y) <= NEIGHBOURHOOD).any()
+
+
+class Misfit:
+    """Whether the scans still fit the map as they did: a robot that is lost sees another place than its map shows.
+
+    The match score of a scan is compared with those along the path before, in their own standard deviations: what is
+    usual in a calm room and among people differs. A sudden drop marks a place from which on the robot may be lost: soon
+    after, the filter has written the new scans into its map, and they fit again, wherever they are. So a drop counts
+    until the map around the robot holds nothing from before it, or the scans fit as well as before.
+    """
+
+    def __init__(self) -> None:
+        self._scores = Scores()
+        self._places: list[tuple[float, float]] = []  # of the updates
+        self._lost: _Drop | None = None
+        self._doubtful: float | None = None  # path since [m]
+
+    @property
+    def state(self) -> LocalisationState:
+        if self._lost is not None:
+            return LocalisationState.LOST
+        return LocalisationState.SURE if self._doubtful is None else LocalisationState.DOUBTFUL
+
+    @property
+    def probability(self) -> float:
+        """That the pose is wrong, by that state."""
+        return (0.0, WRONG_IF_DOUBTFUL, WRONG_IF_LOST)[self.state]
+
+    def observe(self, driven: float, score: float | None) -> None:
+        """Take in a scan, driven so far after the one before [m].
+
+        The score is a share of the points where the map is known; None if the scan was not matched.
+        """
+        if self._lost is not None:
+            self._lost.path += driven
+        if self._doubtful is not None:
+            self._doubtful += driven
+            if self._doubtful > NEIGHBOURHOOD:
+                self._doubtful = None
+        if score is not None:
+            self._compare(driven, score)
+
+    def update(self, pose: Pose) -> None:
+        x, y, _ = pose
+        self._places.append((x, y))
+        if self._lost is not None and self._lost.over(x, y):
+            self._lost = None
+
+    def revise(self, poses: Array) -> None:
+        """Take in corrected poses [u, 3] of all updates."""
+        self._places = [(x, y) for x, y, _ in poses.tolist()]
+        if self._lost is not None:
+            self._lost.before = poses[: len(self._lost.before), :2].copy()
+
+    def _compare(self, driven: float, score: float) -> None:
+        """Compare a score with those before, and take it in among them."""
+        spread, below = self._scores.spread, self._scores.below(score)
+        if below > LOST_DROP * spread:
+            usual = self._scores.mean - spread if self._lost is None else self._lost.usual
+            self._lost = _Drop(usual, np.array(self._places).reshape(-1, 2))
+        elif below > DOUBTFUL_DROP * spread:
+            self._doubtful = 0.0
+        self._scores.take_in(driven, score)
+        if self._lost is not None:
+            self._lost.matched += driven
+            self._lost.fit += score * driven

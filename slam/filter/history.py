@@ -15,20 +15,14 @@ LONGEST = 128  # Updates of a part
 
 
 class _Part:
-    """Some updates in a row, between which no particles were drawn anew.
-
-    Attributes:
-        begin: the first update.
-        parents: [k] where the particles that are kept descend from, among those that the part before has kept.
-        kept: [k] which particles of its updates they are.
-        poses: [updates, k, 3].
-        room: for the poses of all particles; none once some are kept alone.
-    """
+    """Some updates in a row, between which no particles were drawn anew."""
 
     def __init__(self, begin: int, parents: Indices) -> None:
-        self.begin, self.parents, self.kept = begin, parents, np.arange(len(parents))
-        self.room = np.empty((LONGEST, len(parents), 3))
-        self.poses = self.room[:0]
+        self.begin = begin  # the first update
+        self.kept = np.arange(len(parents))  # [k] which particles of its updates are kept ...
+        self.parents = parents  # ... and where they descend from [k], among those that the part before has kept
+        self.room = np.empty((LONGEST, len(parents), 3))  # for the poses of all; none once some are kept alone
+        self.poses = self.room[:0]  # [updates, k, 3]
 
     def keep(self, places: Indices) -> None:
         """Keep some of the particles alone: nothing more is added."""
@@ -40,13 +34,10 @@ class History:
     """Grows by one entry an update; a path is read back through the parents that resampling chose.
 
     Of each update those particles are kept from which some of the last one descend: soon a single one.
-
-    Attributes:
-        draws: how often particles were drawn anew.
     """
 
     def __init__(self) -> None:
-        self.draws = 0
+        self.draws = 0  # how often particles were drawn anew
         self._parts: list[_Part] = []
         self._parents: Indices | None = None  # of the next update, where its particles are drawn anew
         self._weights: Array | None = None  # of the last update

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Number, Positive, Section, Truth, Whole
 
-Weights = NDArray[np.float64]
 Parents = NDArray[np.int64]
 
 
@@ -31,17 +31,7 @@ class KldConfig(Section):
     least: Annotated[Whole, Field(ge=1)] = 10  # Never fewer particles than these; `particles` wins if it is smaller
 
 
-def resample(
-    scheme: str, weights: Weights, generator: np.random.Generator, count: int | None = None
-) -> NDArray[np.int64]:
-    """Draw ``count`` particles in proportion to their weights [N], not all 0; as many as there are by default.
-
-    A particle of weight w is drawn count * w times on average, one of weight 0 never. Rising indices [M].
-    """
-    return SCHEMES[scheme](weights, generator, len(weights) if count is None else count)
-
-
-def systematic(weights: Weights, generator: np.random.Generator, count: int) -> Parents:
+def systematic(weights: Array, generator: np.random.Generator, count: int) -> Parents:
     """Low-variance resampling with one random number (Probabilistic Robotics, table 4.4).
 
     A particle of weight w is drawn floor(M w) or ceil(M w) times.
@@ -49,7 +39,7 @@ def systematic(weights: Weights, generator: np.random.Generator, count: int) -> 
     return _at((np.arange(count) + generator.random()) / count, weights)
 
 
-def stratified(weights: Weights, generator: np.random.Generator, count: int) -> Parents:
+def stratified(weights: Array, generator: np.random.Generator, count: int) -> Parents:
     """One number drawn in each of M equal strata (Kitagawa 1996).
 
     Unlike the numbers of ``systematic`` they are independent; a particle of weight w is drawn less than 2 times off
@@ -58,7 +48,7 @@ def stratified(weights: Weights, generator: np.random.Generator, count: int) -> 
     return _at((np.arange(count) + generator.random(count)) / count, weights)
 
 
-def residual(weights: Weights, generator: np.random.Generator, count: int) -> Parents:
+def residual(weights: Array, generator: np.random.Generator, count: int) -> Parents:
     """floor(M w) times for certain, the rest drawn independently from what the floors leave (Liu and Chen 1998)."""
     expected = count * weights / weights.sum()
     # equal weights must not lose one of their copies to rounding
@@ -71,12 +61,13 @@ def residual(weights: Weights, generator: np.random.Generator, count: int) -> Pa
     return copies.astype(np.int64)
 
 
-SCHEMES: dict[str, Callable[[Weights, np.random.Generator, int], Parents]] = {
+SCHEMES: dict[str, Callable[[Array, np.random.Generator, int], Parents]] = {
     "systematic": systematic,
     "stratified": stratified,
     "residual": residual,
 }
-"""What the configuration key ``resampling`` names."""
+"""What the configuration key ``resampling`` names: draw so many particles M in proportion to their weights [N], not all
+0. One of weight w is drawn M w times on average, one of weight 0 never. Rising indices [M]."""
 
 
 class Draws(IntEnum):
@@ -93,7 +84,7 @@ def generator_for(seed: int, step: int, purpose: Draws = Draws.RESAMPLING) -> np
     return np.random.Generator(np.random.Philox(key=key, counter=np.array([0, 0, 0, purpose], np.uint64)))
 
 
-def _at(positions: NDArray[np.float64], weights: Weights) -> Parents:
+def _at(positions: NDArray[np.float64], weights: Array) -> Parents:
     """The particles whose share of the interval from 0 to 1 has these positions in it, [M]."""
     cumulative = np.cumsum(weights)
     last = int(np.searchsorted(cumulative, cumulative[-1]))  # those after it weigh nothing
@@ -141,7 +132,7 @@ def particle_number(
 
 
 def choose_parents(
-    scheme: str, kld: KldConfig, most: int, poses: NDArray[np.float64], weights: Weights, *, seed: int, step: int
+    scheme: str, kld: KldConfig, most: int, poses: NDArray[np.float64], weights: Array, *, seed: int, step: int
 ) -> Parents:
     """The particles [N, 3], as weighed [N], that survive: [M] rising indices, as many as there are or as ``kld`` asks
     for.
@@ -149,4 +140,4 @@ def choose_parents(
     count = len(poses)
     if kld.enabled:
         count = particle_number(poses, weights, kld, most, seed=seed, step=step)
-    return resample(scheme, weights, generator_for(seed, step), count)
+    return SCHEMES[scheme](weights, generator_for(seed, step), count)

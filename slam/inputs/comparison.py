@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
+from moteslam.robot.se2 import Array
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LEAST_MOVED = 0.15
@@ -23,21 +23,15 @@ BEAM = np.radians(1.0)  # Of a finer lidar beams this far apart are compared [ra
 
 
 class ComparedBeams:
-    """The beams of a lidar that are compared.
-
-    Attributes:
-        beams: [b] their indices in a scan.
-        mount: [2] where the lidar is on the robot [m].
-        first: the angle of the first in the robot's frame [rad]; the others follow, ``step`` apart.
-        cos, sin: [b] of their angles.
-        closed: whether they go all the way round.
-    """
+    """The beams of a lidar that are compared."""
 
     def __init__(self, lidar: LidarStream, mount: LidarSpec) -> None:
         beams = np.arange(0, lidar.ranges.shape[1], max(1, round(BEAM / abs(lidar.angle_increment))))
-        self.beams = beams
-        self.mount = mount.x, mount.y
+        self.beams = beams  # [b] their indices in a scan
+        self.mount = mount.x, mount.y  # where the lidar is on the robot [m]
         angles = lidar.angles[beams] + mount.yaw
+        # the angle of the first in the robot's frame [rad], the others follow a step apart; [b] of the angles; whether
+        # they go all the way round
         self.first, self.cos, self.sin = angles[0], np.cos(angles), np.sin(angles)
         self.step = lidar.angle_increment * (beams[1] - beams[0] if len(beams) > 1 else 1)
         self.closed = bool(len(beams) * abs(self.step) > 2 * np.pi - 1.5 * abs(self.step))
@@ -51,9 +45,7 @@ def compare_scans(beams: ComparedBeams, ranges: NDArray[np.float32], odometry: A
     do either where a wall would have moved, the beam has an endpoint again, and not both are so. Wheels that slip in a
     turn show walls elsewhere: unless most others stand, the place of a wall without the turn is seen through, too.
 
-    Args:
-        ranges: [k + 1, b] along them [m].
-        odometry: [k + 1, 3] the robot's poses.
+    Ranges are [k + 1, b] [m], the robot's poses by odometry [k + 1, 3].
     """
     known = np.where(np.isfinite(ranges), ranges, np.nan).astype(np.float64)
     before, after = known[:-1], known[1:]
@@ -73,13 +65,10 @@ def compare_scans(beams: ComparedBeams, ranges: NDArray[np.float32], odometry: A
 def _expected(beams: ComparedBeams, before: Array, after: Array, moved: Array) -> tuple[Array, Flags, Flags]:
     """What the scans after see where endpoints of walls would be.
 
-    Args:
-        before, after: [k, b] ranges of pairs of scans, NaN where there is no return [m].
-        moved: [k, 3] the robot's motion from the one to the other.
+    Ranges of pairs of scans are [k, b], NaN where there is no return [m], the robot's motions between them [k, 3].
 
-    Returns:
-        of each endpoint before [k, b] how far a wall moves as seen from the robot [m], whether one is seen there, and
-        whether its place is seen through.
+    Returns of each endpoint before [k, b] how far a wall moves as seen from the robot [m], whether one is seen there,
+    and whether its place is seen through.
     """
     x, y = beams.mount
     points_x, points_y = x + before * beams.cos, y + before * beams.sin

@@ -7,7 +7,7 @@ robot is then is for the scans to say (``docs/theory/default-filter.md``).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LATEST, LidarStream, gaps
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, when
-from moteslam.slam.inputs.comparison import ComparedBeams, compare_scans
+from moteslam.slam.inputs.comparison import ComparedBeams, Flags, compare_scans
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, jumps
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 BEFORE = 0.5  # The speed before a lapse is the mean over so long [s]
 HARDEST, USUAL = 3.0, 1.0
@@ -58,16 +56,11 @@ class Lapse(NamedTuple):
 
 
 class Open(NamedTuple):
-    """What is left open of a motion that was not measured.
+    """What is left open of a motion that was not measured: standard deviations."""
 
-    Attributes:
-        place, heading: standard deviations, for a robot that may have turned aside on the way [m], [rad].
-        arc: that of the place if it did not [m].
-    """
-
-    place: float = 0.0
-    heading: float = 0.0
-    arc: float = 0.0
+    place: float = 0.0  # of a robot that may have turned aside on the way [m]
+    heading: float = 0.0  # likewise [rad]
+    arc: float = 0.0  # of the place if it did not [m]
 
     def plus(self, other: Open) -> Open:
         """After another such motion."""
@@ -75,15 +68,6 @@ class Open(NamedTuple):
 
 
 CLOSED = Open()  # Nothing is left open
-
-
-def left_open(scans: dict[int, Open], first: int, last: int) -> Open:
-    """What is left open of the motions to the scans from the first to before the last, together."""
-    left = CLOSED
-    for scan, more in scans.items():
-        if first <= scan < last:
-            left = left.plus(more)
-    return left
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,25 +80,26 @@ class Lapses:
     open: dict[int, Open]  # how well that is known, by scan
     seen: tuple[Lapse, ...]  # what there was, in order
 
-    def issues(self, stamps: Array) -> tuple[Issue, ...]:
-        """What there was, each kind with its times."""
-        drove, where = "nothing was recorded while the robot drove on", "is then the scans must say"
-        held = f"{drove}, and the next scan carries an odometry pose from before: where the robot {where}"
-        issues = []
-        for kind, code, text in (
-            ("gap", "gap", f"{drove}: where it {where}"),
-            ("held", "gap", held),
-            ("anew", "gap", "nothing was recorded, then odometry begins anew: two runs in one file? Cut it there"),
-            ("stale", "stale-odometry", "the odometry stood still while the robot drove: the scans alone there"),
-            ("missing", "no-odometry", "no odometry was recorded while the robot moved: the scans alone there"),
-        ):
-            spans = [(s.begin, s.end) for s in self.seen if s.kind == kind and s.named and s.begin < stamps[-1]]
-            count = len(spans)
-            if kind in ("stale", "missing"):
-                count = max(sum(int(((stamps > begin) & (stamps <= end)).sum()) for begin, end in spans), 1)
-            if spans:
-                issues.append(Issue(code, f"{when(spans)}: {text}", count))
-        return tuple(issues)
+
+def about_lapses(seen: Sequence[Lapse], stamps: Array) -> tuple[Issue, ...]:
+    """What there was, each kind with its times, among scans at stamps [n] [s]."""
+    drove, where = "nothing was recorded while the robot drove on", "is then the scans must say"
+    held = f"{drove}, and the next scan carries an odometry pose from before: where the robot {where}"
+    issues = []
+    for kind, code, text in (
+        ("gap", "gap", f"{drove}: where it {where}"),
+        ("held", "gap", held),
+        ("anew", "gap", "nothing was recorded, then odometry begins anew: two runs in one file? Cut it there"),
+        ("stale", "stale-odometry", "the odometry stood still while the robot drove: the scans alone there"),
+        ("missing", "no-odometry", "no odometry was recorded while the robot moved: the scans alone there"),
+    ):
+        spans = [(s.begin, s.end) for s in seen if s.kind == kind and s.named and s.begin < stamps[-1]]
+        count = len(spans)
+        if kind in ("stale", "missing"):
+            count = max(sum(int(((stamps > begin) & (stamps <= end)).sum()) for begin, end in spans), 1)
+        if spans:
+            issues.append(Issue(code, f"{when(spans)}: {text}", count))
+    return tuple(issues)
 
 
 def lapses(
@@ -127,13 +112,10 @@ def lapses(
     counted: bool,
     since: float = -np.inf,
 ) -> Lapses:
-    """Where the odometry did not measure; causal: what is said of a scan follows from it, and from the reading after.
+    """Where the odometry, [n, 3] at the scans, did not measure.
 
-    Args:
-        odometry: [n, 3] at the scans.
-        counted: of wheel counters, which do not say on which way a robot went in a gap; else of poses that the base
-            went on to integrate.
-        since: lapses that end before are not asked for [s].
+    It is causal: what is said of a scan follows from it, and from the reading after. Wheel counters (``counted``) do
+    not say on which way a robot went in a gap; poses the base went on to integrate. ``since`` when on is asked for [s].
     """
     stamps = lidar.stamps
     readings = path if lidar.odometry is None else OdometryPath(stamps, odometry)
@@ -209,7 +191,7 @@ def _over(stamps: Array, begin: float, end: float) -> NDArray[np.intp]:
 
 def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: ComparedBeams) -> Lapse:
     """The lapse of odometry that stops dead; it ends where the scans say that the robot stands."""
-    stamps, speed = steps.stamps, steps.speed(first, late=True)
+    stamps, speed = steps.stamps, steps.rate(steps.lengths, first, late=True)
     begin, end = float(stamps[first]), float(stamps[min(last + 1, len(stamps) - 1)])
     since = max(int(np.searchsorted(lidar.stamps, begin, side="right")) - 1, 0)
     confirmed = last + 1 < len(stamps) and steps.lengths[last + 1] > CAUGHT_UP * speed * steps.seconds[last + 1]
@@ -230,19 +212,14 @@ def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: Compar
 
 
 class _Steps:
-    """The steps between the readings of the odometry.
-
-    Attributes:
-        stamps: [m] of the readings.
-        seconds, lengths, turns: [m] of the step to each [s], [m], [rad]; the first is 0.
-    """
+    """The steps between the readings of the odometry."""
 
     def __init__(self, path: OdometryPath) -> None:
-        self.stamps, self._path = path.stamps, path
+        self.stamps, self._path = path.stamps, path  # [m] of the readings; of the step to each, the first 0:
         moved = np.asarray(se2.between(path.poses[:-1], path.poses[1:]))
         self.seconds = np.diff(path.stamps, prepend=path.stamps[:1])
-        self.lengths = np.concatenate(([0.0], np.hypot(moved[:, 0], moved[:, 1])))
-        self.turns = np.concatenate(([0.0], moved[:, 2]))
+        self.lengths = np.concatenate(([0.0], np.hypot(moved[:, 0], moved[:, 1])))  # [m]
+        self.turns = np.concatenate(([0.0], moved[:, 2]))  # [rad]
         self._forward = np.concatenate(([1.0], np.where(moved[:, 0] < 0, -1.0, 1.0)))
         self._still = self.lengths < STILL
 
@@ -250,12 +227,10 @@ class _Steps:
         """By the odometry [rad]."""
         return float(self._path.at(np.array([stamp]))[0, 2])
 
-    def speed(self, k: int, *, late: bool = False) -> float:
-        """At reading k [m/s], the mean of ``BEFORE``; with ``late`` of the last two steps, if that is less."""
-        return self._rate(self.lengths, k, late=late)
-
-    def _rate(self, values: Array, k: int, *, late: bool) -> float:
-        """Of the steps' values, to a second."""
+    def rate(self, values: Array, k: int, *, late: bool = False) -> float:
+        """Of the steps' values at reading k, to a second, the mean of ``BEFORE``; with ``late`` of the last two steps,
+        if that is less.
+        """
         first = min(int(np.searchsorted(self.stamps, self.stamps[k] - BEFORE, side="right")), k)
         seconds = float(self.seconds[first : k + 1].sum())
         if seconds <= 0 or k == 0:
@@ -279,12 +254,12 @@ class _Steps:
 
     def lost(self, k: int) -> bool:
         """Whether step k is shorter than braking takes, on the way or in a turn: its motion was not counted."""
-        speed, seconds = self.speed(k - 1), float(self.seconds[k])
+        speed, seconds = self.rate(self.lengths, k - 1), float(self.seconds[k])
         braking = min(speed / USUAL, seconds)
         least = speed * braking - USUAL * braking**2 / 2
         if least > LEAST_STOPPED and self.travelled(k) < least:
             return True
-        rate = max(self._rate(self.turns * np.sign(self.turns[k - 1]), k - 1, late=True), 0.0)  # it turns on the spot
+        rate = max(self.rate(self.turns * np.sign(self.turns[k - 1]), k - 1, late=True), 0.0)  # it turns on the spot
         least = rate * min(rate / TURN_USUAL, seconds) / 2
         stopped = least > LEAST_TURN and abs(float(self.turns[k])) < least
         return bool(stopped and self.travelled(k) <= CAUGHT_UP * self.usual(k))
@@ -309,7 +284,7 @@ class _Steps:
 
         As if the heading on the way were anything up to what the robot can have turned by: the mean of its cosine.
         """
-        speed, seconds = self.speed(k - 1), float(self.seconds[k])
+        speed, seconds = self.rate(self.lengths, k - 1), float(self.seconds[k])
         widest = min(TURNS * seconds / 2, math.pi)
         length, ahead = speed * seconds, math.sin(widest) / widest
         turns = self.turns[max(k - 2, 0) : k].sum() / max(float(self.seconds[max(k - 2, 0) : k].sum()), 1e-9)
@@ -325,8 +300,7 @@ class _Steps:
     def standstills(self, since: float) -> Iterator[tuple[int, int, int]]:
         """Where the odometry has stopped dead, harder than a robot brakes, and goes on at a stamp or later [s].
 
-        Yields:
-            the reading from which on it stands still, the one at which that is sure, and the last that does.
+        That is the reading from which on it stands still, the one at which that is sure, and the last that does.
         """
         smallest = np.minimum.accumulate(np.where(self._still, np.inf, self.lengths))
         edges = np.flatnonzero(np.diff(np.concatenate(([False], self._still, [False])).astype(np.int8)))
@@ -334,7 +308,7 @@ class _Steps:
             first, last = begin - 1, end - 1
             if self.stamps[min(end, len(self.stamps) - 1)] < since:
                 continue
-            speed = self.speed(first, late=True) if first > 0 else 0.0
+            speed = self.rate(self.lengths, first, late=True) if first > 0 else 0.0
             if speed <= 0:
                 continue
             braking = np.minimum(speed / HARDEST, self.stamps[begin:end] - self.stamps[first])

@@ -21,6 +21,7 @@ from moteslam.robot.formats.streams import CODES, MAX_STAMP
 from moteslam.robot.inspection import SPEEDS
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, gaps
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, given_up, when
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.inputs import Inputs
@@ -29,7 +30,6 @@ from moteslam.slam.inputs.scans import Scans, without
 from moteslam.slam.inputs.synchronise import about_blind, apart, at_scans, sweeps
 from moteslam.slam.rows import Rows
 
-Array = NDArray[np.float64]
 BEFORE_WHEELS = 0.5  # Scans this long before the first reading of the wheels are not of a robot known to stand [s]
 FAR_AHEAD = 3600.0
 """A scan this much later than every message before, where other streams are heard, is of another clock [s]: the sound
@@ -44,7 +44,7 @@ FEW, SOON = 10, 10.0
 SURELY = 1.0
 """Odometry faster than any robot in ``FEW`` steps in a row, and for so long [s], is in other units: no jump is so long,
 and nor are readings that come in a burst."""
-NOTHING, BLOCK = np.empty(0, np.float32), 256
+BLOCK = 256
 
 
 class LiveScans(Scans):
@@ -67,7 +67,6 @@ class LiveScans(Scans):
         self._indices.append(index)
 
     def forget_latest(self) -> None:
-        """Keep the latest scan no longer."""
         self._indices.pop()
 
     def _some(self, first: int, last: int) -> tuple[NDArray[np.float32], Array | None]:
@@ -78,11 +77,7 @@ class LiveScans(Scans):
 
 
 class Beginning:
-    """The first messages, kept as they came: they are checked as a recording is.
-
-    Args:
-        lidar: its figures.
-    """
+    """The first messages, kept as they came: they are checked as a recording is."""
 
     def __init__(self, platform: Platform, lidar: LidarStream) -> None:
         self._platform, self._lidar = platform, lidar
@@ -95,7 +90,6 @@ class Beginning:
 
     @property
     def full(self) -> bool:
-        """Whether there is no room for more."""
         return len(self) >= FIRST or self._messages >= FIRST_MESSAGES
 
     def add(self, stream: str, message: list[float], ranges: NDArray[np.float32] | None = None) -> None:
@@ -150,16 +144,8 @@ class Waiting(NamedTuple):
 class LiveInputs(Inputs):
     """The scans that were taken in so far.
 
-    Args:
-        patience: a scan waits this long for odometry that comes later [s], and wheels half as long for the gyro; then
-            its motion counts as not measured, and their own turns are taken.
-
-    Attributes:
-        odometry_in: takes in the odometry's messages.
-        beginning: the first messages.
-        waiting: scans that are not taken in yet.
-        too_fast: what is told of odometry that no robot can have driven.
-        awaited: streams that a scan waits for besides, as long: until they have come to its stamp.
+    With ``patience`` a scan waits for odometry that comes later [s], and wheels half as long for the gyro; then its
+    motion counts as not measured, and their own turns are taken.
     """
 
     scans: LiveScans
@@ -175,9 +161,9 @@ class LiveInputs(Inputs):
         self._patience = patience
         self.scans = LiveScans(self._lidar, platform, max_range)
         self.odometry_in, self.beginning = OdometryReadings(platform, config), Beginning(platform, self._lidar)
-        self.waiting: deque[Waiting] = deque()
-        self.too_fast: tuple[Issue, ...] = ()
-        self.awaited: tuple[str, ...] = ()
+        self.waiting: deque[Waiting] = deque()  # scans that are not taken in yet
+        self.too_fast: tuple[Issue, ...] = ()  # what is told of odometry that no robot can have driven
+        self.awaited: tuple[str, ...] = ()  # streams that a scan waits for besides, until they have come to its stamp
         self._newest, self.messages = -np.inf, 0  # of all messages
         self._other_clock: tuple[Issue, ...] = ()
         self._blind = 0
@@ -247,13 +233,8 @@ class LiveInputs(Inputs):
             self.too_fast = (Issue("odometry-units", text + "speed: are its stamps in s and its lengths in m?"),)
 
     def take_next(self, *, finish: bool = False) -> int | None:
-        """Take in the scan that waits longest, if the odometry covers it, or it has waited long enough.
-
-        Args:
-            finish: nothing more is to come.
-
-        Returns:
-            its index; None if there is none.
+        """Take in the scan that waits longest, if the odometry covers it, it has waited long enough, or nothing more is
+        to come. Its index; None if there is none.
         """
         if not self.waiting:
             return None
@@ -295,7 +276,7 @@ class LiveInputs(Inputs):
         return (*told, Issue("no-odometry", text, len(late)))
 
     def _take(self, scan: Waiting, path: OdometryPath | None, *, covered: bool) -> None:
-        index, pose = len(self), self._pose(scan, path)
+        index, pose = len(self), self._pose(scan.stamp, scan.odometry, path)
         self._correct(path)
         self._tail.add(np.array([scan.stamp]), pose[None], pose[None] if scan.odometry is None else scan.odometry[None])
         self._ranges.add(scan.ranges[None])
@@ -318,7 +299,7 @@ class LiveInputs(Inputs):
             self._late.append(index)
         counted = self.odometry_in.counted
         self.take(lidar, odometry, path, first=last - 1, last=last, absent=np.array([absent]), counted=counted)
-        hidden = None if self._follower is None or path is None else self._follower.hides(scan.ranges)
+        hidden = None if self.follower is None or path is None else self.follower.hides(index, scan.ranges)
         sweep = np.zeros(3)
         if (seconds := self._sweep_seconds) > 0 and path is not None:
             sweep = np.asarray(sweeps(path, np.array([scan.stamp]), seconds, self._config)[0])
@@ -328,18 +309,19 @@ class LiveInputs(Inputs):
             self._ranges.keep(KEPT)
         self.odometry_in.forget(scan.stamp)
 
-    def _pose(self, scan: Waiting, path: OdometryPath | None) -> Array:
-        """The pose [3] by odometry."""
+    def _pose(self, stamp: float, logged: Array | None, path: OdometryPath | None) -> Array:
+        """The pose [3] by odometry at a scan, with which one is logged [3]."""
         if path is None:
-            return np.zeros(3) if scan.odometry is None else scan.odometry
-        logged = None if scan.odometry is None else scan.odometry[None]
-        return np.asarray(at_scans(np.array([scan.stamp]), logged, path, self._config)[0])
+            return np.zeros(3) if logged is None else logged
+        return np.asarray(
+            at_scans(np.array([stamp]), logged if logged is None else logged[None], path, self._config)[0]
+        )
 
     def _correct(self, path: OdometryPath | None) -> None:
         """Scans that did not wait for their odometry have it now, for what is driven from them on."""
         while path is not None and self._unheard and self.stamps[self._unheard[0]] <= path.stamps[-1]:
             index = self._unheard.popleft()
-            pose = self._pose(Waiting(float(self.stamps[index]), NOTHING, None), path)
-            self._rows.values[index, 1:4] = pose if self._follower is None else self._follower.corrected(pose)
+            pose = self._pose(float(self.stamps[index]), None, path)
+            self._rows.values[index, 1:4] = pose if self.follower is None else self.follower.corrected(pose)
             if index - len(self) + len(self._tail) >= 0:
                 self._tail.values[index - len(self), 1:4] = pose

@@ -9,22 +9,16 @@ from numpy.typing import NDArray
 
 from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
-from moteslam.slam.inputs.travelling import Travelling
-
-Array = NDArray[np.float64]
+from moteslam.robot.se2 import Array
+from moteslam.slam.inputs.travelling import Follower
 
 
 class ScanBlock(NamedTuple):
-    """The endpoints of m scans in a row.
+    """The endpoints of m scans in a row."""
 
-    Attributes:
-        points: float32 [k, 2] in the robot's frame at each scan's stamp [m].
-        begins, counts: [m] the first row of each scan in ``points``, and how many are its.
-    """
-
-    points: NDArray[np.float32]
-    begins: NDArray[np.int32]
-    counts: NDArray[np.int32]
+    points: NDArray[np.float32]  # float32 [k, 2] in the robot's frame at each scan's stamp [m]
+    begins: NDArray[np.int32]  # [m] the first row of each scan in them
+    counts: NDArray[np.int32]  # [m] how many are its
 
     def of(self, number: int) -> NDArray[np.float32]:
         """The endpoints [c, 2] of one of the scans."""
@@ -35,14 +29,8 @@ class ScanBlock(NamedTuple):
 class Scans:
     """Scans as points, de-skewed where the motion during a sweep is known.
 
-    Args:
-        sweeps: [n, 3] the robot's motion while each scan is taken, in its frame at the first beam; None for scans
-            that count as taken at once.
-        max_range: endpoints beyond it are left out [m].
-        travelling: what travels with the robot: left out; None if nothing does.
-
-    Attributes:
-        origin: [2] where the rays start, in the robot's frame [m].
+    ``sweeps`` [n, 3] is the robot's motion while each scan is taken, in its frame at the first beam; None for scans
+    that count as taken at once. Endpoints beyond ``max_range`` [m] are left out, and what travels with the robot.
     """
 
     def __init__(
@@ -52,13 +40,13 @@ class Scans:
         *,
         sweeps: Array | None = None,
         max_range: float = np.inf,
-        travelling: Travelling | None = None,
+        follower: Follower | None = None,
     ) -> None:
-        self._lidar, self._sweeps, self._max_range, self._travelling = lidar, sweeps, max_range, travelling
+        self._lidar, self._sweeps, self._max_range, self._follower = lidar, sweeps, max_range, follower
         x, y, yaw = mount.pose
         angles = lidar.angles + yaw
         self._directions = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
-        self.origin = np.array([x, y])
+        self.origin = np.array([x, y])  # where the rays start, in the robot's frame [m]
 
     def ranges(self, index: int) -> NDArray[np.float32]:
         """Of a scan [beams] [m]; NaN where an endpoint is left out."""
@@ -100,9 +88,8 @@ class Scans:
     def _some(self, first: int, last: int) -> tuple[NDArray[np.float32], Array | None]:
         """The ranges [m, beams] of some scans without what travels with the robot, and its sweeps [m, 3]."""
         ranges = self._lidar.ranges[first:last]
-        if self._travelling is not None:
-            some = [(each, self._travelling.hides(first + k, each)) for k, each in enumerate(ranges)]
-            ranges = np.stack([without(*each) for each in some])
+        if self._follower is not None:
+            ranges = np.stack([without(each, self._follower.hides(first + k, each)) for k, each in enumerate(ranges)])
         return ranges, None if self._sweeps is None else self._sweeps[first:last]
 
 

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.scans import ThinnedScan, thin_scan, thin_scans
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Summarised
+from moteslam.slam.inputs.camera import FloorView, FloorViews
 from moteslam.slam.inputs.config import ThinningConfig
-from moteslam.slam.inputs.floor_views import FloorView, FloorViews
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.lapses import Open
 from moteslam.slam.inputs.scans import Scans
@@ -22,47 +23,31 @@ BLOCK = 64  # Scans that are projected and thinned at a time: of 1081 beams 0.5 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Step(Summarised):
-    """One scan and the motion since the scan before.
+    """One scan and the motion since the scan before."""
 
-    Attributes:
-        index: of the scan in the recording.
-        stamp: of the scan [s].
-        dt: time since the scan before [s]; 0 for scans that share a stamp.
-        motion: [3] increment of the robot's pose, in the frame of its pose at the scan before; zeros where nothing
-            measured it.
-        measured: whether the odometry measured that motion. A filter that can do without predicts the motion of
-            other steps from the steps before.
-        points: [k, 2] float32 the finite endpoints in the robot's frame [m].
-        origin: [2] where the rays start, in the robot's frame [m]: the lidar.
-        scan: thinned as the filter asks for it (``Filter.thinning``); None if it asks for none.
-        floor: reads the newest camera frame of at most a given age [s], which takes time: call it at most once, and
-            only to make use of it. None if the run does not use the camera.
-        silent: where the beams that nothing answered [k, 2] reach the largest range, in the robot's frame [m].
-        open: of a motion that was not measured, but of which more is known than the velocity before: how far off it
-            may be; None of all others.
-    """
-
-    index: int
-    stamp: float
-    dt: float
-    motion: NDArray[np.float64]
+    index: int  # of the scan in the recording
+    stamp: float  # of the scan [s]
+    dt: float  # time since the scan before [s]; 0 for scans that share a stamp
+    motion: Array  # [3] increment of the robot's pose, in the frame of that before; zeros where nothing measured it
+    # whether the odometry measured that motion. A filter that can do without predicts the motion of other steps from
+    # the steps before
     measured: bool
-    points: NDArray[np.float32]
-    origin: NDArray[np.float64]
-    scan: ThinnedScan | None = None
+    points: NDArray[np.float32]  # [k, 2] float32 the finite endpoints in the robot's frame [m]
+    origin: Array  # [2] where the rays start, in the robot's frame [m]: the lidar
+    scan: ThinnedScan | None = None  # thinned as the filter asks for it (``Filter.thinning``); None if it does not
+    # reads the newest camera frame of at most a given age [s], which takes time: call it at most once, and only to make
+    # use of it. None if the run does not use the camera
     floor: Callable[[float], FloorView | None] | None = None
+    # where the beams that nothing answered [k, 2] reach the largest range, in the robot's frame [m]
     silent: Callable[[], NDArray[np.float32]] = lambda: np.empty((0, 2), np.float32)
+    # how far off a motion may be that was not measured, but of which more is known than the velocity before; else None
     open: Open | None = None
 
 
 def steps(
     inputs: Inputs, views: FloorViews | None = None, *, thinning: ThinningConfig | None = None, first: int = 0
 ) -> Iterator[Step]:
-    """One step a scan; the scans are projected and thinned ``BLOCK`` at a time.
-
-    Args:
-        views: camera frames of the floor; None if they are not used.
-    """
+    """One step a scan; the scans are projected and thinned ``BLOCK`` at a time. Views: None if they are not used."""
     indices = range(first, len(inputs))
     for begin in range(0, len(indices), BLOCK):
         some = indices[begin : begin + BLOCK]
@@ -88,21 +73,12 @@ def steps(
 
 
 def thin(points: NDArray[np.float32], origin: NDArray[np.float64], config: ThinningConfig) -> ThinnedScan:
-    """Average neighbouring endpoints.
-
-    Args:
-        points: [k, 2] in the order of their beams, in the robot's frame [m].
-        origin: [2] where the rays start [m].
-    """
+    """Average neighbouring endpoints [k, 2], in the order of their beams, whose rays start at an origin [2] [m]."""
     return thin_scan(points, origin, **vars(config))
 
 
 def thin_some(scans: Scans, indices: Sequence[int], config: ThinningConfig) -> list[ThinnedScan]:
-    """Some of the scans, each as by ``thin``, in one launch.
-
-    Args:
-        indices: [m] of those to thin, one at least.
-    """
+    """Some of the scans, of these indices [m], one at least, each as by ``thin``, in one launch."""
     points = [scans.points(index) for index in indices]
     counts = np.array([len(each) for each in points], np.int32)
     begins = np.cumsum(counts, dtype=np.int32) - counts

@@ -1,4 +1,7 @@
-"""From streams with their own clocks to what SLAM takes in: scans, and the motion between them, settled once."""
+"""From streams with their own clocks to what SLAM takes in: scans, and the motion between them, settled once.
+
+And where the robot would think it is by its odometry alone: what SLAM has to beat.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +15,14 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LATEST, STREAMS, LidarStream, Recording, chosen, chunks, gaps, nearest_stamp
-from moteslam.robot.values import Issue, when
+from moteslam.robot.se2 import Array
+from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.values import Issue, expect_type, when
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.inputs import Inputs
 from moteslam.slam.inputs.odometry_path import OdometryPath, jumps, odometry_path
 from moteslam.slam.inputs.scans import Scans
 
-Array = NDArray[np.float64]
 COARSE = 0.5
 """Where more than this share of the readings have the stamp of the one before, the clock is too coarse for them."""
 JITTERS, OPPOSITE = 0.03, -0.15
@@ -38,19 +42,19 @@ APART = 1.0  # Scans and odometry whose times are this far apart [s] are of diff
 def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_range: float = np.inf) -> Inputs:
     """Bring the streams of a recording onto the stamps of its scans: they are taken in at once.
 
-    Args:
-        recording: with a lidar; odometry of any kind is optional.
-        config: how; the defaults if None.
-        max_range: endpoints beyond it are left out [m].
-
-    Raises:
-        InputError: no scans, encoders without wheels, or odometry that does not overlap with the scans in time.
+    Odometry of any kind is optional. Endpoints beyond ``max_range`` are left out [m]. Refused are no scans, encoders
+    without wheels, and odometry that does not overlap with the scans in time.
     """
     config = config or SyncConfig()
     lidar, path, platform = require_lidar(recording), odometry_path(recording, config), recording.platform
     odometry, logged = np.zeros((len(lidar), 3)), None
     if path is not None:
-        odometry = _at_recorded_scans(lidar, path, config, name=recording.name)
+        if lidar.odometry is None and (text := apart(lidar.stamps, path.stamps[0], path.stamps[-1])):
+            raise InputError(text, file=recording.name, field="time_stamps")
+        if lidar.odometry is not None and lidar.sequence is not None:
+            odometry = lidar.odometry  # by its stamp a scan may lie in a gap that it was not taken in
+        else:
+            odometry = at_scans(lidar.stamps, lidar.odometry, path, config)
     if lidar.sequence is not None:
         taken = np.argsort(lidar.sequence, kind="stable")
         logged, odometry, lidar = lidar.stamps[taken], odometry[taken], in_order(lidar)
@@ -60,21 +64,16 @@ def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_r
     counted = recording.encoders is not None and len(recording.encoders) > 0
     inputs = Inputs(platform, config, lidar)
     inputs.logged = logged
-    repeated = inputs.take(lidar, odometry, path, absent=absent, counted=counted, lapsing=lapsing)
+    inputs.take(lidar, odometry, path, absent=absent, counted=counted, lapsing=lapsing)
     seconds, swept = sweep_seconds(recording, lidar), None
     if config.deskew and seconds > 0 and path is not None:
         swept = sweeps(path, lidar.stamps, seconds, config)
-    travels = inputs.travels(repeated)
-    inputs.scans = Scans(lidar, platform.lidar, sweeps=swept, max_range=max_range, travelling=travels)
+    inputs.scans = Scans(lidar, platform.lidar, sweeps=swept, max_range=max_range, follower=inputs.follower)
     return inputs
 
 
 def require_lidar(recording: Recording) -> LidarStream:
-    """The recording's lidar stream.
-
-    Raises:
-        InputError: it has none, or one without scans.
-    """
+    """The recording's lidar stream; ``InputError`` if it has none, or one without scans."""
     if recording.lidar is None or not len(recording.lidar):
         raise InputError("no lidar scans, expected at least one", file=recording.name, field="lidar")
     return recording.lidar
@@ -115,34 +114,22 @@ def apart(scans: Array, begin: float, end: float) -> str:
     return f"{text}{side} them, expected streams that overlap in time"
 
 
-def _at_recorded_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, name: str) -> Array:
-    """The odometry's pose [n, 3] at every scan."""
-    if lidar.odometry is not None and lidar.sequence is not None:
-        return lidar.odometry  # by its stamp a scan may lie in a gap that it was not taken in
-    if lidar.odometry is None and (text := apart(lidar.stamps, path.stamps[0], path.stamps[-1])):
-        raise InputError(text, file=name, field="time_stamps")
-    return at_scans(lidar.stamps, lidar.odometry, path, config)
-
-
 def at_scans(stamps: Array, logged: Array | None, path: OdometryPath, config: SyncConfig) -> Array:
-    """The odometry's pose [n, 3] at scans: that logged with them [n, 3] where there is one, unless it is stale."""
+    """The odometry's pose [n, 3] at scans: that logged with them [n, 3] where there is one, unless it is stale.
+
+    That is in a gap of the odometry, between readings that are much farther apart than usual, where it is the pose of
+    the reading before.
+    """
     if logged is not None:
-        held = is_stale(stamps, logged, path)
+        readings = path.stamps
+        gap = np.append(gaps(readings, stamps[0]), False)  # before each reading, and after the last
+        following = np.searchsorted(readings, stamps, side="left")
+        held = np.abs(logged - path.poses[np.maximum(following - 1, 0)]).max(axis=1) < SAME
+        held &= gap[following] & ~np.isin(stamps, readings)
         return np.where(held[:, None], path.at(stamps), logged) if held.any() else logged
     if config.method == "interpolate":
         return path.at(stamps)
     return path.poses[nearest_stamp(path.stamps, stamps)]
-
-
-def is_stale(scans: Array, logged: Array, path: OdometryPath) -> NDArray[np.bool_]:
-    """Which scans [n] lie in a gap of the odometry, between readings that are much farther apart than usual, with the
-    pose [n, 3] of the reading before it.
-    """
-    readings = path.stamps
-    gap = np.append(gaps(readings, scans[0]), False)  # before each reading, and after the last
-    following = np.searchsorted(readings, scans, side="left")
-    held = np.abs(logged - path.poses[np.maximum(following - 1, 0)]).max(axis=1) < SAME
-    return np.asarray(gap[following] & held & ~np.isin(scans, readings))
 
 
 def sweep_seconds(recording: Recording, lidar: LidarStream) -> float:
@@ -186,8 +173,7 @@ def warnings(
 
     ``path``: by odometry, of inputs that forget it.
     """
-    lidar, encoders, imu = recording.lidar, recording.encoders, recording.imu
-    assert lidar is not None
+    lidar, encoders, imu = require_lidar(recording), recording.encoders, recording.imu
     n, told, own, path = len(lidar), [], inputs.issues, path or inputs.path
     parts, limit = chunks(lidar.ranges) if read_ranges else (), np.float32(lidar.range_max)
     blind = beyond = 0
@@ -221,10 +207,8 @@ def warnings(
         text = f"no odometry: constant velocity over {n} scans; dead reckoning stands still"
         told.append(("no-odometry", n, text))
     elif lidar.odometry is None and (count := int(_without(recording, path).sum())):
-        text = (
-            f"{count} of {n} scans before or after all odometry: constant velocity there, dead reckoning stands still"
-        )
-        told.append(("no-odometry", count, text))
+        text = f"{count} of {n} scans before or after all odometry: constant velocity there, dead reckoning stands "
+        told.append(("no-odometry", count, f"{text}still"))
     codes = {issue.code for issue in own}
     issues = (Issue(code, text, count) for code, count, text in told if count and code not in codes)
     return (*unknown_mount(recording.platform), *doubtful_stamps(recording, path), *issues, *own)
@@ -302,9 +286,9 @@ def bundles(lidar: LidarStream) -> Bundles | None:
 
 def doubtful_stamps(recording: Recording, path: OdometryPath | None) -> list[Issue]:
     """Clocks that are too coarse for their readings, and ways that are driven without scans, by a path."""
-    issues, scans = list[Issue](), require_lidar(recording).stamps
-    logged = require_lidar(recording).odometry is not None  # the motion then does not depend on stamps
-    if (found := bundles(require_lidar(recording))) is not None:
+    issues, lidar = list[Issue](), require_lidar(recording)
+    scans, logged = lidar.stamps, lidar.odometry is not None  # the motion then does not depend on stamps
+    if (found := bundles(lidar)) is not None:
         issues.append(Issue(*found.text))
     for name, stamps in recording.stamps().items():
         if name in STREAMS[:4] and is_coarse(stamps):
@@ -340,3 +324,19 @@ def about_jumps(stamps: Array, odometry: Array, jumped: NDArray[np.bool_]) -> tu
     if len(at) > 1 and np.ptp(sizes) < ALIKE * sizes.min():
         text += f". Each is by {np.median(sizes):.4g} m along x or y, as of a counter that is full and begins again"
     return (Issue("odometry-jumps", text, len(at)),)
+
+
+def dead_reckon(recording: Recording, config: SyncConfig | None = None) -> Trajectory:
+    """The trajectory of dead reckoning, starting at the identity (figures 5 and 6 of the paper).
+
+    At every scan, or at every odometry reading where there are no scans. Refused is a recording without any odometry,
+    or whose streams do not overlap in time.
+    """
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+    config = config or SyncConfig()
+    if (path := odometry_path(recording, config)) is None:
+        raise InputError("neither encoders nor odometry, expected one of them", file=recording.name)
+    if recording.lidar is not None and len(recording.lidar):
+        inputs = synchronise(recording, config)
+        return Trajectory(inputs.stamps, se2.between(inputs.odometry[0], inputs.odometry))
+    return Trajectory(path.stamps, se2.between(path.poses[0], path.poses))

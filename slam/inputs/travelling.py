@@ -7,7 +7,7 @@ still before travels now, it is the robot that stands (``docs/theory/default-fil
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from bisect import bisect
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, when
-from moteslam.slam.inputs.comparison import ComparedBeams, compare_scans
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from moteslam.slam.inputs.comparison import ComparedBeams, Flags, compare_scans
 
 STEP = 0.25  # Scans this far apart by odometry are compared [m]; a turn counts as a metre a radian
 FARTHEST = 0.6  # Scans farther apart are not compared [m]: on the way the odometry errs and the view changes too much
@@ -52,43 +50,6 @@ class Episode(NamedTuple):
     last: int
 
 
-@dataclass(frozen=True, eq=False)
-class Travelling:
-    """What travels with the robot."""
-
-    begins: NDArray[np.intp]  # [e] the scan from which on each row of ``ranges`` holds, in order
-    # [e, beams] the range at which something travels along each beam [m]; NaN where nothing does
-    ranges: NDArray[np.float32]
-    repeated: Flags  # [n] scans that are not new: the driver gave the one before again
-    seen: tuple[Episode, ...]  # what there was, in order
-    away: tuple[float, ...]  # at which distances something travels, whenever it was seen to [m]
-
-    def hides(self, scan: int, ranges: NDArray[np.float32]) -> Flags | None:
-        """Which ranges [beams] of a scan are no measurement of the walls; None if all may be."""
-        if self.repeated[scan]:
-            return np.ones(len(ranges), np.bool_)
-        epoch = int(np.searchsorted(self.begins, scan, side="right")) - 1
-        return None if epoch < 0 else near(ranges, self.ranges[epoch])
-
-    def issues(self, stamps: Array) -> tuple[Issue, ...]:
-        """What there was, each kind with its times; ``stamps`` [n] are those of the scans [s]."""
-        away = " to ".join(dict.fromkeys(f"{one:.1f}" for one in (min(self.away), max(self.away)))) if self.away else ""
-        load = f"something {away} m away travels with the robot (a load, stuck beams, glass beside it, or "
-        again = "the lidar gives the same scan again while the odometry moves: odometry alone there"
-        stands = "the wheels turn while all that the lidar sees stands still: the robot is taken to stand"
-        issues = []
-        for kind, code, text in (
-            ("along", "travels-along", load + "floor before a tilted lidar): left out"),
-            ("repeated", "scans-repeat", again),
-            ("spins", "wheels-spin", stands),
-        ):
-            if some := [one for one in self.seen if one.kind == kind]:
-                spans = [(float(stamps[one.first]), float(stamps[one.last])) for one in some]
-                count = sum(one.last - one.first + 1 for one in some)
-                issues.append(Issue(code, f"{when(spans)}: {text}", count))
-        return tuple(issues)
-
-
 def near(ranges: NDArray[Any], held: NDArray[Any]) -> Flags:
     """Which ranges [...] are those at which something travels, ``held`` [...] [m]."""
     return np.asarray(np.abs(ranges - held) <= NEAR + NEAR_SHARE * held)
@@ -97,11 +58,8 @@ def near(ranges: NDArray[Any], held: NDArray[Any]) -> Flags:
 def _line(angles: Array, ranges: Array) -> Array:
     """The straight line along which something travels, as the range [b] of every beam that meets it; NaN without one.
 
-    The floor before a tilted lidar is such a line: a beam that ends on it need not be seen to travel first.
-
-    Args:
-        angles: [b] of the beams [rad].
-        ranges: [b] at which something travels; NaN elsewhere [m].
+    The floor before a tilted lidar is such a line: a beam that ends on it need not be seen to travel first. Of angles
+    [b] [rad], and ranges [b] at which something travels, NaN elsewhere [m].
     """
     line = np.full(len(angles), np.nan)
     x, y = ranges * np.cos(angles), ranges * np.sin(angles)
@@ -129,27 +87,23 @@ def _side_by_side(flags: Flags) -> Flags:
 
 
 class Follower:
-    """Goes through the scans in order: what it says of one depends on those before and itself.
-
-    Attributes:
-        repeats: whether the latest scan is the same as the one before, though the robot has moved since it was new.
-    """
+    """Goes through the scans in order: what it says of one depends on those before and itself."""
 
     def __init__(self, lidar: LidarStream, mount: LidarSpec) -> None:
         self._fan = fan = ComparedBeams(lidar, mount)
         beams, count = fan.beams, len(fan.beams)
         self._angles = lidar.angles[beams]
         self._nearest = np.searchsorted(beams[:-1] + np.diff(beams) / 2, np.arange(lidar.ranges.shape[1]))
-        self.repeats = False
-        self._scan, self._last = -1, lidar.ranges[:0]  # the latest; the latest that was new, ...
-        self._at_last = np.zeros(3)  # ... and the odometry then
+        self._repeats = False  # the latest scan is the one before again, though the robot has moved since it was new
+        self._repeated = set[int]()  # such scans
+        self._last, self._at_last = lidar.ranges[:0], np.zeros(3)  # the latest that was new, and the odometry then
         self._driven, self._new, self._unmeasured = 0.0, 0.0, 0  # and turned; by the latest new scan; flags so far
         self._place = -1.0  # of the latest new scan, in ``STEP``
         self._compared: _Compared | None = None
-        self._begins: list[int] = []
-        self._epochs: list[Array] = []
-        self._seen: list[Episode] = []
-        self._away: list[float] = []  # at which distances something travels [m]
+        self._begins: list[int] = []  # the scan from which on each of these holds:
+        self._epochs: list[Array] = []  # [b] at which range something travels along each beam [m], NaN where nothing
+        self._seen: list[Episode] = []  # what there was, each kind in order
+        self._away: list[float] = []  # at which distances something travels, whenever it was seen to [m]
         self._for = np.zeros(count)  # comparisons that speak for it
         self._range = np.full(count, np.nan)
         self._kept, self._heading = np.full((2, count), np.nan)  # a range, and the heading since when it is the same
@@ -160,19 +114,13 @@ class Follower:
         self._stands = np.zeros(3)  # where the robot is while the wheels spin
         self._since: tuple[Array, Array] | None = None  # the odometry when they last did, and the robot's pose then
 
-    def add(self, ranges: NDArray[np.float32], odometry: Array, driven: float, unmeasured: bool) -> Array:
-        """Take in the next scan.
+    def add(self, scan: int, ranges: NDArray[np.float32], odometry: Array, driven: float, unmeasured: bool) -> Array:
+        """Take in the next scan: its index, ranges [beams] [m] and pose [3] by odometry.
 
-        Args:
-            ranges: [beams] [m].
-            odometry: [3] the pose.
-            driven: and turned since the scan before [m].
-            unmeasured: whether odometry does not say how the robot has moved since.
+        It was ``driven``, and turned, so far since the scan before [m], unless odometry left that ``unmeasured``.
 
-        Returns:
-            the pose [3] without the motion of wheels that spun on the spot.
+        Returns the pose [3] without the motion of wheels that spun on the spot.
         """
-        self._scan += 1
         self._driven, self._unmeasured = self._driven + driven, self._unmeasured + unmeasured
         moved = self._driven - self._new
         with np.errstate(invalid="ignore"):  # most often some differ
@@ -180,19 +128,20 @@ class Follower:
         same = same and np.isfinite(ranges).sum() >= BEAMS
         same = same and np.array_equal(np.isnan(ranges), np.isnan(self._last))
         again = same and moved > STANDS and np.array_equal(ranges, self._last, equal_nan=True)
-        if same and not again and not self.repeats and moved > STEP:
+        if same and not again and not self._repeats and moved > STEP:
             both = np.stack((self._last, ranges))[:, self._fan.beams], np.stack((self._at_last, odometry))
             again = bool(compare_scans(self._fan, *both)[0].sum() >= ALONE)
-        self.repeats = bool(same and (again or self.repeats))
+        self._repeats = bool(same and (again or self._repeats))
         if not same:
             self._last, self._at_last, self._new = ranges, odometry, self._driven
-        if self.repeats:
-            self._see("repeated", self._scan, self._scan)
+        if self._repeats:
+            self._repeated.add(scan)
+            self._see("repeated", scan, scan)
         else:
             path = self._driven + FARTHEST * self._unmeasured  # as far apart as is not compared
             place, self._place = self._place, float(np.floor(path / STEP))
             if self._place != place:
-                before, self._compared = self._compared, _Compared(self._scan, path, ranges[self._fan.beams], odometry)
+                before, self._compared = self._compared, _Compared(scan, path, ranges[self._fan.beams], odometry)
                 if before is not None and path - before.path < FARTHEST:
                     self._compare(before, self._compared)
                 else:
@@ -205,19 +154,31 @@ class Follower:
             return odometry
         return np.asarray(se2.compose(self._since[1], se2.between(self._since[0], odometry)))
 
-    def hides(self, ranges: NDArray[np.float32]) -> Flags | None:
-        """Which ranges [beams] of the latest scan are no measurement of the walls; None if all may be."""
-        if self.repeats:
+    def hides(self, scan: int, ranges: NDArray[np.float32]) -> Flags | None:
+        """Which ranges [beams] of a scan are no measurement of the walls; None if all may be."""
+        if scan in self._repeated:
             return np.ones(len(ranges), np.bool_)
-        return near(ranges, self._epochs[-1][self._nearest].astype(np.float32)) if self._epochs else None
+        epoch = bisect(self._begins, scan) - 1
+        return None if epoch < 0 else near(ranges, self._epochs[epoch][self._nearest].astype(np.float32))
 
-    def found(self, repeated: Flags) -> Travelling | None:
-        """What there was so far, with which scans [n] repeat; None if nothing travelled."""
-        if not self._seen and not self._epochs:
-            return None
-        ranges = np.array(self._epochs, np.float32).reshape(-1, len(self._range))[:, self._nearest]
-        seen = tuple(sorted(self._seen, key=lambda one: one.first))
-        return Travelling(np.array(self._begins, np.intp), ranges, repeated, seen, tuple(self._away))
+    def issues(self, stamps: Array) -> tuple[Issue, ...]:
+        """What there was so far, each kind with its times; ``stamps`` [n] are those of the scans [s]."""
+        away = self._away and (min(self._away), max(self._away))
+        load = f"something {' to '.join(dict.fromkeys(f'{one:.1f}' for one in away))} m away travels with the robot "
+        load += "(a load, stuck beams, glass beside it, or floor before a tilted lidar): left out"
+        again = "the lidar gives the same scan again while the odometry moves: odometry alone there"
+        stands = "the wheels turn while all that the lidar sees stands still: the robot is taken to stand"
+        issues = []
+        for kind, code, text in (
+            ("along", "travels-along", load),
+            ("repeated", "scans-repeat", again),
+            ("spins", "wheels-spin", stands),
+        ):
+            if some := [one for one in self._seen if one.kind == kind]:
+                spans = [(float(stamps[one.first]), float(stamps[one.last])) for one in some]
+                count = sum(one.last - one.first + 1 for one in some)
+                issues.append(Issue(code, f"{when(spans)}: {text}", count))
+        return tuple(issues)
 
     def _see(self, kind: str, first: int, last: int, *, apart: int = 1) -> None:
         """Note an episode, which goes on with the latest of its kind that ended this many scans before at most."""
@@ -230,7 +191,6 @@ class Follower:
         self._seen.append(Episode(kind, first, last))
 
     def _compare(self, before: _Compared, now: _Compared) -> None:
-        """Take in a comparison."""
         # and back: floor behind the robot is where it saw through the place of a wall before
         ranges = np.stack((before.ranges, now.ranges, before.ranges))
         poses = np.stack((before.odometry, now.odometry, before.odometry))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
-from moteslam.robot.formats.map_server import read_map
+from moteslam.robot.formats.map_server import FREE, OCCUPIED, read_map
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array, as_pose, compose_one
 from moteslam.robot.values import Issue
@@ -28,8 +28,7 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step, thin
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares, within
-from moteslam.slam.known_map.map_scale import MapScale
-from moteslam.slam.known_map.maps import KnownMaps, as_log_odds
+from moteslam.slam.known_map.maps import KnownMaps, MapScale
 from moteslam.slam.known_map.search import (
     APART,
     CROSSING,
@@ -44,7 +43,7 @@ from moteslam.slam.known_map.search import (
     sight_of,
 )
 from moteslam.slam.mapping.config import LOST_DISTANCE, RESOLVED
-from moteslam.slam.registration.evidence import CORRELATION
+from moteslam.slam.registration.localisation import CORRELATION
 from moteslam.slam.tsdf.doubt import Doubt, ScanFit
 from moteslam.slam.tsdf.filter import WRONG_WHILE_LOST, TsdfFilter
 from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate
@@ -141,10 +140,8 @@ class KnownMapFilter(TsdfFilter):
     def issues(self) -> tuple[Issue, ...]:
         """When it was not known where the robot is."""
         if self._losses and not self._was_sure:
-            text = (
-                "nowhere in the map do the scans fit for long: the robot is not in this map, or the map is not of this "
-            )
-            text += "place or scale; the poses mean nothing in it"
+            text = "nowhere in the map do the scans fit for long: the robot is not in this map, or the map is not of "
+            text += "this place or scale; the poses mean nothing in it"
             return (Issue("not-in-this-map", text),)
         issues = []
         if self._most_given_up > 1:
@@ -169,7 +166,10 @@ class KnownMapFilter(TsdfFilter):
         return (*issues, *([scale] if scale else []))
 
     def occupancy(self) -> Raster:
-        return as_log_odds(self._maps.occupancy, self._config.map)
+        """The map as an occupancy grid has it after one ray a cell."""
+        known = self._maps.occupancy
+        values = (known.values == OCCUPIED).astype(np.float32) - (known.values == FREE)
+        return Raster(values * np.float32(self._config.map.limit), known.cell_size, known.origin)
 
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
         """The history was revised when the robot was found."""

@@ -9,6 +9,7 @@ from moteslam.errors import InputError
 from moteslam.kernels.occupancy import update_grid
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import Array
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.mapping.config import MapConfig
 
@@ -18,11 +19,7 @@ MAX_CELLS = 400_000_000  # A larger grid (at 5 cm, a square kilometre) is a lost
 
 
 class OccupancyGrid:
-    """Log-odds, and beside them which cells count as occupied, kept in step by one kernel.
-
-    Attributes:
-        origin: [2] (x, y) of the corner of cell [0, 0] [m].
-    """
+    """Log-odds, and beside them which cells count as occupied, kept in step by one kernel."""
 
     def __init__(self, config: MapConfig) -> None:
         self._config = config
@@ -42,14 +39,15 @@ class OccupancyGrid:
         """The (x, y) of the corner of cell [0, 0] [m]."""
         return self._corner * self.cell_size
 
-    def add_scan(self, sensor: ArrayLike, points: NDArray[np.float64]) -> None:
+    def add_scan(self, pose: Array, points: ArrayLike, origin: ArrayLike) -> None:
         """Update the cells that one scan measures (III.2): +log 4 at endpoints, -log 4 along the rays to them.
 
-        The lidar is at (x, y), the endpoints [k, 2] are in the world [m].
+        Endpoints [k, 2] and where the rays start [2] are in the frame of the robot [m], at a pose [3] in the map.
 
         Raises ``InputError``: the map would grow beyond ``MAX_CELLS``.
         """
-        cells = np.floor(np.vstack((np.reshape(sensor, (1, 2)), points)) / self.cell_size).astype(np.int64)
+        seen = se2.transform_points(pose, np.vstack((np.reshape(origin, (1, 2)), points)))
+        cells = np.floor(seen / self.cell_size).astype(np.int64)
         self._grow_to(cells.min(axis=0), cells.max(axis=0))
         cells = (cells - self._corner).astype(np.int32)
         self._scan += 1
@@ -101,6 +99,5 @@ def draw_map(config: MapConfig, scans: Scans, indices: list[int], poses: NDArray
     """The occupancy map, as log-odds, of the scans of these indices [u] from known poses [u, 3] of the robot."""
     grid = OccupancyGrid(config)
     for index, pose in zip(indices, poses, strict=True):
-        points = scans.points(index)
-        grid.add_scan(se2.transform_points(pose, scans.origin), se2.transform_points(pose, points))
+        grid.add_scan(pose, scans.points(index), scans.origin)
     return grid.snapshot()

@@ -35,37 +35,20 @@ class OdometryCalibration:
 
     def __init__(self, config: CalibrationConfig) -> None:
         self._config = config
-        self._distance = _Gains([1.0], [config.scale], config.change)
-        self._turn = _Gains([1.0, 0.0], [config.scale, config.curvature], config.change)
-        self._offset = _Gains([0.0], [config.lidar_offset], config.change)
-
-    @property
-    def scale(self) -> float:
-        """The true distance over that of the odometry."""
-        return self._distance.values[0]
-
-    @property
-    def turn_scale(self) -> float:
-        """The true turn over that of the odometry."""
-        return self._turn.values[0]
-
-    @property
-    def curvature(self) -> float:
-        """The turn per distance of a path that is straight by the odometry [rad/m]."""
-        return self._turn.values[1]
-
-    @property
-    def lidar_offset(self) -> float:
-        """How far the lidar is ahead of where the recording says, seen from the wheels' axle [m]."""
-        return self._offset.values[0]
+        # the true distance over that of the odometry
+        self.distance = _Gains([1.0], [config.scale], config.change)
+        # the true turn over that of the odometry; the turn per distance of a path that is straight by it [rad/m]
+        self.turn = _Gains([1.0, 0.0], [config.scale, config.curvature], config.change)
+        # how far the lidar is ahead of where the recording says, seen from the wheels' axle [m]
+        self.offset = _Gains([0.0], [config.lidar_offset], config.change)
 
     def corrected(self, motion: Pose) -> Pose:
         """An increment of the odometry with its systematic errors removed."""
-        x, y, turn = motion
+        (x, y, turn), (scale,), (offset,) = motion, self.distance.values, self.offset.values
+        turn_scale, curvature = self.turn.values
         # the axle's distance is rescaled, and bent along half of the turn that is added
-        bend = self.turn_scale * turn + self.curvature * x - turn
-        cos, sin, turn = self.scale * math.cos(bend / 2), self.scale * math.sin(bend / 2), turn + bend
-        offset = self.lidar_offset
+        bend = turn_scale * turn + curvature * x - turn
+        cos, sin, turn = scale * math.cos(bend / 2), scale * math.sin(bend / 2), turn + bend
         x, y = cos * x - sin * y, sin * x + cos * y
         return x + offset * (math.cos(turn) - 1), y + offset * math.sin(turn), turn
 
@@ -83,11 +66,11 @@ class OdometryCalibration:
         # Noise in the regressor dilutes a slope (errors in variables): in a straight corridor, where the odometry turns
         # by noise alone, to nothing. The turn by odometry and scan together is uncorrelated with the innovation
         noise = max(of_turn, innovation[2] ** 2 - about_turn)
-        turned = (registered[2] - about_turn / (noise + about_turn) * innovation[2]) / self.turn_scale
+        turned = (registered[2] - about_turn / (noise + about_turn) * innovation[2]) / self.turn.values[0]
         for gains, row, error, variance in (
-            (self._distance, [x], innovation[0], of_distance + about_x),
-            (self._offset, [swing], innovation[1], of_distance + about_y),
-            (self._turn, [turned, x], innovation[2], of_turn + about_turn),
+            (self.distance, [x], innovation[0], of_distance + about_x),
+            (self.offset, [swing], innovation[1], of_distance + about_y),
+            (self.turn, [turned, x], innovation[2], of_turn + about_turn),
         ):
             gains.predict(abs(x))
             gains.update(row, error, variance, c.gate)

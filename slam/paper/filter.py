@@ -15,10 +15,18 @@ from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import shortened
-from moteslam.slam.filter.certainty import FLOOR, NEIGHBOURHOOD, Certainty, certainty_of
-from moteslam.slam.filter.covariance import Symmetric, moved, plus_diagonal, symmetric
+from moteslam.slam.filter.certainty import (
+    FLOOR,
+    NEIGHBOURHOOD,
+    Certainty,
+    Misfit,
+    Symmetric,
+    certainty_of,
+    moved,
+    plus_diagonal,
+    symmetric,
+)
 from moteslam.slam.filter.history import History
-from moteslam.slam.filter.misfit import Misfit
 from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
 from moteslam.slam.filter.resampling import choose_parents
 from moteslam.slam.filter.update_policy import Travelled, magnitude, update_due
@@ -34,8 +42,7 @@ class PaperFilter(FilterDefaults):
 
     def __init__(self, config: PaperFilterConfig, seed: int) -> None:
         self._config, self._seed = config, seed
-        self._offsets_xy = np.array(config.search.offsets_xy)
-        self._offsets_theta = np.array(config.search.offsets_theta)
+        self._around = {name: np.array(offsets) for name, offsets in config.search.model_dump().items()}
         self.poses = np.zeros((config.particles, 3))  # [N, 3] of the particles at the last update
         self.weights = Weights.uniform(config.particles)  # of the particles
         self.grid = OccupancyGrid(config.map)  # the one shared map
@@ -55,8 +62,14 @@ class PaperFilter(FilterDefaults):
             return StepResult(pose, step.motion, self.weights.effective_number, 0, False, False, self._certainty())
         score, driven = 0, self._travelled.distance
         if len(self.history):
-            self._predict(step)
-            scores = self._match(step)
+            # III.3: every particle moves by the control, with noise
+            spread = prediction_noise(self._config.motion, *self._travelled)
+            sample_motion(self.poses, self._motion, spread, seed=self._seed, step=step.index)
+            self._motion, self._travelled = np.zeros(3), Travelled()
+            # section III.D.2: every particle moves to the best of its neighbourhood, of this score
+            grid = self.grid
+            found = match_poses(grid.occupied, grid.origin, grid.cell_size, self.poses, step.points, **self._around)
+            self.poses, scores = found.poses, found.scores
             self.weights = self.weights.times(self._checked(self.likelihood(scores.astype(np.float64)), scores))
             self.best_particle = self.weights.best
             score = int(scores[self.best_particle])
@@ -66,7 +79,7 @@ class PaperFilter(FilterDefaults):
         self._misfit.update(self._best)
         n_eff = self.weights.effective_number
         resampled = self._resample(step.index, n_eff)
-        self._map(self._best, step.points, step.origin)
+        self.grid.add_scan(self._best, step.points, step.origin)  # III.2
         return StepResult(self._best, step.motion, n_eff, score, True, resampled, self._certainty())
 
     def likelihood(self, scores: Array) -> Array:
@@ -102,20 +115,7 @@ class PaperFilter(FilterDefaults):
         self.poses = se2.compose(self._best, se2.between(last, self.poses))
         self.grid = OccupancyGrid(self._config.map)
         for pose, update in zip(poses, updates, strict=True):
-            self._map(pose, scans.points(int(update)), scans.origin)
-
-    def _predict(self, step: Step) -> None:
-        """III.3: every particle moves by the control, with noise."""
-        spread = prediction_noise(self._config.motion, *self._travelled)
-        sample_motion(self.poses, self._motion, spread, seed=self._seed, step=step.index)
-        self._motion, self._travelled = np.zeros(3), Travelled()
-
-    def _match(self, step: Step) -> NDArray[np.int32]:
-        """Section III.D.2: every particle moves to the best of its neighbourhood, of this score [N]."""
-        grid, around = self.grid, {"offsets_xy": self._offsets_xy, "offsets_theta": self._offsets_theta}
-        found = match_poses(grid.occupied, grid.origin, grid.cell_size, self.poses, step.points, **around)
-        self.poses = found.poses
-        return found.scores
+            self.grid.add_scan(pose, scans.points(int(update)), scans.origin)
 
     def _resample(self, step: int, n_eff: float) -> bool:
         """Section III.D.3: where few particles carry the weight, draw them anew in proportion to it."""
@@ -132,10 +132,6 @@ class PaperFilter(FilterDefaults):
 
     def _certainty(self) -> Certainty:
         return certainty_of(self._covariance.value, math.nan, self._misfit.probability)
-
-    def _map(self, pose: Array, points: NDArray[np.float32], origin: Array) -> None:
-        """III.2: the best particle's scan goes into the map."""
-        self.grid.add_scan(se2.transform_points(pose, origin), se2.transform_points(pose, points))
 
 
 def prediction_noise(noise: MotionNoise, distance: float, rotation: float, elapsed: float) -> NDArray[np.float64]:

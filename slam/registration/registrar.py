@@ -1,4 +1,7 @@
-"""Registration of scans to TSDFs by Gauss-Newton, coarse to fine, with the odometry as a loose prior."""
+"""Registration of scans to TSDFs by Gauss-Newton, coarse to fine, with the odometry as a loose prior.
+
+And its information, by what its own residuals are, and the motions that the endpoints do not bind.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels import registration as kernel
-from moteslam.kernels.gauss_newton import Kept
-from moteslam.kernels.registration import RegistrationOptions, register_scans
+from moteslam.kernels.gauss_newton import LEAST_INFORMATION, LEAST_RATIO, MOST_NOISE, NOISE_RATIO, RIDGE, Kept
+from moteslam.kernels.gauss_newton import keep_predictions as kept
+from moteslam.kernels.registration import LIKELIHOODS, RegistrationOptions, register_scans
 from moteslam.robot.se2 import Array, Pose, as_pose
-from moteslam.slam.mapping.config import LOST_DISTANCE, RESOLVED, TsdfConfig
+from moteslam.slam.mapping.config import LOST_DISTANCE, TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView
-from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig
 
 Points = NDArray[np.float32]
@@ -36,10 +39,10 @@ class Registration(NamedTuple):
 
     def of(self, which: int) -> Fitted:
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.information[which].tolist()
-        known, likelihood, crossed = (float(a[which]) for a in (self.known, self.likelihoods, self.crossed))
-        offset, information = as_pose(self.offsets[which]), (xx, xy, xt, yy, yt, tt)
-        cost, free, far = float(self.costs[which]), as_pose(self.free[which]), float(self.far[which])
-        return Fitted(offset, information, known, likelihood, crossed, cost, free, far)
+        offset, free, information = as_pose(self.offsets[which]), as_pose(self.free[which]), (xx, xy, xt, yy, yt, tt)
+        several = self.costs, self.known, self.likelihoods, self.crossed, self.far
+        cost, known, likelihood, crossed, far = (float(values[which]) for values in several)
+        return Fitted(offset, information, cost, known, likelihood, crossed, free, far)
 
     def at(self, which: int) -> Registration:
         """One of them, as of one particle."""
@@ -48,12 +51,9 @@ class Registration(NamedTuple):
     @classmethod
     def one(cls, fitted: Fitted) -> Registration:
         """Of one particle: what ``of`` took out, without ``means``."""
-        information = np.array(fitted.information)[FULL].reshape(1, 3, 3)
-        cost, known, likelihood, crossed, far = np.array(
-            ((fitted.cost,), (fitted.known,), (fitted.likelihood,), (fitted.crossed,), (fitted.far,))
-        )
-        offset, free = np.array((fitted.offset,)), np.array((fitted.free,))
-        return cls(offset, information, cost, known, likelihood, crossed, free, far, np.zeros((1, 3)))
+        columns = [np.array((each,)) for each in (*fitted, (0.0, 0.0, 0.0))]
+        columns[1] = columns[1][:, FULL].reshape(1, 3, 3)
+        return cls(*columns)
 
 
 def register(
@@ -72,13 +72,12 @@ def register(
 ) -> Registration:
     """Register one scan to the TSDF of every particle, or from many starts to that of one.
 
+    Its points [k, 2], and where its rays start [2], are in the robot's frame [m].
+
     Args:
-        predicted: [N, 3] poses by the odometry.
-        spread: [3] standard deviation of that prediction.
-        points: [k, 2] of the scan in the robot's frame [m].
-        origin: [2] where its rays start, in the same frame [m].
-        starts: [N, 3] offsets from the predicted poses to begin at.
-        means: [N, 3] means of the prior on the offsets; zeros by default.
+        predicted: [N, 3] poses by the odometry, of standard deviation ``spread`` [3].
+        starts: [N, 3] offsets from these to begin at.
+        means: [N, 3] of the prior on the offsets; zeros by default.
         keep: keep the odometry along degenerate directions, as ``keep_odometry`` does.
         deviation: of the odometry along these [m]; by default that of the prediction.
     """
@@ -107,10 +106,10 @@ class Fitted(NamedTuple):
 
     offset: Pose
     information: tuple[float, float, float, float, float, float]  # the elements xx, xy, xt, yy, yt, tt; t is theta
+    cost: float
     known: float
     likelihood: float
     crossed: float
-    cost: float
     free: Pose
     far: float
 
@@ -138,7 +137,7 @@ def register_one(
     x, y, theta, xx, xy, xt, yy, yt, tt, cost, known, likelihood, crossed = found[: kernel.CROSSED + 1]
     free_x, free_y, free_turn = found[kernel.FREE]
     offset, information, free = (x, y, theta), (xx, xy, xt, yy, yt, tt), (free_x, free_y, free_turn)
-    return Fitted(offset, information, known, likelihood / max(known, 1), crossed, cost, free, found[kernel.FAR])
+    return Fitted(offset, information, cost, known, likelihood / max(known, 1), crossed, free, found[kernel.FAR])
 
 
 def options_of(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOptions:
@@ -152,11 +151,11 @@ def prior_deviations(config: RegistrationConfig, distance: float, rotation: floa
 
     The rotation is the sum of absolute turns [rad]; what odometry did not measure was extrapolated.
     """
-    forward, left, turn = odometry_error(config, distance, rotation)
+    place = config.translation + config.translation_from_translation * distance
+    turn = config.rotation + config.rotation_from_rotation * rotation
     if not measured:
-        forward, left = forward + config.extrapolated_translation, left + config.extrapolated_translation
-        turn += config.extrapolated_rotation
-    return forward, left, turn
+        place, turn = place + config.extrapolated_translation, turn + config.extrapolated_rotation
+    return place, place, turn
 
 
 def prior_spread(config: RegistrationConfig, distance: float, rotation: float, *, measured: bool = True) -> Array:
@@ -164,17 +163,103 @@ def prior_spread(config: RegistrationConfig, distance: float, rotation: float, *
     return np.array(prior_deviations(config, distance, rotation, measured=measured))
 
 
-def deviation_of_way(spread: Array, config: RegistrationConfig) -> float:
-    """What ``prior_spread`` has for the way alone [m]; at rest, what a map resolves.
-
-    Along bare walls the errors of a map pull the same way at every update, and at each as far as odometry lets them:
-    with what the prior has at rest the farther, the more updates there are.
-    """
-    return max(float(spread[0]) - config.translation, RESOLVED[0])
-
-
 def subsample(points: Points, most: int) -> Points:
     """At most this many of the points, evenly chosen."""
     if len(points) <= most:
         return points
     return points[np.linspace(0, len(points) - 1, most).astype(np.intp)]
+
+
+UPPER = [0, 1, 2, 4, 5, 8]  # The upper triangle of a 3 x 3 matrix, of its elements row by row
+
+
+def residual_variance(likelihood: float, config: RegistrationConfig) -> float:
+    """The variance of the endpoints' residuals by their mean likelihood, in squares of ``config.residual``.
+
+    It is no setting: with normal residuals of variance t^2 the mean of exp(-(r / width)^2 / 2) is
+    1 / sqrt(1 + (t / width)^2).
+    """
+    mean = min(max(likelihood, LIKELIHOODS[0]), LIKELIHOODS[1])
+    return config.likelihood_width**2 * (1 / mean**2 - 1)
+
+
+def measured_information(found: Registration, which: int, config: RegistrationConfig, correlation: float) -> Array:
+    """The information [3, 3] of one registration, about its offset, by the variance of its own residuals.
+
+    Neighbouring endpoints err alike: ``correlation`` of them count as one.
+    """
+    variance = residual_variance(float(found.likelihoods[which]), config)
+    return np.asarray(found.information[which] / (variance * correlation))
+
+
+def least_informed(information: Array) -> tuple[Array, Array]:
+    """The direction in the plane that information [N, 3, 3] of poses (x, y, theta) is least along.
+
+    Returns [N] the ratio of the information along it to that across it, and [N, 2] the direction as a unit vector.
+    """
+    xx, xy, yy = information[:, 0, 0], information[:, 0, 1], information[:, 1, 1]
+    middle, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    most = np.arctan2(2 * xy, xx - yy) / 2
+    along = np.empty((len(most), 2))
+    along[:, 0], along[:, 1] = -np.sin(most), np.cos(most)
+    return (middle - half) / np.maximum(middle + half, 1e-9), along
+
+
+def least_bound_turn(
+    information: Array, means: Array, variances: Array, errors: Array, config: RegistrationConfig
+) -> tuple[Array, Array]:
+    """The turn that changes the endpoints' distances least, and how much they know of it: as ``keep_predictions``.
+
+    Args:
+        information: [N, 3, 3] of the pose (x, y, theta).
+        means: [N, 3] of the endpoints' x, y, x^2 + y^2 from the robot, in the axes of the information [m, m^2].
+        variances: [N] of the residuals, in squares of standard ones.
+        errors: [N] along the direction that is bound least [m]: where they are large a turn does not move along it.
+
+    Returns [N, 3] how the robot moves in a turn of a radian; [N] 1 where it is bound, 0 where that is noise of the
+    slopes.
+    """
+    ratio, along = least_informed(information)
+    weight = 1 / (1 + np.square(errors / config.translation))
+    total = np.maximum(information[:, 0, 0] + information[:, 1, 1], LEAST_INFORMATION)
+    least = total * np.maximum(ratio, 0.0) / (1 + ratio)
+    across = np.column_stack((along[:, 1], -along[:, 0]))
+    pull, push = ((information[:, :2, 2] * way).sum(axis=1) for way in (along, across))
+    turn = np.ones((len(information), 3))
+    turn[:, :2] = -(weight * pull / (least + RIDGE * total))[:, None] * along
+    turn[:, :2] -= (push / (total - least + RIDGE * total))[:, None] * across
+    x, y, _ = turn.T
+    lever = np.maximum(means[:, 2] + x * x + y * y + 2 * (y * means[:, 0] - x * means[:, 1]), LEAST_INFORMATION)
+    known = np.einsum("ni,nij,nj->n", turn, information, turn) / (total * lever)
+    return turn, np.clip(2 * known / (NOISE_RATIO * np.minimum(variances, MOST_NOISE)) - 2, 0.0, 1.0)
+
+
+def keep_odometry(found: Registration, spread: Array, config: RegistrationConfig) -> Registration:
+    """What registration found, with odometry of a ``spread`` [3] kept along what the endpoints do not bind.
+
+    See ``keep_predictions``.
+    """
+    upper = found.information.reshape(-1, 9)[:, UPPER]
+    offsets, information = kept(found.offsets, upper, found.means, Kept(float(spread[0]), config.degenerate))
+    return found._replace(offsets=offsets, information=information[:, FULL].reshape(-1, 3, 3))
+
+
+def less_where_unbound(information: Array, found: Registration, which: int, config: RegistrationConfig) -> Array:
+    """Information [3, 3] of a registration with its errors along the motions that the endpoints bind least.
+
+    Along bare walls, and for turns in a round room, it is wrong by errors of the map, not by the endpoints' noise: by
+    as much as ``keep_predictions`` has it.
+    """
+    seen = found.at(which)
+    (ratio,), (along,) = least_informed(seen.information)
+    variance = residual_variance(float(seen.likelihoods[0]), config)
+    error = config.degenerate * variance / max(float(ratio), LEAST_RATIO)
+    if error:
+        known = information @ np.append(along, 0.0)
+        information = information - np.outer(known, known) / (1 / error**2 + known[:2] @ along)
+        (turn,), (bound,) = least_bound_turn(
+            seen.information, seen.means, np.array([variance]), np.array([error]), config
+        )
+        known = information @ turn
+        information = information - (1 - bound) * np.outer(known, known) / max(float(known @ turn), LEAST_INFORMATION)
+    return np.asarray(information)

@@ -15,9 +15,7 @@ from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import SearchConfig
-from moteslam.slam.registration.registrar import Registration, subsample
-
-Points = NDArray[np.float32]
+from moteslam.slam.registration.registrar import Points, Registration, subsample
 
 CROSSING = 0.3  # What a ray through a surface costs [endpoints]: little, since doors open and people walk
 LEAST_KNOWN = 0.3  # A place that knows less of the endpoints than another counts as if it knew this share of them

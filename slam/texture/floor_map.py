@@ -1,4 +1,4 @@
-"""The coloured map of the floor: section III.E of the paper, along any trajectory.
+"""The coloured map of the floor: section III.E of the paper, along any trajectory; and its parameters.
 
 Frames are read one after the other and added to the cells; what is held does not grow with their number.
 """
@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
 from moteslam.errors import InputError
 from moteslam.robot import rgbd, se2
@@ -18,8 +20,23 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.rgbd import CameraFrame, FrameCount, camera_frames, has_images
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import Issue, Summarised, counted
-from moteslam.slam.texture.config import TextureConfig
+from moteslam.robot.values import Issue, NotNegative, Number, Section, Summarised, Truth, counted
+
+
+class TextureConfig(Section):
+    """The coloured map of the floor (section III.E of the paper), made of a recording that has camera images."""
+
+    enabled: Truth = True  # Make one where there are images
+    cell_size: Annotated[Number, Field(ge=0.005, le=1.0)] = 0.05  # Of the coloured map [m]
+    height_limit: Number = 0.1  # Points at or above it are not floor [m]; the paper's 0.1
+    # Points deeper than this are left out [m]: the error of a depth grows with its square
+    max_depth: Annotated[Number, Field(gt=0, le=100)] = 8.0
+    interval: NotNegative = 0.1  # Shortest time between two frames that are used [s]; 0 uses all
+    largest_gap: NotNegative = 0.05  # Between the colour and the disparity image of a frame [s]
+    # Take what is near the floor to lie on it, where its ray meets a flat floor, whatever its depth; the paper takes
+    # the depth
+    flat: Truth = False
+
 
 MAX_CELLS = 40_000_000  # Of the sums, 32 bytes each
 BEYOND_ENDS = 0.1  # Frames this long before the first or after the last pose still get that pose [s]

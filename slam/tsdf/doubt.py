@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from moteslam.slam.filter.certainty import LocalisationState, state_of
-from moteslam.slam.filter.misfit import DOUBTFUL_DROP, LOST_DROP, Scores
-from moteslam.slam.registration.evidence import CORRELATION
+from moteslam.slam.filter.certainty import DOUBTFUL_DROP, LOST_DROP, LocalisationState, Scores, state_of
+from moteslam.slam.registration.localisation import CORRELATION
 
 PRIOR = -6.0  # The log-odds that a pose is wrong of which nothing is known: one in 400
 FIRST, MOST = 4.0, 1.5

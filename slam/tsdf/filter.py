@@ -47,7 +47,6 @@ class TsdfFilter(FilterDefaults):
 
     @property
     def poses(self) -> Array:
-        """[N, 3] of the particles at the last update."""
         return self._particles.poses
 
     @property
@@ -163,12 +162,10 @@ class TsdfFilter(FilterDefaults):
         """Look for a robot that is lost in the map that it had."""
         if self._relocation is None:
             return
-        frame = self._relocation.search(self._particles.best_pose, scan.points)
-        if frame is None:
-            return
-        path, before = self.history.path(self.best_particle), self._relocation.updates
-        self._relocated = np.vstack((path[:before], se2.compose(frame, path[before:])))
-        self._relocation = None
+        if (frame := self._relocation.search(self._particles.best_pose, scan.points)) is not None:
+            path, before = self.history.path(self.best_particle), self._relocation.updates
+            self._relocated = np.vstack((path[:before], se2.compose(frame, path[before:])))
+            self._relocation = None
 
     def _track(self, step: Step, scan: ThinnedScan) -> Tracked:
         """Predict the motion since the last scan, and register the scan to the best particle's map."""
@@ -193,8 +190,7 @@ class TsdfFilter(FilterDefaults):
             return proposal
         particles = self._particles
         particles.weights = particles.weights.times_log(proposal.log_likelihood)
-        refined = self._floor.refine(proposal, self._since, particles.best)
-        if refined is not None:
+        if (refined := self._floor.refine(proposal, self._since, particles.best)) is not None:
             proposal = refined
             particles.weights = particles.weights.times_log(proposal.log_likelihood)
         particles.best = particles.weights.best
@@ -218,25 +214,23 @@ class TsdfFilter(FilterDefaults):
 
     def _sample(self, step: Step, proposal: Proposal) -> None:
         """Draw every particle's pose from its proposal."""
-        n = len(self._particles)
-        if n == 1:  # the best one, which is not drawn
-            self._particles.move_to(proposal.means)
-            return
-        normals = generator_for(self._seed, step.index, Draws.PROPOSAL).standard_normal((n, 3))
-        self._particles.move_to(sample(proposal, normals, self._config.proposal, best=self.best_particle))
+        n, poses = len(self._particles), proposal.means
+        if n > 1:  # else the best one, which is not drawn
+            normals = generator_for(self._seed, step.index, Draws.PROPOSAL).standard_normal((n, 3))
+            poses = sample(proposal, normals, self._config.proposal, best=self.best_particle)
+        self._particles.move_to(poses)
 
     def _map(self, scan: ThinnedScan, proposal: Proposal) -> None:
         """Write the scan, and the floor, into the maps; count motion from here on."""
-        self._particles.join()
+        particles, c = self._particles, self._config.proposal
+        particles.join()
         if proposal.registered:
-            self._particles.integrate(scan)
+            particles.maps.integrate(particles.poses, scan)
             self._covariance.mapped()
-        self._floor.integrate(self._particles, self._since)
-        self._tracker.pose = as_pose(self._particles.best_pose)
+        self._floor.integrate(particles, self._since)
+        self._tracker.pose = as_pose(particles.best_pose)
         self._since = MotionSinceUpdate()
-        self._mode_mean = as_pose(
-            self._particles.mode_mean(self._config.proposal.mode_distance, self._config.proposal.mode_rotation)
-        )
+        self._mode_mean = as_pose(particles.mode_mean(c.mode_distance, c.mode_rotation))
 
     def _certainty(self) -> Certainty:
         wrong = max(self._doubt.probability, WRONG_WHILE_LOST if self.lost else 0.0)

@@ -13,18 +13,17 @@ map that took in what is compared with it would follow its own errors. Older one
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
-from moteslam.slam.inputs.floor_views import FloorView
-from moteslam.slam.texture.config import TextureConfig
+from moteslam.slam.inputs.camera import FloorView
 from moteslam.slam.texture.floor_map import (
     FloorPatch,
+    TextureConfig,
     TextureMap,
     TextureMapper,
     colour_errors,
@@ -39,13 +38,6 @@ from moteslam.slam.tsdf.proposal import Proposal
 FLAT = 1e-6  # Curvatures below this say nothing
 
 
-class FloorFit(NamedTuple):
-    """What the floor says of where the particles are."""
-
-    offsets: Array  # [N, 3] from each particle's pose to where the floor puts it, in the frame of that pose; no turn
-    information: Array  # [3, 3] of that: the inverse of a covariance, zero where it says nothing
-
-
 @dataclass(eq=False)
 class _FloorMap:
     """A map of the floor and where it was begun."""
@@ -53,14 +45,7 @@ class _FloorMap:
     mapper: TextureMapper  # in the frame of the anchor
     anchors: Array  # [N, 3] of the particles
     distance: float = 0.0  # driven since [m]
-    known: tuple[TextureMap, NDArray[np.int32]] | None = field(default=None)
-
-    def lookup(self) -> tuple[TextureMap, NDArray[np.int32]]:
-        """The map as it stands, and packed."""
-        if self.known is None:
-            texture = self.mapper.snapshot()
-            self.known = texture, packed_map(texture)
-        return self.known
+    known: tuple[TextureMap, NDArray[np.int32]] | None = None  # as it stands, and packed, once it was asked for
 
 
 def _square(steps: int, step: float) -> Array:
@@ -111,17 +96,16 @@ class FloorLikelihood:
             return None
         registered = se2.compose(since.odometry, proposal.offsets[best])
         self._view = self._view.corrected(np.array(since.wheels), registered, since.travelled.elapsed)
-        fit = self.fit(self._view, proposal.means, best)
-        if fit is None:
+        if (fit := self.fit(self._view, proposal.means, best)) is None:
             return None
         lidar = proposal.precision(self._share)
-        gain = np.linalg.solve(lidar + fit.information, np.broadcast_to(fit.information, lidar.shape))
-        inside = fit.information - fit.information @ gain
-        off = fit.offsets
+        off, information = fit
+        gain = np.linalg.solve(lidar + information, np.broadcast_to(information, lidar.shape))
+        inside = information - information @ gain
         return replace(
             proposal,
             offsets=se2.compose(proposal.offsets, np.einsum("nij,nj->ni", gain, off)),
-            information=proposal.information + fit.information / self._share,
+            information=proposal.information + information / self._share,
             position_share=1.0,  # the floor tells particles apart where the lidar does not
             log_likelihood=-0.5 * np.einsum("ni,nij,nj->n", off, inside, off),
         )
@@ -133,29 +117,27 @@ class FloorLikelihood:
             self.add(self._view, particles.poses, particles.best, self._since_frame)
             self._since_frame = 0.0
 
-    def fit(self, view: FloorView, poses: Array, best: int) -> FloorFit | None:
-        """Where the floor puts the particles.
-
-        ``poses``: [N, 3] where the lidar puts them, at the scan.
+    def fit(self, view: FloorView, poses: Array, best: int) -> tuple[Array, Array] | None:
+        """Where the floor puts the particles, which the lidar puts at poses [N, 3] at the scan.
 
         Returns:
-            None if the frame does not lie on known floor, where it fits nowhere within reach, or where it looks the
-            same everywhere.
+            [N, 3] the offsets from each pose to there, in its frame, without a turn; and their information [3, 3], zero
+            where the floor says nothing. None if the frame does not lie on known floor, where it fits nowhere within
+            reach, or where it looks the same everywhere.
         """
         if not self._maps:
             return None
         target = self._maps[0]
         moved = se2.between(target.anchors, poses)
         patch = floor_patch(view.frame, view.mount, self._flat(view), max_depth=self._config.max_depth)
-        found = self._search(patch, target, moved[best], view.place)
-        if found is None:
+        if (found := self._search(patch, target, moved[best], view.place)) is None:
             return None
         shift, information = found
         offsets = se2.between(moved, se2.compose(moved[best], np.append(shift, 0.0)))
         offsets[:, 2] = 0.0
         whole = np.zeros((3, 3))
         whole[:2, :2] = information
-        return FloorFit(offsets, whole)
+        return offsets, whole
 
     def add(self, view: FloorView, poses: Array, best: int, travelled: float) -> None:
         """Write a frame into the newest map along the best particle's motion, or begin the next with it.
@@ -185,8 +167,10 @@ class FloorLikelihood:
 
     def _search(self, patch: FloorPatch, target: _FloorMap, moved: Array, place: Array) -> tuple[Array, Array] | None:
         """The shift [2] of a motion [3] that fits best, in its frame, and its information [2, 2]."""
-        texture, packed = target.lookup()
-        c = self._config
+        if target.known is None:
+            snapshot = target.mapper.snapshot()
+            target.known = snapshot, packed_map(snapshot)
+        (texture, packed), c = target.known, self._config
 
         def log_likelihood(shifts: Array) -> tuple[Array, NDArray[np.int64]]:
             turned = np.column_stack((shifts, np.zeros(len(shifts))))
@@ -205,8 +189,7 @@ class FloorLikelihood:
         fine = _square(around, c.fine_step)
         values, _ = log_likelihood(start + fine)
         centre = fine[values.argmax()]
-        found = _peak(fine, values)
-        if found is None:
+        if (found := _peak(fine, values)) is None:
             return None
         shift, information = found
         shift = np.clip(shift, centre - c.fine_step * around, centre + c.fine_step * around)

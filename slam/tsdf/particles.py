@@ -144,10 +144,6 @@ class Particles:
         self.poses = poses
         self.history.append(poses)
 
-    def integrate(self, scan: ThinnedScan) -> None:
-        """Average a scan into every particle's TSDF from its pose."""
-        self.maps.integrate(self.poses, scan)
-
 
 def _rank_at_place(path: Array) -> NDArray[np.intp]:
     """How many poses before it [u] each of a path [u, 3] has in its square of ``PLACE`` and its sector."""

@@ -11,11 +11,18 @@ import math
 from typing import NamedTuple
 
 from moteslam.robot.se2 import Pose
-from moteslam.slam.filter.certainty import FLOOR, NEIGHBOURHOOD
-from moteslam.slam.filter.covariance import Symmetric, inverse, moved, plus, plus_diagonal, sandwiched
+from moteslam.slam.filter.certainty import (
+    FLOOR,
+    NEIGHBOURHOOD,
+    Symmetric,
+    inverse,
+    moved,
+    plus,
+    plus_diagonal,
+    sandwiched,
+)
 from moteslam.slam.registration.config import RegistrationConfig
-from moteslam.slam.registration.information import residual_variance
-from moteslam.slam.registration.registrar import Spread, prior_deviations
+from moteslam.slam.registration.registrar import Spread, prior_deviations, residual_variance
 from moteslam.slam.tsdf.doubt import ScanFit
 from moteslam.slam.tsdf.motion import StepMotion
 

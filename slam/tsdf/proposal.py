@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
-from moteslam.slam.odometry.noise import odometry_error
+from moteslam.slam.mapping.config import RESOLVED
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.evidence import proved
-from moteslam.slam.registration.registrar import deviation_of_way, prior_spread, register, subsample
+from moteslam.slam.registration.localisation import proved
+from moteslam.slam.registration.registrar import prior_spread, register, subsample
 from moteslam.slam.tsdf.config import ProposalConfig
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
 from moteslam.slam.tsdf.particles import Particles
@@ -69,11 +69,8 @@ def propose(
 ) -> Proposal:
     """Register a scan to every particle's map.
 
-    Args:
-        origin: [2] where its rays start.
-        tracking: the fewest points of a scan that is registered, and what speaks against it far from the odometry.
-        measured: whether odometry measured the last step: then only the endpoints' evidence overrules it.
-        places: [N, 3] where each looks for the robot, from where the tracked motion leads it; by default there.
+    Its rays start at an origin [2]. If odometry ``measured`` the last step only the endpoints' evidence overrules it.
+    ``places``: [N, 3] where each looks for the robot, from where the tracked motion leads it; by default there.
     """
     n, travelled = len(particles), since.travelled
     predicted = se2.compose(particles.poses, since.odometry)
@@ -81,14 +78,17 @@ def propose(
         away = places.any(axis=1)
         starts = se2.compose(se2.compose(particles.poses[away], since.tracked), places[away])
         predicted[away] = se2.compose(starts, se2.between(since.tracked, since.odometry))
-    spread = np.array(odometry_error(config, travelled.distance, travelled.rotation))
+    place = config.translation + config.translation_from_translation * travelled.distance
+    spread = np.array((place, place, config.rotation + config.rotation_from_rotation * travelled.rotation))
     if len(scan.points) < tracking.min_points:
         zeros, nothing = np.zeros(n), np.zeros((n, 3, 3))
         return Proposal(predicted, nothing[..., 0], nothing, spread, config.sampled_share, False, zeros, zeros)
     drift = prior_spread(registration, travelled.distance, travelled.rotation, measured=measured)
     starts = np.array((se2.between_one(since.odometry, since.tracked),) * n)
     points = subsample(scan.points, registration.max_points)
-    along = deviation_of_way(drift, registration)
+    # along bare walls the errors of a map pull the same way at every update, and at each as far as odometry lets them:
+    # with what the prior has at rest the farther, the more updates there are
+    along = max(float(drift[0]) - registration.translation, RESOLVED[0])
     found = register(
         particles.maps.all(), predicted, drift, points, origin, starts, registration, keep=True, deviation=along
     )

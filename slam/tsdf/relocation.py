@@ -8,7 +8,6 @@ scans, finds the robot at the same place.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.robot import se2
@@ -16,10 +15,8 @@ from moteslam.robot.se2 import Array
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
 from moteslam.slam.registration.localisation import BENT
-from moteslam.slam.registration.registrar import Registration, register, subsample
+from moteslam.slam.registration.registrar import Points, Registration, register, subsample
 from moteslam.slam.registration.search import Window, candidates, is_elsewhere, runner_up, shares
-
-Points = NDArray[np.float32]
 
 QUERY = 4.0  # Path of the scans that are searched for together [m]
 FIRST_LOOK, APART = 2.0, 1.0
@@ -90,12 +87,11 @@ class Relocation:
             self._next_whole = self._driven + metres
             place, _ = self._search(pose, np.array([*(low + high) / 2, 0.0]), half) if half[:2].all() else (None, 0.0)
         before, self._found = self._found, None
-        if place is None:
-            return None
-        self._found = se2.compose(place, se2.between(pose, np.zeros(3)))
-        if before is None:
-            return None
-        return None if is_elsewhere(se2.between(se2.compose(before, pose), place)) else self._found
+        if place is not None:
+            self._found = se2.compose(place, se2.between(pose, np.zeros(3)))
+            if before is not None and not is_elsewhere(se2.between(se2.compose(before, pose), place)):
+                return self._found
+        return None
 
     def revise(self, drawn: TsdfMaps) -> None:
         """Look in the old map as it was drawn anew."""

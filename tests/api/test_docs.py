@@ -16,7 +16,7 @@ from pydantic import BaseModel
 import moteslam
 from moteslam.eval.cli import main
 from moteslam.sim.scenario import load_scenario
-from moteslam.slam.settings import load_preset, preset_names
+from moteslam.slam.config import load_preset, preset_names
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])

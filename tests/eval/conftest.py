@@ -74,8 +74,8 @@ def simulated_folder(simulation, tmp_path_factory: pytest.TempPathFactory) -> Pa
 def run(simulation, taichi):
     """SLAM over it, and the map at its stages."""
     from moteslam.eval.report.maps import Snapshot, keep_map
+    from moteslam.slam.config import resolve_config
     from moteslam.slam.online import OnlineSlam
-    from moteslam.slam.settings import resolve_config
 
     session = OnlineSlam.over(simulation.recording, resolve_config(settings=["particles=10"]), seed=1)
     snapshots: list[Snapshot] = []

@@ -12,8 +12,8 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.recording import Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
-from moteslam.slam.run import run_slam
-from moteslam.slam.settings import resolve_config
+from moteslam.slam.config import resolve_config
+from moteslam.slam.online import run_slam
 
 FACTOR = 1.3
 TAIL = 1.4

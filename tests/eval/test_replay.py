@@ -29,9 +29,9 @@ from moteslam.sim.logged import with_odometry
 from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import Simulation, simulate
-from moteslam.slam.odometry.dead_reckoning import dead_reckon
-from moteslam.slam.run import run_slam
-from moteslam.slam.settings import resolve_config
+from moteslam.slam.config import resolve_config
+from moteslam.slam.inputs.synchronise import dead_reckon
+from moteslam.slam.online import run_slam
 
 SCANS = 60
 

@@ -41,11 +41,10 @@ from moteslam.robot.trajectories.text import read_g2o, read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.output import write_simulation
 from moteslam.sim.simulate import simulate
-from moteslam.slam.backend.ledger import LoopCandidate
-from moteslam.slam.backend.protocol import BackendConfig, NoBackendConfig
+from moteslam.slam.backend.protocol import BackendConfig, LoopCandidate, NoBackendConfig
+from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
-from moteslam.slam.settings import resolve_config
 
 
 def test_what_is_written_is_what_was_estimated(run, simulation, tmp_path: Path) -> None:

@@ -12,8 +12,7 @@ from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, LidarStream, Recording
 from moteslam.sim.logged import key_scans, with_odometry, with_odometry_noise
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.synchronise import synchronise
-from moteslam.slam.odometry.dead_reckoning import dead_reckon
+from moteslam.slam.inputs.synchronise import dead_reckon, synchronise
 
 PAPER = SyncConfig(method="nearest", low_pass_hz=10.0)
 COUNT, TRACK = UCSD.wheels.metres_per_count, UCSD.wheels.effective_track

@@ -13,10 +13,10 @@ from slam_messages import cut, jumping, logged, sparse_corridor
 
 from moteslam.robot.formats import open_recording
 from moteslam.robot.recording import OdometryStream, Recording
+from moteslam.slam.config import resolve_config
 from moteslam.slam.inputs.step import Step, steps
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.online import OnlineSlam
-from moteslam.slam.settings import resolve_config
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from moteslam.errors import ConfigError
-from moteslam.slam.config import ParticleFilterConfig, SlamConfig
+from moteslam.slam.config import ParticleFilterConfig, SlamConfig, load_preset, preset_names, resolve_config
 from moteslam.slam.paper.config import PaperFilterConfig
-from moteslam.slam.settings import load_preset, preset_names, resolve_config
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 
 

@@ -18,8 +18,7 @@ from moteslam.slam.estimate import Estimate
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import jumps
 from moteslam.slam.inputs.step import steps
-from moteslam.slam.inputs.synchronise import synchronise, warnings
-from moteslam.slam.odometry.dead_reckoning import dead_reckon
+from moteslam.slam.inputs.synchronise import dead_reckon, synchronise, warnings
 from moteslam.slam.tsdf.tracking import extrapolated
 
 pytestmark = pytest.mark.usefixtures("taichi")

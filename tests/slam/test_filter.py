@@ -13,16 +13,15 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.kernels.matching import match_poses
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
+from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import LONGEST, Estimate, preview_png
 from moteslam.slam.filter.history import History
 from moteslam.slam.inputs.step import Step, steps
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.mapping.config import TsdfConfig
-from moteslam.slam.online import OnlineSlam
+from moteslam.slam.online import OnlineSlam, run_slam
 from moteslam.slam.paper.config import PaperFilterConfig
 from moteslam.slam.paper.filter import PaperFilter
-from moteslam.slam.run import run_slam
-from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.particles import Particles
 
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -17,15 +17,14 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.recording import OdometryStream, Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
+from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.live import LiveInputs
 from moteslam.slam.inputs.odometry_path import KEPT, MOST_KEPT, OdometryReadings
-from moteslam.slam.odometry.dead_reckoning import dead_reckon
-from moteslam.slam.online import OnlineSlam
-from moteslam.slam.run import run_slam
-from moteslam.slam.settings import resolve_config
+from moteslam.slam.inputs.synchronise import dead_reckon
+from moteslam.slam.online import OnlineSlam, run_slam
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

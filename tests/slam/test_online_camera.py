@@ -12,11 +12,9 @@ from slam_rooms import tiled_room
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.recording import Recording
 from moteslam.robot.rgbd import depth_of
-from moteslam.slam.config import SlamConfig
+from moteslam.slam.config import SlamConfig, resolve_config
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.online import OnlineSlam
-from moteslam.slam.run import run_slam
-from moteslam.slam.settings import resolve_config
+from moteslam.slam.online import OnlineSlam, run_slam
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

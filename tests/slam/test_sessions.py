@@ -14,13 +14,12 @@ from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.backend.building import Building, Session
-from moteslam.slam.backend.graph.measured_chain import MeasuredChain
-from moteslam.slam.backend.graph.pose_graph import Edges
+from moteslam.slam.backend.graph.pose_graph import Edges, MeasuredChain
+from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.known_map.path_search import find_path
+from moteslam.slam.known_map.search import find_path
 from moteslam.slam.mapping.config import MapConfig
 from moteslam.slam.sessions import go_on, joined
-from moteslam.slam.settings import resolve_config
 
 ROOM = [((-4, -3), (4, -3)), ((4, -3), (4, 3)), ((4, 3), (-4, 3)), ((-4, 3), (-4, -3)), ((-4, -1), (-3, -1))]
 NO_LOOPS = Edges(*np.zeros((2, 0), np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, bool))

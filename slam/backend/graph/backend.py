@@ -1,9 +1,14 @@
-"""The back end ``graph``: chain, loops, pose graph, joint registration."""
+"""The back end ``graph``: chain, loops, pose graph, joint registration.
+
+And how it binds a session to a building: by loops between them, with the same proofs as within one session.
+"""
 
 from __future__ import annotations
 
 from array import array
+from collections.abc import Sequence
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +16,16 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array, umeyama
 from moteslam.robot.values import Issue, counted
-from moteslam.slam.backend.building import Measured, between_known
+from moteslam.slam.backend.building import Building, Measured, between_known
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.joint import Endpoints, cells_along, register_jointly, sharpness
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
-from moteslam.slam.backend.graph.loop_graph import BoundGraph, LoopGraph, checked
-from moteslam.slam.backend.graph.measured_chain import CONTRADICTED
-from moteslam.slam.backend.graph.nodes import Nodes
-from moteslam.slam.backend.ledger import LoopCandidate
-from moteslam.slam.backend.protocol import BackendKind, KeyScan
+from moteslam.slam.backend.graph.loop_graph import BoundGraph, LoopGraph, Pair, checked
+from moteslam.slam.backend.graph.loop_search import Loop
+from moteslam.slam.backend.graph.nodes import MAX_RANGE, Nodes
+from moteslam.slam.backend.graph.pose_graph import CONTRADICTED
+from moteslam.slam.backend.protocol import BackendKind, KeyScan, LoopCandidate
+from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION
 from moteslam.slam.rows import Rows
 
 OFF, WELL_GROWN = 0.05, 1.25
@@ -85,8 +91,6 @@ class GraphBackend:
         """Whether there are enough nodes where the key scan before the latest was taken; it goes with the nearest."""
         here, c = self._path.values[-2], self._config
         away = np.hypot(self._placed[:, 0] - here[0], self._placed[:, 1] - here[1])
-        if (away < c.distance).sum() < c.crowd:
-            return False
         near = (away < c.distance) & (np.abs(se2.wrap(self._placed[:, 2] - here[2])) < c.rotation)
         if near.sum() < c.crowd:
             return False
@@ -113,7 +117,8 @@ class GraphBackend:
         """The corrected path of all key scans where a new loop is off by enough, and the map is sharper after it."""
         graph, updates, path = closing.graph, np.array(self._nodes.updates), self._path.values
         placed = path[updates]
-        off, grown = graph.misfit(closing.news, placed), graph.driven / max(self._corrected, 1.0)
+        driven, off = graph.submaps.driven, graph.misfit(closing.news, placed)
+        grown = driven / max(self._corrected, 1.0)
         if off < OFF or grown < (GROWN if off > CLEARLY_OFF else WELL_GROWN):
             return None
         graph.solve()
@@ -123,7 +128,7 @@ class GraphBackend:
         moved = np.hypot(*(poses[:, :2] - placed[:, :2]).T).max()
         better = moved < FARTHEST * off + SLACK and graph.misfit(closing.news, poses) < off
         better = better and sharpness(endpoints, poses) < sharpness(endpoints, placed)
-        self._corrected = graph.driven
+        self._corrected = driven
         closing.news.clear()
         if not better:
             return None
@@ -176,11 +181,8 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
     """The path that is nearest to what was measured, of those that draw about as few cells as any.
 
     Candidates are, in this order, the joint registrations that begin at the graph as measured, at the corrected graph
-    and at the filter's path, then these three themselves. A later one is taken only where its map is clearly sharper.
-
-    Args:
-        graph: of n nodes, as it was solved last; solved as measured afterwards.
-        filtered: [n, 3] by the filter, with the corrections while it drove.
+    and at the filter's path [n, 3], with the corrections while it drove, then these three themselves. A later one is
+    taken only where its map is clearly sharper. The graph is solved as measured afterwards.
 
     Returns [n, 3] poses, and whether the graph's measurements led there rather than the filter's path.
     """
@@ -212,19 +214,14 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
 def contradictions(
     graph: LoopGraph, poses: Array, loops: tuple[LoopCandidate, ...], *, measured: bool
 ) -> tuple[Issue, ...]:
-    """What the final poses [n, 3] contradict of what the graph measured.
-
-    Args:
-        loops: the ledger as the poses confirm it.
-        measured: whether the graph's measurements led there.
+    """What the final poses [n, 3], which confirm the ``loops``, contradict of what the graph ``measured``, if it led
+    there.
     """
     issues, stamps = [], graph.nodes.stamps
     if not measured and any(loop.accepted for loop in graph.ledger):
         known, kept = (sum(loop.accepted for loop in ledger) for ledger in (graph.ledger, loops))
-        text = (
-            "the final path follows from the filter's, whose map is clearly sharper than the graph's: it confirms "
-            f"{kept} of {counted(known, 'loop')}"
-        )
+        text = "the final path follows from the filter's, whose map is clearly sharper than the graph's: it confirms "
+        text += f"{kept} of {counted(known, 'loop')}"
         issues.append(Issue("graph-left", text, known - kept))
     off, deviations = graph.measured.errors(poses)
     far = (np.abs(off) > CONTRADICTED * deviations).any(axis=1)
@@ -232,11 +229,9 @@ def contradictions(
         size = np.hypot(off[:, 0], off[:, 1]) + np.abs(off[:, 2])
         worst = int(np.where(far, size, -1.0).argmax())
         distance, turn = float(np.hypot(*off[worst, :2])), abs(float(np.degrees(off[worst, 2])))
-        text = (
-            f"the final path contradicts odometry and registration by over {CONTRADICTED:g} standard deviations in "
-            f"{counted(int(far.sum()), 'step')}, most from {stamps[worst]:.2f} to {stamps[worst + 1]:.2f} s, by "
-            f"{distance:.2f} m and {turn:.1f} degrees: the map may be bent there"
-        )
+        text = f"the final path contradicts odometry and registration by over {CONTRADICTED:g} standard deviations in "
+        text += f"{counted(int(far.sum()), 'step')}, most from {stamps[worst]:.2f} to {stamps[worst + 1]:.2f} s, by "
+        text += f"{distance:.2f} m and {turn:.1f} degrees: the map may be bent there"
         issues.append(Issue("step-contradicted", text, int(far.sum())))
     return tuple(issues)
 
@@ -263,3 +258,66 @@ def _ends(poses: Array) -> Array:
 
 
 GRAPH = BackendKind(GraphConfig, GraphBackend)  # The kind that `backend.method = "graph"` chooses
+
+
+SEARCHED = np.diag(np.square([1 / LOST_DISTANCE, 1 / LOST_DISTANCE, 1 / LOST_ROTATION]))
+"""Information of the place that was searched for: it is wrong where it is off by more."""
+LEAST_LOOPS = 2  # Loops that bind two sessions, at least: what one says another one confirms
+
+
+def bind(building: Building, session: Building, node: int, pose: Array, config: GraphConfig) -> Building | None:
+    """A session, in a frame of its own, bound to a building, whose frame stays; None where no loops prove that it
+    belongs.
+
+    Its node seems to lie at a pose [3] in the frame of the building.
+    """
+    n, own = int(building.firsts[-1]), session.poses
+    both = building.plus(session.at(se2.compose(pose, se2.between(own[node], own))))
+    graph = _graph_of(both, config)
+    near = int(np.argmin(np.hypot(*(both.poses[:n, :2] - pose[:2]).T)))
+    place = near, n + node
+    graph.enter(place, _as_known(place, se2.between(both.poses[near], pose), SEARCHED))
+    LoopClosing(graph, config, since=n).close(n + node)
+    del graph.loops[place]
+    graph.solve()
+    if len(_between(_accepted(graph, graph.ledger), n)) < LEAST_LOOPS:
+        return None
+    final, _ = sharpest(graph, graph.poses, config)
+    final = laid_over(final, building.poses)
+    kept = _accepted(graph, checked(graph.ledger, graph.nodes, final))
+    if len(_between(kept, n)) < LEAST_LOOPS:
+        return None
+    return replace(both.at(final), loops=graph.edges_of(kept))
+
+
+def _graph_of(building: Building, config: GraphConfig) -> BoundGraph:
+    """The graph of a building, at its poses."""
+    nodes = Nodes(config)
+    for session in building.sessions:
+        nodes.scans += session.thinned(config.thinning, MAX_RANGE)
+        nodes.stamps += session.stamps[session.nodes].tolist()
+    nodes.indices = nodes.updates = list(range(len(nodes.scans)))
+    graph = BoundGraph(nodes, building.chain, config)
+    graph.submaps.follow(building.chain.steps, (building.firsts[1:-1] - 1).tolist())
+    loops = building.loops
+    pairs = zip(loops.first.tolist(), loops.second.tolist(), strict=True)
+    for pair, relative, information in zip(pairs, loops.relative, loops.information, strict=True):
+        graph.enter(pair, _as_known(pair, relative, information))
+    graph.register(building.poses)
+    return graph
+
+
+def _as_known(pair: Pair, relative: Array, information: Array) -> Loop:
+    """A loop that was proved before."""
+    known = LoopCandidate(*pair, (0.0, 0.0), relative, relative, (0.0, 0.0), verdict="accepted")
+    return Loop(known, information)
+
+
+def _accepted(graph: BoundGraph, ledger: Sequence[LoopCandidate]) -> list[Pair]:
+    """The loops that a ledger of the graph accepts."""
+    return [pair for pair, candidate in zip(graph.loops, ledger, strict=True) if candidate.accepted]
+
+
+def _between(pairs: Sequence[Pair], n: int) -> list[Pair]:
+    """Those that bind nodes before number n to later ones."""
+    return [pair for pair in pairs if pair[0] < n <= pair[1]]

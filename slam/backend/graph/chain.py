@@ -6,17 +6,14 @@ odometry, which only evidence overrules.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.measured_chain import MeasuredChain
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.odometry_model import OdometryModel, fit_odometry, turned_aside
+from moteslam.slam.backend.graph.pose_graph import MeasuredChain
 from moteslam.slam.backend.graph.step_registration import Prediction, RegisteredStep, StepRegistration
 from moteslam.slam.mapping.config import RESOLVED
 from moteslam.slam.registration.registrar import prior_spread
@@ -42,7 +39,8 @@ class Chain:
         self._raw: list[Prediction] = []
         self._predicted: list[Prediction] = []
         self._model: OdometryModel | None = None
-        self._fused = _Fused([], [])
+        self._steps: list[Array] = []  # registration, odometry and the filter together: [3] each, ...
+        self._covariance: list[Array] = []  # ... and [3, 3]
         self._begin()
         self.fits = 0  # how often all steps changed, since the odometry's errors were fitted anew
 
@@ -52,12 +50,12 @@ class Chain:
     @property
     def steps(self) -> Array:
         """[n - 1, 3] in the frames where they begin."""
-        return np.array(self._fused.steps).reshape(-1, 3)
+        return np.array(self._steps).reshape(-1, 3)
 
     @property
     def covariance(self) -> Array:
         """[n - 1, 3, 3] of them, in the frames where they end."""
-        return np.array(self._fused.covariance).reshape(-1, 3, 3)
+        return np.array(self._covariance).reshape(-1, 3, 3)
 
     @property
     def measured(self) -> MeasuredChain:
@@ -76,21 +74,16 @@ class Chain:
         turned = se2.compose(np.column_stack((np.zeros((len(off), 2)), off / 2)), predicted)
         predicted = np.column_stack((turned[:, :2], found[:, 2]))
         known = np.array([_deviations(each.information) for each in self._proved]).reshape(-1, 3)
-        doubted, overruled = (
-            _differs(found, predicted, most * np.hypot(spread, known)).any(axis=1) for most in (DOUBTED, AGREEING)
-        )
+        apart, both = np.abs(se2.between(found, predicted)), np.hypot(spread, known)
+        doubted, overruled = ((apart >= most * both).any(axis=1) for most in (DOUBTED, AGREEING))
         unregistered = np.array([not each.information.any() for each in self._proved], bool)
         steps[overruled] = predicted[overruled]
         wide = np.square(spread) + np.square(se2.between(steps, predicted))  # 0 apart where it is the odometry's
         covariance[doubted] = wide[doubted][:, None] * np.eye(3)
         return MeasuredChain(self.steps, self.covariance, steps, covariance, doubted | unregistered)
 
-    def last(self) -> tuple[Array, Array]:
-        """The latest step [3] and its covariance [3, 3]."""
-        return self._fused.steps[-1], self._fused.covariance[-1]
-
-    def add(self) -> None:
-        """Register the latest node to those before it."""
+    def add(self) -> Array:
+        """Register the latest node to those before it; the step [3] to it."""
         k = len(self) + 1
         self._raw.append(self._unregistered(k))
         if len(self) <= FITS[-1]:
@@ -99,6 +92,7 @@ class Chain:
             self.fit()
         if len(self._proved) < len(self):
             self._register(k)
+        return self._steps[-1]
 
     def settle(self) -> None:
         """Fit the odometry's errors at the end and register the nodes anew, unless the errors are known well."""
@@ -131,7 +125,7 @@ class Chain:
         if plainly:
             self._plainly = StepRegistration(scan, origin, self._config, proved=False)
         self._provenly = StepRegistration(scan, origin, self._config, proved=True)
-        self._proved, self._predicted, self._fused = [], [], _Fused([], [])
+        self._proved, self._predicted, self._steps, self._covariance = [], [], [], []
 
     def _unregistered(self, k: int) -> Prediction:
         """A step by the recorded odometry; what it leaves open is taken from the filter, loosely."""
@@ -162,15 +156,9 @@ class Chain:
         between = self._nodes.updates[k] - self._nodes.updates[k - 1] - 1
         self._predicted.append(predicted)
         self._proved.append(found)
-        for values, value in zip(self._fused, _fuse(found, predicted, between), strict=True):
-            values.append(value)
-
-
-class _Fused(NamedTuple):
-    """Of every step: [3], and its covariance [3, 3]."""
-
-    steps: list[Array]
-    covariance: list[Array]
+        step, covariance = _fuse(found, predicted, between)
+        self._steps.append(step)
+        self._covariance.append(covariance)
 
 
 def _same(before: list[Prediction], after: list[Prediction]) -> bool:
@@ -183,18 +171,13 @@ def _same(before: list[Prediction], after: list[Prediction]) -> bool:
     )
 
 
-def _differs(found: Array, predicted: Array, most: Array) -> NDArray[np.bool_]:
-    """[..., 3] whether registered steps are off the odometry by more than ``most``, each [..., 3]."""
-    return np.asarray(np.abs(se2.between(found, predicted)) >= most)
-
-
 def _deviations(information: Array) -> Array:
     """The standard deviations [3] of a step of this information [3, 3]."""
     return np.asarray(np.sqrt(np.diagonal(np.linalg.inv(information + LEAST_INFORMATION * np.eye(3)))))
 
 
 def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[Array, Array]:
-    """Registration, odometry and the filter's step together, weighted by their information: see ``_Fused``.
+    """Registration, odometry and the filter's step together, weighted by their information: [3], covariance [3, 3].
 
     Between two nodes of a dense recording the filter has registered the key scans between them, too: its step knows as
     many times what one registration does. Where it contradicts the registration, it may have closed a loop.
@@ -202,8 +185,7 @@ def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[A
     off = se2.between(found.step, predicted.step)
     # where the registration overruled the odometry this says nothing
     spread = np.hypot(predicted.spread, _deviations(found.information))
-    overruled = _differs(found.step, predicted.step, AGREEING * spread)
-    weights = np.where(overruled, 0.0, 1 / np.square(predicted.spread))
+    weights = np.where(np.abs(off) >= AGREEING * spread, 0.0, 1 / np.square(predicted.spread))
     covariance = np.linalg.inv(found.information + np.diag(weights) + LEAST_INFORMATION * np.eye(3))
     step = se2.compose(found.step, covariance @ (weights * off))
     off = se2.between(step, predicted.filtered)

@@ -22,12 +22,8 @@ from moteslam.robot import se2
 from moteslam.robot.raster import cell_counts
 from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.measured_chain import MeasuredChain
-from moteslam.slam.backend.graph.pose_graph import BlockSystem, relative_jacobians
-from moteslam.slam.registration.information import least_bound_turn, least_informed
-from moteslam.slam.registration.registrar import FULL
-
-Indices = NDArray[np.intp]
+from moteslam.slam.backend.graph.pose_graph import BlockSystem, Indices, MeasuredChain, relative_jacobians
+from moteslam.slam.registration.registrar import FULL, least_bound_turn, least_informed
 
 LEAST_RESIDUAL = 0.003  # Standard deviation of the endpoints' distances to lines, at least [m]; the rest is measured
 LEAST_INLIERS = 0.2  # Of the weights, in the estimate of that variance
@@ -73,13 +69,10 @@ class Endpoints(NamedTuple):
         """Those of some scans [m], which rise; numbered anew."""
         if len(scans) == len(self.starts) - 1:
             return self
-        counts = np.diff(self.starts)
-        wanted = np.zeros(len(counts), bool)
-        wanted[scans] = True
-        kept = wanted[self.owners]
-        starts = np.r_[0, np.cumsum(counts[scans])].astype(np.int32)
-        owners = np.repeat(np.arange(len(scans)), counts[scans]).astype(np.int32)
-        return Endpoints(self.points[kept], self.normals[kept], starts, owners)
+        counts = np.diff(self.starts)[scans]
+        kept = np.isin(self.owners, scans)
+        owners = np.repeat(np.arange(len(scans)), counts).astype(np.int32)
+        return Endpoints(self.points[kept], self.normals[kept], np.r_[0, np.cumsum(counts)].astype(np.int32), owners)
 
     def placed(self, poses: Array) -> tuple[Array, Array]:
         """Points and normals [p, 2] in the map frame."""
@@ -173,6 +166,14 @@ def choose_partners(endpoints: Endpoints, poses: Array, most: int, held: NDArray
     return partners
 
 
+class _Steps(NamedTuple):
+    before: Indices  # [s] the scans that each leads from
+    after: Indices  # [s] and to
+    measured: Array  # [s, 3]
+    information: Array  # [s, 3, 3] of them
+    doubted: NDArray[np.bool_]  # [s] which may be far off: these have heavy tails
+
+
 class _Problem:
     """The normal equations of the scans that are ``moving`` [n]: with their partners int32 [n, k], and the ends of
     their steps.
@@ -226,94 +227,75 @@ class _Problem:
         information = self._weight / (variance * self._config.correlation)
         sums = information * pairs[self._first, self._slots]
         blocks, right = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
-        by_pair = _add_pairs(poses, self._first, self._second, sums, variance, self._config, blocks, right)
-        by_step = _add_steps(poses, self._steps, blocks, right)
+        by_pair = self._add_pairs(poses, sums, variance, blocks, right)
+        by_step = self._add_steps(poses, blocks, right)
         between = np.concatenate((by_pair, by_step))[self._inner]
         return self._system.solve(blocks[self._moving], between, -right[self._moving])
 
+    def _add_pairs(self, poses: Array, sums: Array, variance: float, blocks: Array, right: Array) -> Array:
+        """Add the matches of all pairs of scans to the blocks [n, 3, 3] and the right side [n, 3] of the system.
 
-class _Steps(NamedTuple):
-    before: Indices  # [s] the scans that each leads from
-    after: Indices  # [s] and to
-    measured: Array  # [s, 3]
-    information: Array  # [s, 3, 3] of them
-    doubted: NDArray[np.bool_]  # [s] which may be far off: these have heavy tails
+        Between bare walls the errors of the normals pull along them. So what the matches of a pair say along their
+        least informed direction has an offset of unknown size besides, whose standard deviation grows with how little
+        they rest on, as in ``keep_odometry``; it is eliminated. All pairs of scans that see the same walls may have the
+        same one: as many as one of them has partners, squared.
 
+        The sums [e, PAIR] are of ``accumulate``, times the information of an endpoint, whose distance to its line has a
+        variance [m^2]. Returns the blocks [e, 3, 3] between the scans.
+        """
+        information, gradient = sums[:, FULL].reshape(-1, 3, 3), sums[:, 6:9].copy()
+        registration, first, second = self._config.registration, self._first, self._second
+        ratio, along = least_informed(information)
+        along = np.column_stack((along, np.zeros(len(along))))
+        variances = np.full(len(information), variance / registration.residual**2)
+        deviation = registration.degenerate * variance / registration.residual**2 / np.maximum(ratio, 1e-9)
+        unknown = np.square(np.bincount(first)[first] * deviation)
+        weights = np.maximum(information[:, 0, 0] + information[:, 1, 1], LEAST_INFORMATION)  # normals have length 1
+        means = sums[:, 9:] / weights[:, None]
+        turn, bound = least_bound_turn(information, means, variances, np.sqrt(unknown), registration)
+        moved = _turned(information, along)
+        share = unknown / (1 + unknown * (along * moved).sum(axis=1))
+        gradient -= (share * (along * gradient).sum(axis=1))[:, None] * moved
+        information -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
+        best = np.zeros(len(poses))
+        np.maximum.at(best, first, bound)  # a turn that one pair of a scan binds is bound
+        bound = best[first]
+        loose = bound < 1
+        if loose.any():
+            turn = turn[loose]
+            moved = _turned(information[loose], turn)
+            share = (1 - bound[loose]) / np.maximum((turn * moved).sum(axis=1), LEAST_INFORMATION)
+            gradient[loose] -= (share * (turn * gradient[loose]).sum(axis=1))[:, None] * moved
+            information[loose] -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
+        off = poses[first, :2] - poses[second, :2]
+        about = np.repeat(np.eye(3)[None], len(off), axis=0)
+        about[:, 0, 2], about[:, 1, 2] = -off[:, 1], off[:, 0]
+        between = -information @ about
+        np.add.at(blocks, first, information)
+        np.add.at(blocks, second, -np.swapaxes(about, 1, 2) @ between)
+        np.add.at(right, first, gradient)
+        np.add.at(right, second, -_turned(np.swapaxes(about, 1, 2), gradient))
+        return np.asarray(between)
 
-def _add_pairs(
-    poses: Array,
-    first: Indices,
-    second: Indices,
-    sums: Array,
-    variance: float,
-    config: GraphConfig,
-    blocks: Array,
-    right: Array,
-) -> Array:
-    """Add the matches of all pairs of scans to the system, ``blocks`` and ``right``; returns the blocks [e, 3, 3]
-    between them.
+    def _add_steps(self, poses: Array, blocks: Array, right: Array) -> Array:
+        """Add the steps of the chain likewise; returns the blocks [s, 3, 3] between their ends.
 
-    Between bare walls the errors of the normals pull along them. So what the matches of a pair say along their least
-    informed direction has an offset of unknown size besides, whose standard deviation grows with how little they rest
-    on, as in ``keep_odometry``; it is eliminated. All pairs of scans that see the same walls may have the same one: as
-    many as one of them has partners, squared.
-
-    The endpoints of the scans ``first`` [e] are held to ``second``; the ``sums`` [e, PAIR] are of ``accumulate``, times
-    the information of an endpoint, whose distance to its line has a ``variance`` [m^2].
-    """
-    information, gradient = sums[:, FULL].reshape(-1, 3, 3), sums[:, 6:9].copy()
-    registration = config.registration
-    ratio, along = least_informed(information)
-    along = np.column_stack((along, np.zeros(len(along))))
-    variances = np.full(len(information), variance / registration.residual**2)
-    deviation = registration.degenerate * variance / registration.residual**2 / np.maximum(ratio, 1e-9)
-    unknown = np.square(np.bincount(first)[first] * deviation)
-    weights = np.maximum(information[:, 0, 0] + information[:, 1, 1], LEAST_INFORMATION)  # normals have length 1
-    means = sums[:, 9:] / weights[:, None]
-    turn, bound = least_bound_turn(information, means, variances, np.sqrt(unknown), registration)
-    moved = _turned(information, along)
-    share = unknown / (1 + unknown * (along * moved).sum(axis=1))
-    gradient -= (share * (along * gradient).sum(axis=1))[:, None] * moved
-    information -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
-    best = np.zeros(len(poses))
-    np.maximum.at(best, first, bound)  # a turn that one pair of a scan binds is bound
-    bound = best[first]
-    loose = bound < 1
-    if loose.any():
-        turn = turn[loose]
-        moved = _turned(information[loose], turn)
-        share = (1 - bound[loose]) / np.maximum((turn * moved).sum(axis=1), LEAST_INFORMATION)
-        gradient[loose] -= (share * (turn * gradient[loose]).sum(axis=1))[:, None] * moved
-        information[loose] -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
-    off = poses[first, :2] - poses[second, :2]
-    about = np.repeat(np.eye(3)[None], len(off), axis=0)
-    about[:, 0, 2], about[:, 1, 2] = -off[:, 1], off[:, 0]
-    between = -information @ about
-    np.add.at(blocks, first, information)
-    np.add.at(blocks, second, -np.swapaxes(about, 1, 2) @ between)
-    np.add.at(right, first, gradient)
-    np.add.at(right, second, -_turned(np.swapaxes(about, 1, 2), gradient))
-    return np.asarray(between)
+        Each scan is before at most one, and after at most one.
+        """
+        steps = self._steps
+        before, after = poses[steps.before], poses[steps.after]
+        off = se2.between(steps.measured, se2.between(before, after))
+        squares = np.einsum("ni,nij,nj->n", off, steps.information, off)
+        information = steps.information / (1 + steps.doubted * squares / SLIP**2)[:, None, None]
+        first, second = relative_jacobians(before, after, steps.measured[:, 2])
+        weighted_first, weighted_second = information @ first, information @ second
+        blocks[steps.before] += np.swapaxes(first, 1, 2) @ weighted_first
+        blocks[steps.after] += np.swapaxes(second, 1, 2) @ weighted_second
+        right[steps.before] += np.einsum("eki,ek->ei", weighted_first, off)
+        right[steps.after] += np.einsum("eki,ek->ei", weighted_second, off)
+        return np.asarray(np.swapaxes(first, 1, 2) @ weighted_second)
 
 
 def _turned(matrices: Array, vectors: Array) -> Array:
     """Matrices [e, 3, 3] times vectors [e, 3]."""
     return np.asarray((matrices @ vectors[..., None])[..., 0])
-
-
-def _add_steps(poses: Array, steps: _Steps, blocks: Array, right: Array) -> Array:
-    """Add steps of the chain to the blocks [n, 3, 3] and the right side [n, 3] of the system at poses [n, 3].
-
-    Each scan is before at most one, and after at most one. Returns the blocks [s, 3, 3] between their ends.
-    """
-    before, after = poses[steps.before], poses[steps.after]
-    off = se2.between(steps.measured, se2.between(before, after))
-    squares = np.einsum("ni,nij,nj->n", off, steps.information, off)
-    information = steps.information / (1 + steps.doubted * squares / SLIP**2)[:, None, None]
-    first, second = relative_jacobians(before, after, steps.measured[:, 2])
-    weighted_first, weighted_second = information @ first, information @ second
-    blocks[steps.before] += np.swapaxes(first, 1, 2) @ weighted_first
-    blocks[steps.after] += np.swapaxes(second, 1, 2) @ weighted_second
-    right[steps.before] += np.einsum("eki,ek->ei", weighted_first, off)
-    right[steps.after] += np.einsum("eki,ek->ei", weighted_second, off)
-    return np.asarray(np.swapaxes(first, 1, 2) @ weighted_second)

@@ -100,9 +100,7 @@ class LoopClosing(Generic[G]):
         if not before.any():
             return False
         accepted, deviation = False, c.first_deviation
-        covariance = graph.relative(query)
-        position = _largest_deviations(covariance)
-        reachable, cost = self._reachable(query, covariance)
+        covariance, position, reachable, cost = self._reachable(query)
         while True:
             near = before & reachable & (position < deviation)
             found = []
@@ -114,25 +112,27 @@ class LoopClosing(Generic[G]):
                 accepted = True
                 if graph.misfit(found, graph.poses) > SOLVED:
                     graph.solve()
-                covariance = graph.relative(query)
-                position = _largest_deviations(covariance)
-                reachable, cost = self._reachable(query, covariance)
+                covariance, position, reachable, cost = self._reachable(query)
             if deviation > position.max(where=before & reachable, initial=0.0):
                 return accepted
             deviation *= 2
 
-    def _reachable(self, query: int, covariance: Array) -> tuple[NDArray[np.bool_], Array]:
-        """Which nodes [n] may show the same walls as one, and the cost [n] of that.
+    def _reachable(self, query: int) -> tuple[Array, Array, NDArray[np.bool_], Array]:
+        """The covariance [n, 3, 3] of a node's pose as seen from all, in its frame, and the standard deviations [n] of
+        the positions along the direction where they are largest [m]; which nodes [n] may show the same walls, and the
+        cost [n] of that.
 
         They are within the window of where it may be, and ``config.loops.near``; the cost is the negative logarithm of
-        the density that they are in one place. ``covariance`` [n, 3, 3] is of its pose as seen from all, in its frame.
+        the density that they are in one place.
         """
         poses, near = self.graph.poses, (self._config.loops.near / WINDOW_DEVIATIONS) ** 2
+        covariance = self.graph.relative(query)
+        position = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[:, :2, :2])[:, 1], 0.0))
         x, y = se2.between(poses[query], poses)[:, :2].T
         xx, xy, yy = covariance[:, 0, 0] + near, covariance[:, 0, 1], covariance[:, 1, 1] + near
         determinant = xx * yy - xy * xy
         squares = (yy * x * x - 2 * xy * x * y + xx * y * y) / determinant
-        return squares < WINDOW_DEVIATIONS**2, (squares + np.log(determinant)) / 2
+        return covariance, position, squares < WINDOW_DEVIATIONS**2, (squares + np.log(determinant)) / 2
 
     def _try(self, submap: int, query: int, covariance: Array) -> list[Pair]:
         """Search one pair, unless its passage was, from about the same prediction; the pair if that found a loop."""
@@ -156,13 +156,12 @@ class LoopClosing(Generic[G]):
                 return []
         cost = float(window.places * MAX_SEARCH_POINTS)
         if cost > CHEAP:
-            if self._looked_up + cost > LOOKUPS_PER_METRE * graph.driven:
+            if self._looked_up + cost > LOOKUPS_PER_METRE * graph.submaps.driven:
                 if known is None:
                     graph.enter(pair, self._search.unsearched(submap, query, predicted, window))
                 return []
             self._looked_up += cost
-        found = self._search.match(submap, query, predicted, spread)
-        if found is None:
+        if (found := self._search.match(submap, query, predicted, spread)) is None:
             return []
         if last is None:
             self._searched.setdefault(query, []).append(submap)
@@ -194,11 +193,6 @@ class LoopClosing(Generic[G]):
             candidate = replace(loop.candidate, runner_up=second, verdict="ambiguous")
             graph.enter(pair, loop._replace(candidate=candidate))
         return bool(rivals.any())
-
-
-def _largest_deviations(covariance: Array) -> Array:
-    """The standard deviations [n] of positions along the direction where they are largest, of [n, 3, 3] [m]."""
-    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[:, :2, :2])[:, 1], 0.0)))
 
 
 def _passages(near: NDArray[np.intp], cost: Array) -> list[int]:

@@ -12,12 +12,10 @@ from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.loop_search import Loop
-from moteslam.slam.backend.graph.measured_chain import MeasuredChain
+from moteslam.slam.backend.graph.loop_search import Loop, Submaps
 from moteslam.slam.backend.graph.nodes import Nodes
-from moteslam.slam.backend.graph.pose_graph import Edges, solve
-from moteslam.slam.backend.graph.submaps import Submaps
-from moteslam.slam.backend.ledger import LoopCandidate, Verdict
+from moteslam.slam.backend.graph.pose_graph import Edges, MeasuredChain, solve
+from moteslam.slam.backend.protocol import LoopCandidate, Verdict
 
 Pair = tuple[int, int]  # Two nodes, the earlier first
 
@@ -35,10 +33,8 @@ class Uncertainty:
     made, so that place and heading err together: after a long way out and back the robot is at one side of where it
     should be if it is turned one way, and at the other if it is turned the other way.
 
-    Args:
-        poses: [n, 3] of the nodes.
-        first, second: [e] the nodes that each edge binds; where a pair is bound more than once the surest counts.
-        covariance: [e, 3, 3] of the edges, in the frame of the second node.
+    Nodes have poses [n, 3]; each edge binds two of them, ``first`` and ``second`` [e], with a covariance [e, 3, 3] in
+    the frame of the second. Where a pair is bound more than once the surest counts.
     """
 
     def __init__(self, poses: Array, first: NDArray[np.intp], second: NDArray[np.intp], covariance: Array) -> None:
@@ -105,11 +101,6 @@ class BoundGraph:
     def measured(self) -> MeasuredChain:
         """The steps, as a joint registration is to keep them, too."""
         return self._steps if isinstance(self._steps, MeasuredChain) else self._steps.measured
-
-    @property
-    def driven(self) -> float:
-        """Length of the path [m]."""
-        return self.submaps.driven
 
     @property
     def ledger(self) -> tuple[LoopCandidate, ...]:
@@ -196,11 +187,10 @@ class LoopGraph(BoundGraph):
         self._fits = 0  # of the chain, as taken in
 
     def extend(self) -> None:
-        self.chain.add()
+        step = self.chain.add()
         if self.chain.fits != self._fits:
             self._refit()
             return
-        step, _ = self.chain.last()
         self.submaps.extend(step)
         self.poses = np.vstack((self.poses, se2.compose(self.poses[-1], step)))
         self._uncertainty = None

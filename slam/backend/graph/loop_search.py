@@ -1,5 +1,6 @@
 """Looking for one node's surroundings in another node's submap, and what proves that they are the same place.
 
+A submap is the scans of some neighbouring nodes in one TSDF, and as one set of endpoints that is searched for in it.
 A query of some metres of path is searched for on a lattice (Olson 2009), the best places are registered, and the best
 of these must have enough endpoints on surfaces, no rival half a metre off, and lie within what the relative covariance
 allows.
@@ -7,25 +8,97 @@ allows.
 
 from __future__ import annotations
 
+from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import Nodes
-from moteslam.slam.backend.graph.submaps import Submaps
-from moteslam.slam.backend.ledger import LoopCandidate, Verdict
-from moteslam.slam.mapping.tsdf import TsdfView
+from moteslam.slam.backend.protocol import LoopCandidate, Verdict
+from moteslam.slam.mapping.tsdf import TsdfMaps, TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
-from moteslam.slam.registration.information import keep_odometry, measured_information
-from moteslam.slam.registration.registrar import Registration, register, subsample
+from moteslam.slam.registration.registrar import (
+    Points,
+    Registration,
+    keep_odometry,
+    measured_information,
+    register,
+    subsample,
+)
 from moteslam.slam.registration.search import Window, candidates, runner_up, shares
 
-Points = NDArray[np.float32]
+MAP_NODES, QUERY_NODES = 12, 6  # Of a submap and of a query, at most: where the robot turns many lie close together
+SPACING = 0.1  # Endpoints of a query are at least about this far apart [m]
+MAX_POINTS = 400  # Endpoints of a query, at most
+BETWEEN = 1e4  # Sessions are this far apart along the path [m]: no submap reaches from one into the next
+CACHED = 64  # TSDFs of submaps that are kept, those used last: about half a megabyte each, those of wide windows more
+
+
+class Submaps:
+    """The submaps around the nodes, built when they are asked for; nodes lie in them as the chain has them."""
+
+    def __init__(self, nodes: Nodes, config: GraphConfig) -> None:
+        self._nodes, self._config = nodes, config
+        self.poses, self.path = np.zeros((1, 3)), np.zeros(1)  # [n, 3] of the chain; [n] driven up to each [m]
+        self._gaps = 0
+        self._maps: OrderedDict[tuple[int, int], TsdfMaps] = OrderedDict()
+
+    @property
+    def driven(self) -> float:
+        """Length of the path [m]."""
+        return float(self.path[-1]) - BETWEEN * self._gaps
+
+    def follow(self, steps: Array, gaps: Sequence[int] = ()) -> None:
+        """Lay the nodes along the chain anew, by its steps [n - 1, 3], of which ``gaps`` lie between two sessions."""
+        self.poses = np.vstack((np.zeros(3), se2.accumulate(steps)))
+        lengths = np.hypot(steps[:, 0], steps[:, 1])
+        lengths[list(gaps)] = BETWEEN
+        self._gaps = len(gaps)
+        self.path = np.r_[0.0, np.cumsum(lengths)]
+        self.forget()
+
+    def extend(self, step: Array) -> None:
+        self.poses = np.vstack((self.poses, se2.compose(self.poses[-1], step)))
+        self.path = np.append(self.path, self.path[-1] + np.hypot(*step[:2]))
+
+    def forget(self) -> None:
+        """Build the TSDFs anew when they are asked for."""
+        self._maps.clear()
+
+    def around(self, node: int, reach: float = 0.0) -> TsdfMaps:
+        """The TSDF of the nodes around one, in its frame; longer by ``reach`` to both ends, in whole metres [m]."""
+        extra = 2 * int(np.ceil(reach))
+        if (node, extra) in self._maps:
+            self._maps.move_to_end((node, extra))
+        else:
+            maps, length = TsdfMaps(self._config.tsdf), self._config.loops.submap_length
+            members = self._members(node, length + extra, round(MAP_NODES * (1 + extra / length)))
+            poses = se2.between(self.poses[node], self.poses[members])
+            maps.draw(poses, [self._nodes.scans[k] for k in members])
+            self._maps[node, extra] = maps
+            if len(self._maps) > CACHED:
+                self._maps.popitem(last=False)
+        return self._maps[node, extra]
+
+    def query(self, node: int) -> Points:
+        """The endpoints [k, 2] of the nodes around one, in its frame [m]."""
+        members = self._members(node, self._config.loops.query_length, QUERY_NODES)
+        middle, scans = self.poses[node], self._nodes.scans
+        seen = [se2.transform_points(se2.between(middle, self.poses[k]), scans[k].points) for k in members]
+        points = np.vstack(seen)
+        cells = np.floor(points / SPACING).astype(np.int64)
+        _, first = np.unique(cells, axis=0, return_index=True)
+        return subsample(points[np.sort(first)].astype(np.float32), MAX_POINTS)
+
+    def _members(self, node: int, length: float, most: int) -> list[int]:
+        near = np.flatnonzero(np.abs(self.path - self.path[node]) <= length / 2)
+        return [int(k) for k in near if abs(k - node) <= most // 2]
+
 
 RESIDUAL = 0.03  # Standard deviation of endpoints' distances to another submap's surface [m]: both bend a little
 FLOOR = np.array([0.02, 0.02, np.radians(0.3)])  # No loop is known better: [m], [m], [rad]
@@ -87,7 +160,7 @@ class LoopSearch:
         information = measured_information(kept, best, self._registration, self._config.correlation)
         error = np.linalg.inv(information + WEAKEST * np.eye(3)) + np.diag(np.square(FLOOR))
         candidate = replace(
-            self._candidate(submap, query, predicted, window),
+            self.unsearched(submap, query, predicted, window).candidate,
             found=se2.compose(predicted, kept.offsets[best]),
             share=float(places[best]),
             runner_up=second,
@@ -100,12 +173,10 @@ class LoopSearch:
 
     def unsearched(self, submap: int, query: int, predicted: Array, window: Window) -> Loop:
         """The candidate of a search that is not made."""
-        return Loop(self._candidate(submap, query, predicted, window), WEAKEST * np.eye(3))
-
-    def _candidate(self, submap: int, query: int, predicted: Array, window: Window) -> LoopCandidate:
         indices, stamps = self._nodes.indices, self._nodes.stamps
         pair, half = (indices[submap], indices[query]), (float(window.half[0]), float(window.half[2]))
-        return LoopCandidate.unsearched(*pair, (stamps[submap], stamps[query]), predicted, half)
+        candidate = LoopCandidate(*pair, (stamps[submap], stamps[query]), predicted, predicted, half)
+        return Loop(candidate, WEAKEST * np.eye(3))
 
     def window(self, covariance: Array) -> Window:
         """What is searched of a prediction of this covariance [3, 3]."""
@@ -114,7 +185,6 @@ class LoopSearch:
         return window._replace(step=WIDEST_STEP, heading_step=WIDEST_TURN) if window.places > MANY else window
 
     def _register(self, maps: TsdfView, predicted: Array, half: Array, points: Points, starts: Array) -> Registration:
-        """Register endpoints from many starts, all but free of the prediction."""
         many = np.repeat(predicted[None], len(starts), axis=0)
         return register(maps, many, LOOSE * half, points, np.zeros(2), starts, self._registration)
 

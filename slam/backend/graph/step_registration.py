@@ -18,10 +18,14 @@ from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import FEW_POINTS
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import TrackingConfig
-from moteslam.slam.registration.evidence import against, heavy_tail, nats_for
-from moteslam.slam.registration.information import less_where_unbound, measured_information
-from moteslam.slam.registration.localisation import match_score
-from moteslam.slam.registration.registrar import Registration, register, subsample
+from moteslam.slam.registration.localisation import against, heavy_tail, match_score, nats_for
+from moteslam.slam.registration.registrar import (
+    Registration,
+    less_where_unbound,
+    measured_information,
+    register,
+    subsample,
+)
 
 GATE = 4.0  # An offset of more standard deviations of the odometry must be proved
 SCORES = TrackingConfig()  # Match score and heavy tail are those of tracking
@@ -56,16 +60,17 @@ class RegisteredStep(NamedTuple):
 class StepRegistration:
     """Registers nodes one after the other, each to the TSDF of the latest ones before it.
 
-    Args:
-        scan: of the first node; origin: [2] where its rays start, in the robot's frame.
-        proved: the odometry is overruled by proof alone.
+    Rays start at an origin [2] in the robot's frame. With ``proved`` the odometry is overruled by proof alone.
     """
 
     def __init__(self, scan: ThinnedScan, origin: Array, config: GraphConfig, *, proved: bool) -> None:
         self._origin, self._config, self._proved = origin, config, proved
         self._pose = np.zeros(3)
-        self._local = _LocalMaps(config)
-        self._local.add(self._pose, scan, 0.0)
+        # two TSDFs of the latest nodes that overlap by half: one to register to, one that will follow it; with the path
+        # and the nodes before each began
+        self._maps: list[tuple[TsdfMaps, float, int]] = []
+        self._length, self._count = 0.0, 0
+        self._integrate(scan)
 
     def add(self, scan: ThinnedScan, predicted: Prediction) -> RegisteredStep:
         """Register the next node's scan, and integrate it."""
@@ -74,13 +79,14 @@ class StepRegistration:
         if len(points) >= FEW_POINTS and not predicted.open:
             found = self._registered(points, predicted)
         self._pose = se2.compose(self._pose, found.step)
-        self._local.add(self._pose, scan, float(np.hypot(*found.step[:2])))
+        self._length += float(np.hypot(*found.step[:2]))
+        self._integrate(scan)
         return found
 
     def _registered(self, points: NDArray[np.float32], predicted: Prediction) -> RegisteredStep:
         """From the odometry's prediction, turned too, and the filter's, and where need be held near the odometry's."""
         c, spread, doubt = self._config, predicted.spread, np.zeros(3)
-        maps, at = self._local.current.of(0), se2.compose(self._pose, predicted.step)
+        maps, at = self._maps[0][0].of(0), se2.compose(self._pose, predicted.step)
         loose = np.maximum(LOOSE * spread, LOOSEST) if self._proved else spread
         steps = int(min(float(loose[2]), np.pi) / BASIN) if predicted.measured else 0  # else the filter has searched
         headings = BASIN * np.arange(-steps, steps + 1)
@@ -106,30 +112,15 @@ class StepRegistration:
         information = measured_information(found, best, c.registration, c.correlation)
         return RegisteredStep(step, less_where_unbound(information, found, best, c.registration), doubt)
 
-
-class _LocalMaps:
-    """Two TSDFs of the latest nodes that overlap by half: one to register to, one that will follow it."""
-
-    def __init__(self, config: GraphConfig) -> None:
-        self._config = config
-        self._maps: list[tuple[TsdfMaps, float, int]] = []  # with the path and the nodes before each began
-        self._length, self._count = 0.0, 0
-
-    @property
-    def current(self) -> TsdfMaps:
-        """The older one."""
-        return self._maps[0][0]
-
-    def add(self, pose: Array, scan: ThinnedScan, driven: float) -> None:
-        """Integrate a node's scan, ``driven`` [m] after the node before."""
-        self._length += driven
+    def _integrate(self, scan: ThinnedScan) -> None:
+        """Integrate the latest node's scan."""
         if not self._maps or self._full(self._maps[-1], 0.5):
             self._maps.append((TsdfMaps(self._config.tsdf), self._length, self._count))
         if len(self._maps) > 1 and self._full(self._maps[0], 1.0):
             del self._maps[0]
         self._count += 1
         for maps, _, _ in self._maps:
-            maps.integrate(pose[None], scan)
+            maps.integrate(self._pose[None], scan)
 
     def _full(self, maps: tuple[TsdfMaps, float, int], share: float) -> bool:
         """Whether a map covers this share of the path, or of the nodes, that one covers at most."""

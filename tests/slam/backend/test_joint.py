@@ -14,11 +14,9 @@ from moteslam.slam.backend.graph import pose_graph
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.joint import Endpoints, choose_partners, register_jointly
-from moteslam.slam.backend.graph.loop_search import LoopSearch
-from moteslam.slam.backend.graph.measured_chain import MeasuredChain
+from moteslam.slam.backend.graph.loop_search import LoopSearch, Submaps
 from moteslam.slam.backend.graph.nodes import Nodes
-from moteslam.slam.backend.graph.pose_graph import BlockSystem
-from moteslam.slam.backend.graph.submaps import Submaps
+from moteslam.slam.backend.graph.pose_graph import BlockSystem, MeasuredChain
 from moteslam.slam.inputs.step import thin
 from moteslam.slam.registration.config import RegistrationConfig
 

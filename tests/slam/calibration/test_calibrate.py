@@ -25,7 +25,7 @@ from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
 from moteslam.slam.calibration.mended import calibrated
 from moteslam.slam.calibration.readings import with_stamps
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.odometry.dead_reckoning import dead_reckon
+from moteslam.slam.inputs.synchronise import dead_reckon
 
 Fault = Callable[[Recording], Recording]
 WORLDS = {"ucsd": "loop", "lms200": "office", "rplidar_a1": "corridor"}

@@ -6,18 +6,21 @@ import numpy as np
 import pytest
 
 from moteslam.robot import se2
-from moteslam.slam.filter import covariance as six
+from moteslam.slam.filter import certainty as six
 from moteslam.slam.filter.certainty import (
+    DOUBTFUL_DROP,
     FLOOR,
+    LEAST_SPREAD,
+    LOST_DROP,
     NEIGHBOURHOOD,
     LocalisationState,
+    Misfit,
     certainty_of,
     certainty_of_particles,
     spread,
     state_of,
     wrong_by_spread,
 )
-from moteslam.slam.filter.misfit import DOUBTFUL_DROP, LEAST_SPREAD, LOST_DROP, Misfit
 from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION
 
 SURE, DOUBTFUL, LOST = LocalisationState

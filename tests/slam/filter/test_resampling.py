@@ -4,20 +4,12 @@ import numpy as np
 import pytest
 from slam_rooms import circled_room
 
+from moteslam.slam.config import resolve_config
 from moteslam.slam.filter.history import History
-from moteslam.slam.filter.resampling import (
-    SCHEMES,
-    Draws,
-    KldConfig,
-    enough_particles,
-    generator_for,
-    particle_number,
-    resample,
-)
+from moteslam.slam.filter.resampling import SCHEMES, Draws, KldConfig, enough_particles, generator_for, particle_number
 from moteslam.slam.filter.update_policy import Travelled, UpdateConfig, update_due
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.online import OnlineSlam
-from moteslam.slam.settings import resolve_config
 
 WEIGHTS = np.array([0.02, 0.31, 0.0, 0.17, 0.5, 0.0])
 
@@ -28,7 +20,7 @@ def test_a_particle_is_drawn_in_proportion_to_its_weight(scheme: str, count: int
     draws = 4000
     counts = np.zeros(len(WEIGHTS))
     for step in range(draws):
-        parents = resample(scheme, WEIGHTS, generator_for(7, step), count)
+        parents = SCHEMES[scheme](WEIGHTS, generator_for(7, step), count)
         assert len(parents) == count
         counts += np.bincount(parents, minlength=len(WEIGHTS))
     # independent draws vary most: five of their standard deviations
@@ -42,7 +34,7 @@ def test_no_particle_is_drawn_much_too_often_or_seldom(scheme: str, margin: int 
     generator = np.random.default_rng(3)
     for step in range(200):
         weights = generator.dirichlet(np.full(40, 0.3))
-        parents = resample(scheme, weights, generator_for(1, step), 60)
+        parents = SCHEMES[scheme](weights, generator_for(1, step), 60)
         assert (np.diff(parents) >= 0).all()
         counts = np.bincount(parents, minlength=40)
         if margin is None:
@@ -55,7 +47,7 @@ def test_no_particle_is_drawn_much_too_often_or_seldom(scheme: str, margin: int 
 def test_the_same_seed_and_step_give_the_same_parents(scheme: str):
     weights = np.random.default_rng(0).dirichlet(np.ones(200))
     one, two, other_step, other_seed = (
-        resample(scheme, weights, generator_for(*key)) for key in ((4, 9), (4, 9), (4, 10), (5, 9))
+        SCHEMES[scheme](weights, generator_for(*key), 200) for key in ((4, 9), (4, 9), (4, 10), (5, 9))
     )
     np.testing.assert_array_equal(one, two)
     assert (one != other_step).any()
@@ -65,7 +57,7 @@ def test_the_same_seed_and_step_give_the_same_parents(scheme: str):
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("n", [1, 7, 49, 1000])
 def test_equal_weights_keep_every_particle(scheme: str, n: int):
-    np.testing.assert_array_equal(resample(scheme, np.full(n, 1 / n), generator_for(0, 0)), np.arange(n))
+    np.testing.assert_array_equal(SCHEMES[scheme](np.full(n, 1 / n), generator_for(0, 0), n), np.arange(n))
 
 
 def test_every_purpose_has_random_numbers_of_its_own():

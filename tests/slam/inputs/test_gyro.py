@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.gyro import HANGS, Gyro, LowPass, about_hanging
+from moteslam.slam.inputs.odometry_path import HANGS, Gyro, LowPass, about_hanging
 
 
 def test_the_low_pass_is_scipys_butterworth_whatever_comes_later():

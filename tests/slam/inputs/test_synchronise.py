@@ -12,12 +12,11 @@ from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
+from moteslam.slam.config import load_preset
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath
 from moteslam.slam.inputs.step import steps
-from moteslam.slam.inputs.synchronise import bundles, doubtful_stamps, synchronise, warnings
-from moteslam.slam.odometry.dead_reckoning import dead_reckon
-from moteslam.slam.settings import load_preset
+from moteslam.slam.inputs.synchronise import bundles, dead_reckon, doubtful_stamps, synchronise, warnings
 
 
 def circle(*, radius: float = 1.0, speed: float = 0.5, seconds: float = 10.0, imu: bool = True) -> Recording:

@@ -12,17 +12,16 @@ from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
+from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.known_map import hypotheses, search
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.filter import KnownMapFilter, Presence
-from moteslam.slam.known_map.map_scale import MapScale
-from moteslam.slam.known_map.maps import KnownMaps, upright
+from moteslam.slam.known_map.maps import KnownMaps, MapScale, upright
 from moteslam.slam.known_map.search import Sight, WholeMapSearch
-from moteslam.slam.run import run_slam
-from moteslam.slam.settings import resolve_config
+from moteslam.slam.online import run_slam
 from moteslam.slam.tsdf.doubt import ScanFit
 from moteslam.slam.tsdf.particles import Particles
 

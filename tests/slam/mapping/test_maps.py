@@ -30,7 +30,7 @@ def value(grid: OccupancyGrid, x: float, y: float) -> float:
 
 def test_one_scan_marks_endpoints_and_the_way_to_them():
     grid = OccupancyGrid(MapConfig(cell_size=0.1))
-    grid.add_scan((0.05, 0.05), np.array([[1.05, 0.05], [0.05, -0.95]]))
+    grid.add_scan(se2.IDENTITY, [[1.05, 0.05], [0.05, -0.95]], (0.05, 0.05))
     assert value(grid, 1.05, 0.05) == pytest.approx(np.log(4), abs=1e-3)
     assert value(grid, 0.05, -0.95) == pytest.approx(np.log(4), abs=1e-3)
     assert value(grid, 0.55, 0.05) == pytest.approx(-np.log(4), abs=1e-3)
@@ -42,11 +42,11 @@ def test_one_scan_marks_endpoints_and_the_way_to_them():
 @pytest.mark.parametrize("target", [(100.05, 3.05), (-7.05, -100.05)])
 def test_growing_keeps_what_is_there(target: tuple[float, float]):
     grid = OccupancyGrid(MapConfig(cell_size=0.1))
-    grid.add_scan((0.05, 0.05), np.array([[1.05, 0.05]]))
+    grid.add_scan(se2.IDENTITY, [[1.05, 0.05]], (0.05, 0.05))
     before = grid.log_odds.astype(int).sum()
     free = value(grid, 0.55, 0.05)
     assert (grid.log_odds.size, free < 0) == (4 * CHUNK * CHUNK, True)
-    grid.add_scan(target, np.array([target]))
+    grid.add_scan(se2.IDENTITY, [target], target)
     assert value(grid, 0.55, 0.05) == free
     assert value(grid, *target) == pytest.approx(np.log(4), abs=1e-3)
     assert grid.log_odds.astype(int).sum() == before + round(np.log(4) / UNIT)
@@ -56,7 +56,7 @@ def test_growing_keeps_what_is_there(target: tuple[float, float]):
 
 def test_a_snapshot_is_cut_to_what_was_seen_and_stays_in_place():
     grid = OccupancyGrid(MapConfig(cell_size=0.1))
-    grid.add_scan((-2.0, 0.0), np.array([[3.0, 1.0]]))
+    grid.add_scan(se2.IDENTITY, [[3.0, 1.0]], (-2.0, 0.0))
     snapshot = grid.snapshot()
     row, column = np.unravel_index(np.argmax(snapshot.values), snapshot.values.shape)
     assert (column + 0.5) * 0.1 + snapshot.origin[0] == pytest.approx(3.0, abs=0.06)
@@ -67,7 +67,7 @@ def test_a_snapshot_is_cut_to_what_was_seen_and_stays_in_place():
 def test_a_map_beyond_all_bounds_is_refused():
     grid = OccupancyGrid(MapConfig(cell_size=0.005))
     with pytest.raises(InputError, match="the map would grow to"):
-        grid.add_scan((0.0, 0.0), np.array([[1e6, 1e6]]))
+        grid.add_scan(se2.IDENTITY, [[1e6, 1e6]], (0.0, 0.0))
 
 
 def test_a_map_is_drawn_of_some_scans_from_where_they_were_seen():
@@ -85,8 +85,8 @@ def test_a_map_is_drawn_of_some_scans_from_where_they_were_seen():
     np.testing.assert_allclose(scans.points(1), ends, atol=1e-5)
     grid = OccupancyGrid(MapConfig())
     for index in (0, 2):
-        points = se2.transform_points(poses[index], scans.points(index))
-        grid.add_scan(se2.transform_points(poses[index], np.array((0.2, -0.1))), points)
+        seen = se2.transform_points(poses[index], np.vstack(((0.2, -0.1), scans.points(index))))
+        grid.add_scan(se2.IDENTITY, seen[1:], seen[0])
     drawn, expected = draw_map(MapConfig(), scans, [0, 2], poses[[0, 2]]), grid.snapshot()
     np.testing.assert_array_equal(drawn.values, expected.values)
     assert drawn.origin == expected.origin

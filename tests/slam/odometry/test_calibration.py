@@ -46,10 +46,10 @@ def calibrated(
 
 def test_the_errors_are_estimated_in_a_hundred_metres() -> None:
     calibration, errors = calibrated(400, noise=0.005)
-    assert calibration.scale == pytest.approx(errors["scale"], abs=0.005)
-    assert calibration.turn_scale == pytest.approx(errors["turn"], abs=0.01)
-    assert calibration.curvature == pytest.approx(errors["curvature"], abs=0.01)
-    assert calibration.lidar_offset == pytest.approx(OFFSET[0], abs=0.01)
+    assert calibration.distance.values[0] == pytest.approx(errors["scale"], abs=0.005)
+    assert calibration.turn.values[0] == pytest.approx(errors["turn"], abs=0.01)
+    assert calibration.turn.values[1] == pytest.approx(errors["curvature"], abs=0.01)
+    assert calibration.offset.values[0] == pytest.approx(OFFSET[0], abs=0.01)
 
 
 def test_corrected_motions_are_the_true_ones() -> None:
@@ -73,16 +73,16 @@ def test_before_any_update_and_when_it_is_off_motions_are_not_corrected(enabled:
 def test_scans_without_information_change_nothing() -> None:
     """In an endless corridor the scans carry no information of the distance."""
     calibration, _ = calibrated(200, information=np.diag([0.0, 1e6, 1e6]))
-    assert calibration.scale == pytest.approx(1.0, abs=1e-3)
-    assert calibration.lidar_offset == pytest.approx(OFFSET[0], abs=0.01)
+    assert calibration.distance.values[0] == pytest.approx(1.0, abs=1e-3)
+    assert calibration.offset.values[0] == pytest.approx(OFFSET[0], abs=0.01)
 
 
 def test_slips_are_gated_out() -> None:
     calibration, _ = calibrated(200)
-    before = calibration.scale
+    before = calibration.distance.values[0]
     for _ in range(20):
         calibration.update(np.array([0.5, 0.0, 0.0]), np.array([0.1, 0.0, 0.0]), SURE)
-    assert calibration.scale == before
+    assert calibration.distance.values[0] == before
 
 
 def test_headings_that_are_noise_alone_leave_the_scale_of_turns() -> None:
@@ -90,4 +90,4 @@ def test_headings_that_are_noise_alone_leave_the_scale_of_turns() -> None:
     calibration, rng = OdometryCalibration(CalibrationConfig()), np.random.default_rng(3)
     for _ in range(2000):
         calibration.update(np.array([0.8, 0.0, 0.03 * rng.standard_normal()]), np.array([0.8, 0.0, 0.0]), SURE)
-    assert calibration.turn_scale == pytest.approx(1.0, abs=0.05)
+    assert calibration.turn.values[0] == pytest.approx(1.0, abs=0.05)

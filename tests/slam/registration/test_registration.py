@@ -12,16 +12,16 @@ from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps, TsdfView
 from moteslam.slam.registration import localisation
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.evidence import SLIP, against, nats_for, proved
-from moteslam.slam.registration.information import (
+from moteslam.slam.registration.localisation import SLIP, Localiser, Located, against, match_score, nats_for, proved
+from moteslam.slam.registration.registrar import (
+    Registration,
     keep_odometry,
     least_bound_turn,
     less_where_unbound,
     measured_information,
+    register,
     residual_variance,
 )
-from moteslam.slam.registration.localisation import Localiser, Located, match_score
-from moteslam.slam.registration.registrar import Registration, register
 from moteslam.slam.registration.search import Window, candidates
 
 Array = NDArray[np.float64]

@@ -19,10 +19,9 @@ from moteslam.sim.output import write_simulation
 from moteslam.sim.sensors.rgbd import CameraFrames
 from moteslam.sim.simulate import Simulation
 from moteslam.sim.world.floor import rasterise
-from moteslam.slam.run import run_slam
-from moteslam.slam.settings import resolve_config
-from moteslam.slam.texture.config import TextureConfig
-from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map, map_texture
+from moteslam.slam.config import resolve_config
+from moteslam.slam.online import run_slam
+from moteslam.slam.texture.floor_map import TextureConfig, TextureMap, TextureMapper, can_map, map_texture
 
 
 def score_texture(estimate: ArrayLike, truth: ArrayLike, where: ArrayLike) -> tuple[float, float]:

@@ -13,13 +13,16 @@ from moteslam.robot.recording import Recording
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import (
     FLOOR,
+    LEAST_SPREAD,
+    LOST_DROP,
     NEIGHBOURHOOD,
     LocalisationState,
+    as_array,
+    largest_deviation,
     state_of,
+    symmetric,
     wrong_by_spread,
 )
-from moteslam.slam.filter.covariance import as_array, largest_deviation, symmetric
-from moteslam.slam.filter.misfit import LEAST_SPREAD, LOST_DROP
 from moteslam.slam.mapping.config import LOST_DISTANCE
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import prior_spread

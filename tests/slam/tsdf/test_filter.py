@@ -12,6 +12,7 @@ from tile_pools import ROOM, room_scan, thinned
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
+from moteslam.slam.config import resolve_config
 from moteslam.slam.filter.update_policy import Travelled
 from moteslam.slam.inputs.config import SyncConfig, ThinningConfig
 from moteslam.slam.inputs.scans import Scans
@@ -20,7 +21,6 @@ from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.registrar import prior_spread
-from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf import filter as tsdf_filter
 from moteslam.slam.tsdf import particles as tsdf_particles
 from moteslam.slam.tsdf.config import ProposalConfig

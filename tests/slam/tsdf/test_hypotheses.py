@@ -10,6 +10,7 @@ from tile_pools import room_scan, thinned
 
 from moteslam.robot import se2
 from moteslam.slam.backend.protocol import KeyScan
+from moteslam.slam.config import resolve_config
 from moteslam.slam.filter.protocol import StepResult
 from moteslam.slam.filter.update_policy import Travelled
 from moteslam.slam.filter.weights import Weights
@@ -19,7 +20,6 @@ from moteslam.slam.odometry.calibration import CalibrationConfig
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.localisation import Localiser, Located, Rivals
-from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.config import ProposalConfig
 from moteslam.slam.tsdf.filter import TsdfFilter
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
