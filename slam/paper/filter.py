@@ -15,17 +15,8 @@ from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import shortened
-from moteslam.slam.filter.certainty import (
-    FLOOR,
-    NEIGHBOURHOOD,
-    Certainty,
-    Misfit,
-    Symmetric,
-    certainty_of,
-    moved,
-    plus_diagonal,
-    symmetric,
-)
+from moteslam.slam.filter.certainty import FLOOR, NEIGHBOURHOOD, Certainty, Misfit, certainty_of
+from moteslam.slam.filter.covariance import Symmetric, moved, plus_diagonal, symmetric
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
 from moteslam.slam.filter.resampling import choose_parents

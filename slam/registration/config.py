@@ -108,5 +108,6 @@ class TrackingConfig(SearchConfig):
     # off, by a slip or a wrong stamp, is likely to be as far off in the next step, or back: its standard deviation is
     # larger by as much there.
     slip_threshold: Positive = 2.0
-    # A motion that nothing measured is extrapolated to at most this many times the time of the step before
+    # A motion that nothing measured is extrapolated to at most this many times the time of the step before; over a
+    # longer one constant velocity is no alternative to the odometry
     max_extrapolation: Positive = 10.0

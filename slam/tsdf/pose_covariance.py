@@ -11,16 +11,8 @@ import math
 from typing import NamedTuple
 
 from moteslam.robot.se2 import Pose
-from moteslam.slam.filter.certainty import (
-    FLOOR,
-    NEIGHBOURHOOD,
-    Symmetric,
-    inverse,
-    moved,
-    plus,
-    plus_diagonal,
-    sandwiched,
-)
+from moteslam.slam.filter.certainty import FLOOR, NEIGHBOURHOOD
+from moteslam.slam.filter.covariance import Symmetric, inverse, moved, plus, plus_diagonal, sandwiched
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import Spread, prior_deviations, residual_variance
 from moteslam.slam.tsdf.doubt import ScanFit

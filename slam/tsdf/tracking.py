@@ -131,6 +131,8 @@ class Tracker:
         if len(scan.points) >= self._config.min_points:
 
             def predictions() -> Array:
+                if 0 < self._config.max_extrapolation * self._seconds < motion.dt:
+                    return np.array((STILL,))
                 return np.array((STILL, between_one(motion.corrected, self._extrapolated(motion.dt))))
 
             seen = particles.maps.of(particles.best), predicted, spread, scan.points, origin, predictions

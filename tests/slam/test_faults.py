@@ -6,7 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from issues import messages
-from slam_rooms import ate, blind, circled_room, jumping_odometry, run, stopped_wheels, without_odometry
+from slam_rooms import (
+    ate,
+    blind,
+    circled_room,
+    jumping_odometry,
+    recorded,
+    run,
+    seen_from,
+    stopped_wheels,
+    without_odometry,
+)
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
@@ -169,3 +179,24 @@ def test_the_last_motion_goes_on_in_proportion_to_time():
     np.testing.assert_array_equal(extrapolated(motion, 0.0, 0.2), motion)
     np.testing.assert_array_equal(extrapolated(motion, 0.1, 0.0), motion)
     np.testing.assert_allclose(extrapolated(motion, 0.1, 3600.0), 10 * motion)
+
+
+def test_over_a_gap_of_eight_seconds_the_odometry_says_how_far_the_robot_drove():
+    """It turns by 17 degrees on the way, yet nobody keeps a velocity for a tenth of the way and then stands."""
+    random = np.random.default_rng(1)
+    walls = []
+    for side in (-1.2, 1.2):
+        ends = np.cumsum(random.uniform(1.0, 3.0, 20)) - 5
+        depths = side + np.sign(side) * random.choice((0.0, 0.3, -0.2), 20)
+        walls += [((x, y), (end, y)) for x, end, y in zip((-5.0, *ends), ends, depths, strict=False)]
+    true = np.column_stack((0.1 * np.arange(180), np.zeros((180, 2))))
+    motions = np.tile((0.1, 0.0, 0.0), (179, 1))
+    motions[70:130, 2] = 0.005
+    odometry = se2.accumulate(np.vstack((np.zeros(3), motions)))
+    ranges = seen_from(true, walls)
+    seen = np.flatnonzero((np.arange(180) < 55) | (np.arange(180) >= 135))
+    whole = recorded(np.where(ranges < 8, ranges, np.inf), odometry)
+    lidar = whole.lidar
+    gap = replace(lidar, stamps=lidar.stamps[seen], ranges=lidar.ranges[seen], odometry=lidar.odometry[seen])
+    estimate = run(whole.replace(lidar=gap), "backend.method=none")
+    assert np.hypot(*estimate.trajectory.poses[-1, :2]) == pytest.approx(17.9, abs=0.5)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from moteslam.robot import se2
-from moteslam.slam.filter import certainty as six
+from moteslam.slam.filter import covariance as six
 from moteslam.slam.filter.certainty import (
     DOUBTFUL_DROP,
     FLOOR,

@@ -17,12 +17,10 @@ from moteslam.slam.filter.certainty import (
     LOST_DROP,
     NEIGHBOURHOOD,
     LocalisationState,
-    as_array,
-    largest_deviation,
     state_of,
-    symmetric,
     wrong_by_spread,
 )
+from moteslam.slam.filter.covariance import as_array, largest_deviation, symmetric
 from moteslam.slam.mapping.config import LOST_DISTANCE
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import prior_spread
