@@ -115,7 +115,7 @@ def lapses(
     """Where the odometry, [n, 3] at the scans, did not measure.
 
     It is causal: what is said of a scan follows from it, and from the reading after. Wheel counters (``counted``) do
-    not say on which way a robot went in a gap; poses the base went on to integrate. ``since`` when on is asked for [s].
+    not say which way a robot took in a gap, but poses do. Lapses that end before ``since`` are not asked for [s].
     """
     stamps = lidar.stamps
     readings = path if lidar.odometry is None else OdometryPath(stamps, odometry)
