@@ -37,8 +37,8 @@ STRIDE, ACROSS, FITS = 0.2, np.sin(np.deg2rad(10.0)) ** 2, 0.2
 mean squared sine, do not follow it; other orientations that leave less than this share of it are what was meant."""
 
 
-@dataclass(frozen=True, eq=False)
-class Space:
+@dataclass(frozen=True, eq=False, repr=False)
+class Space(Summarised):
     """The poses of a trajectory in space."""
 
     positions: Array  # [n, 3] x, y, z [m]

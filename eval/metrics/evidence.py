@@ -21,6 +21,7 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.values import Summarised
 from moteslam.slam.backend.protocol import LoopCandidate
 from moteslam.slam.estimate import Correction
 from moteslam.slam.inputs.scans import Scans
@@ -35,8 +36,8 @@ COVERED = 0.9  # A truth at this share of the scans has all of the way driven
 MAX_SEEN = 3000  # At most this many scans, spread evenly over the drive, show which walls were seen
 
 
-@dataclass(frozen=True, eq=False)
-class Certainty:
+@dataclass(frozen=True, eq=False, repr=False)
+class Certainty(Summarised):
     """What a filter knew of itself at every scan of the online trajectory: as of ``score_localisation``, the effective
     number of particles [n], and the standard deviation of the particles at every update [u, 3], along, across [m],
     heading [rad].

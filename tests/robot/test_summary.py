@@ -47,7 +47,7 @@ def test_every_dataclass_with_arrays_that_users_meet_is_summarised() -> None:
             for kind in vars(module).values():
                 if not (dataclasses.is_dataclass(kind) and isinstance(kind, type)) or kind.__name__.startswith("_"):
                     continue
-                arrays = any("NDArray" in str(f.type) or str(f.type) == "Poses" for f in dataclasses.fields(kind))
+                arrays = any("Array" in str(f.type) or str(f.type) == "Poses" for f in dataclasses.fields(kind))
                 if arrays and kind.__repr__ is not Summarised.__repr__:
                     missing.append(f"{kind.__module__}.{kind.__qualname__}")
     assert not missing, "expected Summarised, and dataclass(repr=False)"
