@@ -134,6 +134,19 @@ def test_the_papers_filter_without_any_odometry_is_not_sure():
     assert "no-odometry" in [issue.code for issue in slam.estimate().warnings]
 
 
+def test_what_repeats_is_told_at_its_scans_though_the_first_came_before_any_odometry():
+    """The driver gives the scan of 4.0 s again for a second."""
+    recording, true = circled_room(scans=80, drift=0.0)
+    slam = OnlineSlam(platform_of(recording), resolve_config("default", ["particles=1"]), patience=0.0)
+    for k, ranges in enumerate(recording.lidar.ranges):
+        if k >= 15:
+            slam.add_odometry(0.1 * k, true[k])
+        slam.add_scan(recording.lidar.ranges[40] if 40 < k <= 50 else ranges, 0.1 * k)
+    (issue,) = [issue for issue in slam.estimate().warnings if issue.code == "scans-repeat"]
+    assert issue.count == 10
+    assert issue.message.startswith("from 4.10 to 5.00 s")
+
+
 def test_odometry_that_comes_again_counts_what_was_driven_without_it_once(corridor: Recording):
     """Two seconds of it arrive late, when the scans have not waited for them."""
     wheels = corridor.encoders
