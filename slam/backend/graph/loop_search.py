@@ -37,6 +37,22 @@ SPACING = 0.1  # Endpoints of a query are at least about this far apart [m]
 MAX_POINTS = 400  # Endpoints of a query, at most
 BETWEEN = 1e4  # Sessions are this far apart along the path [m]: no submap reaches from one into the next
 CACHED = 64  # TSDFs of submaps that are kept, those used last: about half a megabyte each, those of wide windows more
+RESIDUAL = 0.03  # Standard deviation of endpoints' distances to another submap's surface [m]: both bend a little
+FLOOR = np.array([0.02, 0.02, np.radians(0.3)])  # No loop is known better: [m], [m], [rad]
+WEAKEST = 1e-3  # Information of a direction that nothing binds [1/m^2]
+LEAST_STARTS, STARTS, START_POINTS, FINALISTS = 8, 40, 120, 12
+"""Places of the lattice that are registered with some points, at least and at most: as many as basins of Gauss-Newton
+fit into the window; and how many of them with all points."""
+WIDE, FINE_TURN, COARSE_TURN = 0.1, 0.02, 0.04  # Windows wider than the first [rad] are searched in the coarser steps
+MANY, WIDEST_STEP, WIDEST_TURN = 500_000, 0.2, 0.06
+"""Windows of more places than the first are searched in steps of a basin of Gauss-Newton [m], [rad]."""
+FARTHEST = 4.0
+"""A place is nearer to the prediction than this [standard deviations]: of three that are independent one in a thousand
+is not."""
+NEGLIGIBLE_PRIOR = 1e-6  # Of the lattice: within the window the prediction counts for nothing until the end
+WINDOW_DEVIATIONS = 3.0  # The half width of a window, in standard deviations of the prediction
+COVERED = 0.5  # Wider windows have longer submaps [m]
+LOOSE = 3.0  # Standard deviation of the prediction in the registration [windows]
 
 
 class Submaps:
@@ -98,24 +114,6 @@ class Submaps:
     def _members(self, node: int, length: float, most: int) -> list[int]:
         near = np.flatnonzero(np.abs(self.path - self.path[node]) <= length / 2)
         return [int(k) for k in near if abs(k - node) <= most // 2]
-
-
-RESIDUAL = 0.03  # Standard deviation of endpoints' distances to another submap's surface [m]: both bend a little
-FLOOR = np.array([0.02, 0.02, np.radians(0.3)])  # No loop is known better: [m], [m], [rad]
-WEAKEST = 1e-3  # Information of a direction that nothing binds [1/m^2]
-LEAST_STARTS, STARTS, START_POINTS, FINALISTS = 8, 40, 120, 12
-"""Places of the lattice that are registered with some points, at least and at most: as many as basins of Gauss-Newton
-fit into the window; and how many of them with all points."""
-WIDE, FINE_TURN, COARSE_TURN = 0.1, 0.02, 0.04  # Windows wider than the first [rad] are searched in the coarser steps
-MANY, WIDEST_STEP, WIDEST_TURN = 500_000, 0.2, 0.06
-"""Windows of more places than the first are searched in steps of a basin of Gauss-Newton [m], [rad]."""
-FARTHEST = 4.0
-"""A place is nearer to the prediction than this [standard deviations]: of three that are independent one in a thousand
-is not."""
-NEGLIGIBLE_PRIOR = 1e-6  # Of the lattice: within the window the prediction counts for nothing until the end
-WINDOW_DEVIATIONS = 3.0  # The half width of a window, in standard deviations of the prediction
-COVERED = 0.5  # Wider windows have longer submaps [m]
-LOOSE = 3.0  # Standard deviation of the prediction in the registration [windows]
 
 
 class Loop(NamedTuple):
