@@ -12,7 +12,6 @@
 | classes | all scenarios, noise of data sheets and as recorded, presets default and paper | 0 to 4 |
 | lidars | three lidars, dense and as key scans | 0 to 19 |
 | robots | three small robots, and shorter ranges of one of them | 0 to 4 |
-| scattered-keys | key scans of the LMS200 in all scenarios, both noise classes | 0 to 19 |
 | residuals | residuals of the simulated LMS200's scans at 1 and 0.5 degrees, beside real ones | 0 to 4 |
 | key-scans | the LMS200 by wheels alone, steps as they are and with noise of 5 and 10 % | 100 to 109 |
 | worlds | campus, twins, grid and mile as key scans with noise of the steps | 0 to 4 |
@@ -58,7 +57,6 @@ from moteslam.slam.config import resolve_config
 WHEELS = {"platform": "lms200", "settings": ("platform.imu=false",), "key_scans": KEY_SCANS}
 """A robot without gyro that logs key scans."""
 NOISY = WHEELS | {"step_noise": STEP_NOISE}
-KEYS = {"platform": "lms200", "key_scans": KEY_SCANS}
 TEN_HERTZ = {
     "platform": "rplidar_a1",
     "settings": ("platform.lidar.rate=10.0", "platform.lidar.time_increment=0.00027"),
@@ -167,7 +165,7 @@ STUDIES: dict[str, list[Runs]] = {
             ("360 beams, 12 m, 10 Hz", TEN_HERTZ),
             ("360 beams, 12 m, 10 Hz, key scans", TEN_HERTZ | {"key_scans": KEY_SCANS}),
             ("LMS200", {"platform": "lms200"}),
-            ("LMS200, key scans", KEYS),
+            ("LMS200, key scans", {"platform": "lms200", "key_scans": KEY_SCANS}),
         )
     ],
     "robots": [
@@ -180,7 +178,6 @@ STUDIES: dict[str, list[Runs]] = {
             ("rplidar_a1, 3 m", {"platform": "rplidar_a1", "settings": ("platform.lidar.range_max=3.0",)}),
         )
     ],
-    "scattered-keys": [alone(f"LMS200, {noise}", ALL, 20, simulated=KEYS | {"noise_class": noise}) for noise in NOISES],
     "residuals": [
         Runs("{}", ("intel_key_scans", "csail", "freiburg-101"), range(1), settings=FILTER_ALONE, residuals=True),
         *(
