@@ -42,7 +42,8 @@ from parts.runs import (
     KEY_SCANS,
     LOGS,
     LOST,
-    STEP_NOISE,
+    NOISY,
+    WHEELS,
     errors,
     load_log,
     log_file,
@@ -54,9 +55,6 @@ from moteslam.errors import MoteslamError
 from moteslam.sim.scenario import bundled_scenarios, load_scenario
 from moteslam.slam.config import resolve_config
 
-WHEELS = {"platform": "lms200", "settings": ("platform.imu=false",), "key_scans": KEY_SCANS}
-"""A robot without gyro that logs key scans."""
-NOISY = WHEELS | {"step_noise": STEP_NOISE}
 TEN_HERTZ = {
     "platform": "rplidar_a1",
     "settings": ("platform.lidar.rate=10.0", "platform.lidar.time_increment=0.00027"),
@@ -268,11 +266,10 @@ def asked(study: str, name: str) -> tuple[Bar, ...]:
 
 def main() -> int:
     """Run a study, and print median and worst of every figure; 1 where a run crashed or a bar does not hold."""
-    parser = arguments(__doc__)
+    parser = arguments(__doc__, settings=True)
     parser.add_argument("study", choices=STUDIES, metavar="STUDY")
     parser.add_argument("--runs", nargs="+", metavar="NAME", help="of the study, by the names of logs and scenarios")
     parser.add_argument("--preset", help="in place of the study's")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings", help="of SLAM")
     options = parser.parse_args()
     about = {"preset": options.preset, "settings": " ".join(options.settings)}
     cases: list[Case] = []

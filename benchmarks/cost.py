@@ -40,11 +40,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from parts.back_end_costs import back_end, joint, solver
-from parts.harness import Bar, Row, arguments, benchmark, memory, status
+from parts.harness import Bar, Row, arguments, benchmark, memory, parsed, status
 from parts.runs import add, errors, load_log, log_file, messages, reference_file, simulate_case, start_kernels
-
-from moteslam.errors import MoteslamError
-from moteslam.slam.config import resolve_config
 
 if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
@@ -285,15 +282,10 @@ def measure(case: str, seed: int, settings: list[str], quick: bool) -> Row:
 
 def main() -> int:
     """Measure, and print a table; 1 where a case crashed or a bar does not hold."""
-    parser = arguments(__doc__)
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings", help="of SLAM")
+    parser = arguments(__doc__, settings=True)
     parser.add_argument("--cases", nargs="+", choices=CASES, metavar="CASE", default=list(CASES))
     parser.add_argument("--quick", action="store_true", help="shorter recordings: a trial")
-    options = parser.parse_args()
-    try:
-        resolve_config("default", options.settings)
-    except MoteslamError as error:
-        parser.error(str(error))
+    options = parsed(parser)
     about = {"settings": " ".join(options.settings), "length": "quick" if options.quick else "full"}
     cases = [
         ({"run": case, "seed": seed, **about}, (case, seed, options.settings, options.quick))

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from parts.harness import Row, arguments, benchmark, by_run, draw_reliability, expect_known, status
-from parts.runs import STEP_NOISE, simulate_case, wheels_case
+from parts.runs import NOISY, simulate_case
 
 from moteslam.eval.tables import aligned
 from moteslam.sim.scenario import bundled_scenarios
@@ -30,19 +30,19 @@ BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.93, 1.0)
 """Said probabilities of a wrong pose are gathered between these."""
 
 
-def carried(metres: float) -> dict[str, Any]:
+def carried(metres: float) -> tuple[str, ...]:
     """The settings of a scenario whose robot is carried."""
-    return {"settings": (f'faults=[{{kind="carried", start=40, duration=20, along={metres}, lidar="off"}}]',)}
+    return (f'faults=[{{kind="carried", start=40, duration=20, along={metres}, lidar="off"}}]',)
 
 
 SETUPS: dict[str, tuple[range, Mapping[str, Any]]] = {
-    "key scans": (range(100, 105), {}),
-    "key scans, as recorded": (range(100, 105), {"noise_class": "as_recorded"}),
-    "key scans, carried 6 m": (range(107, 110), carried(6.0)),
+    "key scans": (range(100, 105), NOISY),
+    "key scans, as recorded": (range(100, 105), NOISY | {"noise_class": "as_recorded"}),
+    "key scans, carried 6 m": (range(107, 110), NOISY | {"settings": (*NOISY["settings"], *carried(6.0))}),
     "every scan": (range(100, 101), {}),
     "every scan, as recorded": (range(101, 102), {"noise_class": "as_recorded"}),
-    "every scan, carried 4 m": (range(102, 103), carried(4.0)),
-    "every scan, carried 10 m": (range(103, 104), carried(10.0)),
+    "every scan, carried 4 m": (range(102, 103), {"settings": carried(4.0)}),
+    "every scan, carried 10 m": (range(103, 104), {"settings": carried(10.0)}),
     "every scan, paper": (range(100, 101), {}),
 }
 """The seeds of the simulations, and what is simulated."""
@@ -57,11 +57,7 @@ def measure(setup: str, scenario: str, seed: int) -> Row:
     from moteslam.slam.online import run_slam
 
     runtime.init("cpu", 1)
-    simulated = SETUPS[setup][1]
-    if setup.startswith("key scans"):
-        case = wheels_case(scenario, seed, step_noise=STEP_NOISE, **simulated)
-    else:
-        case = simulate_case(scenario, seed, **simulated)
+    case = simulate_case(scenario, seed, **SETUPS[setup][1])
     assert case.reference is not None
     estimate = run_slam(case.recording, resolve_config("paper" if setup.endswith("paper") else "default"), seed=0)
     diagnostics = estimate.diagnostics

@@ -24,15 +24,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from parts.harness import Row, arguments, benchmark, count, factor, memory, status
+from parts.harness import Row, arguments, benchmark, count, factor, memory, parsed, status
 from parts.runs import fed
 
-from moteslam.errors import MoteslamError
 from moteslam.slam.config import resolve_config
 
 if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
-    from moteslam.slam.config import SlamConfig
     from moteslam.slam.online import OnlineSlam
 
 LAPS = 100
@@ -110,16 +108,6 @@ def trajectory_bytes(session: OnlineSlam, scans: int) -> int:
     return int(sum(values.nbytes // len(values) for values in a_scan) * scans + paths + keys)
 
 
-def online(recording: Recording, config: SlamConfig) -> OnlineSlam:
-    """SLAM that is fed, for the robot and the lidar of a recording."""
-    from moteslam.slam.online import OnlineSlam
-
-    lidar, platform = recording.lidar, recording.platform
-    assert lidar is not None
-    fan = {"beams": lidar.ranges.shape[1], "angle_min": lidar.angle_min, "angle_increment": lidar.angle_increment}
-    return OnlineSlam(platform.with_(lidar=fan), config)
-
-
 def measure(folder: Path, drives: int, made: int, hours: float, settings: list[str], beams: int, *, live: bool) -> Row:
     """Run SLAM over the drives: figures of every hour, printed as they come."""
     from moteslam.kernels.runtime import init
@@ -128,15 +116,17 @@ def measure(folder: Path, drives: int, made: int, hours: float, settings: list[s
 
     init("cpu", 1)
     recording, config = recorded(folder, drives, made, beams), resolve_config("default", settings)
-    session = online(recording, config) if live else OnlineSlam.over(recording, config)
+    lidar = recording.lidar
+    assert lidar is not None
+    fan = {"beams": lidar.ranges.shape[1], "angle_min": lidar.angle_min, "angle_increment": lidar.angle_increment}
+    robot = recording.platform.with_(lidar=fan)
+    session = OnlineSlam(robot, config) if live else OnlineSlam.over(recording, config)
     tsdf = session._filter
     assert isinstance(tsdf, TsdfFilter)
-    assert recording.lidar is not None
-    first = recording.lidar.stamps[0]
     rows: list[Row] = []
     began, before = time.process_time(), 0
     for scans, update in enumerate(fed(session, recording) if live else session, start=1):
-        since = float(update.stamp - first) / 3600
+        since = float(update.stamp - lidar.stamps[0]) / 3600
         if since < min(len(rows) + 1, hours):
             continue
         row = {
@@ -159,17 +149,12 @@ def measure(folder: Path, drives: int, made: int, hours: float, settings: list[s
 
 def main() -> int:
     """Simulate, run, and print; 1 where the run crashed."""
-    parser = arguments(__doc__)
+    parser = arguments(__doc__, settings=True)
     parser.add_argument("--hours", type=factor, default=10.0)
     parser.add_argument("--live", action="store_true", help="add the messages one by one")
     parser.add_argument("--drives", type=count, help="simulate so many [as many as fill the hours]")
     parser.add_argument("--beams", type=count, default=361, help="about so many [all]")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings", help="of SLAM")
-    options = parser.parse_args()
-    try:
-        resolve_config("default", options.settings)
-    except MoteslamError as error:
-        parser.error(str(error))
+    options = parsed(parser)
     laps = min(LAPS, math.ceil(3600 * options.hours / LAP[0]) + 1)
     drives = math.ceil(3600 * options.hours / (laps * LAP[0]))
     with tempfile.TemporaryDirectory(prefix="soak-") as scratch:

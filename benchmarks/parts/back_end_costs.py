@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from parts.harness import Row, memory
-from parts.runs import STEP_NOISE, simulate_case, start_kernels, wheels_case
+from parts.runs import NOISY, simulate_case, start_kernels
 
 Array = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ def joint(_seed: int, _settings: list[str], scans: int) -> Row:
     from moteslam.slam.online import OnlineSlam
 
     config = start_kernels([], 1)
-    session = OnlineSlam.over(wheels_case("campus", SEED, step_noise=STEP_NOISE).recording, config)
+    session = OnlineSlam.over(simulate_case("campus", SEED, **NOISY).recording, config)
     for _ in session:
         pass
     assert isinstance(session._backend, GraphBackend)
@@ -93,7 +93,7 @@ def back_end(_seed: int, _settings: list[str], *, keys: bool) -> Row:
     from moteslam.slam.tsdf.filter import TsdfFilter
 
     config = start_kernels([], 1)
-    case = wheels_case("campus", SEED, step_noise=STEP_NOISE) if keys else simulate_case("campus", SEED)
+    case = simulate_case("campus", SEED, **(NOISY if keys else {}))
     with (
         counted(TsdfFilter, "step") as filtering,
         counted(backend, "register_jointly") as jointly,

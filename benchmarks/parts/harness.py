@@ -93,13 +93,27 @@ def result_file(text: str) -> Path:
     return path
 
 
-def arguments(doc: str | None) -> argparse.ArgumentParser:
-    """A parser with the options of every benchmark."""
+def arguments(doc: str | None, *, settings: bool = False) -> argparse.ArgumentParser:
+    """A parser with the options of every benchmark, and ``--set`` of those whose SLAM takes settings."""
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=seeds, metavar="N", help="from 0, in place of the usual ones; or 10-19")
     parser.add_argument("--workers", type=count, default=1, help="processes [1]")
     parser.add_argument("--out", type=result_file, metavar="FILE.csv", help="a row a run, written anew after each")
+    if settings:
+        parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings", help="of SLAM")
     return parser
+
+
+def parsed(parser: argparse.ArgumentParser) -> argparse.Namespace:
+    """The options, whose settings SLAM takes."""
+    from moteslam.slam.config import resolve_config
+
+    options = parser.parse_args()
+    try:
+        resolve_config("default", options.settings)
+    except MoteslamError as error:
+        parser.error(str(error))
+    return options
 
 
 def expect_known(parser: argparse.ArgumentParser, option: str, names: Iterable[str], known: Iterable[str]) -> None:

@@ -47,8 +47,11 @@ HALF_DEGREE = (
 """Makes of the robot ``lms200`` one with 361 beams half a degree apart, as of csail and freiburg-101."""
 KEY_SCANS = (0.75, 0.5)
 """The distance [m] and turn [rad] between the scans of the classic key-scan logs."""
+WHEELS: dict[str, Any] = {"platform": "lms200", "settings": ("platform.imu=false",), "key_scans": KEY_SCANS}
+"""What `simulate_case` takes of a robot without gyro that logs key scans."""
 STEP_NOISE = (0.05, 0.1)
 """Noise of a poor odometry, as shares of the length and of the turn of each step between key scans."""
+NOISY = WHEELS | {"step_noise": STEP_NOISE}
 FILTER_ALONE = ("backend.method=none",)
 """Leaves the back end out of the preset ``default``."""
 LOST = 0.15
@@ -145,22 +148,6 @@ def with_images(simulation: Simulation) -> Recording:
     """A simulation's recording, its images drawn when they are asked for."""
     assert simulation.frames is not None
     return simulation.recording.replace(rgbd=simulation.frames.drawn)
-
-
-def wheels_case(
-    name: str,
-    seed: int,
-    *,
-    platform: str = "lms200",
-    step_noise: tuple[float, float] | None = None,
-    settings: Sequence[str] = (),
-    **more: Any,
-) -> Case:
-    """A bundled scenario driven by a robot without gyro, as a log of key scans (``KEY_SCANS``)."""
-    without = ("platform.imu=false", *settings)
-    return simulate_case(
-        name, seed, platform=platform, settings=without, key_scans=KEY_SCANS, step_noise=step_noise, **more
-    )
 
 
 class Message(NamedTuple):

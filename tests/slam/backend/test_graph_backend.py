@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from parts.runs import STEP_NOISE, Case, simulate_case, wheels_case
+from parts.runs import NOISY, WHEELS, Case, simulate_case
 from slam_rooms import ate, run
 
 from moteslam.eval.metrics.ate import absolute_trajectory_error
@@ -37,7 +37,7 @@ def estimate(case: Case, *settings: str) -> Estimate:
 
 @pytest.fixture(scope="module")
 def doors() -> Case:
-    return wheels_case("doors", 220)
+    return simulate_case("doors", 220, **WHEELS)
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_the_graph_of_an_estimate_is_what_was_measured_at_the_final_poses(alone:
 @pytest.mark.slow
 def test_a_closed_loop_corrects_the_filter_while_it_drives():
     """Before the first correction nothing changes; after the last one the online poses are those in a straight map."""
-    case = wheels_case("twins", 224, step_noise=STEP_NOISE)
+    case = simulate_case("twins", 224, **NOISY)
     filter_alone, corrected = estimate(case, "backend.method=none"), estimate(case)
     first, *_, last = np.flatnonzero(corrected.diagnostics["corrected"]).tolist()
     assert not filter_alone.diagnostics["corrected"].any()
@@ -177,7 +177,7 @@ def test_an_estimate_in_the_middle_of_a_run_changes_nothing(doors: Case, behind:
 @pytest.mark.slow
 def test_after_an_outage_a_second_hypothesis_finds_the_way():
     """Three corridors look alike where the lidar is back; a niche in one of them shows which, ten metres on."""
-    case = wheels_case("fork", 211, step_noise=STEP_NOISE)
+    case = simulate_case("fork", 211, **NOISY)
     found = estimate(case)
     assert score_loops(found.loops, case.reference, case.recording).false == 0
     assert error(found.trajectory_final, case) < 0.05
@@ -189,7 +189,7 @@ def test_a_loop_closes_at_the_right_one_of_equal_openings():
     """And the bare corridors of the loop keep their lengths."""
     errors = []
     for seed in (205, 210):
-        case = wheels_case("lookalikes", seed, platform="urg04lx", step_noise=(0.1, 0.1))
+        case = simulate_case("lookalikes", seed, **WHEELS | {"platform": "urg04lx", "step_noise": (0.1, 0.1)})
         found = estimate(case)
         scores = score_loops(found.loops, case.reference, case.recording)
         assert scores.pairs >= 5
@@ -202,7 +202,7 @@ def test_a_loop_closes_at_the_right_one_of_equal_openings():
 @pytest.mark.parametrize("name", ["lab", "loop", "doors"])
 def test_key_scans_are_placed_within_centimetres(name: str):
     """Of `doors` one run in ten is off by 5 cm: where a door has opened the odometry alone decides."""
-    case = wheels_case(name, 221, step_noise=STEP_NOISE)
+    case = simulate_case(name, 221, **NOISY)
     assert error(estimate(case).trajectory_final, case) < (0.06 if name == "doors" else 0.03)
 
 
