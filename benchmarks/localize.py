@@ -20,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -56,17 +57,6 @@ PLATFORMS = ("ucsd", "rplidar_a1", "turtlebot3")
 OTHER = {"office": "warehouse", "warehouse": "lab", "lab": "corridor"}
 CARRIED = 'faults=[{kind="carried", start=40, duration=20, along=6, lidar="off"}]'
 Array = NDArray[np.float64]
-
-
-def drives(recording: Recording, occupancy: Raster, seed: int) -> Iterator[Any]:
-    """The updates of a run in a known map."""
-    from moteslam.slam.config import resolve_config
-    from moteslam.slam.online import OnlineSlam
-
-    with tempfile.TemporaryDirectory() as folder:
-        write_map(Path(folder) / "map.pgm", occupancy)
-        session = OnlineSlam.over(recording, resolve_config("localize", [f"known_map={folder}/map.yaml"]), seed=seed)
-        yield from session
 
 
 def scattered(world: World, occupancy: Raster, scenario: Scenario, seed: int) -> tuple[Any, Array, list[int]]:
@@ -125,10 +115,29 @@ def one_scan(scenario: Scenario, seed: int) -> Row:
     }  # fmt: skip
 
 
-def _followed(simulation: Simulation, updates: Iterator[Any], *, after: float = 0.0, most: float = np.inf) -> Row:
+def drives(recording: Recording, occupancy: Raster, seed: int) -> Iterator[Any]:
+    """The updates of a run in a known map."""
+    from moteslam.slam.config import resolve_config
+    from moteslam.slam.online import OnlineSlam
+
+    with tempfile.TemporaryDirectory() as folder:
+        write_map(Path(folder) / "map.pgm", occupancy)
+        session = OnlineSlam.over(recording, resolve_config("localize", [f"known_map={folder}/map.yaml"]), seed=seed)
+        yield from session
+
+
+def _followed(
+    simulation: Simulation,
+    seed: int,
+    occupancy: Raster,
+    *,
+    start: float = 0.0,
+    after: float = 0.0,
+    most: float = np.inf,
+) -> Row:
     """Path until the pose is rightly ``sure``, and the share of the sure scans that are wrong."""
     found, driven, last, states, errors = np.nan, 0.0, None, [], []
-    for update in updates:
+    for update in drives(cut(simulation.recording, Cut(start)), occupancy, seed):
         true = true_poses(simulation.truth, np.array([update.stamp]))[0]
         if update.stamp - simulation.truth.stamps[0] < after:
             continue
@@ -148,10 +157,8 @@ def driving(simulation: Simulation, seed: int) -> Row:
     """Starts along a drive."""
     stamps = simulation.recording.lidar.stamps  # type: ignore[union-attr]
     starts = np.random.default_rng(seed).uniform(0, 0.85 * (stamps[-1] - stamps[0]), STARTS)
-    rows = []
-    for start in starts.tolist():
-        part = cut(simulation.recording, Cut(start))
-        rows.append(_followed(simulation, drives(part, simulation.true_map(0.05), seed), most=METRES))
+    true = simulation.true_map(0.05)
+    rows = [_followed(simulation, seed, true, start=start, most=METRES) for start in starts.tolist()]
     found = np.array([row["found_after"] for row in rows])
     return {
         "right": float(np.isfinite(found).mean()),
@@ -169,9 +176,8 @@ def visit(simulation: Simulation, seed: int) -> Row:
 
     before = Visit(building=seed, moved=0.0, shut=0.0)
     other = simulate(simulation.scenario.model_copy(update={"visit": before}), seed + 1)
-    found = _followed(simulation, drives(simulation.recording, other.true_map(0.05), seed))
-    own = _followed(simulation, drives(simulation.recording, simulation.true_map(0.05), seed))
-    fine = _followed(simulation, drives(simulation.recording, simulation.true_map(0.02), seed))
+    maps = other.true_map(0.05), simulation.true_map(0.05), simulation.true_map(0.02)
+    found, own, fine = (_followed(simulation, seed, occupancy) for occupancy in maps)
     slam = absolute_trajectory_error(run_slam(simulation.recording, seed=seed).trajectory_final, simulation.truth)
     return {
         **found, "right": float(found["found_after"] <= 10), "wrongly_sure": float(found["sure_wrong"] > 0.01),
@@ -194,7 +200,7 @@ def measure(task: str, scenario: str, platform: str, noise: str, seed: int) -> R
     if task == "driving":
         return driving(simulation, seed)
     if task == "carried":
-        found = _followed(simulation, drives(simulation.recording, simulation.true_map(0.05), seed), after=60)
+        found = _followed(simulation, seed, simulation.true_map(0.05), after=60)
         return {**found, "right": float(found["found_after"] <= 5), "wrongly_sure": float(found["sure_wrong"] > 0.01)}
     other = simulate(scenario_of(OTHER.get(scenario, "office"), seed, platform=platform, noise=noise), seed)
     states = [update.state for update in drives(simulation.recording, other.true_map(0.05), seed)]
@@ -207,7 +213,7 @@ TASKS = ("one scan", "driving", "carried", "elsewhere", "visit")
 
 def summary(rows: Sequence[Row]) -> str:
     """A line a task and world."""
-    keys = (
+    keys = [
         "right",
         "listed",
         "said",
@@ -218,7 +224,7 @@ def summary(rows: Sequence[Row]) -> str:
         "error",
         "ms",
         "area",
-    )
+    ]
     lines: list[tuple[str, ...]] = [("", "rows", *keys)]
     for run, mine in by_run(rows).items():
         good = [row for row in mine if "error" not in row]
@@ -246,11 +252,9 @@ def main() -> int:
             {"run": f"{task}: {scenario}", "platform": platform, "noise": noise, "seed": seed},
             (task, scenario, platform, noise, seed),
         )
-        for task in options.tasks
-        for scenario in options.scenarios
-        for platform in options.platforms
-        for noise in options.noise
-        for seed in options.seeds or range(300, 301)
+        for task, scenario, platform, noise, seed in product(
+            options.tasks, options.scenarios, options.platforms, options.noise, options.seeds or range(300, 301)
+        )
     ]
     rows = benchmark(measure, cases, options, summary=summary)
     if options.draw:
