@@ -20,9 +20,8 @@ Written by hand, since no library has copy-on-write tiles that Taichi kernels ca
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from moteslam.kernels.checks import as_finite
 from moteslam.kernels.runtime import runtime, ti
 from moteslam.kernels.types import F32, I32, func, template
 
@@ -142,13 +141,6 @@ def copy_on_write(pool: template, table: template, shares: template, free: templ
                 pool[mine * CELLS + c] = pool[slot * CELLS + c]
             shares[mine] = 1
             table[entry] = mine
-
-
-def frames_in_cells(frames: ArrayLike, cell_size: float) -> NDArray[np.float64]:
-    """A copy of frames float64 [n, 4] (cos, sin, x, y of poses, from the tables' corner [m]), places in cells."""
-    scaled: NDArray[np.float64] = np.array(as_finite("frames", frames, np.float64, (None, 4)))
-    scaled[:, 2:] /= cell_size
-    return scaled
 
 
 class TileStore:

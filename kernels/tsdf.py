@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.checks import check_array
+from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.runtime import one_thread, passes_for, ti
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.kernels.tiles import (
@@ -22,7 +22,6 @@ from moteslam.kernels.tiles import (
     TileStore,
     address,
     copy_on_write,
-    frames_in_cells,
     pack,
     steps_of,
     tile_along,
@@ -201,7 +200,7 @@ def integrate_scans(
         count the shares again, make room, and call again.
     """
     tiles = store.tiles
-    places = frames_in_cells(frames, options.cell_size)
+    places = as_finite("frames", frames, np.float64, (None, 4)) / (1, 1, options.cell_size, options.cell_size)
     if not scans or len(places) != tiles.maps * len(scans):
         problem = f"{len(places)}, expected one for each of {tiles.maps} maps at each of {len(scans)} scans"
         raise InputError(problem, field="frames")

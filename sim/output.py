@@ -122,11 +122,7 @@ def write_frames(
     check_space(folder, wanted)
     before = 0
     for kind, draw, count in kinds:
-
-        def report(done: int, before: int = before) -> None:
-            progress((before + done) / total)
-
-        write_images(folder, kind, sequence, draw, count, progress=report)
+        write_images(folder, kind, sequence, draw, count, progress=lambda k, b=before: progress((b + k) / total))
         before += count
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError
 from moteslam.robot.noise import ClockNoise, Noise, Surroundings
@@ -29,28 +28,13 @@ from moteslam.sim.sensors.wheels_and_gyro import Encoders, Imu
 from moteslam.sim.world.floor import FloorSettings, rasterise
 from moteslam.sim.world.world import World, lived_in, true_map
 
-Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 """Called with what is being done (``drive``, ``lidar``) and the share of it that is done."""
 
 Rngs = dict[str, np.random.Generator]
 """Random generators by concern."""
 
-_CONCERNS = (
-    "driver",
-    "clocks",
-    "lidar",
-    "encoders",
-    "imu",
-    "actors",
-    "echoes",
-    "wheels",
-    "faults",
-    "odometry",
-    "constants",
-    "surroundings",
-    "sway",
-)
+_CONCERNS = "driver clocks lidar encoders imu actors echoes wheels faults odometry constants surroundings sway"
 """What random numbers are drawn for. New ones go to the end: a concern's numbers depend on its place here alone."""
 
 
@@ -264,5 +248,6 @@ def _spans(duration: float, noise: Noise, rng: np.random.Generator) -> dict[str,
 
 def random_generators(seed: int) -> Rngs:
     """A random generator a concern: a change to one sensor's noise leaves the others as they were."""
-    children = np.random.SeedSequence(seed).spawn(len(_CONCERNS))
-    return {concern: np.random.default_rng(child) for concern, child in zip(_CONCERNS, children, strict=True)}
+    concerns = _CONCERNS.split()
+    children = np.random.SeedSequence(seed).spawn(len(concerns))
+    return {concern: np.random.default_rng(child) for concern, child in zip(concerns, children, strict=True)}

@@ -108,17 +108,8 @@ class Leaf:
         self.open = 0.0
         self._place()
 
-    @property
-    def middle(self) -> Array:
-        """Of the doorway [2] [m]."""
-        return np.asarray(self._hinge + self._along / 2)
-
-    @property
-    def ends(self) -> Array:
-        """x0, y0, x1, y1 of the leaf as it stands [m]."""
-        return self._ends(self.open)
-
-    def _ends(self, opened: float) -> Array:
+    def ends(self, opened: float) -> Array:
+        """x0, y0, x1, y1 of the leaf when it is open so far, 0 to 1 [m]."""
         if self._door.kind == "slide":
             shift = -opened * self._along
             return np.concatenate((self._hinge + shift, self._hinge + self._along + shift))
@@ -128,7 +119,7 @@ class Leaf:
 
     def move(self, time: float, interval: float, bodies: Array, radii: Array) -> None:
         """Move for an interval [s], with people and robot at ``bodies`` [n, 2] of ``radii`` [n] [m]."""
-        from_middle = np.hypot(*(bodies - self.middle).T)
+        from_middle = np.hypot(*(bodies - (self._hinge + self._along / 2)).T)
         door = self._door
         wanted = bool(np.searchsorted(self._switches, time, "right") % 2)
         wanted |= door.automatic and bool((from_middle < door.sensor).any())
@@ -138,14 +129,14 @@ class Leaf:
         after = min(max(self.open + (step if wanted else -step), 0.0), 1.0)
         if after == self.open:
             return
-        near = _distance(bodies, self._ends(after)) - radii
-        if ((near < CLEAR) & (near < _distance(bodies, self.ends) - radii)).any():
+        near = _distance(bodies, self.ends(after)) - radii
+        if ((near < CLEAR) & (near < _distance(bodies, self.ends(self.open)) - radii)).any():
             return  # it would come nearer to someone who is near already
         self.open = after
         self._place()
 
     def _place(self) -> None:
-        x0, y0, x1, y1 = self.ends.tolist()
+        x0, y0, x1, y1 = self.ends(self.open).tolist()
         self._body.position, self._body.angle = (x0, y0), math.atan2(y1 - y0, x1 - x0)
         self._space.reindex_shapes_for_body(self._body)
 
@@ -249,7 +240,7 @@ class Actors:
         return np.concatenate(points), np.concatenate(radii)
 
     def _leaf_ends(self) -> Array:
-        return np.array([leaf.ends for leaf in self._leaves], np.float64).reshape(-1, 4)
+        return np.array([leaf.ends(leaf.open) for leaf in self._leaves], np.float64).reshape(-1, 4)
 
 
 def check_people(people: Sequence[Person], world: World, start: Array, radius: float) -> None:

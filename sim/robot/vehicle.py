@@ -61,11 +61,6 @@ class Vehicle:
         self._rims = [0.0] * len(self._places)
         self._travel = [0.0] * len(self._places)
 
-    @property
-    def position(self) -> tuple[float, float]:
-        """x, y [m]."""
-        return self._body.position.x, self._body.position.y
-
     def state(self) -> tuple[float, ...]:
         """x, y, theta, their velocities, and the travel of the FR, FL, RR, RL wheel; of two, each stands twice."""
         body, travel = self._body, self._travel

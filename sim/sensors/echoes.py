@@ -21,7 +21,7 @@ from moteslam.sim.world.pieces import Material
 from moteslam.sim.world.world import World
 
 if TYPE_CHECKING:
-    from moteslam.kernels.buckets import SegmentBuckets
+    from moteslam.kernels.raycast import SegmentBuckets
 
 
 MAX_SURFACES = 4  # That a beam is followed to

@@ -101,7 +101,11 @@ class Lidar:
         lidar, scan, noise, errors = self._lidar, self._lidar.scan, self._noise, self._errors
         moments = times[:, None] + lidar.time_increment * np.arange(scan.beams)
         angles = scan.angle_min + scan.angle_increment * np.arange(scan.beams)
-        poses = _poses_at(drive, moments, self._mount)
+        poses, mount = _at(drive, moments, drive.poses), self._mount
+        cos, sin = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+        poses[..., 0] += cos * mount.x - sin * mount.y
+        poses[..., 1] += sin * mount.x + cos * mount.y
+        poses[..., 2] += mount.yaw
         rays = Rays(poses[..., :2].reshape(-1, 2), (poses[..., 2] + angles).reshape(-1), moments.reshape(-1))
         exact = beam_ranges(scene, rays, scan, noise, self._effects)
         if tilt is not None or errors.roll or errors.pitch or self._aslant:
@@ -180,16 +184,6 @@ def measured(
     ranges[(ranges < scan.range_min) | (rng.random(exact.shape, np.float32) < noise.dropout)] = np.nan
     ranges[useless] = np.nan
     return ranges.astype(np.float32)
-
-
-def _poses_at(drive: Drive, times: Array, mount: LidarSpec) -> Array:
-    """The lidar's true poses [n, beams, 3], heading not wrapped."""
-    robot = _at(drive, times, drive.poses)
-    cos, sin = np.cos(robot[..., 2]), np.sin(robot[..., 2])
-    robot[..., 0] += cos * mount.x - sin * mount.y
-    robot[..., 1] += sin * mount.x + cos * mount.y
-    robot[..., 2] += mount.yaw
-    return np.asarray(robot, np.float64)
 
 
 def _at(drive: Drive, times: Array, values: Array) -> Array:

@@ -84,7 +84,14 @@ def read_floor_plan(plan: FloorPlan) -> Raster:
 def read_cells(plan: FloorPlan) -> Raster:
     """The free, occupied and unknown cells of a floor plan, as `read_map` has them."""
     path = Path(plan.file)
-    return _of_arrays(path) if _is_archive(path) else read_map(path)
+    if not _is_archive(path):
+        return read_map(path)
+    log_odds = read_map_arrays(path)
+    rows, columns = log_odds.shape
+    if rows * columns > MAX_PIXELS or max(rows, columns) * log_odds.cell_size > MAX_EXTENT:
+        bounds = f"expected at most {MAX_PIXELS} in all and {MAX_EXTENT:g} m a side"
+        raise InputError(f"{columns} x {rows} cells of {log_odds.cell_size:g} m, {bounds}", file=path, field="log_odds")
+    return Raster(trinary(log_odds.values), log_odds.cell_size, log_odds.origin)
 
 
 def _is_archive(path: Path) -> bool:
@@ -101,16 +108,6 @@ def _read(plan: FloorPlan, _stamp: int) -> Raster:
         raise InputError("no occupied cell, expected walls", file=path, field=field)
     solid.setflags(write=False)
     return Raster(solid, known.cell_size, known.origin)
-
-
-def _of_arrays(path: Path) -> Raster:
-    """The free, occupied and unknown cells of a map of log-odds."""
-    log_odds = read_map_arrays(path)
-    rows, columns = log_odds.shape
-    if rows * columns > MAX_PIXELS or max(rows, columns) * log_odds.cell_size > MAX_EXTENT:
-        bounds = f"expected at most {MAX_PIXELS} in all and {MAX_EXTENT:g} m a side"
-        raise InputError(f"{columns} x {rows} cells of {log_odds.cell_size:g} m, {bounds}", file=path, field="log_odds")
-    return Raster(trinary(log_odds.values), log_odds.cell_size, log_odds.origin)
 
 
 _TINY = 1e-9  # Pieces of wall shorter than this are rounding errors [m]
