@@ -18,7 +18,7 @@ from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
-from parts.harness import Case, Row, arguments, benchmark, expect_known, status
+from parts.harness import Case, Row, arguments, benchmark, status
 from parts.runs import is_right, true_poses
 from scipy.ndimage import binary_dilation
 
@@ -145,9 +145,8 @@ def measure(task: str, seed: int, *more: str) -> Row:
 def main() -> int:
     """Run what is asked for."""
     parser = arguments(__doc__)
-    parser.add_argument("--tasks", nargs="+", default=list(TASKS), metavar="NAME")
+    parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS), metavar="NAME")
     given = parser.parse_args()
-    expect_known(parser, "--tasks", given.tasks, TASKS)
     cases: list[Case] = []
     for task in given.tasks:
         for seed in given.seeds or SEEDS[task]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import gzip
 import math
+import re
 import shutil
 import struct
 import subprocess
@@ -22,10 +23,8 @@ from pathlib import Path
 Scan = tuple[float, tuple[float, float, float]]
 """What a log says beside the ranges: the stamp [s] and the pose of the odometry [m, rad]."""
 
-METHODS = ("icp", "rbpf", "odometry")
-PROGRAMS = {"icp": "icp-slam", "rbpf": "rbpf-slam"}
-YAW = {"icp": 3, "rbpf": 4}
-"""Which word of a line of ``log_estimated_path.txt`` is the yaw: rbpf-slam writes a height before it."""
+METHODS = {"icp": ("icp-slam", 3), "rbpf": ("rbpf-slam", 4), "odometry": ("", 3)}
+"""Program, and which word of a line of ``log_estimated_path.txt`` is the yaw: rbpf-slam writes a height before it."""
 
 CELL = 0.05
 """Of the map [m]."""
@@ -88,7 +87,7 @@ def as_pairs(rawlog: bytes, scans: list[Scan]) -> bytes:
     Raises:
         SlamError: it does not hold these scans.
     """
-    starts = _finds(rawlog, SCAN)
+    starts = [found.start() for found in re.finditer(re.escape(SCAN), rawlog)]
     if len(starts) != len(scans):
         raise SlamError(f"carmen2rawlog wrote {len(starts)} scans, expected the {len(scans)} of the recording")
     pairs = []
@@ -110,14 +109,6 @@ def as_pairs(rawlog: bytes, scans: list[Scan]) -> bytes:
         pairs.append(_object("mrpt::obs::CSensoryFrame", 2, struct.pack("<I", 1) + bytes(scan)))
         before = pose
     return b"".join(pairs)
-
-
-def _finds(data: bytes, part: bytes) -> list[int]:
-    places, at = [], data.find(part)
-    while at >= 0:
-        places.append(at)
-        at = data.find(part, at + 1)
-    return places
 
 
 def _object(name: str, version: int, content: bytes) -> bytes:
@@ -299,21 +290,20 @@ def slam(method: str, recording: Path, out: Path, seed: int) -> None:
         scans = read_log(recording.read_text(encoding="utf-8"))
     except OSError as error:
         raise SlamError(f"{recording}: {error.strerror}, expected a CARMEN log") from error
-    stamps = [stamp for stamp, _ in scans]
-    trajectory = out / "trajectory.tum"
-    if method == "odometry":
+    stamps, trajectory, (program, yaw) = [stamp for stamp, _ in scans], out / "trajectory.tum", METHODS[method]
+    if not program:
         rows = "".join(f"{number} {x!r} {y!r} {theta!r}\n" for number, (_, (x, y, theta)) in enumerate(scans))
-        trajectory.write_text(as_tum(rows, stamps, 3), encoding="utf-8")
+        trajectory.write_text(as_tum(rows, stamps, yaw), encoding="utf-8")
         return
     rawlog = "recording.rawlog"
     run("carmen2rawlog", "-q", "-w", "-z", "1", "-i", str(recording.absolute()), "-o", rawlog, folder=out)
     file = out / rawlog
     file.write_bytes(as_pairs(gzip.decompress(file.read_bytes()), scans))
     (out / "slam.ini").write_text(as_ini(settings(method, seed)), encoding="utf-8")
-    run(PROGRAMS[method], "slam.ini", rawlog, folder=out)
+    run(program, "slam.ini", rawlog, folder=out)
     written = out / "mrpt"
     path = (written / "log_estimated_path.txt").read_text(encoding="utf-8")
-    trajectory.write_text(as_tum(path, stamps, YAW[method]), encoding="utf-8")
+    trajectory.write_text(as_tum(path, stamps, yaw), encoding="utf-8")
     for limits in written.glob("*COccupancyGridMap2D_00_limits.txt"):
         shutil.copyfile(limits.with_name(limits.name.replace("_limits.txt", ".png")), out / "map.png")
         (out / "map.yaml").write_text(as_yaml(limits.read_text(encoding="utf-8"), "map.png"), encoding="utf-8")

@@ -271,15 +271,8 @@ def _clutter(segments: Segments, settings: Surroundings, rng: np.random.Generato
     start, along = segments[wall, :2], (segments[wall, 2:] - segments[wall, :2]) / lengths[wall, None]
     across = np.stack((-along[:, 1], along[:, 0]), axis=1) * np.where(draws[:, 1:2] < 0.5, 1.0, -1.0)
     slant = 1.0 - 0.5 * draws[:, 2]  # the far corner stands out less
-    corners = np.stack(
-        (
-            start + begin[:, None] * along,
-            start + begin[:, None] * along + depth[:, None] * across,
-            start + (begin + width)[:, None] * along + (depth * slant)[:, None] * across,
-            start + (begin + width)[:, None] * along,
-        ),
-        axis=1,
-    )
+    first, last = (start + at[:, None] * along for at in (begin, begin + width))  # at the wall
+    corners = np.stack((first, first + depth[:, None] * across, last + (depth * slant)[:, None] * across, last), axis=1)
     things = np.concatenate((corners[:, :-1], corners[:, 1:]), axis=2)
     if not len(things):
         return things
