@@ -103,26 +103,17 @@ BARS: dict[str, tuple[Bar, ...]] = {
 
 @dataclass(frozen=True)
 class Runs:
-    """Runs of a study, each name with each seed.
+    """Runs of a study, each name with each seed."""
 
-    Attributes:
-        run: rows of the same one are summarised together; ``{}`` is the name.
-        names: of logs and scenarios; ``{seed}`` is the seed.
-        seeds: of the simulations; of SLAM, too, unless ``slam_seed`` is given.
-        simulated: what ``simulate_case`` takes besides.
-        false_loops: enter false ones into the final graph, a tenth as many as were accepted.
-        residuals: measure those of the scans under the final poses.
-    """
-
-    run: str
-    names: Iterable[str]
-    seeds: range
+    run: str  # rows of the same one are summarised together; ``{}`` is the name
+    names: Iterable[str]  # of logs and scenarios; ``{seed}`` is the seed
+    seeds: range  # of the simulations; of SLAM, too, unless ``slam_seed`` is given
     slam_seed: int | None = None
-    simulated: Mapping[str, Any] = field(default_factory=dict)
+    simulated: Mapping[str, Any] = field(default_factory=dict)  # what ``simulate_case`` takes besides
     preset: str = "default"
     settings: tuple[str, ...] = ()
-    false_loops: bool = False
-    residuals: bool = False
+    false_loops: bool = False  # enter false ones into the final graph, a tenth as many as were accepted
+    residuals: bool = False  # measure those of the scans under the final poses
 
 
 def alone(run: str, names: Iterable[str], seeds: int, **more: Any) -> Runs:

@@ -42,21 +42,12 @@ Change = Callable[["LidarStream", float], Any]
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault.
-
-    Attributes:
-        code: of the issue that tells it; empty without a fault.
-        shows: how the name of its figure begins.
-        size: by how much that differs then from what is stated, at a share of the fault; None where it has no size.
-        stream: changes of the lidar's stream, by field.
-        mount: what is added to the lidar's pose as stated.
-    """
-
-    code: str
-    shows: str = ""
+    code: str  # of the issue that tells it; empty without a fault
+    shows: str = ""  # how the name of its figure begins
+    # by how much that differs then from what is stated, at a share of the fault; None where it has no size
     size: Callable[[float], float] | None = None
-    stream: dict[str, Change] | None = None
-    mount: dict[str, float] | None = None
+    stream: dict[str, Change] | None = None  # changes of the lidar's stream, by field
+    mount: dict[str, float] | None = None  # what is added to the lidar's pose as stated
 
     def put(self, recording: Recording, share: float) -> Recording:
         """The recording with a share of the fault."""

@@ -32,18 +32,12 @@ STAMP = ("date", "hardware", "load", "versions")
 
 @dataclass(frozen=True)
 class Bar:
-    """What is asked of one figure.
-
-    Attributes:
-        over: the seeds.
-        limit: the largest value allowed; the smallest, where ``least``.
-        least: more is better, and the worst seed is the one with the smallest value.
-    """
+    """What is asked of one figure."""
 
     figure: str
-    over: Literal["worst", "median"]
-    limit: float
-    least: bool = False
+    over: Literal["worst", "median"]  # of the seeds
+    limit: float  # the largest value allowed; the smallest, where ``least``
+    least: bool = False  # more is better, and the worst seed is the one with the smallest value
 
     def holds(self, value: float) -> bool:
         """Whether a value is allowed; NaN is not."""

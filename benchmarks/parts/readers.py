@@ -19,19 +19,12 @@ from moteslam.robot.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Reader:
-    """A reader and what it reads.
+    """A reader and what it reads."""
 
-    Attributes:
-        name: of the format.
-        files: by their paths within a folder.
-        main: the path to read, ``.`` for the folder itself.
-        read: reads a path, and looks at all that is in it.
-    """
-
-    name: str
-    files: dict[str, bytes]
-    main: str
-    read: Callable[[Path], Any]
+    name: str  # of the format
+    files: dict[str, bytes]  # by their paths within a folder
+    main: str  # the path to read, ``.`` for the folder itself
+    read: Callable[[Path], Any]  # reads a path, and looks at all that is in it
 
     @contextmanager
     def written(self, folder: Path, changed: dict[str, bytes]) -> Iterator[Path]:

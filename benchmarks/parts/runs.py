@@ -60,16 +60,11 @@ LOST = 0.15
 
 @dataclass(frozen=True)
 class Case:
-    """A recording and what it is scored with.
-
-    Attributes:
-        reference: truth or reference trajectory; None where there are relations.
-        simulation: None of a real log.
-    """
+    """A recording and what it is scored with."""
 
     recording: Recording
-    reference: Trajectory | None
-    simulation: Simulation | None = None
+    reference: Trajectory | None  # truth or reference trajectory; None where there are relations
+    simulation: Simulation | None = None  # None of a real log
 
 
 def start_kernels(settings: list[str], threads: int, **more: Any) -> SlamConfig:
@@ -224,38 +219,20 @@ def errors(estimate: Estimate, case: Case) -> dict[str, float]:
         return relation_figures(trajectories)
     figures = {key: absolute_trajectory_error(path, case.reference).rmse for key, path in trajectories.items()}
     if case.simulation is not None:
-        scaled = absolute_trajectory_error(estimate.trajectory_final, case.reference, scale=True)
-        figures |= {"lost": figures["final"] >= LOST, "final_scaled": scaled.rmse, "scale": scaled.scale}
+        figures["lost"] = figures["final"] >= LOST
         if case.simulation.scenario.name == "hall":
             figures |= hall_figures(trajectories, case.simulation)
     return figures
 
 
 def loop_figures(estimate: Estimate, case: Case) -> dict[str, float]:
-    """How many loops were accepted and overruled, how many of them false, and recall; by a simulation's truth.
-
-    And the RMSE [m] of online and final poses over the same late stamps, laid on the truth as the final trajectory is:
-    ``_late`` is the last quarter of the scans, ``_after_loops`` what comes after the last accepted loop, if anything.
-    """
-    from moteslam.eval.metrics.ate import absolute_trajectory_error
+    """How many loops were accepted and overruled, how many of them false, and recall; by a simulation's truth."""
     from moteslam.eval.metrics.loops import score_loops
-    from moteslam.robot import se2
-    from moteslam.robot.trajectory import Trajectory
 
     assert case.reference is not None
     loops = score_loops(estimate.loops, case.reference, case.recording).as_dict()
     names = ("accepted", "false", "overruled", "overruled_false", "recall")
-    figures: dict[str, float] = {name: loops[name] for name in names if loops[name] is not None}
-    placed = absolute_trajectory_error(estimate.trajectory_final, case.reference).transform
-    last_loop = max((loop.stamps[1] for loop in estimate.loops if loop.accepted), default=-np.inf)
-    for name, trajectory in (("online", estimate.trajectory), ("final", estimate.trajectory_final)):
-        laid = Trajectory(trajectory.stamps, np.asarray(se2.compose(placed, trajectory.poses)))
-        error = absolute_trajectory_error(laid, case.reference, align=False)
-        quarter = np.arange(len(error.stamps)) >= 0.75 * len(error.stamps)
-        for when, some in (("late", quarter), ("after_loops", error.stamps > last_loop)):
-            if some.any():
-                figures[f"{name}_{when}"] = float(np.sqrt(np.square(error.errors[some]).mean()))
-    return figures
+    return {name: loops[name] for name in names if loops[name] is not None}
 
 
 def relation_figures(trajectories: dict[str, Trajectory]) -> dict[str, float]:

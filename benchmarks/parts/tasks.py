@@ -46,17 +46,11 @@ SLIPPED = 1e-3
 
 
 class Same(NamedTuple):
-    """What a kernel computed, and when the result of another is the same.
+    """What a kernel computed, and when the result of another is the same."""
 
-    Attributes:
-        ours: [n, ...]; another that does less of the work has the first rows.
-        tolerance: numbers that differ by more are not the same.
-        most: the share of them that may not be the same.
-    """
-
-    ours: Any
-    tolerance: Any = 0.0
-    most: float = 0.0
+    ours: Any  # [n, ...]; another that does less of the work has the first rows
+    tolerance: Any = 0.0  # numbers that differ by more are not the same
+    most: float = 0.0  # the share of them that may not be the same
 
     def differing(self, theirs: Any) -> float:
         """The share of another's numbers that are not the same."""
@@ -65,19 +59,13 @@ class Same(NamedTuple):
 
 
 class Contender(NamedTuple):
-    """Who does the work.
+    """Who does the work."""
 
-    Attributes:
-        call: does it once.
-        work: how many units that is.
-        results: makes of what the call returned what is compared with the kernel's.
-        serial: uses one thread, however many the kernel has.
-    """
-
-    call: Callable[[], Any]
-    work: int
+    call: Callable[[], Any]  # does it once
+    work: int  # how many units that is
+    # makes of what the call returned what is compared with the kernel's
     results: Callable[[Any], Results] = lambda found: {}
-    serial: bool = False
+    serial: bool = False  # uses one thread, however many the kernel has
 
 
 class Task(NamedTuple):

@@ -48,13 +48,13 @@ def trace_sides(cells: NDArray[np.bool_]) -> Array:
     # +1 where a solid cell begins, -1 where one ends, looking along an axis
     level = padded[1:, 1:-1].astype(np.int8) - padded[:-1, 1:-1]  # [rows + 1, cols]: sides along x
     upright = (padded[1:-1, 1:].astype(np.int8) - padded[1:-1, :-1]).T  # [cols + 1, rows]: sides along y
-    along_x, along_y = _equal_runs(level), _equal_runs(upright)
+    along_x, along_y = equal_runs(level), equal_runs(upright)
     flat = np.stack((along_x[:, 1], along_x[:, 0], along_x[:, 2], along_x[:, 0]), axis=-1)
     tall = np.stack((along_y[:, 0], along_y[:, 1], along_y[:, 0], along_y[:, 2]), axis=-1)
     return np.concatenate((flat, tall)).astype(np.float64)
 
 
-def _equal_runs(lines: NDArray[np.int8]) -> NDArray[np.int64]:
+def equal_runs(lines: NDArray[np.int8]) -> NDArray[np.int64]:
     """Runs of equal numbers other than 0 in each line: [k, 3] line, first, one past the last."""
     padded = np.pad(lines, ((0, 0), (1, 1)))
     change = padded[:, 1:] != padded[:, :-1]

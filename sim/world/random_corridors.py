@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.se2 import Array
-from moteslam.sim.world.layout import trace_sides
+from moteslam.sim.world.layout import equal_runs, trace_sides
 from moteslam.sim.world.pieces import Block, Box, Chair, Pillar, Table
 
 if TYPE_CHECKING:
@@ -224,9 +224,7 @@ def _free_space(free: NDArray[np.bool_], corner: Array) -> Geometry:
     """The free cells as one polygon [m]: the union of the runs of free cells in each row."""
     import shapely
 
-    steps = np.diff(np.pad(free.astype(np.int8), ((0, 0), (1, 1))), axis=1)
-    rows, begin = np.nonzero(steps == 1)
-    _, end = np.nonzero(steps == -1)
+    rows, begin, end = equal_runs(free.astype(np.int8)).T
     (x, y), cell = corner, CELL
     return shapely.union_all(
         shapely.box(x + begin * cell, y + rows * cell, x + end * cell, y + (rows + 1) * cell), grid_size=cell / 1000
