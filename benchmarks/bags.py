@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 BEAMS, SCAN_RATE, IMU_RATE = 1081, 40, 100
 START = 1.6e9
-PATTERNS = 16
-"""Different images; there is no need for more."""
+PATTERNS = 16  # Different images; there is no need for more
 KINDS = ("bag", "rosbag2", "mcap")
 BARS = dict.fromkeys(KINDS, (Bar("opening_cpu_s", "worst", 10.0), Bar("memory_mb", "worst", 300.0)))
 """Of a bag of an hour."""

@@ -47,8 +47,7 @@ if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
     from moteslam.slam.config import SlamConfig
 
-FIRST = 30
-"""Scans that are run before the clock starts, so that the kernels are loaded."""
+FIRST = 30  # Scans that are run before the clock starts, so that the kernels are loaded
 WARM_STARTS = 7
 
 

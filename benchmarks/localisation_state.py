@@ -26,8 +26,7 @@ from moteslam.sim.scenario import bundled_scenarios
 
 LONG = ("campus", "mile", "twins", "grid")
 """Left out of the setups of every scan, unless asked for: they take longer than all others together."""
-BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.93, 1.0)
-"""Said probabilities of a wrong pose are gathered between these."""
+BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.93, 1.0)  # Said probabilities of a wrong pose are gathered between these
 
 
 def carried(metres: float) -> tuple[str, ...]:

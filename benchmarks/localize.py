@@ -50,8 +50,7 @@ from moteslam.slam.filter.certainty import LocalisationState
 
 STARTS, PLACES = 10, 50
 METRES = 15.0
-BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
-"""Of the probabilities that are said."""
+BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)  # Of the probabilities that are said
 SCENARIOS = ("office", "lab", "warehouse", "corridor", "random-corridors")
 PLATFORMS = ("ucsd", "rplidar_a1", "turtlebot3")
 OTHER = {"office": "warehouse", "warehouse": "lab", "lab": "corridor"}

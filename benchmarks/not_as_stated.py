@@ -36,8 +36,7 @@ from moteslam.sim.scenario import bundled_scenarios
 if TYPE_CHECKING:
     from moteslam.robot.recording import LidarStream, Recording
 
-Change = Callable[["LidarStream", float], Any]
-"""Gives a field of a stream, changed by a share of the fault."""
+Change = Callable[["LidarStream", float], Any]  # Gives a field of a stream, changed by a share of the fault
 
 
 @dataclass(frozen=True)

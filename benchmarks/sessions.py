@@ -40,10 +40,8 @@ from moteslam.slam.sessions import go_on
 
 Array = NDArray[np.float64]
 SEEDS = {"orders": range(501, 502), "twins": range(600, 610), "moved": range(700, 703)}
-PARTS = ((0.0, 0.40), (0.33, 0.72), (0.65, 1.0))
-"""Of the time of a drive."""
-BUILDINGS = ("office", "lab", "random-corridors")
-"""That are visited twice."""
+PARTS = ((0.0, 0.40), (0.33, 0.72), (0.65, 1.0))  # Of the time of a drive
+BUILDINGS = ("office", "lab", "random-corridors")  # That are visited twice
 
 
 def part(recording: Recording, first: float, last: float) -> Recording:

@@ -33,12 +33,9 @@ if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
     from moteslam.slam.online import OnlineSlam
 
-LAPS = 100
-"""Of a drive, at most."""
-LAP = 79.0, 90.0
-"""A lap takes at least, and at most, so long [s]."""
-PAUSE = 0.1
-"""Between two drives [s]."""
+LAPS = 100  # Of a drive, at most
+LAP = 79.0, 90.0  # A lap takes at least, and at most, so long [s]
+PAUSE = 0.1  # Between two drives [s]
 
 
 def drive(seed: int, laps: int, folder: Path) -> None:

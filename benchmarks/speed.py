@@ -48,8 +48,7 @@ from moteslam.kernels import runtime
 SOURCES = [Path(__file__).with_name(name) for name in ("loops.c", "maps.c")]
 COMPILERS = ("gcc", "clang", "cc")
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC")
-SHORTEST = 2e-3
-"""Of a turn [s]: in it a shorter call is made several times."""
+SHORTEST = 2e-3  # Of a turn [s]: in it a shorter call is made several times
 TASKS: dict[str, Callable[[Loops], Task]] = {
     "thinning": thinning,
     "registration": registration,

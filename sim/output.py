@@ -121,8 +121,12 @@ def write_frames(
         announce(f"{total} images of about {_in_words(wanted)} are to be written")
     check_space(folder, wanted)
     before = 0
+
+    def report(done: int) -> None:
+        progress((before + done) / total)
+
     for kind, draw, count in kinds:
-        write_images(folder, kind, sequence, draw, count, progress=lambda k, b=before: progress((b + k) / total))
+        write_images(folder, kind, sequence, draw, count, progress=report)
         before += count
 
 

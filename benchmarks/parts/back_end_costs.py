@@ -16,10 +16,8 @@ Array = NDArray[np.float64]
 
 NODES, EDGES, FALSE, CLUSTER = 2000, 5000, 0.1, 5
 """Of the graph that is solved: how many, which share of the loops is false, and how many false ones agree."""
-LAP = 200
-"""Nodes of a ring of it, 0.5 m apart."""
-SEED = 200
-"""Of the simulated drives."""
+LAP = 200  # Nodes of a ring of it, 0.5 m apart
+SEED = 200  # Of the simulated drives
 
 
 def solver(*_: Any) -> Row:

@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from moteslam.slam.backend.graph.loop_closing import LoopClosing
     from moteslam.slam.backend.graph.loop_graph import LoopGraph
 
-SHARE, CLUSTER = 0.1, 5
-"""As many false loops as this share of the accepted ones, in clusters of neighbouring nodes."""
+SHARE, CLUSTER = 0.1, 5  # As many false loops as this share of the accepted ones, in clusters of neighbouring nodes
 NEAREST, FARTHEST, TURN = 1.0, 3.0, 0.1
 """How far off a cluster is [m], and its heading at most [rad]: as a look-alike along a corridor would be."""
 

@@ -18,10 +18,8 @@ from moteslam.errors import MoteslamError
 from parts.mutations import mutated
 from parts.readers import Reader
 
-LONGEST = 10.0
-"""A reader that takes longer hangs [s of processor time]."""
-MEMORY = 1_000_000_000
-"""What reading may take beyond what the process has before [bytes]."""
+LONGEST = 10.0  # A reader that takes longer hangs [s of processor time]
+MEMORY = 1_000_000_000  # What reading may take beyond what the process has before [bytes]
 
 
 class Failure(NamedTuple):

@@ -24,8 +24,7 @@ from moteslam.eval.tables import aligned
 
 Row = dict[str, Any]
 """Of one run: ``run`` (rows of one are summarised together), ``seed``, then figures; or ``error``, where it crashed."""
-Case = tuple[Row, tuple[Any, ...]]
-"""How a row begins, and the arguments that its figures are measured with."""
+Case = tuple[Row, tuple[Any, ...]]  # How a row begins, and the arguments that its figures are measured with
 
 STAMP = ("date", "hardware", "load", "versions")
 
@@ -47,8 +46,7 @@ class Bar:
         return f"{self.over} {'>=' if self.least else '<='} {self.limit:g}"
 
 
-Bars = Mapping[str, Sequence[Bar]]
-"""By ``run``."""
+Bars = Mapping[str, Sequence[Bar]]  # By ``run``
 
 
 def seeds(text: str) -> range:

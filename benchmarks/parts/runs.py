@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 DATA = Path(os.environ.get("MOTESLAM_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
-RELATIONS = "intel_raw_part"
-"""The log that is scored by hand-checked relations."""
+RELATIONS = "intel_raw_part"  # The log that is scored by hand-checked relations
 LOGS = {
     RELATIONS: "intel/intel_raw_part",
     "intel_key_scans": "intel/intel_key_scans",
@@ -45,17 +44,14 @@ HALF_DEGREE = (
     "platform.lidar.time_increment=3.7e-5",
 )
 """Makes of the robot ``lms200`` one with 361 beams half a degree apart, as of csail and freiburg-101."""
-KEY_SCANS = (0.75, 0.5)
-"""The distance [m] and turn [rad] between the scans of the classic key-scan logs."""
+KEY_SCANS = (0.75, 0.5)  # The distance [m] and turn [rad] between the scans of the classic key-scan logs
 WHEELS: dict[str, Any] = {"platform": "lms200", "settings": ("platform.imu=false",), "key_scans": KEY_SCANS}
 """What `simulate_case` takes of a robot without gyro that logs key scans."""
 STEP_NOISE = (0.05, 0.1)
 """Noise of a poor odometry, as shares of the length and of the turn of each step between key scans."""
 NOISY = WHEELS | {"step_noise": STEP_NOISE}
-FILTER_ALONE = ("backend.method=none",)
-"""Leaves the back end out of the preset ``default``."""
-LOST = 0.15
-"""A larger ATE [m] counts as a divergence."""
+FILTER_ALONE = ("backend.method=none",)  # Leaves the back end out of the preset ``default``
+LOST = 0.15  # A larger ATE [m] counts as a divergence
 
 
 @dataclass(frozen=True)

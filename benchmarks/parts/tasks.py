@@ -27,22 +27,17 @@ from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import register
 
 Array = NDArray[np.float64]
-Results = Mapping[str, Any]
-"""Arrays by name."""
+Results = Mapping[str, Any]  # Arrays by name
 
 BEAMS = 1081
 ANGLES = np.linspace(math.radians(-135), math.radians(135), BEAMS)
-CELL, CELLS = 0.05, 2000
-"""Of the grid: size [m], rows and columns."""
+CELL, CELLS = 0.05, 2000  # Of the grid: size [m], rows and columns
 MAPS = TsdfConfig(cell_size=CELL, truncation=0.15, coarse_truncation=0.4)
-MOVED = np.array((0.1, -0.1, 0.2))
-"""From where a particle is taken to be to where its scan was taken [m], [rad]."""
-ON_EDGES = 0.01
-"""This share of sums over cells may differ: single precision puts a point near an edge on either side."""
+MOVED = np.array((0.1, -0.1, 0.2))  # From where a particle is taken to be to where its scan was taken [m], [rad]
+ON_EDGES = 0.01  # This share of sums over cells may differ: single precision puts a point near an edge on either side
 
 SIZE, ROOM, DOOR, MAX_RANGE = 100.0, 4.0, 1.2, 30.0
-SLIPPED = 1e-3
-"""This share of rays may pass a corner on its other side, in single precision."""
+SLIPPED = 1e-3  # This share of rays may pass a corner on its other side, in single precision
 
 
 class Same(NamedTuple):

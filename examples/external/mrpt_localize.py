@@ -18,8 +18,7 @@ from pathlib import Path
 
 from mrpt_slam import SlamError, as_ini, as_pairs, as_tum, read_log, run
 
-SPREAD, TURN = 0.5, 20.0
-"""Around a start, to each side [m], [degrees]."""
+SPREAD, TURN = 0.5, 20.0  # Around a start, to each side [m], [degrees]
 SETTINGS: dict[str, dict[str, object]] = {
     "KLD_options": {
         "KLD_binSize_PHI_deg": 10,

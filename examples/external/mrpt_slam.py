@@ -26,16 +26,14 @@ Scan = tuple[float, tuple[float, float, float]]
 METHODS = {"icp": ("icp-slam", 3), "rbpf": ("rbpf-slam", 4), "odometry": ("", 3)}
 """Program, and which word of a line of ``log_estimated_path.txt`` is the yaw: rbpf-slam writes a height before it."""
 
-CELL = 0.05
-"""Of the map [m]."""
+CELL = 0.05  # Of the map [m]
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.55, 0.45
 """A grey of MRPT's maps is a probability, and what nobody saw lies at 0.5."""
 
 ODOMETRY, SCAN = b"\x9fmrpt::obs::CObservationOdometry", b"\xa2mrpt::obs::CObservation2DRangeScan"
 """How an object begins in a rawlog: the length of its class's name with the highest bit set, and the name."""
 LABEL = b"\x0b\x00\x00\x00ROBOTLASER1"
-EPOCH = 116_444_736_000_000_000
-"""1970 on MRPT's clock, in 100 ns since 1601."""
+EPOCH = 116_444_736_000_000_000  # 1970 on MRPT's clock, in 100 ns since 1601
 MOTION_MODEL = (0.01, math.degrees(0.001), math.radians(1), 0.05, 0.01, math.radians(0.2))
 """a1 to a4, minStdXY and minStdPHI of MRPT's Gaussian motion model: its own default values."""
 OTHER_MODEL = (300, 0.15, 0.25, 0.15, 0.1, 0.0, 0.0)

@@ -162,7 +162,7 @@ class Run:
         """One physics step of all; with a pose the robot is there after it."""
         vehicle, actors, done, dt = self.vehicle, self.actors, self.steps, 1 / PHYSICS_RATE
         if actors is not None and done % CONTROL_STEPS == 0:
-            actors.move(done * dt, CONTROL_STEPS * dt, self.state[:2], vehicle.platform.radius)
+            actors.move(done * dt, CONTROL_STEPS * dt, (self.state[0], self.state[1]), vehicle.platform.radius)
         vehicle.space.step(dt)
         if pose is not None:
             vehicle.put(pose, velocity)
