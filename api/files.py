@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, ExistsError, InputError, MoteslamError, OutputError
 
-MARKER = ".moteslam"
-"""In every result folder: a title, then the names of the files and folders beside it."""
+MARKER = ".moteslam"  # In every result folder: a title, then the names of the files and folders beside it
 
 _TITLE = "made by moteslam"
 

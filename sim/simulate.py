@@ -31,8 +31,7 @@ from moteslam.sim.world.world import World, lived_in, true_map
 Progress = Callable[[str, float], None]
 """Called with what is being done (``drive``, ``lidar``) and the share of it that is done."""
 
-Rngs = dict[str, np.random.Generator]
-"""Random generators by concern."""
+Rngs = dict[str, np.random.Generator]  # Random generators by concern
 
 _CONCERNS = "driver clocks lidar encoders imu actors echoes wheels faults odometry constants surroundings sway"
 """What random numbers are drawn for. New ones go to the end: a concern's numbers depend on its place here alone."""

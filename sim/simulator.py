@@ -26,8 +26,7 @@ from moteslam.sim.sensors.faults import with_gaps, with_odometry_faults
 from moteslam.sim.simulate import Sensors, on_its_way, random_generators, run_of, seeded
 from moteslam.sim.world.world import World
 
-LATEST = 5.0
-"""Readings are made from so much of the drive [s]: no driver delivers them later."""
+LATEST = 5.0  # Readings are made from so much of the drive [s]: no driver delivers them later
 
 
 @dataclass(frozen=True, eq=False)
