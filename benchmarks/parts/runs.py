@@ -6,8 +6,9 @@ import heapq
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,11 +142,7 @@ def with_images(simulation: Simulation) -> Recording:
     return simulation.recording.replace(rgbd=simulation.frames.drawn)
 
 
-class Message(NamedTuple):
-    arrives: float
-    order: int
-    stream: str
-    number: int
+Message = tuple[float, int, str, int]  # when it arrives [s], the place of its stream, the stream, its number there
 
 
 def messages(recording: Recording, late: dict[str, float]) -> Iterator[Message]:
@@ -157,8 +154,7 @@ def messages(recording: Recording, late: dict[str, float]) -> Iterator[Message]:
         if stream is not None:
             stamps = getattr(stream, f"{name}_stamps") if of_camera else stream.stamps
             arrive = (stamps + late.get("images" if of_camera else name, 0.0)).tolist()
-            count, order = len(arrive), len(streams)
-            streams.append(map(Message, arrive, [order] * count, [name] * count, range(count)))
+            streams.append(zip(arrive, repeat(len(streams)), repeat(name), range(len(arrive)), strict=False))
     return heapq.merge(*streams)
 
 

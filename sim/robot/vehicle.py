@@ -52,7 +52,6 @@ class Vehicle:
         hull.filter = pymunk.ShapeFilter(categories=ROBOT)
         self.space.add(self._body, hull)
         self._places = _places(wheels)
-        self._lengthwise = body.stiffness
         self._sideways = body.stiffness * _sideways_ratio(wheels)
         self._half_track = wheels.effective_track / 2
         self._grip = body.grip * body.mass * GRAVITY / len(self._places)
@@ -77,7 +76,7 @@ class Vehicle:
         for i, (px, py) in enumerate(self._places):
             rim, load = self._rims[i], self._loads[i]
             # the floor's force on the wheel, against the slip at its contact
-            fx = load * self._lengthwise * (rim - (forward - yaw_rate * py))
+            fx = load * settings.stiffness * (rim - (forward - yaw_rate * py))
             fy = -load * self._sideways * (left + yaw_rate * px)
             size = math.hypot(fx, fy)
             grip = load * self._grip
