@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from parts.fuzzing import fuzz
+from fuzz import fuzz
 from parts.readers import Reader, readers
 
 from moteslam.errors import InputError
