@@ -212,18 +212,7 @@ TASKS = ("one scan", "driving", "carried", "elsewhere", "visit")
 
 def summary(rows: Sequence[Row]) -> str:
     """A line a task and world."""
-    keys = [
-        "right",
-        "listed",
-        "said",
-        "sure_wrong",
-        "within_10_m",
-        "found_after",
-        "wrongly_sure",
-        "error",
-        "ms",
-        "area",
-    ]
+    keys = ("right", "listed", "said", "sure_wrong", "within_10_m", "found_after", "wrongly_sure", "off", "ms", "area")
     lines: list[tuple[str, ...]] = [("", "rows", *keys)]
     for run, mine in by_run(rows).items():
         good = [row for row in mine if "error" not in row]
