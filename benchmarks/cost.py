@@ -2,6 +2,7 @@
 
     python benchmarks/cost.py --set backend.method=none --out cost.csv
     python benchmarks/cost.py --cases filter start --seeds 3
+    python benchmarks/cost.py --against ../older-clone
 
 | case | what |
 |---|---|
@@ -20,7 +21,8 @@
 
 Each case runs in a fresh process, with the kernels in the cache on disk; loading them is given apart, and counted where
 the whole process is measured. The error of the same run stands beside its cost. --quick takes a short log and 25 s of
-the scenarios: a trial. Bars are of the filter alone.
+the scenarios: a trial. --against runs the same command in this checkout and in another one, in turns, each with the
+Python of its own `.venv`, and prints the ratios of their processor times. Bars are of the filter alone.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from parts.back_end_costs import back_end, joint, solver
-from parts.harness import Bar, Row, arguments, benchmark, memory, parsed, status
+from parts.harness import Bar, Row, arguments, benchmark, count, memory, parsed, status
 from parts.runs import add, errors, load_log, log_file, messages, reference_file, simulate_case, start_kernels
 
 if TYPE_CHECKING:
@@ -51,7 +53,7 @@ FIRST = 30  # Scans that are run before the clock starts, so that the kernels ar
 WARM_STARTS = 7
 
 
-def python(*words: str, **environment: str) -> dict[str, float]:
+def python(*words: str, executable: str = sys.executable, **environment: str) -> dict[str, float]:
     """Run Python in a fresh process: its wall time, processor time [s] and most memory [MB].
 
     Raises:
@@ -60,7 +62,7 @@ def python(*words: str, **environment: str) -> dict[str, float]:
     began = time.perf_counter()
     with tempfile.TemporaryFile("w+") as failed:
         child = subprocess.Popen(
-            [sys.executable, *words], stdout=subprocess.DEVNULL, stderr=failed, env=os.environ | environment
+            [executable, *words], stdout=subprocess.DEVNULL, stderr=failed, env=os.environ | environment
         )
         _, code, usage = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(code)
@@ -279,12 +281,41 @@ def measure(case: str, seed: int, settings: list[str], quick: bool) -> Row:
     return function(seed, settings, **{key: QUICK.get(key, value) if quick else value for key, value in given.items()})
 
 
+def against(folder: Path, settings: list[str], pairs: int) -> None:
+    """The processor time of ``moteslam replay`` in this checkout over that in another one, pair by pair.
+
+    A run of each before the first pair loads the kernels. Who runs first changes from pair to pair.
+    """
+    here, there = Path(__file__).parents[1], folder.resolve()
+    for log in ("intel_key_scans", "csail"):
+        ratios = []
+        for pair in range(-1, pairs):
+            spent = {}
+            for checkout in (here, there) if pair % 2 else (there, here):
+                with tempfile.TemporaryDirectory() as scratch:
+                    spent[checkout] = replay(
+                        log_file(log), Path(scratch) / "out", settings, "--threads", "1", "--no-figures",
+                        executable=str(checkout / ".venv" / "bin" / "python"),
+                    )["cpu_s"]  # fmt: skip
+            if pair >= 0:
+                ratios.append(spent[here] / spent[there])
+                print(f"{log}  {spent[here]:.2f} s / {spent[there]:.2f} s = {ratios[-1]:.3f}", flush=True)
+        print(f"{log}: median of {pairs} pairs {statistics.median(ratios):.3f}")
+
+
 def main() -> int:
     """Measure, and print a table; 1 where a case crashed or a bar does not hold."""
     parser = arguments(__doc__, settings=True)
     parser.add_argument("--cases", nargs="+", choices=CASES, metavar="CASE", default=list(CASES))
     parser.add_argument("--quick", action="store_true", help="shorter recordings: a trial")
+    parser.add_argument("--against", type=Path, metavar="FOLDER", help="another checkout, with a .venv of its own")
+    parser.add_argument("--pairs", type=count, default=7, help="of runs, with --against [7]")
     options = parsed(parser)
+    if options.against is not None:
+        if not (options.against / ".venv" / "bin" / "python").exists():
+            parser.error(f"{options.against}: no .venv there, expected a checkout after `make setup`")
+        against(options.against, options.settings, options.pairs)
+        return 0
     about = {"settings": " ".join(options.settings), "length": "quick" if options.quick else "full"}
     cases = [
         ({"run": case, "seed": seed, **about}, (case, seed, options.settings, options.quick))
