@@ -9,6 +9,7 @@
 | logs | real logs, where MOTESLAM_DATA is, against references and relations | 0 to 4, of SLAM |
 | scenarios | every bundled scenario | 0 to 4 |
 | buildings | twenty random buildings that no setting was chosen on | 0 |
+| floors | fifty floors drawn as PNG (parts/floors.py), a lidar of 8 m | 300 to 349 |
 | classes | all scenarios, noise of data sheets and as recorded, presets default and paper | 0 to 4 |
 | lidars | three lidars, dense and as key scans | 0 to 19 |
 | robots | three small robots, and shorter ranges of one of them | 0 to 4 |
@@ -28,13 +29,16 @@ on, and stays in the medians. Every run is on one thread.
 
 import itertools
 import sys
+import tempfile
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from parts.false_loops import false_loops
+from parts.floors import drawn_floor
 from parts.harness import Bar, Case, Row, arguments, benchmark, expect_known, status
 from parts.runs import (
     FILTER_ALONE,
@@ -60,6 +64,9 @@ TEN_HERTZ = {
     "settings": ("platform.lidar.rate=10.0", "platform.lidar.time_increment=0.00027"),
 }
 """A lidar of 360 beams, 12 m and 10 Hz."""
+EIGHT_METRES = {"platform": "rplidar_a1", "settings": ("platform.lidar.range_max=8.0",)}
+FLOOR = "floor"
+"""The name of a floor that its seed draws."""
 WORLDS = ("campus", "twins", "grid", "mile")
 SMALL = ("doors", "lab", "corridor", "loop", "big_loop", "people")
 INDOORS = (*SMALL, "glass_front", "hall", "office", "outage", "slippery", "two_halls", "warehouse")
@@ -96,6 +103,7 @@ BARS: dict[str, tuple[Bar, ...]] = {
     "freiburg-101": at_once(Bar("final", "worst", 0.046)),
     "belgioioso": at_once(Bar("final", "worst", 0.095)),
     "csail": at_once(Bar("final", "worst", 0.105)),
+    FLOOR: (Bar("final", "worst", 0.015), Bar("online", "worst", 0.03)),
     "hall": (*at_once(Bar("final_across", "worst", 0.05)), Bar("along_over_dead_reckoning", "worst", 1.0)),
 } | dict.fromkeys(("corridor", "loop", "office"), at_once(NEVER_LOST, Bar("final", "median", 0.03)))
 """On logs a quarter less error than the best of GMapping, Karto, Cartographer and Hector (docs/results.md)."""
@@ -142,6 +150,7 @@ STUDIES: dict[str, list[Runs]] = {
     "logs": [Runs("{}", LOGS, range(5))],
     "scenarios": [Runs("{}", ALL, range(5))],
     "buildings": [Runs("random-corridors", BUILDINGS, range(1))],
+    "floors": [Runs("floors", (FLOOR,), range(300, 350), slam_seed=0, simulated=EIGHT_METRES)],
     "classes": [
         alone(f"{preset}, {noise}", ALL, 5, preset=preset, simulated={"platform": "ucsd", "noise_class": noise})
         for preset in ("default", "paper")
@@ -229,7 +238,9 @@ def measure(this: Runs, name: str, seed: int) -> Row:
 
     runtime.init("cpu", 1)
     config = resolve_config(this.preset, this.settings)
-    case = load_log(name) if name in LOGS else simulate_case(name, seed, **this.simulated)
+    with tempfile.TemporaryDirectory() as folder:
+        scenario = str(drawn_floor(seed, Path(folder))) if name == FLOOR else name
+        case = load_log(name) if name in LOGS else simulate_case(scenario, seed, **this.simulated)
     began = time.process_time()
     with false_loops(seed) if this.false_loops else nullcontext():
         estimate = run_slam(case.recording, config, seed=seed if this.slam_seed is None else this.slam_seed)
@@ -249,9 +260,9 @@ def measure(this: Runs, name: str, seed: int) -> Row:
 
 def asked(study: str, name: str) -> tuple[Bar, ...]:
     """The bars of a log or a scenario; where getting lost is expected, fewer."""
-    if study not in ("logs", "scenarios", "buildings"):
+    if study not in ("logs", "scenarios", "buildings", "floors"):
         return ()
-    expected = name not in LOGS and load_scenario(name).expect_divergence
+    expected = name not in LOGS and name != FLOOR and load_scenario(name).expect_divergence
     return BARS.get(name, () if expected else (NEVER_LOST,))
 
 
