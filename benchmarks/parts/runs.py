@@ -211,20 +211,32 @@ def errors(estimate: Estimate, case: Case) -> dict[str, float]:
         return relation_figures(trajectories)
     figures = {key: absolute_trajectory_error(path, case.reference).rmse for key, path in trajectories.items()}
     if case.simulation is not None:
-        figures["lost"] = figures["final"] >= LOST
+        scaled = absolute_trajectory_error(estimate.trajectory_final, case.reference, scale=True)
+        figures |= {"lost": figures["final"] >= LOST, "final_scaled": scaled.rmse}
         if case.simulation.scenario.name == "hall":
             figures |= hall_figures(trajectories, case.simulation)
     return figures
 
 
 def loop_figures(estimate: Estimate, case: Case) -> dict[str, float]:
-    """How many loops were accepted and overruled, how many of them false, and recall; by a simulation's truth."""
+    """How many loops were accepted and overruled, how many of them false, and recall; by a simulation's truth.
+
+    And the RMSE [m] of the last quarter of the online poses, laid on the truth as the final trajectory is.
+    """
+    from moteslam.eval.metrics.ate import absolute_trajectory_error
     from moteslam.eval.metrics.loops import score_loops
+    from moteslam.robot import se2
+    from moteslam.robot.trajectory import Trajectory
 
     assert case.reference is not None
     loops = score_loops(estimate.loops, case.reference, case.recording).as_dict()
     names = ("accepted", "false", "overruled", "overruled_false", "recall")
-    return {name: loops[name] for name in names if loops[name] is not None}
+    figures: dict[str, float] = {name: loops[name] for name in names if loops[name] is not None}
+    placed = absolute_trajectory_error(estimate.trajectory_final, case.reference).transform
+    online = Trajectory(estimate.trajectory.stamps, np.asarray(se2.compose(placed, estimate.trajectory.poses)))
+    late = absolute_trajectory_error(online, case.reference, align=False).errors
+    late = late[-(-3 * len(late) // 4) :]
+    return figures | ({"online_late": float(np.sqrt(np.square(late).mean()))} if len(late) else {})
 
 
 def relation_figures(trajectories: dict[str, Trajectory]) -> dict[str, float]:
