@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_lines import printed, refused, shown
+from command_lines import Capsys, printed, refused, shown
 
 from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.se2 import between
@@ -35,15 +35,14 @@ def test_help_is_instant_and_has_examples() -> None:
     assert done.stdout.count("Examples:") >= len(COMMANDS)
 
 
-@pytest.mark.parametrize("command", ["replay"])
-def test_print_config_reads_back(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_print_config_reads_back(tmp_path: Path, capsys: Capsys) -> None:
     file, again = tmp_path / "mine.toml", tmp_path / "again.toml"
     file.write_text("particles = 7\n[map]\ncell_size = 0.1\n")
-    first = (command, "--preset", "paper", "--config", file, "--set", "particles=8", "--print-config")
+    first = ("replay", "--preset", "paper", "--config", file, "--set", "particles=8", "--print-config")
     again.write_text(printed(capsys, *first))
     values = tomllib.loads(again.read_text())
     assert (values["particles"], values["map"]["cell_size"]) == (8, 0.1)  # flag over file over preset
-    found = printed(capsys, command, "--config", again, "--print-config", "--set", "particles=9")
+    found = printed(capsys, "replay", "--config", again, "--print-config", "--set", "particles=9")
     assert tomllib.loads(found) == {**values, "particles": 9}
     assert shown(capsys, *first) == values
 
@@ -90,7 +89,7 @@ def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_pa
 
 @pytest.mark.usefixtures("taichi")
 def test_a_log_is_scored_by_the_reference_and_the_relations_beside_it(
-    simulation, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    simulation, tmp_path: Path, capsys: Capsys
 ) -> None:
     write_carmen(tmp_path / "a.log", with_odometry(simulation.recording, gyro=True))
     write_tum(tmp_path / "a.reference.tum", simulation.truth)
@@ -123,13 +122,13 @@ def test_dead_reckoning_of_the_real_encoders(
     assert (tmp_path / "out" / "dead_reckoning.png").exists()
 
 
-def test_a_stated_duration_that_is_too_short_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stated_duration_that_is_too_short_is_named(tmp_path: Path, capsys: Capsys) -> None:
     slow = ("--platform", "turtlebot3", "--set", "duration=60")
     said = refused(capsys, "simulate", "corridor", *slow, "--out", tmp_path / "x")
     assert all(words in said for words in ("corridor: duration: 259.091 s", "duration=60", "--duration 60"))
 
 
-def test_inspect(simulated_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_inspect(simulated_folder: Path, tmp_path: Path, capsys: Capsys) -> None:
     found = {}
     for line in printed(capsys, "inspect", simulated_folder).splitlines():
         name, *cells = [cell.strip() for cell in line.split("  ") if cell.strip()]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_lines import refused
+from command_lines import printed, refused, shown, told
 from converted import WRITTEN, assert_held, name_of, to, with_every_stream
 
 from moteslam.eval.cli import main
@@ -52,8 +52,7 @@ def test_every_format_becomes_itself_and_the_next(
 
 
 def test_what_is_lost_is_printed_and_in_the_json(drives: dict[str, Path], tmp_path: Path, capsys) -> None:
-    assert convert(drives["csv"], tmp_path / "a.log", "--every", "10") == 0
-    assert capsys.readouterr().err.count(" not written, ") == 2
+    assert told(capsys, "convert", drives["csv"], tmp_path / "a.log", "--every", "10").count(" not written, ") == 2
     assert convert(drives["csv"], tmp_path / "b.log", "--json") == 0
     out, err = capsys.readouterr()
     said = json.loads(out)
@@ -66,10 +65,9 @@ def test_what_is_lost_is_printed_and_in_the_json(drives: dict[str, Path], tmp_pa
 def test_a_truth_stays_where_it_is_and_is_named(simulated_folder: Path, tmp_path: Path, capsys) -> None:
     truth = simulated_folder / "truth.tum"
     before = truth.read_bytes()
-    assert convert(simulated_folder, tmp_path / "a.bag", "--end", "1") == 0
-    assert f"moteslam evaluate TRAJECTORY {truth}" in capsys.readouterr().out
-    assert convert(simulated_folder, tmp_path / "b.bag", "--end", "1", "--json") == 0
-    assert json.loads(capsys.readouterr().out)["truth"] == str(truth)
+    said = printed(capsys, "convert", simulated_folder, tmp_path / "a.bag", "--end", "1")
+    assert f"moteslam evaluate TRAJECTORY {truth}" in said
+    assert shown(capsys, "convert", simulated_folder, tmp_path / "b.bag", "--end", "1")["truth"] == str(truth)
     assert truth.read_bytes() == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.bag", "b.bag"]
 
@@ -107,8 +105,7 @@ def trajectories(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("trajectories")
 def test_a_format_that_is_named_and_json(capsys) -> None:
-    assert convert("tum.tum", "path.txt", "--to", "euroc", "--json") == 0
-    said = json.loads(capsys.readouterr().out)
+    said = shown(capsys, "convert", "tum.tum", "path.txt", "--to", "euroc")
     assert said == {"out": "path.txt", "format": "euroc", "poses": 40, "distance_m": PATH.length, "warnings": []}
     assert Path("path.txt").read_text().startswith("#timestamp [ns]")
 
@@ -134,8 +131,7 @@ def test_edges_that_are_lost_are_printed(capsys) -> None:
         fixed=np.array([0]),
     )
     write_g2o("graph.g2o", graph)
-    assert convert("graph.g2o", "a.tum") == 0
-    assert capsys.readouterr().err == "moteslam: warning: graph.g2o: 2 edges not written, no part of a trajectory\n"
-    assert convert("graph.g2o", "b.g2o", "--json") == 0
-    [issue] = json.loads(capsys.readouterr().out)["warnings"]
+    told_of = "moteslam: warning: graph.g2o: 2 edges not written, no part of a trajectory\n"
+    assert told(capsys, "convert", "graph.g2o", "a.tum") == told_of
+    [issue] = shown(capsys, "convert", "graph.g2o", "b.g2o")["warnings"]
     assert (issue["code"], issue["count"]) == ("not-written", 2)

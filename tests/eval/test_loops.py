@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_lines import shown
+from command_lines import Capsys, printed, shown
 from figures import legend_of
 from loop_candidates import candidate
 from matplotlib.figure import Figure
 
 from moteslam.errors import InputError
-from moteslam.eval.cli import main
 from moteslam.eval.metrics import loops as metric
 from moteslam.eval.metrics.loops import possible_loops, score_loops
 from moteslam.eval.report.maps import ACCEPTED, REJECTED, draw_loops
@@ -202,19 +201,17 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_command_scores_a_ledger(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_scores_a_ledger(folder: Path, capsys: Capsys) -> None:
     arguments = ["evaluate", "truth.tum", "truth.tum", "--loops", "loops.csv", "--recording", "rounds.log"]
     result = score_loops(read_loops("loops.csv"), read_tum("truth.tum"), open_recording("rounds.log"))
-    assert main.run(arguments) == 0
-    out = capsys.readouterr().out
+    out = printed(capsys, *arguments)
     assert re.search(r"precision of loops +0\.500 \(accepted 2, overruled 0, overruled false 0\)", out)
     assert re.search(rf"recall of loops +{result.recall:.3f} \(possible {result.possible}, bound 9\)", out)
     found = shown(capsys, *arguments, "--save", "out.json")["metrics"]["truth.tum"]
     assert found["loops_false"]["value"] == 1
     assert found["loops_recall"]["possible"] == result.possible
     assert json.loads((folder / "out.json").read_text())["metrics"]["truth.tum"] == found
-    assert main.run(arguments[:-2]) == 0
-    assert "no recall of the loops: there is no recording" in capsys.readouterr().out
+    assert "no recall of the loops: there is no recording" in printed(capsys, *arguments[:-2])
 
 
 LOOPS = (

@@ -116,12 +116,8 @@ def test_names_are_text(tmp_path: Path) -> None:
     material.runs.append(run_of(HOSTILE, scenario=HOSTILE, status="crashed"))
     material.documents.append((HOSTILE, HOSTILE))
     text = page(material, title=HOSTILE)
-    assert "<img src=x" not in text
-    assert "document.title='x'</script>" not in text
-    assert "\u202e" not in text
-    assert "\x1b" not in text
-    assert "&lt;/script&gt;" in text
-    assert "\\u202e" in text
+    assert [bad for bad in ("<img src=x", "document.title='x'</script>", "\u202e", "\x1b") if bad in text] == []
+    assert all(shown in text for shown in ("&lt;/script&gt;", "\\u202e"))
 
 
 def test_the_policy_allows_the_scripts_of_the_page_and_no_others(tmp_path: Path) -> None:

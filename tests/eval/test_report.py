@@ -259,14 +259,10 @@ PNG = b"\x89PNG\r\n\x1a\n"
 STREAMS = ("lidar", "encoders", "odometry", "imu", "rgbd")
 
 
-def whole(seconds: float = 6.0) -> Recording:
-    """A winding drive with every stream."""
-    recording = winding(seconds=seconds)
-    stamps = recording.encoders.stamps
-    return recording.replace(odometry=with_odometry(recording).odometry, rgbd=RgbdStream(stamps[::10], stamps[5::10]))
-
-
-WHOLE = whole()
+DRIVE = winding(seconds=6.0)
+FRAMES = RgbdStream(DRIVE.encoders.stamps[::10], DRIVE.encoders.stamps[5::10])
+WHOLE = DRIVE.replace(odometry=with_odometry(DRIVE).odometry, rgbd=FRAMES)
+"""With every stream."""
 
 
 def drawn_of(recording: Recording, tmp_path: Path, figures: list[Figure]) -> Figure:
