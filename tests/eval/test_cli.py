@@ -216,7 +216,7 @@ def test_the_input_is_never_replaced_and_others_with_force_alone(form: str, driv
     assert files_in(drives[form].parent) == before
 
 
-def test_replay_takes_the_same_part_and_records_it(drives: dict[str, Path], tmp_path: Path, capsys) -> None:
+def test_replay_takes_the_same_part_and_records_it(drives: dict[str, Path], tmp_path: Path) -> None:
     part = ["--start", "0.1", "--end", "0.9", "--every", "2", "--streams", "lidar,odometry"]
     options = ["--topics", "lidar=/scan", "--no-figures", "--set", "particles=5", "--out", str(tmp_path / "result")]
     assert main.run(["replay", str(drives["bag"]), *part, *options]) == 0

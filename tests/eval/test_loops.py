@@ -33,22 +33,17 @@ HALF = 5.0
 BEAMS = np.deg2rad(np.arange(-90.0, 91.0))
 
 
-def ranges_at(poses: np.ndarray) -> np.ndarray:
-    """Ranges [n, beams] to the walls of the room, from poses [n, 3]."""
+def drive(angles: np.ndarray, heading: np.ndarray | float = np.pi / 2) -> tuple[Recording, Trajectory]:
+    """Scans at these angles on the round, and the truth; the heading is that on the round, plus ``heading`` [rad]."""
+    poses = np.stack((RADIUS * np.cos(angles), RADIUS * np.sin(angles), se2.wrap(angles + heading)), axis=-1)
     directions = poses[:, 2:] + BEAMS
     with np.errstate(divide="ignore"):
         x = (HALF * np.copysign(1.0, np.cos(directions)) - poses[:, :1]) / np.cos(directions)
         y = (HALF * np.copysign(1.0, np.sin(directions)) - poses[:, 1:2]) / np.sin(directions)
-    return np.minimum(x, y)
-
-
-def drive(angles: np.ndarray, heading: np.ndarray | float = np.pi / 2) -> tuple[Recording, Trajectory]:
-    """Scans at these angles on the round, and the truth; the heading is that on the round, plus ``heading`` [rad]."""
-    poses = np.stack((RADIUS * np.cos(angles), RADIUS * np.sin(angles), se2.wrap(angles + heading)), axis=-1)
     stamps = 100.0 + 0.5 * np.arange(len(angles))
     lidar = LidarStream(
         stamps,
-        ranges_at(poses).astype(np.float32),
+        np.minimum(x, y).astype(np.float32),
         angle_min=float(BEAMS[0]),
         angle_increment=float(BEAMS[1] - BEAMS[0]),
         range_min=0.1,

@@ -42,7 +42,7 @@ from moteslam.robot.trajectories.text import read_g2o, read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.output import write_simulation
 from moteslam.sim.simulate import simulate
-from moteslam.slam.backend.protocol import BackendConfig, LoopCandidate, NoBackendConfig
+from moteslam.slam.backend.protocol import BackendConfig, NoBackendConfig
 from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
@@ -145,12 +145,6 @@ LOOPS = (
 DIAGNOSTICS_ROW = "1.5,sure,1,1,1,1,1,1,nan,0.1,30,20,0.9,1,0,0"
 
 
-def looking(estimate: Estimate, loops: tuple[LoopCandidate, ...] = LOOPS) -> Estimate:
-    """A run as a back end leaves it that looked for loops."""
-    config = estimate.config.model_copy(update={"backend": BackendConfig(method="looks")})
-    return replace(estimate, config=config, loops=loops)
-
-
 @pytest.fixture
 def lost(run) -> Estimate:
     """A run that was lost at two scans, doubtful at one, with a degenerate direction at another."""
@@ -232,7 +226,8 @@ def test_states_in_the_figures_and_in_a_line(lost: Estimate, run, simulation, tm
 
 
 def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Path) -> None:
-    estimate = looking(run[0])
+    config = run[0].config.model_copy(update={"backend": BackendConfig(method="looks")})
+    estimate = replace(run[0], config=config, loops=LOOPS)
     figures = write_results(tmp_path, estimate, simulation.truth, recording=simulation.recording, figures=False)
     assert len(read_loops(tmp_path / "loops.csv")) == len(LOOPS)
     counts = json.loads((tmp_path / "run.json").read_text())["loops"]

@@ -212,11 +212,6 @@ def zipped(path: Path, **members: bytes) -> Path:
     return path
 
 
-def good(path: Path, n: int = 5) -> Path:
-    np.savez(path, time_stamps=np.arange(n, dtype=float), counts=np.ones((4, n), np.int16))
-    return path
-
-
 def test_reads_what_is_there_in_either_order_and_leaves_the_rest(tmp_path: Path) -> None:
     counts = np.arange(20, dtype=">i2").reshape(4, 5)
     path = tmp_path / "x.npz"
@@ -228,7 +223,8 @@ def test_reads_what_is_there_in_either_order_and_leaves_the_rest(tmp_path: Path)
 
 @pytest.mark.parametrize("keep", [0, 30, 0.5, -1])
 def test_a_truncated_file_is_refused(tmp_path: Path, keep: float) -> None:
-    data = good(tmp_path / "x.npz", 50).read_bytes()
+    np.savez(tmp_path / "x.npz", time_stamps=np.arange(50.0), counts=np.ones((4, 50), np.int16))
+    data = (tmp_path / "x.npz").read_bytes()
     cut = tmp_path / "Encoders1.npz"
     cut.write_bytes(data[: int(keep * len(data)) if isinstance(keep, float) else keep])
     with refusal(InputError, file=cut):

@@ -197,7 +197,7 @@ def test_a_lidar_mounted_aslant_measures_the_floor_ahead(table: dict[str, Any], 
     assert (stream.ranges[seen] < plain.recording.lidar.ranges[seen] - 1.0).any()
 
 
-def test_a_tilt_takes_the_height_of_the_robots_lidar_and_a_roll(table: dict[str, Any], plain: Simulation) -> None:
+def test_a_tilt_takes_the_height_of_the_robots_lidar_and_a_roll(table: dict[str, Any]) -> None:
     stream = run(table, {"kind": "tilt", "pitch": 0.0, "roll": 0.3}).recording.lidar
     right = np.abs(stream.angles + np.pi / 2) < 0.1
     floor = 0.51435 / np.sin(0.3 * -np.sin(stream.angles[right]))
@@ -207,14 +207,14 @@ def test_a_tilt_takes_the_height_of_the_robots_lidar_and_a_roll(table: dict[str,
     assert stream.ranges[:, left].max() > 5.0
 
 
-def test_a_floor_at_a_glance_sends_nothing_back(table: dict[str, Any], plain: Simulation) -> None:
+def test_a_floor_at_a_glance_sends_nothing_back(table: dict[str, Any]) -> None:
     stream = run(table, {"kind": "tilt", "pitch": 0.08, "height": 0.2, "grazing": 0.5}).recording.lidar
     ahead = stream.ranges[:, stream.ranges.shape[1] // 2]
     assert np.isinf(ahead).mean() > 0.5
     assert ahead[np.isfinite(ahead)].max() < 0.2 / np.sin(0.08) + 0.06
 
 
-def test_in_a_gap_the_camera_is_silent_and_the_other_images_stay(table: dict[str, Any], plain: Simulation) -> None:
+def test_in_a_gap_the_camera_is_silent_and_the_other_images_stay(table: dict[str, Any]) -> None:
     camera = {"camera": {"rate": 5.0}}
     whole, cut = run(table, **camera).frames, run(table, fault("gap"), **camera).frames
     kept = ~within(whole.rgb.stamps)

@@ -224,12 +224,6 @@ def test_the_same_seed_the_same_building_another_seed_another() -> None:
     assert load_scenario("random-corridors") == building(0)
 
 
-def outlines(layout: Layout) -> list[shapely.Polygon]:
-    """What each piece of furniture takes on the floor."""
-    pieces = (*layout.boxes, *layout.pillars, *layout.tables, *layout.chairs)
-    return [shapely.Polygon(piece.polygon()) for piece in pieces]
-
-
 @pytest.mark.slow
 def test_furniture_stands_in_free_space_clear_of_walls_route_and_other_furniture() -> None:
     count, area = 0, 0.0
@@ -239,7 +233,9 @@ def test_furniture_stands_in_free_space_clear_of_walls_route_and_other_furniture
         route = shapely.LineString(scenario.route.waypoints)
         faces = shapely.polygonize(shapely.get_parts(shapely.node(walls)))
         (free,) = [face for face in shapely.get_parts(faces) if face.intersects(route)]
-        pieces = outlines(scenario.world)
+        world = scenario.world
+        furniture = (*world.boxes, *world.pillars, *world.tables, *world.chairs)
+        pieces = [shapely.Polygon(piece.polygon()) for piece in furniture]
         assert shapely.covers(free.buffer(1e-6), pieces).all(), seed
         assert min(shapely.distance(pieces, route)) > 0.64, seed
         assert shapely.union_all(pieces).area == pytest.approx(sum(shapely.area(pieces))), seed

@@ -435,11 +435,6 @@ def test_beams_the_other_way_round_are_a_mirror_image_and_a_sweep_shows_whether_
     assert (mended.lidar.ranges == true.lidar.ranges)[np.isfinite(true.lidar.ranges)].all()
 
 
-def with_gyro(fault: Fault) -> Fault:
-    """The fault of odometry poses, with the gyro beside them."""
-    return lambda r: fault(r).replace(imu=r.imu)
-
-
 def gyro(by: float | tuple[float, ...]) -> Fault:
     return lambda r: r.replace(imu=replace(r.imu, angular_velocity=r.imu.angular_velocity * by))
 
@@ -450,7 +445,7 @@ SIDES: dict[str, tuple[Fault, str, str, str]] = {
     "x and y": (poses(lambda p: p[:, [1, 0, 2]]), "y", "odometry-signs", "odometry"),
     "none": (poses(lambda p: p * (1, 1, 0)), "path", "odometry-headings", "odometry"),
     "quarter": (poses(lambda p: p + np.array((0, 0, np.pi / 2))), "stated", "odometry-headings", "odometry"),
-    "mirrored, gyro": (with_gyro(MIRRORED), "stated", "mirrored", "odometry"),
+    "mirrored, gyro": (lambda r: MIRRORED(r).replace(imu=r.imu), "stated", "mirrored", "odometry"),
     "beams": (REVERSED, "stated", "mirrored", "lidar"),
     "gyro": (gyro((1, 1, -1)), "stated", "mirrored", "imu"),
     "axes": (
