@@ -7,33 +7,35 @@ import pytest
 
 from moteslam.eval.cli import main
 
+Capsys = pytest.CaptureFixture[str]
 
-def printed(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+
+def printed(capsys: Capsys, *arguments: object) -> str:
     """Run a command line that must end well, and return what it printed on stdout since the last one."""
     capsys.readouterr()
     assert main.run([str(argument) for argument in arguments]) == 0
     return capsys.readouterr().out
 
 
-def shown(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
+def shown(capsys: Capsys, *arguments: object) -> Any:
     """What a command line that must end well prints with ``--json``."""
     return json.loads(printed(capsys, *arguments, "--json"))
 
 
-def codes(capsys: pytest.CaptureFixture[str], *arguments: object) -> list[str]:
+def codes(capsys: Capsys, *arguments: object) -> list[str]:
     """The codes of what it says is wrong."""
     found = shown(capsys, *arguments)
     return [issue["code"] for issue in found.get("warnings", found.get("problems"))]
 
 
-def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+def told(capsys: Capsys, *arguments: object) -> str:
     """What a command line that must end well says on stderr."""
     capsys.readouterr()
     assert main.run([str(argument) for argument in arguments]) == 0
     return capsys.readouterr().err
 
 
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 2) -> str:
+def refused(capsys: Capsys, *arguments: object, code: int = 2) -> str:
     """Run a command line that must be refused, and return its one line on stderr; stdout stays empty."""
     capsys.readouterr()
     assert main.run([str(argument) for argument in arguments]) == code

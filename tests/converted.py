@@ -68,10 +68,10 @@ def differences(name: str, recording: Recording, back: Recording) -> dict[str, f
 
     It is infinite where the field is missing, has another shape, or has `inf` or `nan` elsewhere.
     """
-    theirs = dict(_values(back))
+    theirs = dict(values_of(back))
     return {
         field: _difference(field, value, theirs.get(field))
-        for field, value in _values(recording)
+        for field, value in values_of(recording)
         if field.partition(".")[0] in HELD[name] and field not in NOT_HELD.get(name, ())
     }
 
@@ -82,7 +82,7 @@ def beyond(name: str, found: dict[str, float]) -> dict[str, float]:
     return {field: value for field, value in found.items() if value > rounding.get(field, 0.0)}
 
 
-def _values(recording: Recording) -> Iterator[tuple[str, NDArray[Any]]]:
+def values_of(recording: Recording) -> Iterator[tuple[str, NDArray[Any]]]:
     """Every array and figure of the streams; of poses the places and the headings apart."""
     for name in STREAMS:
         stream = getattr(recording, name)

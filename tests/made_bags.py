@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from moteslam.robot.formats.bags.write import Event, header, transform, turned, vector, write_events
+from moteslam.robot.recording import Recording
 
 SECOND = 1_000_000_000
 START = 1_600_000_000 * SECOND
@@ -127,3 +128,8 @@ def drive(count: int = 20, beams: int = 19) -> Iterator[Event]:
         yield imu(time, (0.0, 0.0, 0.01 * index), frame="base_link")
         yield placed(time, "base_link", "laser", (0.2, 0.1, 0.3), topic="/tf_static")
         yield scan(time, np.linspace(1.0, 5.0, beams) + 0.01 * index)
+
+
+def codes(recording: Recording) -> list[str]:
+    """The codes of its warnings."""
+    return [issue.code for issue in recording.warnings]

@@ -5,7 +5,6 @@ from pathlib import Path
 from made_sweeps import Values, recorded
 
 from moteslam.eval.sweep.plan import PlannedRun
-from moteslam.eval.sweep.store import Row
 
 HOSTILE = "</script><script>document.title='x'</script><img src=x onerror=alert(1)> \"'& \u202egpj \x1b[31m"
 SPEC = """
@@ -18,20 +17,6 @@ preset = "paper"
 [vary]
 slam.particles = [1, 10, 100]
 """
-
-
-def run_of(
-    configuration: str = "a",
-    seed: int = 0,
-    status: str = "ok",
-    ate: float | None = None,
-    scenario: str = "corridor",
-    platform: str = "",
-) -> Row:
-    """A run of which the error alone is known: 0.1 m more than its seed by default."""
-    run = PlannedRun(scenario=scenario, platform=platform, seed=seed, configuration=configuration)
-    scores = {"final.ate": {"value": 0.1 + seed if ate is None else ate, "unit": "m"}} if status == "ok" else {}
-    return Row(run, status, scenario, scores, succeeded=status == "ok")
 
 
 def sweep(path: Path, *, fail: int = 0) -> Path:

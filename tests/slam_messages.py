@@ -10,7 +10,7 @@ from slam_rooms import jumping_odometry
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import OdometryStream, Recording
 from moteslam.sim.scenario import load_scenario
-from moteslam.sim.simulate import simulate
+from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.inputs.synchronise import dead_reckon
 
 
@@ -38,9 +38,15 @@ def cut(recording: Recording, scans: int) -> Recording:
 
 
 @cache
+def corridor() -> Simulation:
+    """Twenty seconds in the corridor."""
+    return simulate(load_scenario("corridor").model_copy(update={"duration": 20.0}), seed=1)
+
+
+@cache
 def sparse_corridor() -> Recording:
-    """Twenty seconds in the corridor, ten scans a second of 271 beams."""
-    recording = simulate(load_scenario("corridor").model_copy(update={"duration": 20.0}), seed=1).recording
+    """The same with ten scans a second of 271 beams."""
+    recording = corridor().recording
     lidar = recording.lidar
     sparse = replace(
         lidar,

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_lines import printed, refused
+from command_lines import Capsys, printed, refused
 
 from moteslam.eval.cli import main
 
@@ -23,7 +23,7 @@ def cases(data_folder: Path) -> Path:
     return folder
 
 
-def found(capsys: pytest.CaptureFixture[str], cases: Path, command: str, *words: str | Path) -> tuple[Any, set[str]]:
+def found(capsys: Capsys, cases: Path, command: str, *words: str | Path) -> tuple[Any, set[str]]:
     """What a command line over cases answers, and the codes of its warnings, of the recording and of the run."""
     arguments = [cases / word if "/" in str(word) and (cases / word).exists() else word for word in words]
     answer = json.loads(printed(capsys, command, *arguments, "--json"))
@@ -61,7 +61,7 @@ def value(answer: Any, path: tuple[str, ...]) -> Any:
 def test_a_case_is_replayed_to_what_is_right(
     cases: Path,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capsys,
     words: tuple[str, ...],
     path: tuple[str, ...],
     most: float,
@@ -74,7 +74,7 @@ def test_a_case_is_replayed_to_what_is_right(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
-def test_a_floor_of_ones_own_is_driven(cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_floor_of_ones_own_is_driven(cases: Path, tmp_path: Path, capsys: Capsys) -> None:
     floor = cases / "31_floor_whose_corridor_is_shortened" / "flat.toml"
     printed(capsys, "simulate", floor, "--seed", 0, "--out", tmp_path / "drive")
     answer, _ = found(capsys, cases, "replay", tmp_path / "drive", "--out", tmp_path / "result", "--no-figures")
@@ -91,9 +91,7 @@ def test_a_floor_of_ones_own_is_driven(cases: Path, tmp_path: Path, capsys: pyte
         ("29_file_level_zstd/metadata.yaml", 83, set()),
     ],
 )
-def test_all_scans_of_a_case_are_read(
-    cases: Path, capsys: pytest.CaptureFixture[str], case: str, scans: int, codes: set[str]
-) -> None:
+def test_all_scans_of_a_case_are_read(cases: Path, capsys: Capsys, case: str, scans: int, codes: set[str]) -> None:
     whole = case.removesuffix("/metadata.yaml")
     answer, told = found(capsys, cases, "inspect", cases / whole)
     assert answer["streams"][0]["readings"] == scans
@@ -121,7 +119,7 @@ def test_all_scans_of_a_case_are_read(
 )
 def test_a_case_is_scored_by_what_is_right(
     cases: Path,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capsys,
     words: tuple[str, ...],
     path: tuple[str, ...],
     right: float | None,
@@ -134,7 +132,7 @@ def test_a_case_is_scored_by_what_is_right(
 
 @pytest.mark.parametrize(("name", "known", "told"), [("humble", 1.0, True), ("noetic", 0.9459, False)])
 def test_a_map_whose_unknown_cells_count_as_free_is_told(
-    cases: Path, capsys: pytest.CaptureFixture[str], name: str, known: float, told: bool
+    cases: Path, capsys: Capsys, name: str, known: float, told: bool
 ) -> None:
     folder = cases / "19_map_saver_free_thresh_025"
     path, maps = folder / "path.tum", ("--map", folder / f"{name}.yaml", "--true-map", folder / "true.yaml")
@@ -144,9 +142,7 @@ def test_a_map_whose_unknown_cells_count_as_free_is_told(
     assert ("humble.yaml: grey 205" in err) == told
 
 
-def test_lidars_without_a_place_are_refused_with_what_to_do(
-    cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_lidars_without_a_place_are_refused_with_what_to_do(cases: Path, tmp_path: Path, capsys: Capsys) -> None:
     bag = cases / "26_two_lidars_without_tf" / "two_lidars.bag"
     line = refused(capsys, "replay", bag, "--topics", "lidar=/front_scan,/rear_scan", "--out", tmp_path / "result")
     assert "two_lidars.bag: /front_scan, /rear_scan" in line

@@ -81,7 +81,7 @@ def test_a_script_has_help_and_says_what_does_not_fit(given: str, code: int, wor
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
-def test_the_environment_is_one_of_gymnasium(monkeypatch: pytest.MonkeyPatch):
+def test_the_environment_is_one_of_gymnasium():
     pytest.importorskip("gymnasium")
     from gymnasium.utils.env_checker import check_env
 

@@ -1,18 +1,26 @@
-"""The program as a user meets it: what each command prints, and how it leaves."""
+"""The program as a user meets it: what each command prints, how it leaves, and that nothing is lost in converting."""
 
 import json
+import math
 import subprocess
 import sys
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_lines import printed, refused, shown
+from command_lines import Capsys, printed, refused, shown, told
+from converted import WRITTEN, assert_held, name_of, to, with_every_stream
 
+from moteslam.eval.cli import main
+from moteslam.robot.formats import open_recording, write_recording
 from moteslam.robot.formats.written import write_carmen
+from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import between
-from moteslam.robot.trajectories.text import read_tum, write_tum
+from moteslam.robot.trajectories import WRITERS, read_trajectory, write_trajectory
+from moteslam.robot.trajectories.text import read_tum, write_g2o, write_tum
+from moteslam.robot.trajectory import PoseGraph, Trajectory
 from moteslam.sim.logged import with_odometry
 
 HEAVY = {"numpy", "scipy", "matplotlib", "taichi", "cv2", "pymunk", "rich"}  # Typer itself loads some of Pydantic
@@ -35,15 +43,14 @@ def test_help_is_instant_and_has_examples() -> None:
     assert done.stdout.count("Examples:") >= len(COMMANDS)
 
 
-@pytest.mark.parametrize("command", ["replay"])
-def test_print_config_reads_back(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_print_config_reads_back(tmp_path: Path, capsys: Capsys) -> None:
     file, again = tmp_path / "mine.toml", tmp_path / "again.toml"
     file.write_text("particles = 7\n[map]\ncell_size = 0.1\n")
-    first = (command, "--preset", "paper", "--config", file, "--set", "particles=8", "--print-config")
+    first = ("replay", "--preset", "paper", "--config", file, "--set", "particles=8", "--print-config")
     again.write_text(printed(capsys, *first))
     values = tomllib.loads(again.read_text())
     assert (values["particles"], values["map"]["cell_size"]) == (8, 0.1)  # flag over file over preset
-    found = printed(capsys, command, "--config", again, "--print-config", "--set", "particles=9")
+    found = printed(capsys, "replay", "--config", again, "--print-config", "--set", "particles=9")
     assert tomllib.loads(found) == {**values, "particles": 9}
     assert shown(capsys, *first) == values
 
@@ -90,7 +97,7 @@ def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_pa
 
 @pytest.mark.usefixtures("taichi")
 def test_a_log_is_scored_by_the_reference_and_the_relations_beside_it(
-    simulation, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    simulation, tmp_path: Path, capsys: Capsys
 ) -> None:
     write_carmen(tmp_path / "a.log", with_odometry(simulation.recording, gyro=True))
     write_tum(tmp_path / "a.reference.tum", simulation.truth)
@@ -123,13 +130,13 @@ def test_dead_reckoning_of_the_real_encoders(
     assert (tmp_path / "out" / "dead_reckoning.png").exists()
 
 
-def test_a_stated_duration_that_is_too_short_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stated_duration_that_is_too_short_is_named(tmp_path: Path, capsys: Capsys) -> None:
     slow = ("--platform", "turtlebot3", "--set", "duration=60")
     said = refused(capsys, "simulate", "corridor", *slow, "--out", tmp_path / "x")
     assert all(words in said for words in ("corridor: duration: 259.091 s", "duration=60", "--duration 60"))
 
 
-def test_inspect(simulated_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_inspect(simulated_folder: Path, tmp_path: Path, capsys: Capsys) -> None:
     found = {}
     for line in printed(capsys, "inspect", simulated_folder).splitlines():
         name, *cells = [cell.strip() for cell in line.split("  ") if cell.strip()]
@@ -145,3 +152,122 @@ def test_inspect(simulated_folder: Path, tmp_path: Path, capsys: pytest.CaptureF
     assert (tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
     assert lidar["resolution"] == pytest.approx(0.001)
     assert lidar["noise_at_rest"]["deviation"] == pytest.approx(0.009, abs=0.002)
+
+
+@pytest.fixture(scope="session")
+def drive(simulation) -> Recording:
+    """A second of a drive: lidar, encoders, odometry and IMU."""
+    return with_every_stream(simulation.recording)
+
+
+@pytest.fixture(scope="session")
+def drives(drive: Recording, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The same in every format."""
+    folder = tmp_path_factory.mktemp("drives")
+    paths = {form: folder / form / name_of(form) for form in WRITTEN}
+    for form, path in paths.items():
+        write_recording(path, drive, to=form)
+    return paths
+
+
+def files_in(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def convert(*arguments: object) -> int:
+    return main.run(["convert", *map(str, arguments)])
+
+
+@pytest.mark.parametrize(("source", "target"), [*zip(WRITTEN, WRITTEN, strict=True), *pairwise((*WRITTEN, WRITTEN[0]))])
+def test_every_format_becomes_itself_and_the_next(
+    source: str, target: str, drives: dict[str, Path], tmp_path: Path
+) -> None:
+    out = tmp_path / name_of(target)
+    assert convert(drives[source], out, *to(target)) == 0
+    assert_held(target, open_recording(drives[source]), open_recording(out))
+
+
+def test_what_is_lost_is_printed_and_in_the_json(drives: dict[str, Path], tmp_path: Path, capsys) -> None:
+    assert told(capsys, "convert", drives["csv"], tmp_path / "a.log", "--every", "10").count(" not written, ") == 2
+    assert convert(drives["csv"], tmp_path / "b.log", "--json") == 0
+    out, err = capsys.readouterr()
+    said = json.loads(out)
+    assert err == ""
+    assert (said["format"], said["out"], said["truth"]) == ("carmen", str(tmp_path / "b.log"), None)
+    assert {issue["code"] for issue in said["warnings"]} == {"not-written"}
+    assert said["readings"]["encoders"] == 40
+
+
+def test_a_truth_stays_where_it_is_and_is_named(simulated_folder: Path, tmp_path: Path, capsys) -> None:
+    truth = simulated_folder / "truth.tum"
+    before = truth.read_bytes()
+    said = printed(capsys, "convert", simulated_folder, tmp_path / "a.bag", "--end", "1")
+    assert f"moteslam evaluate TRAJECTORY {truth}" in said
+    assert shown(capsys, "convert", simulated_folder, tmp_path / "b.bag", "--end", "1")["truth"] == str(truth)
+    assert truth.read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.bag", "b.bag"]
+
+
+@pytest.mark.parametrize("form", ["ucsd", "csv"])
+def test_the_input_is_never_replaced_and_others_with_force_alone(form: str, drives: dict[str, Path], capsys) -> None:
+    before = files_in(drives[form].parent)
+    assert "--force" in refused(capsys, "convert", drives["bag"], drives[form], *to(form))
+    assert "the input" in refused(capsys, "convert", drives[form], drives[form], *to(form), "--force")
+    assert files_in(drives[form].parent) == before
+
+
+def test_replay_takes_the_same_part_and_records_it(drives: dict[str, Path], tmp_path: Path) -> None:
+    part = ["--start", "0.1", "--end", "0.9", "--every", "2", "--streams", "lidar,odometry"]
+    options = ["--topics", "lidar=/scan", "--no-figures", "--set", "particles=5", "--out", str(tmp_path / "result")]
+    assert main.run(["replay", str(drives["bag"]), *part, *options]) == 0
+    about = json.loads((tmp_path / "result" / "run.json").read_text())
+    assert (about["start"], about["end"], about["every"]) == (0.1, 0.9, 2)
+    assert (about["streams"], about["topics"]) == ("lidar,odometry", ["lidar=/scan"])
+    rows = (tmp_path / "result" / "trajectory.tum").read_text().splitlines()
+    assert 10 < len([row for row in rows if not row.startswith("#")]) < 20
+
+
+ENDINGS = {name: ending for name, (ending, _) in WRITERS.items()}
+STAMPS = 1_300_000_000 + np.arange(40) / 8
+PATH = Trajectory(STAMPS, np.column_stack((np.cos(STAMPS), np.sin(STAMPS), np.linspace(-3, 3, 40))))
+
+
+@pytest.fixture
+def trajectories(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, ending in ENDINGS.items():
+        write_trajectory(f"{name}{ending}", PATH)
+
+
+@pytest.mark.usefixtures("trajectories")
+def test_a_format_that_is_named_and_json(capsys) -> None:
+    said = shown(capsys, "convert", "tum.tum", "path.txt", "--to", "euroc")
+    assert said == {"out": "path.txt", "format": "euroc", "poses": 40, "distance_m": PATH.length, "warnings": []}
+    assert Path("path.txt").read_text().startswith("#timestamp [ns]")
+
+
+@pytest.mark.usefixtures("trajectories")
+def test_the_poses_are_in_the_plane() -> None:
+    """Of a trajectory in space x, y and the heading are kept, as by every command."""
+    Path("space.tum").write_text("0 1 2 3 0 0 1 0\n1 4 5 6 0 0 0 1\n")
+    assert convert("space.tum", "flat.g2o") == 0
+    np.testing.assert_allclose(read_trajectory("flat.g2o").poses, [[1, 2, math.pi], [4, 5, 0]])
+
+
+@pytest.mark.usefixtures("trajectories")
+def test_edges_that_are_lost_are_printed(capsys) -> None:
+    graph = PoseGraph(
+        ids=np.arange(3),
+        poses=PATH.poses[:3],
+        first=np.array([0, 1]),
+        second=np.array([1, 2]),
+        relative=np.ones((2, 3)),
+        information=np.tile(np.eye(3), (2, 1, 1)),
+        stamps=PATH.stamps[:3],
+        fixed=np.array([0]),
+    )
+    write_g2o("graph.g2o", graph)
+    told_of = "moteslam: warning: graph.g2o: 2 edges not written, no part of a trajectory\n"
+    assert told(capsys, "convert", "graph.g2o", "a.tum") == told_of
+    [issue] = shown(capsys, "convert", "graph.g2o", "b.g2o")["warnings"]
+    assert (issue["code"], issue["count"]) == ("not-written", 2)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_lines import printed, refused, shown, told
+from command_lines import Capsys, printed, refused, shown, told
 from made_sweeps import Values, recorded, swept
 
 from moteslam.eval.cli import main
@@ -33,7 +33,7 @@ def paired(folder: Path, name: str, factor: float = 1.0, *, failed: tuple[int, .
     return recorded(folder / f"{name}.sweep", TWO, result)
 
 
-def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: Capsys) -> None:
     file = paired(tmp_path, "a", failed=(3,))
     found = shown(capsys, "compare", file)
     better = found["metrics"]["final.ate"]["better"]["corridor"]
@@ -46,9 +46,7 @@ def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFix
     assert text.splitlines()[2].split()[:4] == ["plain", "10", "1", "9"]
 
 
-def test_two_sweeps_are_matched_by_scenario_platform_and_seed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_two_sweeps_are_matched_by_scenario_platform_and_seed(tmp_path: Path, capsys: Capsys) -> None:
     files = paired(tmp_path, "a"), paired(tmp_path, "b", 2.0)
     assert list(compared(read_runs(files))) == ["a: plain", "a: better", "b: plain", "b: better"]
     found = shown(capsys, "compare", *files)["metrics"]["final.ate"]
@@ -63,9 +61,7 @@ def test_two_sweeps_are_matched_by_scenario_platform_and_seed(
 ROBOTS = 'scenarios = ["corridor", "office"]\nplatforms = ["ucsd", "turtlebot3"]\nseeds = "0-2"\n'
 
 
-def test_robots_are_compared_where_they_vary_and_each_scenario_has_a_row(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_robots_are_compared_where_they_vary_and_each_scenario_has_a_row(tmp_path: Path, capsys: Capsys) -> None:
     far = {"corridor": 1.0, "office": 100.0}
     file = recorded(
         *(tmp_path / "a.sweep", ROBOTS),
@@ -95,7 +91,7 @@ def result(folder: Path, value: float, scans: int | None = None, **about: object
     return folder
 
 
-def test_result_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_result_folders(tmp_path: Path, capsys: Capsys) -> None:
     both = result(tmp_path / "a", 0.2), result(tmp_path / "b", 0.1)
     (each,) = shown(capsys, "compare", *both)["metrics"]["final.ate"].values()
     one = each["corridor"]
@@ -111,7 +107,7 @@ def test_result_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     )
 
 
-def test_a_metric_without_a_trajectory_is_that_of_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_metric_without_a_trajectory_is_that_of_each(tmp_path: Path, capsys: Capsys) -> None:
     file = paired(tmp_path, "a")
     for line in (("compare", file), ("sweep", "show", file)):
         assert printed(capsys, *line, "--metric", "ate") == printed(capsys, *line, "--metric", "final.ate")
@@ -122,13 +118,13 @@ def test_a_metric_without_a_trajectory_is_that_of_each(tmp_path: Path, capsys: p
     [((9, 9), "aa", False), ((9, 6), "aa", True), ((9, None), "aa", False), ((9, 6), "ab", False)],
 )
 def test_two_recordings_of_one_name_are_told_but_not_of_two_robots(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], scans: tuple[int | None, ...], platforms: str, doubted: bool
+    tmp_path: Path, capsys: Capsys, scans: tuple[int | None, ...], platforms: str, doubted: bool
 ) -> None:
     both = [result(tmp_path / f"{k}", 0.1, scans[k], platform=platforms[k]) for k in (0, 1)]
     assert ("another recording of that name" in told(capsys, "compare", *both)) == doubted
 
 
-def test_where_two_sweeps_differ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_where_two_sweeps_differ(tmp_path: Path, capsys: Capsys) -> None:
     other = recorded(tmp_path / "other.sweep", OTHER, lambda _: {"final.ate": (1.0, "m")})
     first, second, table = (
         paired(tmp_path, "a"),
@@ -268,7 +264,7 @@ def test_numbers_have_a_unit_that_fits(unit: str, values: list[float | None], sh
     assert [unit, *(number(None if value is None else factor * value) for value in values)] == shown
 
 
-def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: Capsys) -> None:
     def made(name: str, metres: float) -> Path:
         driven = {"ucsd": 10.0, "turtlebot3": metres}
         return recorded(
@@ -291,6 +287,6 @@ def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: pyte
     assert "all else the same" not in text
 
 
-def test_runs_without_a_result_are_counted_on_stderr(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_without_a_result_are_counted_on_stderr(tmp_path: Path, capsys: Capsys) -> None:
     file = swept(tmp_path, whole=False)
     assert "13 not made yet, 3 ok" in told(capsys, "sweep", "show", file, "--format", "csv")

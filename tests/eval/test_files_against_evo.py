@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_lines import printed, refused, shown
+from command_lines import Capsys, printed, refused, shown
 from evo_scores import Drive, evo_metric
 from scipy.spatial.transform import Rotation
 
@@ -81,7 +81,7 @@ def evo(estimate: Drive, reference: Drive, **how: Any) -> float:
     return float(evo_metric(estimate, reference, **how).get_all_statistics()["rmse"])
 
 
-def ours(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
+def ours(capsys: Capsys, *arguments: str) -> dict:
     return shown(capsys, "evaluate", *arguments)
 
 

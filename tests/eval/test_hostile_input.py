@@ -28,7 +28,7 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="devices of POSIX")
-@pytest.mark.parametrize(("strange", "kind"), [("/dev/zero", "is no regular file"), ("pipe", "is no regular file")])
+@pytest.mark.parametrize("strange", ["/dev/zero", "pipe"])
 @pytest.mark.parametrize(
     "line",
     [
@@ -39,18 +39,14 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "simulate floor.toml --out x",
     ],
 )
-def test_devices_and_pipes_are_refused_at_once(line: str, strange: str, kind: str, capsys) -> None:
+def test_devices_and_pipes_are_refused_at_once(line: str, strange: str, capsys) -> None:
     os.mkfifo("pipe")
     path = Path(strange).absolute()
     Path("plan.toml").write_text(f"{ROUTE}[world.plan]\nfile = '{path}'\n")
-    Path("image.toml").write_text(f"{ROUTE}[world.plan]\nfile = 'map.yaml'\n")
-    Path("map.yaml").write_text(PLAN.format(path))
     Path("floor.toml").write_text(f"{ROUTE}[floor]\nmaterial = 'image'\nimage = '{path}'\n{WALL}")
-    Path("linked.toml").symlink_to(path)
     before = sorted(Path().iterdir())
     said = refused(capsys, *line.format(strange).split())
-    # the image of a map may lie in its folder alone
-    assert any(words in said for words in (kind, "neither a file nor a folder", "lies elsewhere"))
+    assert any(words in said for words in ("is no regular file", "neither a file nor a folder", "lies elsewhere"))
     assert sorted(Path().iterdir()) == before
 
 

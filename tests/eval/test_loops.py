@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_lines import shown
+from command_lines import Capsys, printed, shown
 from figures import legend_of
 from loop_candidates import candidate
 from matplotlib.figure import Figure
 
 from moteslam.errors import InputError
-from moteslam.eval.cli import main
 from moteslam.eval.metrics import loops as metric
 from moteslam.eval.metrics.loops import possible_loops, score_loops
 from moteslam.eval.report.maps import ACCEPTED, REJECTED, draw_loops
@@ -34,22 +33,17 @@ HALF = 5.0
 BEAMS = np.deg2rad(np.arange(-90.0, 91.0))
 
 
-def ranges_at(poses: np.ndarray) -> np.ndarray:
-    """Ranges [n, beams] to the walls of the room, from poses [n, 3]."""
+def drive(angles: np.ndarray, heading: np.ndarray | float = np.pi / 2) -> tuple[Recording, Trajectory]:
+    """Scans at these angles on the round, and the truth; the heading is that on the round, plus ``heading`` [rad]."""
+    poses = np.stack((RADIUS * np.cos(angles), RADIUS * np.sin(angles), se2.wrap(angles + heading)), axis=-1)
     directions = poses[:, 2:] + BEAMS
     with np.errstate(divide="ignore"):
         x = (HALF * np.copysign(1.0, np.cos(directions)) - poses[:, :1]) / np.cos(directions)
         y = (HALF * np.copysign(1.0, np.sin(directions)) - poses[:, 1:2]) / np.sin(directions)
-    return np.minimum(x, y)
-
-
-def drive(angles: np.ndarray, heading: np.ndarray | float = np.pi / 2) -> tuple[Recording, Trajectory]:
-    """Scans at these angles on the round, and the truth; the heading is that on the round, plus ``heading`` [rad]."""
-    poses = np.stack((RADIUS * np.cos(angles), RADIUS * np.sin(angles), se2.wrap(angles + heading)), axis=-1)
     stamps = 100.0 + 0.5 * np.arange(len(angles))
     lidar = LidarStream(
         stamps,
-        ranges_at(poses).astype(np.float32),
+        np.minimum(x, y).astype(np.float32),
         angle_min=float(BEAMS[0]),
         angle_increment=float(BEAMS[1] - BEAMS[0]),
         range_min=0.1,
@@ -202,19 +196,17 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_command_scores_a_ledger(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_scores_a_ledger(folder: Path, capsys: Capsys) -> None:
     arguments = ["evaluate", "truth.tum", "truth.tum", "--loops", "loops.csv", "--recording", "rounds.log"]
     result = score_loops(read_loops("loops.csv"), read_tum("truth.tum"), open_recording("rounds.log"))
-    assert main.run(arguments) == 0
-    out = capsys.readouterr().out
+    out = printed(capsys, *arguments)
     assert re.search(r"precision of loops +0\.500 \(accepted 2, overruled 0, overruled false 0\)", out)
     assert re.search(rf"recall of loops +{result.recall:.3f} \(possible {result.possible}, bound 9\)", out)
     found = shown(capsys, *arguments, "--save", "out.json")["metrics"]["truth.tum"]
     assert found["loops_false"]["value"] == 1
     assert found["loops_recall"]["possible"] == result.possible
     assert json.loads((folder / "out.json").read_text())["metrics"]["truth.tum"] == found
-    assert main.run(arguments[:-2]) == 0
-    assert "no recall of the loops: there is no recording" in capsys.readouterr().out
+    assert "no recall of the loops: there is no recording" in printed(capsys, *arguments[:-2])
 
 
 LOOPS = (

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_lines import printed, shown
+from command_lines import Capsys, printed, shown
 from evo_scores import Drive, evo_metric
 from scipy.spatial.transform import Rotation
 
@@ -404,7 +404,7 @@ def test_names_choose_trajectories_lengths_and_times(evidence: Evidence) -> None
             measure(evidence, [wrong])
 
 
-def test_the_list(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_list(capsys: Capsys) -> None:
     listing = printed(capsys, "metrics")
     assert all(f"\n{name} " in listing for name in BUNDLED)
     listed = shown(capsys, "metrics")

@@ -1,6 +1,7 @@
 """Whatever is wrong: one line on stderr that names it, exit code 2, no traceback, nothing left behind."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from command_lines import refused
+from command_lines import printed, refused
 from made_sweeps import swept
 
 from moteslam.eval.cli import interrupt, main
@@ -152,26 +153,17 @@ def test_names_with_markup_and_escape_codes_are_printed_as_they_are(
     assert line == f"moteslam: {shown}: No such file or directory, expected a recording\n"
     assert "\x1b" not in refused(capsys, "evaluate", "one", "two", name)  # a usage error, printed by Typer
     Path(name).write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
-    assert main.run(["evaluate", name, name]) == 0
-    assert capsys.readouterr().out.startswith(f"{shown} against {shown}, laid on it rigidly\n")
-    assert main.run(["evaluate", name, name, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["estimate"] == name
+    assert printed(capsys, "evaluate", name, name).startswith(f"{shown} against {shown}, laid on it rigidly\n")
+    assert json.loads(printed(capsys, "evaluate", name, name, "--json"))["estimate"] == name
 
 
 STOPPED = "moteslam: interrupted, nothing was left behind\n"
-SIGNALS = pytest.mark.parametrize(
-    ("number", "code"),
-    [(signal.SIGINT, 130), (signal.SIGTERM, 143)],
-    ids=["Ctrl-C", "SIGTERM"],
-)
-
-
 WHILE_IMPORTING = """
-import os, runpy, sys
+import os, runpy, signal, sys
 class Finder:
     def find_spec(self, name, *_):
-        if name == {module!r}:
-            os.kill(os.getpid(), {number})
+        if name == "numpy._core._multiarray_umath":
+            os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, Finder())
 sys.argv = ["moteslam", "demo"]
 runpy.run_module("moteslam", run_name="__main__")
@@ -179,21 +171,16 @@ runpy.run_module("moteslam", run_name="__main__")
 
 
 @pytest.mark.usefixtures("signals_are_heard")
-@pytest.mark.parametrize("module", ["numpy._core._multiarray_umath"])
-def test_an_interrupt_while_the_program_is_read(module: str, tmp_path: Path) -> None:
+def test_an_interrupt_while_the_program_is_read(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", WHILE_IMPORTING.format(module=module, number=int(signal.SIGINT))],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, "-c", WHILE_IMPORTING], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stdout, done.stderr) == (130, "", STOPPED)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
-@SIGNALS
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["Ctrl-C", "SIGTERM"])
 @pytest.mark.usefixtures("signals_are_heard")
 def test_an_interrupt_leaves_nothing(number: int, code: int, tmp_path: Path) -> None:
     process = subprocess.Popen(
@@ -224,21 +211,17 @@ def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
-@pytest.mark.parametrize("line", ["scenarios"])
-def test_a_full_disk_behind_stdout(line: str, tmp_path: Path) -> None:
+def test_a_full_disk_behind_stdout(tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "moteslam", *line.split()],
+            [sys.executable, "-m", "moteslam", "scenarios"],
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
             check=False,
             cwd=tmp_path,
         )
-    assert (done.returncode, done.stderr) == (
-        2,
-        "moteslam: stdout: cannot be written: No space left on device\n",
-    )
+    assert (done.returncode, done.stderr) == (2, "moteslam: stdout: cannot be written: No space left on device\n")
 
 
 def test_a_fault_of_ours_is_one_line_too(monkeypatch, capsys) -> None:
@@ -267,12 +250,10 @@ def test_an_interrupt_within_c_that_calls_python_waits(module: str, name: str, m
 
 @pytest.mark.slow
 def test_a_truth_on_another_clock_is_left_out(simulated_folder: Path, tmp_path: Path, capsys, taichi) -> None:
-    import shutil
-
     shutil.copytree(simulated_folder, tmp_path / "robot")
     (tmp_path / "robot/truth.tum").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
-    arguments = ["replay", tmp_path / "robot", "--out", tmp_path / "x", "--set", "particles=5", "--json"]
-    assert main.run([str(argument) for argument in [*arguments, "--no-figures"]]) == 0
+    options = ["--set", "particles=5", "--json", "--no-figures"]
+    assert main.run(["replay", str(tmp_path / "robot"), "--out", str(tmp_path / "x"), *options]) == 0
     said = capsys.readouterr()
     assert "no stamps in common" in said.err
     assert json.loads(said.out)["metrics"]["final.ate"] == {"absent": "no truth"}

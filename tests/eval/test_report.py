@@ -144,26 +144,6 @@ def test_below_which_number_the_filter_resampled_is_drawn(below: float, tmp_path
     assert threshold is None if below != 0.5 else (threshold == 5.0).all()
 
 
-@pytest.fixture
-def cloud() -> Cloud:
-    """Four particles that drive 9 m along x: one ancestor for five updates, two for three, then four, 1 mm apart."""
-    paths = np.zeros((4, 10, 3))
-    paths[..., 0] = np.arange(10.0)
-    paths[2:, 5:, 1] = 0.004
-    paths[1::2, 8:, 1] += 0.001
-    ancestors = np.zeros((4, 10), np.int64)
-    ancestors[2:, 5:] = 1
-    ancestors[:, 8:] = np.arange(4)[:, None]
-    return Cloud(np.arange(10.0), paths, ancestors, np.full((10, 3), 0.002), best=2)
-
-
-@pytest.fixture
-def figure(cloud: Cloud, tmp_path: Path, drawn: list[Figure]) -> Figure:
-    """The figure of these particles."""
-    draw_particles(tmp_path / "particles.png", cloud)
-    return drawn[0]
-
-
 def test_deviations_are_from_the_mean_along_and_across_the_heading() -> None:
     paths = np.zeros((2, 2, 3))
     paths[:, 0] = [(1.0, 0.0, np.pi / 2 - 0.1), (3.0, 4.0, np.pi / 2 + 0.1)]
@@ -259,14 +239,10 @@ PNG = b"\x89PNG\r\n\x1a\n"
 STREAMS = ("lidar", "encoders", "odometry", "imu", "rgbd")
 
 
-def whole(seconds: float = 6.0) -> Recording:
-    """A winding drive with every stream."""
-    recording = winding(seconds=seconds)
-    stamps = recording.encoders.stamps
-    return recording.replace(odometry=with_odometry(recording).odometry, rgbd=RgbdStream(stamps[::10], stamps[5::10]))
-
-
-WHOLE = whole()
+DRIVE = winding(seconds=6.0)
+FRAMES = RgbdStream(DRIVE.encoders.stamps[::10], DRIVE.encoders.stamps[5::10])
+WHOLE = DRIVE.replace(odometry=with_odometry(DRIVE).odometry, rgbd=FRAMES)
+"""With every stream."""
 
 
 def drawn_of(recording: Recording, tmp_path: Path, figures: list[Figure]) -> Figure:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_lines import told
+from command_lines import Capsys, printed, shown, told
+from refusals import refusal
 
 from moteslam import read_tum, scan_residuals
 from moteslam.errors import InputError
-from moteslam.eval.cli import main
 from moteslam.eval.metrics import residuals
 from moteslam.eval.scores import under_recording
 from moteslam.eval.tables import number
@@ -233,9 +233,8 @@ def test_scans_are_deskewed_where_a_sweep_takes_time() -> None:
     ],
 )
 def test_bad_input_is_refused(change, field: str) -> None:
-    with pytest.raises(InputError) as refused:
+    with refusal(InputError, field=field):
         scan_residuals(*change(*along_wall(5)))
-    assert refused.value.field == field
 
 
 def test_scans_without_endpoints_are_no_fault() -> None:
@@ -261,17 +260,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_command_scores_by_scans_and_reference(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main.run(["evaluate", "true.tum", "--recording", "wall.log", "--json"]) == 0
+def test_the_command_scores_by_scans_and_reference(folder: Path, capsys: Capsys) -> None:
     result = scan_residuals(open_recording("wall.log"), read_tum("true.tum"))
     residuals = {**result.as_dict(), "warnings": []}
-    assert json.loads(capsys.readouterr().out) == {
-        **{"estimate": "true.tum", "recording": "wall.log", "residuals": residuals}
-    }
-    assert (
-        main.run(["evaluate", "poor.tum", "true.tum", "true.tum", "--recording", "wall.log", "--save", "o.json"]) == 0
-    )
-    text = capsys.readouterr().out
+    found = shown(capsys, "evaluate", "true.tum", "--recording", "wall.log")
+    assert found == {"estimate": "true.tum", "recording": "wall.log", "residuals": residuals}
+    files = ("poor.tum", "true.tum", "true.tum")
+    text = printed(capsys, "evaluate", *files, "--recording", "wall.log", "--save", "o.json")
     poor, true = (line.split() for line in text[text.index("scans of wall.log") :].splitlines()[2:])
     shares = [f"{100 * share:.1f}%" for share in (result.beyond_3_cm, result.unseen, result.no_return)]
     expected = ["true.tum", "15", number(1e3 * result.median), number(1e3 * result.quantile_90)]

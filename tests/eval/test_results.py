@@ -9,8 +9,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from command_lines import printed, refused
+from command_lines import Capsys, printed, refused
 from loop_candidates import candidate
+from refusals import refusal
 from rosbags.highlevel import AnyReader
 
 from moteslam.errors import InputError
@@ -41,7 +42,7 @@ from moteslam.robot.trajectories.text import read_g2o, read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.output import write_simulation
 from moteslam.sim.simulate import simulate
-from moteslam.slam.backend.protocol import BackendConfig, LoopCandidate, NoBackendConfig
+from moteslam.slam.backend.protocol import BackendConfig, NoBackendConfig
 from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
@@ -144,18 +145,6 @@ LOOPS = (
 DIAGNOSTICS_ROW = "1.5,sure,1,1,1,1,1,1,nan,0.1,30,20,0.9,1,0,0"
 
 
-def looking(estimate: Estimate, loops: tuple[LoopCandidate, ...] = LOOPS) -> Estimate:
-    """A run as a back end leaves it that looked for loops."""
-    config = estimate.config.model_copy(update={"backend": BackendConfig(method="looks")})
-    return replace(estimate, config=config, loops=loops)
-
-
-def alone(estimate: Estimate) -> Estimate:
-    """The same without a back end."""
-    config = estimate.config.model_copy(update={"backend": NoBackendConfig()})
-    return replace(estimate, config=config, loops=())
-
-
 @pytest.fixture
 def lost(run) -> Estimate:
     """A run that was lost at two scans, doubtful at one, with a degenerate direction at another."""
@@ -221,9 +210,8 @@ def test_a_broken_file_is_refused_with_its_place(
     write_loops(tmp_path / "loops.csv", LOOPS)
     (tmp_path / "diagnostics.csv").write_text(f"{','.join(DIAGNOSTICS_COLUMNS)}\n{DIAGNOSTICS_ROW}\n")
     (tmp_path / name).write_text(new if old is None else (tmp_path / name).read_text().replace(old, new, 1))
-    with pytest.raises(InputError) as caught:
+    with refusal(InputError, file=tmp_path / name, line=line, field=field):
         READERS[name](tmp_path / name) if name in READERS else read_result_folder(tmp_path)
-    assert (caught.value.file, caught.value.line, caught.value.field) == (str(tmp_path / name), line, field)
 
 
 def test_states_in_the_figures_and_in_a_line(lost: Estimate, run, simulation, tmp_path: Path):
@@ -238,7 +226,8 @@ def test_states_in_the_figures_and_in_a_line(lost: Estimate, run, simulation, tm
 
 
 def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Path) -> None:
-    estimate = looking(run[0])
+    config = run[0].config.model_copy(update={"backend": BackendConfig(method="looks")})
+    estimate = replace(run[0], config=config, loops=LOOPS)
     figures = write_results(tmp_path, estimate, simulation.truth, recording=simulation.recording, figures=False)
     assert len(read_loops(tmp_path / "loops.csv")) == len(LOOPS)
     counts = json.loads((tmp_path / "run.json").read_text())["loops"]
@@ -248,7 +237,10 @@ def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Pa
         "absent": "no precision of the loops: the truth covers no accepted loop"
     }
     assert figures["metrics"]["loops_recall"] == {"absent": "no recall of the loops: no key scan has a possible loop"}
-    assert "loop" not in "".join(score_lines(score_estimate(alone(run[0]), simulation.truth)))
+    config = estimate.config.model_copy(update={"backend": NoBackendConfig()})
+    assert "loop" not in "".join(
+        score_lines(score_estimate(replace(estimate, config=config, loops=()), simulation.truth))
+    )
 
 
 def test_the_bag_holds_map_paths_and_scans_and_its_transforms_lead_along_the_final_path(
@@ -320,7 +312,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.slow
-def test_a_result_is_gone_on_with_and_stays_as_it_is(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_result_is_gone_on_with_and_stays_as_it_is(folder: Path, capsys: Capsys) -> None:
     before = contents(folder / "result")
     few = ("--no-figures", "--set", "particles=5")
     onto = ("--onto", folder / "result", *few)
@@ -380,15 +372,12 @@ def test_a_broken_file_is_refused(folder: Path, tmp_path: Path, change: Callable
     with np.load(folder / "result" / NAME) as stored:
         arrays = change(dict(stored))
     np.savez_compressed(tmp_path / NAME, **arrays)
-    with pytest.raises(InputError) as caught:
+    with refusal(InputError, field=field, file=tmp_path / NAME):
         read_building(tmp_path)
-    assert (caught.value.field, Path(str(caught.value.file))) == (field, tmp_path / NAME)
 
 
 @pytest.mark.parametrize("what", ["missing", "back end"])
-def test_what_cannot_be_gone_on_with_is_one_line(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], what: str
-) -> None:
+def test_what_cannot_be_gone_on_with_is_one_line(folder: Path, tmp_path: Path, capsys: Capsys, what: str) -> None:
     old, more = tmp_path / "old", []
     old.mkdir()
     if what == "back end":

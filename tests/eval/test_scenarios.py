@@ -11,10 +11,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from command_lines import printed, refused, shown
+from command_lines import Capsys, printed, refused, shown
 from figures import legend_of
 from matplotlib.figure import Figure
 from PIL import Image
+from refusals import refusal
 
 from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.cli.main import run
@@ -42,7 +43,7 @@ def test_pictures_that_move_hold_their_frames(kind: str, tmp_path: Path) -> None
             np.testing.assert_allclose(np.array(film.convert("RGB")).mean(axis=(0, 1)), (shade, shade, 40), atol=20)
 
 
-def test_an_mp4_is_one_that_browsers_play(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_mp4_is_one_that_browsers_play(tmp_path: Path, capfd: Capsys) -> None:
     try:
         check_film("x.mp4")
     except OutputError:
@@ -65,9 +66,8 @@ def test_an_mp4_is_one_that_browsers_play(tmp_path: Path, capfd: pytest.CaptureF
 def test_a_speed_is_chosen_for_a_short_film() -> None:
     assert [Pace.of(duration).speed for duration in (3.0, 15.0, 16.0, 75.0, 100.0, 600.0)] == [1, 1, 2, 5, 10, 50]
     assert str(Pace.of(75.0)) == "5 × real time, 15 frames/s"
-    with pytest.raises(ConfigError, match=f"at most {MAX_FRAMES} frames") as caught:
+    with refusal(ConfigError, f"at most {MAX_FRAMES} frames", field="speed"):
         Pace.of(600.0, speed=1.0)
-    assert caught.value.field == "speed"
 
 
 @pytest.mark.usefixtures("taichi")
@@ -155,7 +155,7 @@ def test_a_film_of_another_kind_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_mp4_that_no_browser_would_play_is_refused_before_the_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(video, "CODECS", dict.fromkeys(("none",), "H.264, VP9, AV1"))
     line = refused(capsys, "scenarios", "animate", "hall", "--out", tmp_path / "x.mp4")

@@ -14,8 +14,9 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from command_lines import printed, refused, shown, told
+from command_lines import Capsys, printed, refused, shown, told
 from made_sweeps import Values, recorded, swept
+from refusals import refusal
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.cli import main
@@ -42,15 +43,13 @@ slam.particles = [1, 3]
 """Eight runs of eleven seconds."""
 
 ROOT = Path(__file__).parents[2]
+HERE = "scenarios = ['corridor']\n"
 
 
 def written(folder: Path, text: str = SPEC, name: str = "spec.toml") -> Path:
     path = folder / name
     path.write_text(text, encoding="utf-8")
     return path
-
-
-HERE = "scenarios = ['corridor']\n"
 
 
 def planned(folder: Path, text: str = SPEC) -> list[PlannedRun]:
@@ -175,9 +174,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_all_runs_are_made_summed_up_and_exported(
-    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_all_runs_are_made_summed_up_and_exported(whole: Path, tmp_path: Path, capsys: Capsys) -> None:
     from pyarrow import parquet
 
     rows = rows_of(whole)
@@ -243,7 +240,7 @@ def test_killed_amid_a_transaction_it_is_as_before_it(tmp_path: Path, first: str
 
 
 @pytest.mark.slow
-def test_three_shards_come_to_the_same(whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_three_shards_come_to_the_same(whole: Path, tmp_path: Path, capsys: Capsys) -> None:
     spec = written(tmp_path)
     parts = []
     for number in (1, 2, 3):
@@ -277,9 +274,7 @@ def test_more_seeds_are_added_and_no_run_is_lost(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_time_is_measured_when_asked_for(tmp_path: Path) -> None:
-    text = (
-        SPEC.replace("[1, 3]", "[3]").replace('"0-1"', '"0"').replace('"map_f1"', '"map_f1", "memory", "cpu_per_scan"')
-    )
+    text = SPEC.replace("[1, 3]", "[3]").replace('"0-1"', '"0"').replace('"map_f1"', '"memory", "cpu_per_scan"')
     assert main.run(["sweep", str(written(tmp_path, text)), "--time"]) == 0
     rows = rows_of(tmp_path / "spec.sweep")
     assert [set(row.costs) for row in rows] == [set(COSTS)] * 2
@@ -336,7 +331,7 @@ def test_runs_that_crash_hang_or_fail_are_rows_and_stop_no_other(tmp_path: Path)
 
 
 def test_a_sweep_that_is_made_again_tries_what_did_not_end_well(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tried: list[int] = []
 
@@ -385,9 +380,8 @@ def test_results_that_contradict_each_other_are_not_merged(tmp_path: Path) -> No
     first, same, other = made("a.sweep", 0.1), made("b.sweep", 0.1), made("c.sweep", 0.2)
     assert merge([first, same], tmp_path / "both.sweep") == {"": 4, "ok": 4}
     for wrong in (other, made("d.sweep", 0.1, SPEC.replace("corridor", "loop"))):
-        with pytest.raises(InputError) as caught:
+        with refusal(InputError, file=wrong):
             merge([first, wrong], tmp_path / "new.sweep")
-        assert caught.value.file == str(wrong)
     assert not list(tmp_path.glob("*new*"))
 
 
@@ -433,7 +427,7 @@ def external(folder: Path, mode: str, more: str = "") -> Path:
 
 @pytest.mark.slow
 def test_anyones_slam_is_a_configuration_like_ours_and_where_it_fails_a_row_with_its_error(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capsys
 ) -> None:
     """It is run once, not once for each value of a key of ours; dead reckoning is worse than SLAM."""
     errors = {
@@ -462,7 +456,7 @@ def test_anyones_slam_is_a_configuration_like_ours_and_where_it_fails_a_row_with
 
 
 def test_what_is_doubtful_of_a_commands_path_is_told_and_the_way_driven_is_the_truths(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capsys
 ) -> None:
     """One that writes millimetres, and two that fail: on another clock, and with a few poses."""
     wrong = {
@@ -474,8 +468,7 @@ def test_what_is_doubtful_of_a_commands_path_is_told_and_the_way_driven_is_the_t
     for mode, words in wrong.items():
         text += f"[configurations.{mode}]\ncommand = {json.dumps(['sh', '-c', words])}\ntrajectory = 'path.tum'\n"
     spec = written(tmp_path, text)
-    assert main.run(["sweep", str(spec), "--workers", "1"]) == 0
-    said = capsys.readouterr().err
+    said = told(capsys, "sweep", spec, "--workers", "1")
     rows = rows_of(tmp_path / "spec.sweep")
     assert [row.status for row in rows] == ["ok", "failed", "failed"]
     assert rows[0].scores["distance"]["by"] == "truth"
@@ -490,9 +483,7 @@ def test_what_is_doubtful_of_a_commands_path_is_told_and_the_way_driven_is_the_t
     assert [issue in page(gather([tmp_path / "spec.sweep"])) for issue in ("moves at ", "seems to be")] == [True, True]
 
 
-def test_a_commands_version_and_folder_are_those_of_this_computer(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_commands_version_and_folder_are_those_of_this_computer(tmp_path: Path, capsys: Capsys) -> None:
     """What a program prints first, or a text; it is recorded, shown and exported, and part of a run's name."""
     (tmp_path / "version").write_text("\n 2.5.8 \nmore", encoding="utf-8")
     spec = external(tmp_path, "{here}", 'version = ["cat", "{here}/version"]\n')
@@ -511,9 +502,8 @@ def test_a_commands_version_and_folder_are_those_of_this_computer(
 
 @pytest.mark.parametrize("words", [["{here}/nothing"], [sys.executable, "-c", "pass"], [sys.executable, "-c", "1/0"]])
 def test_a_version_that_cannot_be_had_is_refused(words: list[str], tmp_path: Path) -> None:
-    with pytest.raises(ConfigError) as caught:
+    with refusal(ConfigError, field="configurations.theirs.version"):
         read_spec(external(tmp_path, "works", f"version = {json.dumps(words)}\n"))
-    assert caught.value.field == "configurations.theirs.version"
 
 
 @pytest.mark.slow
@@ -547,7 +537,6 @@ def test_variables_of_the_environment_in_paths(tmp_path: Path, monkeypatch: pyte
 
 SUITE_1 = "e6250b323c16c3c3ba468dcda1f89303fe1a35ee901fcc90a598da2345b8b252"
 """The whole hash of corridor-suite-1."""
-PUBLISHED = Path(__file__).parents[2] / "benchmarks" / "results" / "corridor-suite-1.csv"
 RECIPES = {
     *("particles", "lidar-beams", "lidar-range", "range-noise"),
     *("encoder-noise", "yaw-noise", "key-scan-spacing", "people"),
@@ -599,33 +588,30 @@ def test_the_hash_follows_from_scenarios_and_robots(tmp_path: Path, monkeypatch:
 
 
 def test_the_hash_is_recorded_and_other_runs_of_the_same_names_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    spec = tmp_path / "spec.toml"
-    spec.write_text(ONE, encoding="utf-8")
+    spec = written(tmp_path, ONE)
     monkeypatch.setattr("moteslam.eval.sweep.workers.make_all", lambda *_, **__: iter(()))
     assert shown(capsys, "sweep", spec)["hash"] == digest(plan(read_spec(spec)))
-    spec.write_text(f'description = "What it is for."\n{ONE}', encoding="utf-8")
-    printed(capsys, "sweep", spec)  # words are no other sweep
+    printed(capsys, "sweep", written(tmp_path, f'description = "What it is for."\n{ONE}'))  # words are no other sweep
     monkeypatch.setattr("moteslam.eval.sweep.store.digest", lambda _: "0" * 64)
     assert "has runs of other scenarios or robots of these names" in refused(capsys, "sweep", spec)
 
 
-def test_they_are_listed_and_printed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_they_are_listed_and_printed(capsys: Capsys, tmp_path: Path) -> None:
     lines = printed(capsys, "sweep", "list").splitlines()
     assert [line.split()[0] for line in lines[1:]] == sorted(bundled_specs())
     suite = next(line for line in lines if line.startswith("corridor-suite-1"))
     assert suite.split()[1:3] == ["200", SUITE_1[:16]]
     found = {one["name"]: one for one in shown(capsys, "sweep", "list")}
     assert found["corridor-suite-1"]["hash"] == SUITE_1
-    (tmp_path / "mine.toml").write_text(printed(capsys, "sweep", "list", "people"), encoding="utf-8")
-    assert plan(read_spec(tmp_path / "mine.toml")) == runs_of("people")
+    assert planned(tmp_path, printed(capsys, "sweep", "list", "people")) == runs_of("people")
     assert 'name = "people"' in shown(capsys, "sweep", "list", "people")["toml"]
 
 
 def test_the_published_results_of_the_suite_are_of_its_runs() -> None:
     """So that ``sweep diff`` compares all of them."""
-    table = read_table(PUBLISHED)
+    table = read_table(ROOT / "benchmarks" / "results" / "corridor-suite-1.csv")
     assert set(table) == {run.id for run in runs_of("corridor-suite-1")}
     assert {row["status"] for row in table.values()} == {"ok"}
 
@@ -637,9 +623,7 @@ def test_seeds_as_a_list_and_values_in_their_order(tmp_path: Path) -> None:
     ]
 
 
-def test_a_cluster_that_is_not_there(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cluster_that_is_not_there(tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("moteslam.eval.sweep.workers.CONNECT", 0.5)
     line = refused(capsys, "sweep", written(tmp_path), "--scheduler", "tcp://127.0.0.1:9")
     assert "--scheduler: no scheduler answers at tcp://127.0.0.1:9" in line
@@ -649,22 +633,15 @@ def test_the_hash_follows_from_robots_that_scenarios_name(tmp_path: Path) -> Non
     (tmp_path / "mine.toml").write_text('base = "rplidar_a1"\nwidth = 0.3\n', encoding="utf-8")
     scenario = (SCENARIOS / "corridor.toml").read_text(encoding="utf-8")
     (tmp_path / "here.toml").write_text(f'platform = "mine.toml"\n{scenario}', encoding="utf-8")
-    (tmp_path / "spec.toml").write_text(ONE.replace('"corridor"', '"here.toml"'), encoding="utf-8")
-    runs = plan(read_spec(tmp_path / "spec.toml"))
+    runs = planned(tmp_path, ONE.replace('"corridor"', '"here.toml"'))
     before = digest(runs)
     (tmp_path / "mine.toml").write_text('base = "rplidar_a1"\nwidth = 0.31\n', encoding="utf-8")
     assert digest(runs) != before
 
 
 @pytest.mark.slow
-def test_a_sweep_in_which_no_run_ends_well_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = """
-scenarios = ["corridor"]
-duration = 11
-seeds = "0"
-[configurations.bad]
-command = ["sh", "-c", "echo '\\u001b[31m<b>' >&2; exit 3"]
-"""
+def test_a_sweep_in_which_no_run_ends_well_says_so(tmp_path: Path, capsys: Capsys) -> None:
+    text = ONE + """[configurations.bad]\ncommand = ["sh", "-c", "echo '\\u001b[31m<b>' >&2; exit 3"]\n"""
     assert main.run(["sweep", str(written(tmp_path, text)), "--workers", "1"]) == 1
     assert "1 failed" in capsys.readouterr().out
     table = as_csv(rows_of(tmp_path / "spec.sweep"))

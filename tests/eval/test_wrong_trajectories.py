@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_lines import codes, shown, told
+from command_lines import Capsys, codes, refused, shown, told
 from scipy.spatial.transform import Rotation
 
-from moteslam.eval.cli import main
 from moteslam.eval.metrics.clocks import clock_offset
 from moteslam.robot.trajectories import read_trajectory
 from moteslam.robot.trajectory import Trajectory
@@ -343,9 +342,7 @@ def test_of_laps_that_fit_alike_on_clocks_without_a_common_time_the_nearest_is_t
 def test_stamps_in_few_digits_are_named_where_nothing_matches(tmp_path: Path, capsys) -> None:
     """The file whose stamps were rounded, not the other one."""
     files = write(tmp_path / "est.tum", drive(0.2, 0.005)[1:]), write(tmp_path / "ref.tum", drive(0.02), "%e")
-    assert main.run(["evaluate", *files]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
+    said = refused(capsys, "evaluate", *files)
     assert f"; {files[1]}: " in said
     assert "of 6000 poses have the stamp of the one before" in said
     assert "of 6000 poses have the stamp of the one before" in told(capsys, "convert", files[1], tmp_path / "out.tum")
@@ -392,12 +389,11 @@ def test_euroc_without_names_says_which_order_follows_the_path(tmp_path: Path, o
 )
 def test_what_is_no_table_is_refused_by_its_column(tmp_path: Path, capsys, text: str, said: str) -> None:
     (tmp_path / "t.csv").write_text(text)
-    assert main.run(["convert", str(tmp_path / "t.csv"), str(tmp_path / "out.tum")]) == 2
-    assert said in capsys.readouterr().err
+    assert said in refused(capsys, "convert", tmp_path / "t.csv", tmp_path / "out.tum")
     assert not (tmp_path / "out.tum").exists()
 
 
-def test_another_building_is_no_other_scale(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_building_is_no_other_scale(tmp_path: Path, capsys: Capsys) -> None:
     """Of a path with little in common the error falls by any scale that makes it small."""
     here = drive(0.2)
     there, since = here.copy(), here[:, 0] - T0

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from converted import assert_held
+from issues import counted
 from issues import messages as all_messages
 from robot_logs import flaser, odom, robotlaser, write_log
 
@@ -304,10 +305,7 @@ def test_flaser_lines_without_stamps(tmp_path: Path) -> None:
     np.testing.assert_array_equal(lidar.stamps, np.arange(8.0))
     np.testing.assert_allclose(lidar.odometry[:, 0], 0.1 * np.arange(8))
     assert recording.odometry is None
-    assert messages(recording.warnings) == (
-        "x.log: FLASER lines without stamps; one second a scan is assumed",
-        "x.log: 1 ODOM line left aside, on another clock than the scans",
-    )
+    assert counted(recording.warnings)[:2] == [("no-stamps", 1), ("other-clock", 1)]
 
 
 @pytest.mark.parametrize(("beams", "angles", "expected"), [(228, "", True), (181, "", False), (228, "given", False)])

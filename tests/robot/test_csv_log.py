@@ -10,7 +10,8 @@ from converted import assert_held
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from issues import messages
+from issues import counted, messages
+from refusals import refusal
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.formats import format_of, open_recording
@@ -67,9 +68,7 @@ def test_what_a_cell_means(tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         lidar_of(path).ranges, np.float32([[1, 2, 3], [1.5, np.nan, np.inf], [np.nan, np.nan, np.inf]])
     )
-    assert messages(open_recording(path).warnings) == (
-        "scans.csv: r0..r2: 1 range in 1 scan left out, NaN or negative",
-    )
+    assert counted(open_recording(path).warnings) == [("invalid-ranges", 1)]
     assert format_of(path).name.startswith("CSV log")
 
 
@@ -147,9 +146,8 @@ def test_ticks_of_the_other_kind_are_refused(given: bool, tmp_path: Path) -> Non
 
     right, wrong = (np.cumsum(ticks), ticks) if given else (ticks, np.cumsum(ticks))
     np.testing.assert_array_equal(counts(right, running=given), ticks[1:])
-    with pytest.raises(ConfigError) as refused:
+    with refusal(ConfigError, field="encoders.running"):
         counts(wrong, running=given)
-    assert refused.value.field == "encoders.running"
 
 
 @pytest.mark.parametrize(("bits", "least"), [(16, -(2**15)), (16, 0), (32, -(2**31))])
@@ -221,10 +219,8 @@ def test_a_description_that_is_wrong_is_refused_in_one_line(tmp_path: Path, desc
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "link.csv").symlink_to(tmp_path / "secret.csv")
     path = write(tmp_path / "logs", description, scans="t,r0,r1,r2,u,u\n0,1.0,2.0,3.0,0,0\n")
-    with pytest.raises(ConfigError) as caught:
+    with refusal(ConfigError, file=path, field=field):
         open_recording(path)
-    assert (Path(str(caught.value.file)), caught.value.field) == (path, field)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_description_without_a_stream_is_none(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomli_w
+from refusals import refusal
 from ucsd_robot import CAMERA
 
 from moteslam.errors import ConfigError
@@ -57,10 +58,8 @@ def test_bad_platforms_are_told_with_their_key(tmp_path: Path, text: str | None,
     path = tmp_path / "platform.toml"
     if text is not None:
         path.write_text(text)
-    with pytest.raises(ConfigError) as caught:
+    with refusal(ConfigError, file=path, field=field):
         read_platform(path)
-    assert (caught.value.file, caught.value.field) == (str(path), field)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_file_overrides_a_base_key_by_key_and_one_that_was_written_overrides_all(tmp_path: Path) -> None:
@@ -100,9 +99,8 @@ def test_a_whole_robot_that_is_not_is_refused_with_the_keys_that_are_missing(key
 
 
 def test_an_unknown_name_is_refused_with_those_there_are() -> None:
-    with pytest.raises(ConfigError, match="lms200") as caught:
+    with refusal(ConfigError, "lms200", field="nobody"):
         load_platform("nobody")
-    assert caught.value.field == "nobody"
 
 
 def test_figures_as_recorded_lie_over_those_of_the_data_sheet() -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tomli_w
+from refusals import refusal
 
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map, write_picture
@@ -95,10 +96,8 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
     ],
 )
 def test_refused(table: dict[str, Any], key: str, value: Any, field: str) -> None:
-    with pytest.raises(ConfigError) as caught:
+    with refusal(ConfigError, file="my.toml", field=field):
         parse_scenario(changed({**table, "camera": {}}, key, value), file="my.toml")
-    assert (caught.value.file, caught.value.field) == ("my.toml", field)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["nowhere", "full.txt", "", "broken.toml", "huge.toml"])
@@ -109,9 +108,8 @@ def test_unreadable_files_are_refused(name: str, tmp_path: Path, monkeypatch: py
     }  # fmt: skip
     if name in contents:
         (tmp_path / name).write_bytes(contents[name])
-    with pytest.raises(ConfigError) as caught:
+    with refusal(ConfigError, file=name):
         load_scenario(name)
-    assert str(caught.value.file) == name
 
 
 @pytest.mark.parametrize("name", [name for name in bundled_scenarios() if name not in ("campus", "mile")])
@@ -214,9 +212,8 @@ def test_files_elsewhere_are_refused(field: str, way: str, mine: Path, tmp_path:
     (tmp_path / "mine" / f"link-{name}").symlink_to(tmp_path / "other" / name)
     given = way.format(name, tmp_path)
     mine.write_text(text.format(given))
-    with pytest.raises(ConfigError) as caught:
+    with refusal(ConfigError, file=mine, field=field):
         load_scenario(mine)
-    assert (str(caught.value.file), caught.value.field) == (str(mine), field)
 
 
 def test_a_simulation_on_disk_can_be_simulated_again_wherever_it_is_moved(mine: Path, tmp_path: Path) -> None:
@@ -246,23 +243,19 @@ def test_a_changed_copy_is_checked_and_brings_the_robots_own_noise() -> None:
 
 @pytest.mark.parametrize("change", [{"durations": 3.0}, {"duration": -1.0}, {"people": 5}])
 def test_a_changed_copy_with_a_wrong_key_or_value_is_refused(change: dict) -> None:
-    with pytest.raises(ConfigError) as caught:
+    with refusal(ConfigError, field=next(iter(change))) as caught:
         load_scenario("corridor").with_(**change)
-    assert caught.value.field == next(iter(change))
     assert ("expected one of duration, " in caught.value.problem) == ("durations" in change)
 
 
 @pytest.mark.parametrize("changes", [{"duration": 10.0}, {"duration": 7.0, "drive": {"rest_end": 1.0}}])
 def test_a_drive_that_ends_before_the_robot_has_moved_is_refused(changes: dict) -> None:
-    with pytest.raises(ConfigError, match="expected more than") as caught:
+    with refusal(ConfigError, "expected more than", field="duration"):
         simulate(load_scenario("corridor").with_(**changes))
-    assert caught.value.field == "duration"
 
 
 def test_what_never_changes_says_so_in_a_line() -> None:
-    with pytest.raises(ConfigError) as caught:
+    with refusal(ConfigError, field="duration"):
         load_scenario("corridor").duration = 3.0
-    assert caught.value.field == "duration"
-    with pytest.raises(ConfigError) as caught:
+    with refusal(ConfigError, field="length"):
         Platform(length=-1.0)
-    assert caught.value.field == "length"

@@ -1,20 +1,28 @@
-"""The robot in closed loop: what arrives when, the same as of a recording, and a controller of ten lines."""
+"""Complete simulations, the same when read back from disk; and the robot in closed loop: what arrives when."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from closed_loop import WANTED, controller
+from converted import values_of
+from refusals import refusal
+from sim_drives import room_table
 
 from moteslam.errors import ConfigError, InputError
+from moteslam.robot import se2
+from moteslam.robot.formats.ucsd import read_ucsd
 from moteslam.robot.recording import EncoderStream, LidarStream, Recording
+from moteslam.robot.trajectories.text import read_tum
+from moteslam.sim.output import write_simulation
 from moteslam.sim.robot.driver import driver_for
-from moteslam.sim.scenario import Scenario, load_scenario, with_camera
+from moteslam.sim.scenario import Scenario, load_scenario, parse_scenario, with_camera
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.faults import with_gaps, with_odometry_faults, without_lost_motion
 from moteslam.sim.sensors.rgbd import Camera
-from moteslam.sim.simulate import Sensors, random_generators, simulate
+from moteslam.sim.simulate import Sensors, Simulation, random_generators, simulate
 from moteslam.sim.simulator import Simulator
 from moteslam.sim.world.world import World
 
@@ -178,17 +186,80 @@ def test_what_is_read_in_pieces_is_what_is_read_at_once(name: str, changes: dict
 def test_commands_that_are_no_numbers_and_steps_after_the_end_are_refused():
     simulator = Simulator(short(12.0))
     for asked, field in (((np.nan, 0.0), "speed"), (("a", 1), "speed"), ((0.1, None), "turn_rate")):
-        with pytest.raises(InputError) as caught:
+        with refusal(InputError, field=field):
             simulator.step(*asked)
-        assert caught.value.field == field
     while not simulator.done:
         simulator._run.step()
-    with pytest.raises(ConfigError) as caught:
+    with refusal(ConfigError, field="duration"):
         simulator.step(0.0, 0.0)
-    assert caught.value.field == "duration"
 
 
 def test_being_carried_along_a_route_is_refused():
-    with pytest.raises(ConfigError, match="no route") as caught:
+    with refusal(ConfigError, "no route", field="faults.0.to"):
         Simulator(short(40.0).with_(faults=[{"kind": "carried", "start": 12.0}]))
-    assert caught.value.field == "faults.0.to"
+
+
+def identical(a: Recording, b: Recording) -> bool:
+    """In every array and figure, by its bytes."""
+    first, second = dict(values_of(a)), dict(values_of(b))
+    return first.keys() == second.keys() and all(
+        first[name].tobytes() == second[name].tobytes() and first[name].dtype == second[name].dtype for name in first
+    )
+
+
+@pytest.fixture(scope="module")
+def simulation(taichi: None) -> Simulation:
+    return simulate(parse_scenario(room_table()), seed=4)
+
+
+def test_the_same_seed_gives_the_same_bytes(scenario: Scenario, simulation: Simulation) -> None:
+    again, other = simulate(scenario, seed=4), simulate(scenario, seed=5)
+    assert identical(simulation.recording, again.recording)
+    assert simulation.truth.poses.tobytes() == again.truth.poses.tobytes()
+    others = dict(values_of(other.recording))
+    for name, ours in values_of(simulation.recording):
+        assert ".figures." in name or ours.tobytes() != others[name].tobytes(), name
+
+
+def test_the_seed_is_the_scenarios_where_none_is_given(scenario: Scenario, simulation: Simulation) -> None:
+    assert identical(simulate(scenario.model_copy(update={"seed": 4})).recording, simulation.recording)
+    assert simulation.scenario.seed == 4
+    zero = simulate(scenario.model_copy(update={"seed": 4}), seed=0)
+    assert zero.scenario.seed == 0
+    assert not identical(zero.recording, simulation.recording)
+    with refusal(ConfigError, field="seed"):
+        simulate(scenario, seed=-1)
+
+
+def test_streams_start_and_end_as_on_the_real_robot(simulation: Simulation) -> None:
+    lidar, encoders, imu = (getattr(simulation.recording, name) for name in ("lidar", "encoders", "imu"))
+    assert simulation.truth.stamps[0] == EPOCH
+    assert 0.28 < imu.stamps[0] - encoders.stamps[0] < 0.52
+    assert 1.3 < encoders.stamps[-1] - imu.stamps[-1] < 1.7
+    assert encoders.stamps[0] < lidar.stamps[0]
+    assert lidar.stamps[-1] < encoders.stamps[-1] < simulation.truth.stamps[-1]
+
+
+def test_scans_seen_from_the_truth_end_on_the_walls(simulation: Simulation) -> None:
+    lidar, platform = simulation.recording.lidar, simulation.recording.platform
+    times = lidar.stamps[::20, None] + platform.lidar.time_increment * np.arange(1081)
+    robot = simulation.truth.at(times.ravel()).poses.reshape(*times.shape, 3)
+    mount = se2.compose(robot, platform.lidar.pose)
+    angles = mount[..., 2] + lidar.angles
+    ends = mount[..., :2] + lidar.ranges[::20, :, None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+    finite = np.isfinite(lidar.ranges[::20])
+    away = simulation.world.distance(ends[finite])
+    assert np.sqrt((away**2).mean()) < 0.015
+    assert np.quantile(away, 0.999) < 0.06
+
+
+def test_a_written_recording_reads_back_identical(simulation: Simulation, tmp_path: Path) -> None:
+    write_simulation(tmp_path, simulation, sequence="7")
+    back = read_ucsd(tmp_path)
+    assert identical(back, simulation.recording)
+    assert back.platform == simulation.recording.platform
+    assert back.warnings == ()
+    truth = read_tum(tmp_path / "truth.tum")
+    assert truth.stamps.tobytes() == simulation.truth.stamps.tobytes()
+    np.testing.assert_allclose(truth.poses, simulation.truth.poses, atol=1e-12)
+    assert load_scenario(tmp_path / "scenario.toml") == simulation.scenario

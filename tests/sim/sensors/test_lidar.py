@@ -27,12 +27,6 @@ MOUNT = UCSD.lidar
 WITHOUT_DROPOUT = UCSD.noise.lidar.model_copy(update={"dropout": 0.0})
 
 
-def scan(run: Drive, noise: LidarNoise, seed: int = 0, world: World = ROOM) -> LidarStream:
-    rng, effects = np.random.default_rng(seed), np.random.default_rng(0)
-    lidar = Lidar(MOUNT, noise, (0.1, run.stamps[-1] - 0.1), rng, effects=effects)
-    return lidar.read(run, Scene(world), len(lidar.times))
-
-
 def endpoints(run: Drive, stream: LidarStream, *, swept: bool) -> np.ndarray:
     """The endpoints [n, beams, 2] in the world, each beam from its own pose, or all from the first beam's."""
     offsets = MOUNT.time_increment * np.arange(1081) * swept
@@ -45,7 +39,9 @@ def endpoints(run: Drive, stream: LidarStream, *, swept: bool) -> np.ndarray:
 
 def test_perfect_beams_end_on_the_walls() -> None:
     run = moving((3.0, 3.0, 0.3), (0.8, 0.3, 0.9), 2.0)
-    stream = scan(run, LidarNoise())
+    rng, effects = np.random.default_rng(0), np.random.default_rng(0)
+    lidar = Lidar(MOUNT, LidarNoise(), (0.1, run.stamps[-1] - 0.1), rng, effects=effects)
+    stream = lidar.read(run, Scene(ROOM), len(lidar.times))
     assert stream.ranges.shape[1] == 1081
     assert stream.ranges.dtype == np.float32
     assert stream.angles[[0, -1]] == pytest.approx(np.radians([-135, 135]))

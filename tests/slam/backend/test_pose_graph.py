@@ -18,9 +18,9 @@ from moteslam.slam.backend.graph.pose_graph import Edges, relative_jacobians, so
 STEP_NOISE = np.array([0.02, 0.01, 0.01])
 
 
-def laps(rng: np.random.Generator, nodes: int = 120, per_lap: int = 40) -> np.ndarray:
+def laps() -> np.ndarray:
     """True poses along a circle of 40 m, three times round."""
-    angle = np.arange(nodes) * 2 * np.pi / per_lap
+    angle = np.arange(120) * 2 * np.pi / 40
     radius = 40 / (2 * np.pi)
     return np.column_stack((radius * np.sin(angle), radius * (1 - np.cos(angle)), se2.wrap(angle)))
 
@@ -35,7 +35,7 @@ def edges_between(first: np.ndarray, second: np.ndarray, true: np.ndarray, noise
 def case(seed: int, false: int = 0) -> tuple[np.ndarray, np.ndarray, Edges]:
     """True poses, those of the chain, and a chain with true loops and clusters of five false ones."""
     rng = np.random.default_rng(seed)
-    true = laps(rng)
+    true = laps()
     n = len(true)
     noise = rng.normal(0, 1, (n - 1, 3)) * STEP_NOISE
     chain = edges_between(np.arange(n - 1), np.arange(1, n), true, noise, robust=False)
@@ -55,7 +55,7 @@ def rmse(poses: np.ndarray, true: np.ndarray) -> float:
 
 
 def test_edges_without_errors_are_met_exactly():
-    true = laps(np.random.default_rng(0))
+    true = laps()
     n = len(true)
     first, second = np.r_[np.arange(n - 1), 0, 90], np.r_[np.arange(1, n), 80, 10]
     edges = edges_between(first, second, true, np.zeros((n + 1, 3)), robust=False)

@@ -171,23 +171,17 @@ def test_colours_take_part_and_nothing_is_lost_by_them(room: Room, estimate: Est
     assert not [line for line in messages(estimate.warnings) if "colours" in line]
 
 
-def test_all_of_the_odometrys_error_is_drawn_where_colours_weigh_the_particles(
-    room: Room, monkeypatch: pytest.MonkeyPatch
+def test_the_same_seed_gives_the_same_bytes_and_frames_are_read_at_updates_alone(
+    room: Room, estimate: Estimate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """And where colours weigh the particles all of the odometry's error is drawn."""
     sample, shares = tsdf_filter.sample, set[float]()
 
-    def watched(proposal: Proposal, *arguments: Any, **options: Any) -> np.ndarray:
+    def sampled(proposal: Proposal, *arguments: Any, **options: Any) -> np.ndarray:
         shares.add(proposal.position_share)
         return sample(proposal, *arguments, **options)
 
-    monkeypatch.setattr(tsdf_filter, "sample", watched)
-    run_slam(room[1], CONFIG)
-    assert shares == {1.0, CONFIG.proposal.sampled_share}
-
-
-def test_the_same_seed_gives_the_same_bytes_and_frames_are_read_at_updates_alone(
-    room: Room, estimate: Estimate
-) -> None:
+    monkeypatch.setattr(tsdf_filter, "sample", sampled)
     asked: list[int] = []
     stream = room[1].rgbd
     draw = stream.images.rgb
@@ -195,6 +189,7 @@ def test_the_same_seed_gives_the_same_bytes_and_frames_are_read_at_updates_alone
     again = run_slam(room[1].replace(rgbd=replace(stream, images=watched)), CONFIG, seed=3)
     assert same(again, estimate)
     assert 10 < len(asked) == len(set(asked)) <= estimate.diagnostics["updated"].sum()
+    assert shares == {1.0, CONFIG.proposal.sampled_share}
 
 
 def of_broken_files(recording: Recording, folder: Path) -> Recording:
