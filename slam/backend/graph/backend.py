@@ -181,8 +181,9 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
     """The path that is nearest to what was measured, of those that draw about as few cells as any.
 
     Candidates are, in this order, the joint registrations that begin at the graph as measured, at the corrected graph
-    and at the filter's path [n, 3], with the corrections while it drove, then these three themselves. A later one is
-    taken only where its map is clearly sharper. The graph is solved as measured afterwards.
+    and at the filter's path [n, 3], with the corrections while it drove, of each the one within the last reach, then
+    from there within the first; then these three themselves. A later one is taken only where its map is clearly
+    sharper. The graph is solved as measured afterwards.
 
     Returns [n, 3] poses, and whether the graph's measurements led there rather than the filter's path.
     """
@@ -198,9 +199,10 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
         for start in starts:
             if any(np.hypot(*(laid_over(start, other) - other)[:, :2].T).max() < SAME_START for other in tried):
                 continue
-            registered = register_jointly(endpoints, start, graph.measured, config)
-            paths.append((registered, start is not filtered))
-            tried += [start, registered]
+            near = register_jointly(endpoints, start, graph.measured, config, reach=config.joint.last_reach)
+            wide = register_jointly(endpoints, near, graph.measured, config, reach=config.joint.first_reach)
+            paths += [(registered, start is not filtered) for registered in (near, wide)]
+            tried += [start, near, wide]
     paths += [(start, start is not filtered) for start in starts]
     best, fewest = paths[0], cells_along(endpoints, paths[0][0])
     for path in paths[1:]:

@@ -9,7 +9,7 @@ from graph_cases import key_scan, loop
 from moteslam.robot import raster, se2
 from moteslam.slam.backend.graph import backend
 from moteslam.slam.backend.graph.backend import contradictions, laid_over, sharpest
-from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.graph.config import GraphConfig, JointConfig
 from moteslam.slam.backend.graph.joint import Endpoints, sharpness
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import LoopGraph
@@ -130,8 +130,9 @@ def test_a_joint_registration_starts_from_each_path_and_one_that_contradicts_mus
     """Laid over each other rigidly first; by more cells than the directions of the grid differ in what they count."""
     graph, started = graph_of(12), []
 
-    def register(endpoints: Endpoints, poses: np.ndarray, *_: object) -> np.ndarray:
-        started.append(poses)
+    def register(endpoints: Endpoints, poses: np.ndarray, *_: object, reach: float) -> np.ndarray:
+        if reach == JointConfig().last_reach:
+            started.append(poses)
         return poses
 
     def cells(endpoints: Endpoints, poses: np.ndarray) -> np.ndarray:
@@ -147,6 +148,25 @@ def test_a_joint_registration_starts_from_each_path_and_one_that_contradicts_mus
     np.testing.assert_allclose(laid, bent if starts == 2 else graph.poses, atol=1e-9)
     assert measured != taken
     np.testing.assert_array_equal(found, started[-1 if taken else 0])
+
+
+@pytest.mark.parametrize(("fewer", "taken"), [((2, 30, -4, 20), False), ((12, 11, 14, 9), True)])
+def test_what_a_wide_reach_pulls_together_must_be_clearly_sharper(
+    monkeypatch: pytest.MonkeyPatch, fewer: tuple[int, ...], taken: bool
+):
+    graph = graph_of(12)
+    pulled = graph.poses + np.eye(13, 3, k=-6)[:, [1, 0, 2]]
+
+    def register(endpoints: Endpoints, poses: np.ndarray, *_: object, reach: float) -> np.ndarray:
+        return pulled if reach == JointConfig().first_reach else poses
+
+    def cells(endpoints: Endpoints, poses: np.ndarray) -> np.ndarray:
+        return np.array((1000, 1010, 990, 1000)) - np.array(fewer) * (poses is pulled)
+
+    monkeypatch.setattr(backend, "register_jointly", register)
+    monkeypatch.setattr(backend, "cells_along", cells)
+    found, _ = sharpest(graph, graph.poses, GraphConfig())
+    np.testing.assert_array_equal(found, pulled if taken else graph.poses)
 
 
 def test_what_the_final_path_contradicts_is_told(monkeypatch: pytest.MonkeyPatch):
