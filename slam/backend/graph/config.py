@@ -51,8 +51,8 @@ class JointConfig(Section):
     enabled: Truth = True  # Register nodes jointly: those that a correction moves on the way, and all at the end
     # Other scans that the endpoints of one are held to, at most
     partners: Annotated[Whole, Field(ge=1, le=MAX_PARTNERS)] = 16
-    first_reach: Positive = 0.3  # Largest distance of an endpoint to its surface in the first round [m]
-    last_reach: Positive = 0.1  # The same in the last rounds [m]
+    first_reach: Positive = 0.3  # Largest distance of an endpoint to its surface in a wide search's first round [m]
+    last_reach: Positive = 0.1  # The same in its last rounds, and where poses are known well [m]
     # Rounds at most; it ends when the poses move by less than a millimetre (root mean square)
     rounds: Annotated[Whole, Field(ge=1, le=1000)] = 40
 
