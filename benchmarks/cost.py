@@ -169,7 +169,7 @@ def tenths(seed: int, settings: list[str], duration: float | None = None) -> Row
         spent.append(1e3 * (time.process_time() - began) / scans)
     return {
         "last_over_first": spent[-1] / spent[0],
-        "an_update_last_over_first": spent[-1] / updated[-1] / (spent[0] / updated[0]),
+        "an_update_last_over_first": spent[-1] / max(updated[-1], 1) / (spent[0] / max(updated[0], 1)),
         "tenths_cpu_ms_a_scan": spent,
         "tenths_updates": updated,
         "scans": len(session),
