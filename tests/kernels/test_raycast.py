@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from twins import rays
 
-from moteslam.kernels import buckets as bucketing
-from moteslam.kernels.raycast import SegmentBuckets, build_buckets, cast_movers, cast_rays, cast_surfaces
+from moteslam.kernels.raycast import MAX_BUCKETS, SegmentBuckets, build_buckets, cast_movers, cast_rays, cast_surfaces
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -103,7 +102,7 @@ def test_a_ray_along_a_wall_stops_at_its_end() -> None:
 
 def test_a_huge_world_has_few_buckets() -> None:
     buckets = build_buckets([(0, 0, 9e5, 1), (0, 9e5, 1, 9e5)], size=0.5)
-    assert buckets.columns * buckets.rows <= bucketing.MAX_BUCKETS
+    assert buckets.columns * buckets.rows <= MAX_BUCKETS
     assert cast_rays(buckets, [(4.5e5, -20.0)], [np.pi / 2], max_range=50.0)[0] == pytest.approx(20.5, abs=0.5)
 
 
