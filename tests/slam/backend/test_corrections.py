@@ -114,13 +114,18 @@ def test_what_was_registered_jointly_is_bent_by_later_loops_alone():
     assert all(found.accepted for found in graph.ledger)
 
 
+CELLS = np.array((1000, 1010, 990, 1000))
+FEW, CLEARLY = (2, 30, -4, 20), (12, 11, 14, 9)
+"""How many cells less, of each direction: within what these differ by, and by more."""
+
+
 @pytest.mark.parametrize(
     ("elsewhere", "fewer", "starts", "taken"),
     [
-        (0.0, (2, 30, -4, 20), 1, False),
-        (0.1, (2, 30, -4, 20), 1, False),
-        (2.0, (2, 30, -4, 20), 2, False),
-        (2.0, (12, 11, 14, 9), 2, True),
+        (0.0, FEW, 1, False),
+        (0.1, FEW, 1, False),
+        (2.0, FEW, 2, False),
+        (2.0, CLEARLY, 2, True),
         (2.0, (0, 0, 0, 0), 2, False),
     ],
 )
@@ -136,7 +141,7 @@ def test_a_joint_registration_starts_from_each_path_and_one_that_contradicts_mus
         return poses
 
     def cells(endpoints: Endpoints, poses: np.ndarray) -> np.ndarray:
-        return np.array((1000, 1010, 990, 1000)) - np.array(fewer) * bool(np.ptp(poses[:, 1]) > 1)
+        return CELLS - np.array(fewer) * bool(np.ptp(poses[:, 1]) > 1)
 
     monkeypatch.setattr(backend, "register_jointly", register)
     monkeypatch.setattr(backend, "cells_along", cells)
@@ -150,7 +155,7 @@ def test_a_joint_registration_starts_from_each_path_and_one_that_contradicts_mus
     np.testing.assert_array_equal(found, started[-1 if taken else 0])
 
 
-@pytest.mark.parametrize(("fewer", "taken"), [((2, 30, -4, 20), False), ((12, 11, 14, 9), True)])
+@pytest.mark.parametrize(("fewer", "taken"), [(FEW, False), (CLEARLY, True)])
 def test_what_a_wide_reach_pulls_together_must_be_clearly_sharper(
     monkeypatch: pytest.MonkeyPatch, fewer: tuple[int, ...], taken: bool
 ):
@@ -161,7 +166,7 @@ def test_what_a_wide_reach_pulls_together_must_be_clearly_sharper(
         return pulled if reach == JointConfig().first_reach else poses
 
     def cells(endpoints: Endpoints, poses: np.ndarray) -> np.ndarray:
-        return np.array((1000, 1010, 990, 1000)) - np.array(fewer) * (poses is pulled)
+        return CELLS - np.array(fewer) * (poses is pulled)
 
     monkeypatch.setattr(backend, "register_jointly", register)
     monkeypatch.setattr(backend, "cells_along", cells)
