@@ -145,11 +145,11 @@ class GraphBackend:
 
     def _registered(self, graph: LoopGraph, endpoints: Endpoints, off: float) -> Array:
         """The nodes' poses [n, 3] after a joint registration of those that a loop has moved that was ``off`` [m]."""
-        poses, before, free = graph.poses, graph.registered, None
+        poses, before, free, reach = graph.poses, graph.registered, None, self._config.joint.first_reach
         if len(before) and off < FAR_OFF:
-            free = np.ones(len(poses), bool)
+            reach, free = self._config.joint.last_reach, np.ones(len(poses), bool)
             free[: len(before)] = np.hypot(*(poses[: len(before), :2] - before[:, :2]).T) > MOVED
-        return register_jointly(endpoints, poses, graph.measured, self._config, free, rounds=ROUNDS)
+        return register_jointly(endpoints, poses, graph.measured, self._config, reach, free, rounds=ROUNDS)
 
     def finish(self, path: Array) -> Array | None:
         if self._closing is None:
@@ -182,8 +182,8 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
 
     Candidates are, in this order, the joint registrations that begin at the graph as measured, at the corrected graph
     and at the filter's path [n, 3], with the corrections while it drove, of each the one within the last reach, then
-    from there within the first; then these three themselves. A later one is taken only where its map is clearly
-    sharper. The graph is solved as measured afterwards.
+    the one within the first; then these three themselves. A later one is taken only where its map is clearly sharper.
+    The graph is solved as measured afterwards.
 
     Returns [n, 3] poses, and whether the graph's measurements led there rather than the filter's path.
     """
@@ -199,10 +199,10 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
         for start in starts:
             if any(np.hypot(*(laid_over(start, other) - other)[:, :2].T).max() < SAME_START for other in tried):
                 continue
-            near = register_jointly(endpoints, start, graph.measured, config, reach=config.joint.last_reach)
-            wide = register_jointly(endpoints, near, graph.measured, config, reach=config.joint.first_reach)
-            paths += [(registered, start is not filtered) for registered in (near, wide)]
-            tried += [start, near, wide]
+            reaches = config.joint.last_reach, config.joint.first_reach
+            found = [register_jointly(endpoints, start, graph.measured, config, reach) for reach in reaches]
+            paths += [(registered, start is not filtered) for registered in found]
+            tried += [start, *found]
     paths += [(start, start is not filtered) for start in starts]
     best, fewest = paths[0], cells_along(endpoints, paths[0][0])
     for path in paths[1:]:

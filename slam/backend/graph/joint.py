@@ -100,20 +100,18 @@ def register_jointly(
     poses: Array,
     chain: MeasuredChain,
     config: GraphConfig,
+    reach: float,
     free: NDArray[np.bool_] | None = None,
     *,
-    reach: float | None = None,
     rounds: int | None = None,
 ) -> Array:
     """Move all poses [n, 3] to where the scans fit each other best; the first stays.
 
-    Of the scans ``free`` [n] move, by default all. Endpoints find their surfaces within a ``reach`` [m] at first, by
-    default the last of the configuration where some scans are held, else the first. Rounds are those of the
-    configuration by default.
+    Endpoints find their surfaces within a ``reach`` [m] at first. Of the scans ``free`` [n] move, by default all.
+    Rounds are those of the configuration by default.
     """
     joint = config.joint
     poses, n = poses.copy(), len(poses)
-    reach = reach or (joint.first_reach if free is None else joint.last_reach)
     held = np.ones(n, bool) if free is None else free
     moving = held & (np.arange(n) > 0)
     if not moving.any():

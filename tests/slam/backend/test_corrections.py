@@ -135,8 +135,8 @@ def test_a_joint_registration_starts_from_each_path_and_one_that_contradicts_mus
     """Laid over each other rigidly first; by more cells than the directions of the grid differ in what they count."""
     graph, started = graph_of(12), []
 
-    def register(endpoints: Endpoints, poses: np.ndarray, *_: object, reach: float) -> np.ndarray:
-        if reach == JointConfig().last_reach:
+    def register(endpoints: Endpoints, poses: np.ndarray, *given: object) -> np.ndarray:
+        if given[-1] == JointConfig().last_reach:
             started.append(poses)
         return poses
 
@@ -162,8 +162,8 @@ def test_what_a_wide_reach_pulls_together_must_be_clearly_sharper(
     graph = graph_of(12)
     pulled = graph.poses + np.eye(13, 3, k=-6)[:, [1, 0, 2]]
 
-    def register(endpoints: Endpoints, poses: np.ndarray, *_: object, reach: float) -> np.ndarray:
-        return pulled if reach == JointConfig().first_reach else poses
+    def register(endpoints: Endpoints, poses: np.ndarray, *given: object) -> np.ndarray:
+        return pulled if given[-1] == JointConfig().first_reach else poses
 
     def cells(endpoints: Endpoints, poses: np.ndarray) -> np.ndarray:
         return CELLS - np.array(fewer) * (poses is pulled)

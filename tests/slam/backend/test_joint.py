@@ -12,7 +12,7 @@ from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.backend.graph import pose_graph
 from moteslam.slam.backend.graph.chain import Chain
-from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.graph.config import GraphConfig, JointConfig
 from moteslam.slam.backend.graph.joint import Endpoints, choose_partners, register_jointly
 from moteslam.slam.backend.graph.loop_search import LoopSearch, Submaps
 from moteslam.slam.backend.graph.nodes import Nodes
@@ -24,6 +24,7 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 Array = NDArray[np.float64]
 REGISTRATION = RegistrationConfig()
+FIRST, LAST = JointConfig().first_reach, JointConfig().last_reach
 BEAMS = np.radians(np.arange(-90, 91, 1.0))
 FREE = GraphConfig(registration=RegistrationConfig(degenerate=0.0))
 """Without offsets along the least informed directions."""
@@ -55,7 +56,7 @@ def moved_along(config: GraphConfig, deviation: float = 0.05) -> float:
     poses = np.column_stack((0.5 * np.arange(31), np.zeros((31, 2))))
     scans = [scan_between_walls(rng) for _ in poses]
     chain = cast(MeasuredChain, Given(np.asarray(se2.between(poses[:-1], poses[1:])), (deviation, 0.005, 0.002)))
-    return float(register_jointly(Endpoints.of(scans), poses, chain, config)[-1, 0] - poses[-1, 0])
+    return float(register_jointly(Endpoints.of(scans), poses, chain, config, config.joint.first_reach)[-1, 0] - poses[-1, 0])
 
 
 def room() -> Array:
@@ -102,7 +103,7 @@ def test_where_scans_share_nothing_the_chain_decides():
     scans = [scan_between_walls(np.random.default_rng(k)) for k in range(6)]
     off = true + np.random.default_rng(1).normal(0, (1.0, 1.0, 0.2), true.shape) * (np.arange(6) > 0)[:, None]
     found = register_jointly(
-        Endpoints.of(scans), off, cast(MeasuredChain, Given(steps, (0.1, 0.05, 0.02))), GraphConfig()
+        Endpoints.of(scans), off, cast(MeasuredChain, Given(steps, (0.1, 0.05, 0.02))), GraphConfig(), FIRST
     )
     np.testing.assert_allclose(found[:, :2], true[:, :2], atol=1e-3)
     np.testing.assert_allclose(se2.wrap(found[:, 2] - true[:, 2]), 0.0, atol=1e-4)
@@ -113,7 +114,7 @@ def test_a_round_comes_next_to_the_place_that_a_scan_fits():
     true = np.array([(0.0, 0.0, 0.0), (2.0, 2.5, 0.4)])
     chain = cast(MeasuredChain, Given(np.asarray(se2.between(true[:-1], true[1:])), (1.0, 1.0, 1.0)))
     off = true + np.array([(0.0, 0.0, 0.0), (0.05, -0.05, 0.04)])
-    found = register_jointly(Endpoints.of(scans_of_the_room(true)), off, chain, GraphConfig(), rounds=1)
+    found = register_jointly(Endpoints.of(scans_of_the_room(true)), off, chain, GraphConfig(), FIRST, rounds=1)
     np.testing.assert_allclose(found, true, atol=3e-3)
 
 
@@ -128,7 +129,7 @@ def test_scans_that_are_not_free_stay_where_they_are():
     off[[2, 3, 5], 0] += 0.02
     for free in ([3], [2, 3, 5], []):
         which = np.isin(np.arange(7), free)
-        found = register_jointly(Endpoints.of(scans), off, chain, GraphConfig(), which)
+        found = register_jointly(Endpoints.of(scans), off, chain, GraphConfig(), LAST, which)
         np.testing.assert_array_equal(found[~which], off[~which])
         np.testing.assert_allclose(found[which], true[which], atol=0.012 if free == [3] else 0.005)
 
