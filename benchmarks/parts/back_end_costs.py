@@ -78,7 +78,8 @@ def joint(_seed: int, _settings: list[str], scans: int) -> Row:
     chain = MeasuredChain._make(part[: scans - 1] for part in graph.measured)
     for _ in range(2):
         began = time.process_time()
-        registration.register_jointly(endpoints, graph.poses[:scans], chain, graph._config, graph._config.joint.first_reach)
+        reach = graph._config.joint.first_reach
+        registration.register_jointly(endpoints, graph.poses[:scans], chain, graph._config, reach)
         spent = time.process_time() - began
     return {"cpu_s": spent, "scans": scans, "points_a_scan": len(endpoints.points) / scans}
 

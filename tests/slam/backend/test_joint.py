@@ -56,7 +56,7 @@ def moved_along(config: GraphConfig, deviation: float = 0.05) -> float:
     poses = np.column_stack((0.5 * np.arange(31), np.zeros((31, 2))))
     scans = [scan_between_walls(rng) for _ in poses]
     chain = cast(MeasuredChain, Given(np.asarray(se2.between(poses[:-1], poses[1:])), (deviation, 0.005, 0.002)))
-    return float(register_jointly(Endpoints.of(scans), poses, chain, config, config.joint.first_reach)[-1, 0] - poses[-1, 0])
+    return float(register_jointly(Endpoints.of(scans), poses, chain, config, FIRST)[-1, 0] - poses[-1, 0])
 
 
 def room() -> Array:
