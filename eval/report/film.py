@@ -87,7 +87,8 @@ def film(
     assert lidar is not None
     start = simulation.truth.at(lidar.stamps[:1]).poses[0]
     walls = _seen_from(start, simulation.world.segments.reshape(-1, 2, 2))
-    extent = np.ptp(walls.reshape(-1, 2), axis=0) + 2.0
+    everything = np.vstack((walls.reshape(-1, 2), _seen_from(start, simulation.truth.poses[:, :2])))
+    extent = np.ptp(everything, axis=0) + 2.0
     width, height = extent * (np.array(PLAN) / extent).min()
     width, height = max(float(width), NARROWEST) + LEFT + RIGHT, max(float(height), 1.0) + BELOW + ABOVE
     shown = np.bincount(pace.moments(lidar.stamps), minlength=len(lidar))
@@ -107,7 +108,7 @@ def film(
             draw_map(axes, session.map)
             _draw(axes, simulation, start, walls, update, np.array(path))
             style.plan(axes)
-            style.show_everything(axes, walls, margin=1.0)
+            style.show_everything(axes, everything, margin=1.0)
             if not figure.legends:
                 handles, labels = axes.get_legend_handles_labels()
                 columns = 4 if width > 8 else 3

@@ -43,9 +43,9 @@ def draw_scenario(path: style.File, scenario: Scenario, *, driven: Array | None 
     from matplotlib.patches import Rectangle
 
     world = World.of(scenario.standing)
-    points = world.segments.reshape(-1, 2)
-    scale = LONGEST / (float(np.ptp(points, axis=0).max()) + 2.0)  # inch/m, as of saved_plan
     line = driven if driven is not None else None if scenario.route is None else scenario.route.path()
+    points = np.vstack((world.segments.reshape(-1, 2), scenario.start[None, :2] if line is None else line[:, :2]))
+    scale = LONGEST / (float(np.ptp(points, axis=0).max()) + 2.0)  # inch/m, as of saved_plan
     with style.saved_plan(path, points, title=scenario.name, longest=LONGEST) as axes:
         axes.set_facecolor(FREE_SPACE)
         _draw_unreached(axes, world, scenario.start[:2])

@@ -7,6 +7,7 @@ walls do not measure Gauss-Newton goes where errors of the map pull it, or where
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
@@ -25,6 +26,7 @@ from moteslam.slam.registration.registrar import (
     Points,
     Registration,
     Spread,
+    bound,
     options_of,
     register,
     register_one,
@@ -33,7 +35,9 @@ from moteslam.slam.registration.registrar import (
 )
 from moteslam.slam.registration.search import LEAST_KNOWN, Window, apart, candidates
 
-SLIP = 7.0  # Negative log-probability that the wheels slip in one step: one in a thousand
+SLIP, AGAIN = 7.0, math.log(2)
+"""Negative log-probability that wheels slip in one step: one in a thousand; in the next one, too: a half."""
+NO_SLIP: Spread = (0.0, 0.0, 0.0)
 CORRELATION = 10.0  # Neighbouring endpoints err alike: this many of them count as one, as in `backend.correlation`
 
 
@@ -79,12 +83,13 @@ def proved(
     origin: Array,
     config: RegistrationConfig,
     tracking: TrackingConfig,
+    slip: Spread = NO_SLIP,
 ) -> Registration:
     """What was found, and a registration held near the odometry where the endpoints do not prove what was found.
 
     Of N particles as ``register`` keeps the odometry along degenerate directions. One of more than ``config.gate``
-    standard deviations must be more probable than ``against`` has it. One that is proved is taken in full, along
-    degenerate directions, too.
+    standard deviations must be more probable than ``against`` has it or, after a ``slip``, another one that adds as
+    much to them. Along degenerate directions what is proved is a fit, and no place.
     """
     far = (np.abs(found.free) > config.gate * spread).any(axis=1)
     if not far.any():
@@ -92,15 +97,21 @@ def proved(
     here, tight = np.zeros_like(predicted), spread / config.gate
     held = register(maps, predicted, tight, points, origin, here, config, coarse=False, keep=True)
     evidence = nats_for(found, held, len(points), config.unknown_cost, CORRELATION)
-    off = np.square(found.free / spread).sum(axis=1)
-    wins = evidence > against(off, tracking)
-    full = found._replace(offsets=np.where((far & wins)[:, None], found.free, found.offsets))
-    back = far & ~wins
+    least = against(np.square(found.free / spread).sum(axis=1), tracking)
+    if any(slip):
+        wider = spread + slip
+        again = AGAIN + np.log(wider / spread).sum() + np.square(found.free / wider).sum(axis=1) / 2
+        least = np.minimum(least, again)
+    wins = far & (evidence > least)
+    if wins.any():
+        found = found._replace(offsets=np.where(wins[:, None], bound(found, spread, config), found.offsets))
+    return _chosen(far & ~wins, held, found)
 
-    def chosen(near: Array, away: Array) -> Array:
-        return np.where(back.reshape(-1, *(1,) * (near.ndim - 1)), near, away)
 
-    return Registration(*(chosen(near, away) for near, away in zip(held, full, strict=True)))
+def _chosen(which: NDArray[np.bool_], some: Registration, others: Registration) -> Registration:
+    """Some of N where ``which`` [N], else others."""
+    pairs = zip(some, others, strict=True)
+    return Registration(*(np.where(which.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in pairs))
 
 
 Numbers = TypeVar("Numbers", float, NDArray[np.float64])
@@ -148,7 +159,8 @@ class _Sought(NamedTuple):
     points: Points
     origin: Array
     predictions: Array  # [m, 3] other predictions to try, as offsets from `predicted`
-    left: Open = Open()  # open by a lapse of the odometry
+    left: Open = CLOSED  # open by a lapse of the odometry
+    slip: Spread = NO_SLIP
 
     @property
     def open(self) -> bool:
@@ -200,6 +212,7 @@ class Localiser:
         *,
         measured: bool,
         left: Open = CLOSED,
+        slip: Spread = NO_SLIP,
     ) -> Located:
         """Where a scan of points [k, 2], whose rays start at an origin [m], fits: from the prediction, else after a
         search around it, at last in the relocation window.
@@ -207,20 +220,22 @@ class Localiser:
         Args:
             predictions: of a search, gives others [m, 3] to try beside what it finds, as offsets from ``predicted``.
             measured: whether odometry measured the prediction: then only the endpoints' evidence overrules it.
+            slip: by how much ``spread`` is wider than usual, to be searched with, after a slip.
         """
         c = self._config
         if self._options is None or self._options[0] is not maps.config:  # made once for all scans
             self._options = maps.config, options_of(maps.config, self._registration)
         fitted = register_one(maps, predicted, spread, points, origin, self._registration, self._options[1])
-        forward, _, turn = spread
+        usual, (forward, _, turn) = (spread[0] - slip[0], spread[1] - slip[1], spread[2] - slip[2]), spread
         sure = forward <= c.basin_distance and turn <= OPEN_HEADING
         near = sure and _within(c.accept_deviation, fitted.offset, spread)
         score = match_score(fitted.known, fitted.likelihood, fitted.crossed, c)
-        known = measured and sure
+        known = measured and usual[0] <= c.basin_distance and usual[2] <= OPEN_HEADING
         accepted = near and fitted.likelihood >= c.accept_likelihood and not self.contradicts(score, len(points))
-        if accepted and (not known or _within(self._registration.gate, fitted.free, spread)):
+        if accepted and (not known or _within(self._registration.gate, fitted.free, usual)):
             return Located(fitted, score)
-        sought = _Sought(maps, np.array(predicted), np.array(spread), points, np.array(origin), np.zeros((0, 3)), left)
+        none = np.zeros((0, 3))
+        sought = _Sought(maps, np.array(predicted), np.array(spread), points, np.array(origin), none, left, slip)
         if accepted:
             return self._proved(sought, Located(fitted, score))
         return self._search(sought._replace(predictions=predictions()), sure=sure, measured=known)
@@ -228,8 +243,9 @@ class Localiser:
     def _proved(self, sought: _Sought, located: Located) -> Located:
         """Where a scan was found, or near the odometry where its endpoints do not prove that."""
         found = Registration.one(located.fitted)
-        here, c = sought.predicted[None], self._config
-        kept = proved(found, sought.maps, here, sought.spread, sought.points, sought.origin, self._registration, c)
+        here, usual, c = sought.predicted[None], sought.spread - sought.slip, self._config
+        of_scan = sought.points, sought.origin, self._registration, c, sought.slip
+        kept = proved(found, sought.maps, here, usual, *of_scan)
         fitted = kept.of(0)
         if fitted.free == located.fitted.free:
             return located._replace(fitted=fitted)
@@ -267,7 +283,7 @@ class Localiser:
         c, costs = self._config, self._registration
         if sought.open:
             costs = _of_noise(costs, BENT)
-        maps, predicted, spread, points, origin, predictions, _ = sought
+        maps, predicted, spread, points, origin, predictions, *_ = sought
         likely = candidates(maps, predicted, spread, points, window, most, c)
         starts = np.vstack((predictions, likely))
         means = np.vstack((predictions, np.zeros_like(likely)))
@@ -280,6 +296,9 @@ class Localiser:
         matched = match_score(tried.known, tried.likelihoods, tried.crossed, c)
         scores = matched * len(points) / len(some)
         values = odds = scores - cost
+        away = (np.abs(tried.offsets - means) > window.half + c.basin).any(axis=1)
+        if not away.all():  # a registration that leaves the window has found nothing
+            values = odds = np.where(away, -np.inf, values)
         if sought.open:
             odds, values = sought.log_odds(tried, len(some), c, costs)
         best = [int(values.argmax())]

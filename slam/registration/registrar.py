@@ -205,6 +205,15 @@ def least_informed(information: Array) -> tuple[Array, Array]:
     return (middle - half) / np.maximum(middle + half, 1e-9), along
 
 
+def bound(found: Registration, spread: Array, config: RegistrationConfig) -> Array:
+    """Where scans were found [N, 3], but along a direction that their endpoints bind less than the odometry does."""
+    ratio, along = least_informed(found.information)
+    variances = np.array([residual_variance(likelihood, config) for likelihood in found.likelihoods.tolist()])
+    bare = config.degenerate * variances > spread[0] * ratio
+    away = bare * (found.free[:, :2] * along).sum(axis=1)
+    return found.free - np.column_stack((away[:, None] * along, np.zeros(len(away))))
+
+
 def least_bound_turn(
     information: Array, means: Array, variances: Array, errors: Array, config: RegistrationConfig
 ) -> tuple[Array, Array]:

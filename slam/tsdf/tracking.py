@@ -137,7 +137,7 @@ class Tracker:
 
             seen = particles.maps.of(particles.best), predicted, spread, scan.points, origin, predictions
             fitted, score, elsewhere, decided = self._localiser.locate(
-                *seen, measured=self._blind_measured, left=self._open
+                *seen, measured=self._blind_measured, left=self._open, slip=self._slip
             )
             share = score / max(fitted.known, 1.0)
             of_scan = ScanFit(share, len(scan.points), fitted.known, fitted.far, fitted.crossed)

@@ -135,6 +135,15 @@ def test_what_platforms_prints_is_the_robot(name: str, tmp_path: Path, capsys) -
     assert shown(capsys, "platforms", file) == tomllib.loads(file.read_text())
 
 
+def test_a_route_beyond_the_walls_is_in_the_picture(tmp_path: Path, drawn: list[Figure]) -> None:
+    file = tmp_path / "open.toml"
+    file.write_text("route.waypoints = [[1, 1], [8, 9]]\nworld.walls = [{ points = [[0, 0], [5, 0]] }]")
+    draw_scenario(tmp_path / "a.png", load_scenario(file))
+    (axes,) = drawn[0].axes
+    assert axes.get_xlim()[1] > 8
+    assert axes.get_ylim()[1] > 9
+
+
 def test_the_legend_names_what_is_there(tmp_path: Path, drawn: list[Figure]) -> None:
     draw_scenario(tmp_path / "a.png", load_scenario("lab"))
     draw_scenario(tmp_path / "b.png", load_scenario("people"))

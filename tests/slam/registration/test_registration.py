@@ -1,5 +1,7 @@
 """Registering scans to TSDFs: what is kept of the odometry, where a scan is looked for, what walls do not bind."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +14,16 @@ from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps, TsdfView
 from moteslam.slam.registration import localisation
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.localisation import SLIP, Localiser, Located, against, match_score, nats_for, proved
+from moteslam.slam.registration.localisation import (
+    NO_SLIP,
+    SLIP,
+    Localiser,
+    Located,
+    against,
+    match_score,
+    nats_for,
+    proved,
+)
 from moteslam.slam.registration.registrar import (
     Registration,
     keep_odometry,
@@ -136,6 +147,50 @@ def test_a_place_back_along_a_bare_corridor_is_not_proved(taichi: None) -> None:
     np.testing.assert_allclose(kept, 0.0, atol=0.01)
 
 
+def test_walls_that_were_drawn_nearer_to_each_other_are_no_place_along_a_corridor(taichi: None) -> None:
+    """A scan of walls 1.9 m apart fits where they were drawn so, 3 m back, and not here: both are two walls."""
+
+    def drawn(x: Array, half: float) -> Array:
+        return np.array([(at, side * half) for side in (-1, 1) for at in side * x])
+
+    maps = TsdfMaps(TsdfConfig())
+    both = np.vstack((drawn(np.arange(3.0, -1.2, -0.05), 1.0), drawn(np.arange(-1.8, -6.0, -0.05), 0.95)))
+    maps.integrate(np.zeros((1, 3)), thinned(both.astype(np.float32)))
+    scan = thinned(drawn(np.arange(0.5, -0.5, -0.05), 0.95).astype(np.float32)).points
+    free, kept = found_from(maps.of(0), scan, (-3.0, 0.0, 0.0))
+    assert free[0] < -2.5
+    assert abs(kept[0]) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("evidence", "slip", "taken"),
+    [(5.0, 0.5, True), (5.0, 0.0, False), (0.0, 0.5, False)],
+)
+def test_wheels_that_slipped_may_slip_again_on_less_evidence_but_not_on_none(
+    room: TsdfView, monkeypatch: pytest.MonkeyPatch, evidence: float, slip: float, taken: bool
+) -> None:
+    monkeypatch.setattr(localisation, "nats_for", lambda *_: np.array((evidence,)))
+    wider = SPREAD[0] + slip, *SPREAD[1:]
+    found, _ = located(room, (0.3, 0.0, 0.0), np.zeros(3), wider, slip=(slip, 0.0, 0.0), measured=True)
+    assert (found.fitted.offset[0] > 0.25) == taken
+
+
+def test_a_registration_that_leaves_its_window_has_found_nothing(
+    room: TsdfView, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = localisation.register
+
+    def register(*given: Any, **how: Any) -> Any:
+        tried = real(*given, **how)
+        if len(tried.offsets) > 1:
+            tried.offsets[-1], tried.likelihoods[-1], tried.known[-1] = (5.0, 0.0, 0.0), 1.0, 1e4
+        return tried
+
+    monkeypatch.setattr(localisation, "register", register)
+    at = np.array((0.3, -0.2, 0.1))
+    np.testing.assert_allclose(located(room, at, at + 0.3, (0.3, 0.3, 0.3))[1], at, atol=0.005)
+
+
 def test_walls_prove_that_the_odometry_failed(room: TsdfView) -> None:
     at = (0.5, -0.3, 0.4)
     free, kept = found_from(room, thinned(room_scan(at)).points, (0.45, -0.25, 0.35))
@@ -145,7 +200,8 @@ def test_walls_prove_that_the_odometry_failed(room: TsdfView) -> None:
 
 def located(
     room: TsdfView, at: ArrayLike, predicted: ArrayLike, spread: Pose = SPREAD, *, predictions: Array = ODOMETRY,
-    left: Open = CLOSED, noise: float = 0.0, **keys: float,
+    left: Open = CLOSED, noise: float = 0.0, slip: Pose = NO_SLIP, measured: bool = False,
+    **keys: float,
 ) -> tuple[Located, Array]:  # fmt: skip
     """What is found of a scan taken there, from where the odometry puts it, with an error there; and its pose.
 
@@ -154,7 +210,7 @@ def located(
     start, points = se2.as_pose(np.asarray(predicted)), thinned(room_scan(at)).points
     points = points + np.random.default_rng(4).normal(0, noise, points.shape).astype(np.float32)
     found = localiser(**keys).locate(
-        room, start, spread, points, HERE, lambda: predictions, measured=left is None, left=left
+        room, start, spread, points, HERE, lambda: predictions, measured=measured, left=left, slip=slip
     )
     return found, np.asarray(se2.compose(np.asarray(predicted, float), found.fitted.offset))
 
