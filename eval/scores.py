@@ -16,11 +16,18 @@ from moteslam.errors import InputError, MoteslamWarning
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, in_plane, match, oriented, spatial
 from moteslam.eval.metrics.ate import AteResult, PoseErrors, absolute_trajectory_error
 from moteslam.eval.metrics.clocks import clock_offset
-from moteslam.eval.metrics.doubts import doubts, few_matched, relation_doubts
+from moteslam.eval.metrics.doubts import doubts, few_matched
 from moteslam.eval.metrics.evidence import FINAL, TRACKS, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
 from moteslam.eval.metrics.registry import Value, measure
-from moteslam.eval.metrics.relations import RelationResult, Relations, evaluate_relations, is_relations, read_relations
+from moteslam.eval.metrics.relations import (
+    RelationResult,
+    Relations,
+    evaluate_relations,
+    is_relations,
+    read_relations,
+    relation_doubts,
+)
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import Unit, relative_pose_error
 from moteslam.robot import se2

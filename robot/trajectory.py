@@ -252,7 +252,9 @@ def _doubts(
 
 
 def _across(positions: Array, quaternions: Array) -> float:
-    """How far directions of travel are off a fixed one of the body: the mean squared sine; 0 where few are known."""
+    """How far directions of travel, or if that is more the normal of their plane, are off a fixed one of the body: the
+    mean squared sine; 0 where few are known.
+    """
     path = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1)))
     some = np.unique(np.searchsorted(path, np.arange(0.0, min(path[-1], 1e5), STRIDE)))
     moved = np.diff(positions[some], axis=0)
@@ -260,9 +262,9 @@ def _across(positions: Array, quaternions: Array) -> float:
     far = np.flatnonzero(size > STRIDE / 2)
     if len(far) < 10:
         return 0.0
-    ways = np.tile((moved[far] / size[far, None])[:, :, None], (2, 1, 1))  # at both ends of a move
-    seen = np.swapaxes(rotations_of(quaternions[some[np.concatenate((far, far + 1))]]), 1, 2) @ ways
-    return 1 - float(np.linalg.eigvalsh((seen @ np.swapaxes(seen, 1, 2)).mean(axis=0))[-1])
+    some, ways = some[np.concatenate((far, far + 1))], np.tile(moved[far] / size[far, None], (2, 1))  # at both ends
+    seen = np.stack((ways, np.tile(normal_of(positions), (len(some), 1))))[:, :, None] @ rotations_of(quaternions[some])
+    return 1 - float(np.linalg.eigvalsh((np.swapaxes(seen, 2, 3) @ seen).mean(axis=1))[:, -1].min())
 
 
 def rotations_of(quaternions: Array) -> Array:

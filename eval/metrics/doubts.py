@@ -11,8 +11,7 @@ import numpy as np
 from moteslam.eval.metrics import association, clocks
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, spatial
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.clocks import ALIKE, FINE, FITS, GAIN_METRES, LEAST, ROUNDS, SHAPE, STEP
-from moteslam.eval.metrics.relations import RelationResult
+from moteslam.eval.metrics.clocks import ALIKE, FINE, FITS, GAIN, GAIN_METRES, LEAST, ROUNDS, SHAPE, STEP
 from moteslam.eval.tables import length
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
@@ -26,7 +25,7 @@ moves by more than that; no measurement is as near to the truth as the second [m
 AXES, TURNS = np.deg2rad(30.0), 0.1
 """Orientations that differ by more than the first [rad] are of other axes, or another order, unit or sign; turns below
 the second [rad] show no offset on the robot: on a straight drive, drift looks like a long one."""
-HEIGHTS = 0.05  # Heights spread by less pass [m]
+HEIGHTS, AXIS = 0.05, np.deg2rad(5.0)  # Heights spread by less pass [m]; a direction is an axis that is off by less
 OTHERWISE, STANDS = 0.15, 0.2
 """In more than the first share of the seconds in which the reference turns, estimates of it do not turn otherwise, nor
 odometry (0.11 at most), by half of that; an estimate spread by less than the second share of it hardly moves."""
@@ -34,9 +33,10 @@ UNLIKE, FEW, ALL_FIT = 0.5, 0.5, 3
 """Two paths have nothing in common where the error is more than this share of the spread of the reference; errors are
 of a part where less than the second share is compared; fewer poses than the third always fit each other."""
 
-FEW_RELATIONS = 5  # So many relations always fit some clock, arm or axes
-LAGS = np.deg2rad(1.5)  # Errors of the heading that are less are not looked into [rad]
+LAGS, NOISE = np.deg2rad((1.5, 4.0))
+"""Errors of the heading that are less show no lag, and that are mostly less may be noise [rad]."""
 EVENLY, FILLED = 2e-4, 2.0  # Velocities that differ by less [m/s] for so long [s] are of no robot that drives
+STRIDE, DEGREES = 1.0, 180 / np.pi  # Directions are compared over so much path, or less [m]; a radian [degrees]
 LATEST, APART = 2.0, 0.02  # Offsets of a clock that are tried on relations, and on headings alone: up to [s], every [s]
 
 
@@ -104,55 +104,6 @@ def doubts(
     turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate, lags=lags)
     of_both = *_of_space(estimate, reference), *best, *turns, *filled, *_parts(estimate, reference, ate)
     return (*dict.fromkeys(issues), *_of_path(reference), *of_both)
-
-
-def relation_doubts(estimate: Trajectory, missed: RelationResult) -> tuple[Issue, ...]:
-    """What explains errors of relations best: another form, unit or clock, or another point of the robot."""
-    given, (one, other) = missed.relations, np.moveaxis(missed.poses, 1, 0)
-    there, mean, turned = se2.between(one, other), missed.translation.mean, float(missed.rotation_errors.mean())
-    if mean < GAIN_METRES and turned < AXES:
-        return ()
-    x, y, turn = given.T
-    many = len(given) > FEW_RELATIONS
-    most, reasons = (SHAPE if many else SHAPE**2) * mean, []
-    forms = {
-        "the other way round, t1 seen from t2,": se2.inverse(given),
-        "with x and y exchanged": given[:, [1, 0, 2]],
-        "with y of the other sign": given * (1, -1, 1),
-        "with angles of the other sign": given * (1, 1, -1),
-        "as their mirror image": given * (1, -1, -1),
-    }
-    for how, poses in forms.items():
-        off = se2.between(poses, there)
-        left, turns = float(np.hypot(off[:, 0], off[:, 1]).mean()), float(np.abs(off[:, 2]).mean())
-        means = f"{length(left)} and {np.rad2deg(turns):.2g} degrees in place of {length(mean)} and "
-        text = f"relations {how} are missed by {means}{np.rad2deg(turned):.2g}"
-        places, headings = left < most and turns < ALIKE * turned, turns < SHAPE * turned and left < ALIKE * mean
-        if places or headings:
-            reasons.append((min(left, mean), turns, "relations-inverted", text))
-
-    def explains(off: Array, code: str, text: str) -> None:
-        if (left := float(np.linalg.norm(off, axis=1).mean())) < most and many:
-            explained = f"{text} relations are missed by {length(left)} in place of {length(mean)}"
-            reasons.append((left, turned, code, explained))
-
-    moved = other[:, :2] - one[:, :2]
-    turn_to, _ = association.nearest_rotation(moved.T @ given[:, :2])
-    explains(moved - given[:, :2] @ turn_to.T, "relations-inverted", "if x and y are taken in the axes of the map,")
-    factor = float((given[:, :2] * there[:, :2]).sum() / max(np.square(given[:, :2]).sum(), SAME**2))
-    text = f"with lengths multiplied by {factor:.4g}, of another unit or scale,"
-    explains(factor * given[:, :2] - there[:, :2], "sizes-differ", text)
-    c, s = np.cos(turn) - 1, np.sin(turn)
-    design = np.concatenate((np.stack((c, -s), axis=1), np.stack((s, c), axis=1)))
-    off = np.concatenate((x - there[:, 0], y - there[:, 1]))
-    arm = np.linalg.lstsq(design, off, rcond=None)[0]
-    text = f"of a point of the robot at x {arm[0]:.3f} m, y {arm[1]:.3f} m (--est-offset {arm[0]:.3f} {arm[1]:.3f} 0)"
-    explains((off - design @ arm).reshape(2, -1).T, "lever-arm", text)
-    for seconds in np.arange(-LATEST, LATEST + APART / 2, APART):
-        at = se2.interpolate(estimate.stamps, estimate.poses, (missed.stamps + seconds).ravel()).reshape(-1, 2, 3)
-        text = f"with stamps moved by {seconds:+.2f} s, of another clock (--time-offset {-seconds:.2f}),"
-        explains((se2.between(at[:, 0], at[:, 1]) - given)[:, :2], "clocks-differ", text)
-    return tuple(Issue(code, text, len(given)) for _, _, code, text in sorted(reasons)[:1])
 
 
 def _of_path(reference: Trajectory) -> Iterator[Issue]:
@@ -256,11 +207,14 @@ def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
         yield rigid, Issue("same-path", f"{text} or made from it? Then its errors say nothing", len(there))
     if rigid <= SMALL or own == 0:
         return
-    factor, scaled = straight / own, float(np.sqrt(max(0.0, spread**2 - straight**2 / own)))
-    if scaled < SHAPE * min(rigid, spread):  # else it shrinks to the middle of a path that it has nothing to do with
-        text = f"scaled by {factor:.4g} the estimate fits with an ATE of {length(scaled)} in place of {length(rigid)}"
-        text += ": another unit, ranges or wheels that are off, or a clock along a line?"
-        yield scaled, Issue("sizes-differ", text)
+    left, least = float(np.sqrt(max(0.0, spread**2 - straight**2 / own))), SHAPE * min(rigid, spread)
+    how, why = f"scaled by {straight / own:.4g}", "another unit, ranges or wheels that are off, a clock along a line?"
+    if left >= least and (found := _stretched(there, true, ate)) is not None and found[0] < GAIN * least:
+        left, how = found
+        why = "a plan or projection of another scale in one direction, or a way along bare walls?"
+    if left < least:  # else it shrinks to the middle of a path that it has nothing to do with
+        fits = f"the estimate fits with an ATE of {length(left)} in place of {length(rigid)}"
+        yield left, Issue("sizes-differ", f"{how} {fits}: {why}")
     if ate.motion is None and mirrored < SHAPE * rigid:
         text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
         yield mirrored, Issue("mirrored", text)
@@ -280,12 +234,27 @@ def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
             yield inf, Issue("unlike", f"{text}lost, another drive, or a clock that runs unevenly?", count)
 
 
+def _stretched(there: Array, true: Array, ate: AteResult) -> tuple[float, str] | None:
+    """What a scale along x or y of either leaves, and how large it is, by ``true = a there + b conj(there)``."""
+    design = np.column_stack((there, there.conj()))
+    a, b = np.linalg.lstsq(design, true, rcond=None)[0]
+    one, other = sorted((abs(a) + abs(b), abs(a) - abs(b)), key=lambda factor: -abs(factor - 1))
+    sizes, way = np.array((one - 1, other - 1)), (np.angle(b) + np.angle(a)) / 2 + (np.pi / 2 if one < other else 0)
+    off = min(abs(np.sin(2 * along)) for along in (way, way - np.angle(a) - ate.transform[2]))
+    # the opposite across is a shear, as a wrong turn between two legs makes; one that shrinks it to a line fits a line
+    if off > np.sin(2 * AXIS) or min(one, other) < GAIN or sizes.prod() < -SHAPE * np.square(sizes).max():
+        return None
+    how = f"stretched by {one:.4g} along {np.rad2deg(way) % 180:.0f} degrees of the reference's axes (y is 90)"
+    return clocks.rmse_of(np.abs(true - design @ (a, b))[:, None]), f"{how}, {other:.4g} across,"
+
+
 def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
+    """Where positions agree, and the directions of travel with them, but headings do not."""
     turns, spread = ate.rotation_errors, float(np.linalg.norm(ate.reference[:, :2].std(axis=0)))
     if turns is None or ate.rmse > max(SMALL, UNLIKE * spread):
         return
+    own, goal = (np.unwrap(poses[:, 2]) for poses in (ate.aligned, ate.reference))
     if (middle := float(np.median(turns))) < AXES:
-        own, goal = (np.unwrap(poses[:, 2]) for poses in (ate.aligned, ate.reference))
         offsets, some = np.arange(-LATEST, LATEST + APART / 2, APART), evenly(np.arange(len(own)), FINE)
         off = own[some] - [np.interp(ate.stamps[some] + seconds, ate.stamps, goal) for seconds in offsets]
         left = off.std(axis=1)
@@ -295,8 +264,40 @@ def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
             text = f"headings of the reference are {abs(late):.2f} s {'late' if late > 0 else 'early'}, its positions "
             text += f"not: errors of rotation, {np.rad2deg(as_is):.2g} degrees about their mean, hold that"
             yield Issue("clocks-differ", text, len(turns))
+            return
+    path, _ = association.travelled(ate.reference)
+    some = np.unique(np.searchsorted(path, np.linspace(0, path[-1], max(2 * LEAST, int(path[-1] / STRIDE)))))
+    moves = [np.diff(poses[some, :2], axis=0) for poses in (ate.aligned, ate.reference)]
+    angle, seen = contradicted(turns[some], *moves)
+    if not seen and middle < AXES:
         return
-    alike = turns.std() <= 0.2 * AXES
-    why = "throughout: other axes of the body" if alike else "where positions agree: lost, or another order"
-    text = f"orientations differ by {np.rad2deg(middle):.0f} degrees {why}, unit or sign, or a mirrored path; "
-    yield Issue("body-axes", f"{text}errors of rotation and relative errors hold that", len(turns))
+    ahead = (one[some[1:]] - np.arctan2(*move.T[::-1]) for one, move in zip((own, goal), moves, strict=True))
+    slips = [_spread_of(2 * off) for off in ahead]  # of the doubled angle: a robot may back
+    wrong, right, whose = (goal, own, "reference") if slips[1] > slips[0] else (own, goal, "estimate")
+    if whose == "estimate":  # as in its file
+        wrong, right = wrong - ate.transform[2], right - ate.transform[2]
+    slope = float(np.polyfit(right, wrong, 1)[0]) if np.ptp(right) > TURNS else 1.0
+    tries = (slope, right), (DEGREES, right), (DEGREES, se2.wrap(right))
+    left, factor = min((_spread_of(wrong - by * one), by) for by, one in tries)
+    alike, why = _spread_of(wrong - right), "where positions agree: lost, another order, unit or sign, a mirrored path"
+    if alike <= 0.2 * min(angle, AXES):
+        why = "throughout: other axes of the body, unit or sign, or a mirrored path"
+    elif left < SHAPE * alike and len(some) > LEAST:
+        as_if = "in degrees, taken for radians" if abs(factor / DEGREES - 1) < TURNS else f"multiplied by {factor:.3g}"
+        why = f"where positions agree: those of the {whose} are as if {as_if}"
+    text = f"orientations differ by {np.rad2deg(angle if seen else middle):.2g} degrees{seen} {why}; errors of rotation"
+    yield Issue("body-axes", f"{text} and relative errors hold that", len(turns))
+
+
+def contradicted(turns: Array, own: Array, goal: Array) -> tuple[float, str]:
+    """By how much headings are off [rad], and what is said where many are by far more than moves [n, 2] are."""
+    each = turns, own - goal, goal
+    angle, allowed, size = (float(np.sqrt(np.square(off).sum() / max(len(off), 1))) for off in each)
+    least = max(NOISE, allowed / max(SHAPE * size, SAME))
+    apart = len(goal) >= LEAST and np.quantile(turns, 1 - OTHERWISE) > least
+    return angle, f", directions by {np.rad2deg(allowed / size):.2g}," if apart else ""
+
+
+def _spread_of(angles: Array) -> float:
+    """The circular standard deviation [rad]."""
+    return float(np.sqrt(-2 * np.log(np.clip(abs(np.exp(1j * angles).sum()) / max(len(angles), 1), SAME, 1.0))))

@@ -10,22 +10,27 @@ from typing import Any, ClassVar
 import numpy as np
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import covered, from_to
+from moteslam.eval.metrics.association import covered, from_to, nearest_rotation
 from moteslam.eval.metrics.ate import PoseErrors
+from moteslam.eval.metrics.clocks import ALIKE, GAIN_METRES, SHAPE
+from moteslam.eval.metrics.doubts import APART, AXES, DEGREES, LATEST, SAME, contradicted
+from moteslam.eval.tables import length
 from moteslam.files import open_regular
+from moteslam.robot import se2
 from moteslam.robot.formats.streams import MAX_JUMP
 from moteslam.robot.recording import nearest_stamp
-from moteslam.robot.se2 import Array, Poses, between, wrap
+from moteslam.robot.se2 import Array, Poses, between
 from moteslam.robot.se2 import interpolate as interpolated
 from moteslam.robot.trajectories.columns import number_lines
 from moteslam.robot.trajectories.text import MAX_TURN
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import Summarised, expect_type
+from moteslam.robot.values import Issue, Summarised, expect_type
 
 TOLERANCE = 1e-4
 """Stamps of a relation and of a pose that are the same reading differ by less than this [s]."""
 UPRIGHT, HEAD = 0.2, 100_000
 """A file of relations is known by so many bytes: height [m], roll and pitch [rad] are less than this."""
+FEW_RELATIONS = 5  # So many relations always fit some clock, arm or axes
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,11 +101,13 @@ def read_relations(path: str | PathLike[str]) -> Relations:
     path = Path(path)
     rows, lines = number_lines(path, "relations", 8, "t1 t2 x y z roll pitch yaw")
     table = np.array(rows, np.float64)
-    if (large := np.abs(table[:, 7]) > MAX_TURN).any():
-        first = int(np.argmax(large))
-        problem = f"an angle of {table[first, 7]:g}, expected radians, at most {MAX_TURN:g}"
-        raise InputError(problem, file=path, line=lines[first], field="yaw")
-    return Relations(table[:, :2], np.stack((table[:, 2], table[:, 3], wrap(table[:, 7])), axis=-1))
+    tilt = UPRIGHT if table[:, 7].any() else UPRIGHT / 10  # yaw may stand first
+    for k, field, most in ((5, "roll", tilt), (6, "pitch", tilt), (7, "yaw", MAX_TURN)):
+        if (large := np.abs(table[:, k]) > most).any():
+            first = int(np.argmax(large))
+            problem = f"an angle of {table[first, k]:g}, expected radians, at most {most:g}: x y z roll pitch yaw"
+            raise InputError(problem, file=path, line=lines[first], field=field)
+    return Relations(table[:, :2], table[:, [2, 3, 7]])
 
 
 def evaluate_relations(
@@ -142,3 +149,59 @@ def evaluate_relations(
     which = (those.all(axis=1) for those in (count > 0, count == 1))
     some = (PoseErrors(*(each[those] for each in found)) if those.any() else None for those in which)
     return RelationResult(*found, len(relations), relations.poses[used], poses, *some)
+
+
+def relation_doubts(estimate: Trajectory, missed: RelationResult) -> tuple[Issue, ...]:
+    """What explains errors of relations best: another form, unit or clock, or another point of the robot."""
+    given, (one, other) = missed.relations, np.moveaxis(missed.poses, 1, 0)
+    there, mean, turned = between(one, other), missed.translation.mean, float(missed.rotation_errors.mean())
+    angle, seen = contradicted(missed.rotation_errors, there[:, :2], given[:, :2])
+    if mean < GAIN_METRES and turned < AXES and not seen:
+        return ()
+    x, y, turn = given.T
+    many = len(given) > FEW_RELATIONS
+    most, reasons = (SHAPE if many else SHAPE**2) * mean, []
+    turning = float(np.abs(there[:, 2]).mean())  # none: nothing tells a sign or a unit
+    forms = {
+        "the other way round, t1 seen from t2,": se2.inverse(given),
+        "with x and y exchanged": given[:, [1, 0, 2]],
+        "with y of the other sign": given * (1, -1, 1),
+        "with angles of the other sign": given * (1, 1, -1),
+        "as their mirror image": given * (1, -1, -1),
+        "with angles in degrees": given * (1, 1, 1 / DEGREES),
+    }
+    for how, poses in forms.items():
+        off = between(poses, there)
+        left, turns = float(np.hypot(off[:, 0], off[:, 1]).mean()), float(np.abs(off[:, 2]).mean())
+        means = f"{length(left)} and {np.rad2deg(turns):.2g} degrees in place of {length(mean)} and "
+        text = f"relations {how} are missed by {means}{np.rad2deg(turned):.2g}"
+        places = left < most and turns < ALIKE * turned
+        headings = turns < SHAPE * min(turned, turning) and left < ALIKE * mean
+        if places or headings:
+            reasons.append((min(left, mean), turns, "relations-inverted", text))
+
+    def explains(off: Array, code: str, text: str) -> None:
+        if (left := float(np.linalg.norm(off, axis=1).mean())) < most and many:
+            explained = f"{text} relations are missed by {length(left)} in place of {length(mean)}"
+            reasons.append((left, turned, code, explained))
+
+    moved = other[:, :2] - one[:, :2]
+    turn_to, _ = nearest_rotation(moved.T @ given[:, :2])
+    explains(moved - given[:, :2] @ turn_to.T, "relations-inverted", "if x and y are taken in the axes of the map,")
+    factor = float((given[:, :2] * there[:, :2]).sum() / max(np.square(given[:, :2]).sum(), SAME**2))
+    text = f"with lengths multiplied by {factor:.4g}, of another unit or scale,"
+    explains(factor * given[:, :2] - there[:, :2], "sizes-differ", text)
+    c, s = np.cos(turn) - 1, np.sin(turn)
+    design = np.concatenate((np.stack((c, -s), axis=1), np.stack((s, c), axis=1)))
+    off = np.concatenate((x - there[:, 0], y - there[:, 1]))
+    arm = np.linalg.lstsq(design, off, rcond=None)[0]
+    text = f"of a point of the robot at x {arm[0]:.3f} m, y {arm[1]:.3f} m (--est-offset {arm[0]:.3f} {arm[1]:.3f} 0)"
+    explains((off - design @ arm).reshape(2, -1).T, "lever-arm", text)
+    for seconds in np.arange(-LATEST, LATEST + APART / 2, APART):
+        at = interpolated(estimate.stamps, estimate.poses, (missed.stamps + seconds).ravel()).reshape(-1, 2, 3)
+        text = f"with stamps moved by {seconds:+.2f} s, of another clock (--time-offset {-seconds:.2f}),"
+        explains((between(at[:, 0], at[:, 1]) - given)[:, :2], "clocks-differ", text)
+    if seen and not reasons:
+        text = f"angles of relations are missed by {np.rad2deg(angle):.2g} degrees{seen} where places agree: of another"
+        reasons.append((mean, turned, "body-axes", f"{text} order or unit, or not known? Errors of rotation hold that"))
+    return tuple(Issue(code, text, len(given)) for _, _, code, text in sorted(reasons)[:1])

@@ -124,6 +124,34 @@ def test_relations_in_another_form_are_told(
     assert [issue["code"] for issue in found["warnings"]] == codes
 
 
+@pytest.mark.parametrize(
+    ("factor", "apart", "words"),
+    [(1.0, 10, ""), (180 / np.pi, 1, "relations with angles in degrees are missed"), (0.0, 10, "where places agree")],
+)
+def test_angles_of_relations_that_places_contradict(
+    folder: Path, capsys: Capsys, factor: float, apart: int, words: str
+) -> None:
+    """Of the first second, also in degrees below 6.3, or of the whole drive."""
+    truth = read_tum("truth.tum").poses
+    moved = se2.between(truth[:-apart], truth[apart:]) * (1, 1, factor)
+    rows = [
+        f"{k / 10} {(k + apart) / 10} {x} {y} 0 0 0 {turn}\n" for k, (x, y, turn) in enumerate(moved) if abs(turn) < 6.3
+    ]
+    Path("some.relations").write_text("".join(rows))
+    write_tum(
+        "fine.tum", Trajectory(np.arange(100) / 10, truth + 1e-4 * np.random.default_rng(0).normal(size=(100, 3)))
+    )
+    found = [issue["message"] for issue in shown(capsys, "evaluate", "fine.tum", "some.relations")["warnings"]]
+    assert len(found) == bool(words)
+    assert all(words in message for message in found)
+
+
+@pytest.mark.parametrize("angles", ["0 3 0 0.1", "0 0 0.1 0"])
+def test_relations_whose_yaw_is_not_last_are_refused(folder: Path, capsys: Capsys, angles: str) -> None:
+    Path("some.relations").write_text(f"1 2 1 0 {angles}\n")
+    assert "x y z roll pitch yaw" in refused(capsys, "evaluate", "good.tum", "some.relations")
+
+
 @pytest.mark.parametrize("reference", ["truth.tum", "some.relations"])
 def test_results_are_kept_and_drawn(folder: Path, capsys: Capsys, reference: str) -> None:
     files = ("--save", "new/result.json", "--plot", "new/errors.png")

@@ -363,6 +363,57 @@ def test_headings_that_do_not_follow_the_path(tmp_path: Path, header: str, facto
     assert [issue.code for issue in read_trajectory(path).warnings] == expected
 
 
+def turned(factor: float, offset: float = 0.0) -> Change:
+    """Headings multiplied by a factor, and turned [degrees]."""
+
+    def made(table: Table) -> Table:
+        half = factor * np.unwrap(2 * np.arctan2(table[:, 6], table[:, 7])) / 2 + np.deg2rad(offset) / 2
+        return np.column_stack((table[:, :6], np.sin(half), np.cos(half)))
+
+    return made
+
+
+@pytest.mark.parametrize(
+    ("estimate", "reference", "code", "words"),
+    [
+        (same, turned(0.9), "body-axes", "those of the reference are as if multiplied by 0.9;"),
+        (turned(180 / np.pi), same, "body-axes", "those of the estimate are as if in degrees, taken for radians;"),
+        (same, turned(1.0, 8.0), "body-axes", "orientations differ by 8 degrees, directions by"),
+        (same, scaled(2, 1.05), "sizes-differ", "stretched by 1.05 along 90 degrees of the reference's axes"),
+        (chain(scaled(1, 1.04), sideways), same, "sizes-differ", "stretched by 0.96"),
+    ],
+)
+def test_headings_and_one_direction_that_all_else_contradicts(
+    tmp_path: Path, capsys, estimate: Change, reference: Change, code: str, words: str
+) -> None:
+    issues = shown(capsys, "evaluate", *files_of(tmp_path, estimate, reference))["warnings"]
+    assert any(issue["code"] == code and words in issue["message"] for issue in issues)
+    assert {issue["code"] for issue in issues} <= {code, "body-axes"}
+
+
+def test_legs_that_err_by_a_turn_or_noise_of_headings_are_no_stretch_and_no_other_unit(tmp_path: Path, capsys) -> None:
+    corner = drive(0.02)
+    corner[:, 1:3] = np.column_stack((np.minimum(corner[:, 0] - T0, 60), np.maximum(corner[:, 0] - T0 - 60, 0))) / 5
+    bent = corner[::9].copy()
+    bent[:, 1:3] += 0.04 * bent[:, 2:3] * (1.0, 0.0) + 0.003 * np.random.default_rng(0).normal(size=(len(bent), 2))
+    assert "sizes-differ" not in codes(
+        capsys, "evaluate", *(write(tmp_path / "a", bent), write(tmp_path / "b", corner))
+    )
+    table = drive(0.2, 0.005)
+    noisy = np.column_stack(
+        (table[:, :6], table[:, 6:] + 0.015 * np.random.default_rng(0).normal(size=(len(table), 2)))
+    )
+    assert not codes(capsys, "evaluate", *(write(tmp_path / "a", noisy), write(tmp_path / "b", drive(0.02))))
+
+
+def test_headings_in_degrees_are_not_taken_for_another_order(tmp_path: Path) -> None:
+    """By another order a body on a straight way would turn over about an axis across it."""
+    table = along_a_line(drive(0.2))
+    half = np.rad2deg(0.05 * np.sin(table[:, 0] / 5)) / 2
+    table[:, 6:] = np.column_stack((np.sin(half), np.cos(half)))
+    assert not read_trajectory(write(tmp_path / "t.tum", table)).warnings
+
+
 @pytest.mark.parametrize("order", [[0, 1, 2, 3, 7, 4, 5, 6], [0, 1, 2, 3, 4, 5, 6, 7]])
 def test_euroc_without_names_says_which_order_follows_the_path(tmp_path: Path, order: list[int]) -> None:
     table = np.column_stack((drive(0.2)[:, order], np.zeros((600, 9))))
