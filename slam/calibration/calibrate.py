@@ -32,6 +32,7 @@ from moteslam.slam.calibration.unmeasured import (
     FEWEST,
     UnfitScansError,
     UnmeasuredError,
+    between_jumps,
     expect_beams_in_place,
     expect_sound,
     unmeasured,
@@ -169,9 +170,10 @@ def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Ca
     if path is None or apart(lidar.stamps, path.stamps[0], path.stamps[-1]):  # of another clock: SLAM refuses it
         return None
     odometry = path.at(lidar.stamps)
-    chosen = choose_pairs(lidar, odometry, pairs)
+    of = (choose_pairs(lidar, odometry, pairs, far) for far in (1.0, NEARER))
+    chosen, nearer = (between_jumps(path, lidar.stamps, *some) for some in of)
     stated, found, unfit = None, None, None
-    for some in (chosen, choose_pairs(lidar, odometry, pairs, NEARER)):
+    for some in (chosen, nearer):
         scans, again = RegisteredPairs(recording, lidar, *some) if len(some[0]) >= FEWEST else None, None
         try:
             again = _calibrate(recording, lidar, path, scans) if scans is not None else None

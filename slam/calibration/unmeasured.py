@@ -6,6 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.se2 import Array
+from moteslam.slam.inputs.config import SyncConfig
+from moteslam.slam.inputs.lapses import STILL
+from moteslam.slam.inputs.odometry_path import OdometryPath, jumps
+
+Indices = NDArray[np.intp]
 
 FEWEST = 40
 """Fewer scans, beams or pairs of scans say nothing."""
@@ -48,6 +53,22 @@ def unmeasured(odometry: Array) -> None:
         text = f"{why}, the room is round, or scans are too few to be held against odometry. Ranges, wheels or clocks "
         text += "that are not as stated make path and map wrong by as much, and nothing tells"
         raise UnmeasuredError("not-calibrated", text)
+
+
+def between_jumps(path: OdometryPath, stamps: Array, first: Indices, last: Indices) -> tuple[Indices, Indices]:
+    """Those of pairs of scans, at stamps [n] [s], between which the odometry neither jumps nor stands before a jump.
+
+    Raises ``UnmeasuredError`` where too few are left.
+    """
+    leaps = np.flatnonzero(jumps(path.stamps, path.poses, SyncConfig()))
+    moves = np.append(True, np.hypot(*np.diff(path.poses[:, :2], axis=0).T) > STILL)
+    latest = np.maximum.accumulate(np.where(moves, np.arange(len(moves)), 0))
+    begins, ends = path.stamps[latest[leaps - 1]], path.stamps[leaps]
+    left = np.searchsorted(begins, stamps[last]) <= np.searchsorted(ends, stamps[first], side="right")
+    if left.sum() < FEWEST <= len(first):
+        text = f"odometry jumps, or stands still until it does, in {(~left).sum()} of {len(first)} pairs of scans: "
+        raise UnmeasuredError("not-calibrated", f"{text}lidar and odometry are not held against each other")
+    return first[left], last[left]
 
 
 def expect_sound(ranges: NDArray[np.float32]) -> None:

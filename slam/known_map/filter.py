@@ -28,7 +28,7 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step, thin
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares, within
-from moteslam.slam.known_map.maps import KnownMaps, MapScale
+from moteslam.slam.known_map.maps import KnownMaps, MapScale, thinned
 from moteslam.slam.known_map.search import (
     APART,
     CROSSING,
@@ -112,7 +112,9 @@ class KnownMapFilter(TsdfFilter):
         self._known = config
         try:
             maps = KnownMaps(read_map(config.known_map), config.tsdf)
-            search = None if config.start else WholeMapSearch(maps, config.registration)
+            walls, self._thinner_by = thinned(maps.occupancy) or (None, 0.0)
+            self._drawn, self._thinner = maps, KnownMaps(walls, config.tsdf) if walls else None
+            search = None if config.start else self._whole()
         except InputError as error:
             raise InputError(error.problem, file=error.file or config.known_map, field=error.field) from error
         self._maps = self._particles.maps = maps
@@ -126,6 +128,16 @@ class KnownMapFilter(TsdfFilter):
         self._was_sure = False  # that the robot is in the map
         self._scale = MapScale(maps)
         self._losses: list[tuple[float, float | None, float]] = []  # from when to when [s], how far off [m]
+
+    def _whole(self) -> WholeMapSearch:
+        return WholeMapSearch(self._drawn, self._known.registration, self._thinner)
+
+    def _take(self, maps: KnownMaps) -> None:
+        """The map as drawn, or with thinner walls, whichever the robot is in."""
+        if maps is not self._maps:
+            self._maps = self._particles.maps = maps
+            maps.resample(np.zeros(len(self._particles), np.int64))
+            self._scale = MapScale(maps)
 
     @property
     def lost(self) -> bool:
@@ -162,6 +174,10 @@ class KnownMapFilter(TsdfFilter):
         if (more := len(issues) - SHOWN) > 1:
             last = f"and {more} times more it was searched for in the whole map, until {self._losses[-1][0]:.2f} s"
             issues[SHOWN:] = [Issue("searched-for", last, more)]
+        if self._maps is self._thinner and self._was_sure:
+            text = f"walls of the map are drawn {200 * self._thinner_by:.0f} cm too thick, as in a costmap or by a "
+            text += "broad brush: rooms are too small for the scans, and thinner walls are taken. Draw them so"
+            issues.append(Issue("map-scale", text))
         scale = self._scale.issue()
         return (*issues, *([scale] if scale else []))
 
@@ -178,7 +194,11 @@ class KnownMapFilter(TsdfFilter):
         if self._search is None:
             sure = self._doubt.state is LocalisationState.SURE and self._doubt.proved
             self._was_sure |= sure
+            first = not len(self.history)
             result = super().step(step)
+            if first and self._thinner and len(step.points) >= self._config.tracking.min_points:
+                sight = sight_of(np.zeros(3), step, thin(step.points, step.origin, self._config.thinning))
+                self._take(self._whole().find(sight, self._particles.poses).maps)
             self._scale.add(result.pose, step.points, step.origin, float(np.hypot(*step.motion[:2])), known=sure)
             return result
         return self._look(step, step.scan or thin(step.points, step.origin, self._config.thinning), self._search)
@@ -200,7 +220,7 @@ class KnownMapFilter(TsdfFilter):
         """The robot is lost: from here on it is searched for in the whole map."""
         self._given_up = 0 if self._doubt.driven > WINDOW else self._given_up + 1
         self._most_given_up = max(self._most_given_up, self._given_up)
-        self._search = WholeMapSearch(self._maps, self._config.registration)
+        self._search = self._whole()
         self._driven, self._next, self._pause = 0.0, SEARCHES_APART, SEARCHES_APART
         self._begin = len(self.history)
         pose = np.array(self._tracker.pose)
@@ -294,6 +314,7 @@ class KnownMapFilter(TsdfFilter):
         share = np.where((share >= LEAST) & (share[0] < DECIDED), share, 0.0)
         share[0] = max(share[0], LEAST)
         n = len(self._particles)
+        self._take(found.maps)
         chosen = np.searchsorted(np.cumsum(share) / share.sum(), (np.arange(n) + 0.5) / n)
         places = found.poses[chosen]
         self.history.move(self._begin, se2.compose(places, se2.between(pose, np.zeros(3))))

@@ -17,6 +17,8 @@ from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps
 
 TO_SIDE = 0.6  # A direction that few walls lie along [rad]
+THICK, THICKEST, CELLS_THICK = 0.07, 0.5, 1.5
+"""Walls may be drawn too thick to either side from this to that on [m], and by so many cells, at least."""
 CLEARANCE = 0.1  # A robot's lidar stands no nearer to a surface [m]
 
 
@@ -105,7 +107,7 @@ class Surface:
         if not surface.any():
             raise InputError("no occupied cell, expected a map with walls")
         self._known = (values != UNKNOWN) & ~inside
-        self._free = values == FREE
+        self._free, self._occupied = values == FREE, occupied
         self._normals = _across(surface)
         self._nearest = distance_transform_edt(~surface, return_distances=False, return_indices=True).astype(np.int32)
 
@@ -128,6 +130,16 @@ class Surface:
         dx, dy = x - left - (near_column + 0.5) * self._size, y - below - (near_row + 0.5) * self._size
         across = self._normals[:, near_row, near_column].astype(float)
         return dx * across[0] + dy * across[1], dx * across[1] - dy * across[0], across, within
+
+    def inside(self, x: Array, y: Array, u: Array, v: Array) -> Array:
+        """How far rays [n] of directions (u, v) that end at places go through the wall there [m], 0 outside of any."""
+        deep = np.zeros(len(x))
+        through = np.ones(len(x), bool)
+        for depth in np.arange(0.0, DEEP, self._size / 2):
+            row, column, within = self._index(x - depth * u, y - depth * v)
+            through &= within & self._occupied[row, column]
+            deep[through] = depth
+        return deep
 
     def at(self, x: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
         """The distances [n] from places to the surface [m], negative on one side of it, and whether they are known."""
@@ -157,6 +169,22 @@ def _across(lines: NDArray[np.bool_]) -> NDArray[np.float32]:
     return np.stack((np.cos(angle), np.sin(angle)))
 
 
+def thinned(occupancy: Raster) -> tuple[Raster, float] | None:
+    """A trinary map with walls thinner by half of what most are thick, to either side, and without new gaps; and by how
+    much that is [m]. None where it is little.
+    """
+    from scipy.ndimage import distance_transform_edt, maximum_filter
+
+    occupied, size = occupancy.values == OCCUPIED, occupancy.cell_size
+    deep = distance_transform_edt(occupied)
+    middle = occupied & (deep == maximum_filter(deep, 3))
+    by = float(np.median(deep[middle])) - 1 if middle.any() else 0.0
+    if not max(THICK, CELLS_THICK * size) <= by * size <= THICKEST:
+        return None
+    values = np.where(occupied & ~middle & (deep <= by), FREE, occupancy.values)
+    return Raster(values.astype(np.int8), size, occupancy.origin), by * size
+
+
 def upright(occupancy: Raster) -> Raster:
     """A trinary map whose rows run along x, of the same cells: one that is turned is read anew, cell by cell."""
     x, y, yaw = occupancy.origin
@@ -174,6 +202,7 @@ def upright(occupancy: Raster) -> Raster:
     return Raster(values.astype(np.int8), size, (float(low[0] * size), float(low[1] * size), 0.0))
 
 
+DEEP = 0.8  # Rays are followed back so far to the face of the wall that they end in [m]
 SPACING, MOST = 0.5, 256  # A scan is kept each so much path [m]; of so many every second, and the spacing doubles
 POINTS = 128  # of a scan, evenly chosen
 LEAST = 10  # Scans, at least; they are in as many parts of the path, as scans of one place err alike, ...
@@ -223,7 +252,9 @@ class MapScale:
             xx, yy, xy, offset = strain
             at_x = poses[of, 0] + x + xx * x + xy * y + offset * u
             at_y = poses[of, 1] + y + xy * x + yy * y + offset * v
-            residual, along, (n, m), known = self._maps.surface.lines(at_x, at_y)
+            deep = self._maps.surface.inside(at_x, at_y, u, v)
+            residual, along, (n, m), known = self._maps.surface.lines(at_x - deep * u, at_y - deep * v)
+            residual += deep * (n * u + m * v)
             known &= np.abs(along) < cells.cell_size  # not beside a wall's end
             weight = known / (1 + np.square(residual / scale))
             row = np.stack((n, m, m * x - n * y, n * x, m * y, n * y + m * x, n * u + m * v, residual), axis=1)
@@ -263,7 +294,12 @@ class MapScale:
         weight = np.linalg.inv(covariance[:2, :2]).sum(axis=0)  # of each direction in the scale of both
         percent = 100 * float(weight @ strain[:2] / weight.sum())
         if abs(percent) < 100 * max(WRONG, SIGMAS * float(weight.sum() ** -0.5)):
-            return None
+            thick, about = -float(strain[3]), float(np.sqrt(covariance[3, 3]))
+            if thick < max(THICK, CELLS_THICK * self._maps.occupancy.cell_size, SIGMAS * about):
+                return None
+            text = f"walls of the map are {100 * thick:.0f} +-{196 * about:.0f} cm nearer on all sides than the lidar "
+            text += "measures: they are drawn too thick, and poses may be off by as much, or its ranges are too long"
+            return Issue("map-scale", text)
         text = f"the map is {abs(percent):.1f} % {'larger' if percent > 0 else 'smaller'} than the lidar measures: its "
         text += "resolution is not as stated, and poses are wrong by as much, or the lidar's ranges are"
         return Issue("map-scale", text)

@@ -122,12 +122,15 @@ class Hypotheses(NamedTuple):
     poses: Array  # [K, 3] in the map, the most probable first
     probabilities: Array  # [K]; what is left to 1 is that it is at none of them
     all_found: bool  # these are all that count; else so many places look alike that others were left out
+    odds: float  # of the first one [nats]
+    maps: KnownMaps  # in which they are found
 
 
 class WholeMapSearch:
     """Collects the scans of a robot of which nothing is known but its odometry, and looks for it in the whole map."""
 
-    def __init__(self, maps: KnownMaps, config: RegistrationConfig) -> None:
+    def __init__(self, maps: KnownMaps, config: RegistrationConfig, thinner: KnownMaps | None = None) -> None:
+        self._thinner = WholeMapSearch(thinner, config) if thinner else None
         self._maps, self._config = maps, config
         view = maps.of(0)
         size = 2 * view.config.cell_size
@@ -150,13 +153,20 @@ class WholeMapSearch:
         if not self._seen or self._seen[-1].apart(sight.pose) >= 1:
             self._seen = [*self._seen, sight][-int(WINDOW / APART) :]
 
-    def find(self, latest: Sight) -> Hypotheses:
-        """Where the robot may be at a scan."""
-        pose, points = latest.pose, latest.points
-        some = [latest, *(seen for seen in self._seen if seen.apart(pose) >= 1)]
+    def find(self, latest: Sight, near: Array | None = None) -> Hypotheses:
+        """Where the robot may be at a scan, in the whole map or at poses [m, 3]; thick walls may be drawn so."""
+        some = [latest, *(seen for seen in self._seen if seen.apart(latest.pose) >= 1)]
+        found = self._find(some, near)
+        if self._thinner is None:
+            return found
+        other = self._thinner._find(some, near)
+        return other if other.odds > found.odds else found
+
+    def _find(self, some: list[Sight], starts: Array | None) -> Hypotheses:
+        pose, points = some[0].pose, some[0].points
         seen_from = (se2.transform_points(se2.between(pose, seen.pose), seen.points) for seen in some)
         together = np.concatenate(list(seen_from)).astype(np.float32)
-        starts = self._starts(subsample(together, MAX_SEARCH_POINTS))
+        starts = self._starts(subsample(together, MAX_SEARCH_POINTS)) if starts is None else starts
         tried, odds = self._odds(starts, some[:1], subsample(together, START_POINTS))
         order = np.argsort(-odds, kind="stable")
         best = order[apart(tried[order], FINALISTS + 1, SAME)]
@@ -168,7 +178,8 @@ class WholeMapSearch:
         order = np.argsort(-odds, kind="stable")
         order = order[apart(places[order], FINALISTS, SAME)]
         weights = np.exp(np.minimum(odds[order], 500.0))
-        return Hypotheses(places[order], weights / (1.0 + weights.sum()), all_found)
+        shares = weights / (1.0 + weights.sum())
+        return Hypotheses(places[order], shares, all_found, float(odds[order[0]]), self._maps)
 
     def _starts(self, points: Points) -> Array:
         """The most promising places [m, 3] for endpoints [k, 2], best first."""

@@ -501,6 +501,17 @@ def test_odometry_of_another_drive_fits_in_no_way() -> None:
     assert calibrated(recording, calibration, None).odometry is None
 
 
+def test_odometry_that_stands_until_it_jumps_says_nothing_of_the_lidar() -> None:
+    recording = poses_of(driven("ucsd"))
+    stamps, poses = recording.odometry.stamps, recording.odometry.poses
+    seconds = np.floor(stamps - stamps[0])
+    for until, told in ((np.inf, ["not-calibrated"]), (seconds[-1] / 2, [])):
+        latest = np.searchsorted(seconds, np.minimum(seconds, until))
+        held = np.where((seconds < until)[:, None], poses[latest], poses)
+        _, found = checked(recording.replace(odometry=replace(recording.odometry, poses=held)), FEW_PAIRS)
+        assert codes(found.issues) == told
+
+
 def test_stamps_of_whole_seconds_and_clocks_far_apart_are_not_calibrated() -> None:
     recording = poses_of(driven("ucsd"))
     odometry = recording.odometry

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refusal
+from scipy.ndimage import binary_dilation
 from slam_rooms import OTHER_ROOM, carried_into_another_room, circled_room, endpoints
 
 from moteslam.errors import ConfigError, InputError
@@ -46,6 +47,14 @@ def drawn(
         column, row = np.floor((along - low + 1e-6) / cell).astype(int).T
         values[row, column] = OCCUPIED
     return Raster(values, cell, (*low, 0.0))
+
+
+def grown(occupancy: Raster, cells: int) -> Raster:
+    """A map whose walls are so many times as thick."""
+    values = np.where(
+        binary_dilation(occupancy.values == OCCUPIED, np.ones((cells, cells))), OCCUPIED, occupancy.values
+    )
+    return Raster(values.astype(np.int8), occupancy.cell_size, occupancy.origin)
 
 
 def sight(points: np.ndarray, silent: np.ndarray | None = None) -> Sight:
@@ -142,6 +151,7 @@ def test_the_search_finds_what_an_exhaustive_one_finds() -> None:
     [
         ((0.0, 0.0, 0.0), 0.03, ()),  # walls are drawn thick
         ((0.0, 0.0, 0.006), 0.0, ()),  # as much as sound maps are bent
+        ((0.0, 0.0, 0.0), -0.12, ("12 +-", "nearer on all sides")),
         ((0.016, 0.016, 0.0), 0.0, ("% larger",)),
         ((-0.03, -0.03, 0.0), 0.03, ("% smaller",)),
         ((0.05, 0.0, 0.0), 0.0, ("longer along x", "stretched")),
@@ -330,6 +340,26 @@ def test_a_map_whose_resolution_is_off_is_told(tmp_path: Path, larger: float) ->
     stated = Raster(occupancy.values, 0.02 * larger, (x * larger, y * larger, 0.0))
     estimate = localized(tmp_path, recording, stated, "start=[0.0, 0.0, 0.0, 0.1]")
     assert ("map-scale" in {issue.code for issue in estimate.warnings}) == (larger != 1)
+
+
+@pytest.mark.parametrize("start", [(), ("start=[0.1, -0.1, 0.05, 0.2]",)])
+def test_walls_that_are_drawn_too_thick_are_told_and_taken_thinner(tmp_path: Path, start: tuple[str, ...]) -> None:
+    recording, true = circled_room()
+    estimate = localized(tmp_path, recording, grown(drawn([*WALLS, *BOX]), 7), *start)
+    off = se2.between(true, estimate.trajectory.poses)
+    assert np.hypot(off[1:, 0], off[1:, 1]).max() < CELL
+    told = [issue.message for issue in estimate.warnings if issue.code == "map-scale"]
+    assert [text[:41] for text in told] == ["walls of the map are drawn 30 cm too thic"]
+
+
+def test_solid_walls_of_a_plan_are_taken_as_drawn(tmp_path: Path) -> None:
+    recording, true = circled_room()
+    plan = grown(drawn([*WALLS, *BOX]), 7)
+    plan.values[drawn([*WALLS, *BOX]).values == FREE] = FREE
+    estimate = localized(tmp_path, recording, plan)
+    off = se2.between(true, estimate.trajectory.poses)
+    assert np.hypot(off[:, 0], off[:, 1]).max() < CELL
+    assert "map-scale" not in {issue.code for issue in estimate.warnings}
 
 
 def test_a_robot_elsewhere_is_lost_to_the_end_and_told(tmp_path: Path) -> None:
