@@ -261,8 +261,13 @@ def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
         best, as_is = int(left.argmin()), float(left[len(left) // 2])
         late = float(offsets[best])
         if lags and as_is > LAGS and left[best] < SHAPE * as_is and abs(late) >= STEP and len(turns) >= LEAST:
-            text = f"headings of the reference are {abs(late):.2f} s {'late' if late > 0 else 'early'}, its positions "
-            text += f"not: errors of rotation, {np.rad2deg(as_is):.2g} degrees about their mean, hold that"
+            moved = [np.interp(ate.stamps + late, ate.stamps, column) for column in ate.reference[:, :2].T]
+            behind = f"{abs(late):.2f} s {'late' if late > 0 else 'early'}"
+            if ALIKE * np.hypot(*(ate.aligned[:, :2] - np.transpose(moved)).T).mean() < ate.errors.mean():
+                text = f"stamps of the reference are {behind}: its clock seems another one (--time-offset {late:.2f})"
+            else:
+                text = f"headings of the reference are {behind}, its positions not: errors of rotation, "
+                text += f"{np.rad2deg(as_is):.2g} degrees about their mean, hold that"
             yield Issue("clocks-differ", text, len(turns))
             return
     path, _ = association.travelled(ate.reference)

@@ -209,7 +209,7 @@ def bound(found: Registration, spread: Array, config: RegistrationConfig) -> Arr
     """Where scans were found [N, 3], but along a direction that their endpoints bind less than the odometry does."""
     ratio, along = least_informed(found.information)
     variances = np.array([residual_variance(likelihood, config) for likelihood in found.likelihoods.tolist()])
-    bare = config.degenerate * variances > spread[0] * ratio
+    bare = config.degenerate * np.minimum(variances, MOST_NOISE) > spread[0] * ratio
     away = bare * (found.free[:, :2] * along).sum(axis=1)
     return found.free - np.column_stack((away[:, None] * along, np.zeros(len(away))))
 

@@ -300,6 +300,7 @@ def test_another_point_of_the_robot_is_told(
     ("estimate", "reference", "expected", "words"),
     [
         (clocked(1.0, 0.7), same, ["clocks-differ"], ("--time-offset -0.7",)),
+        (lambda _: clocked(1.0, 0.3)(drive(0.2, 0.03)), same, ["clocks-differ"], ("--time-offset -0.3",)),
         (chain(between(45, 120), clocked(1.0, 0.3)), between(45, 120), ["lever-arm"], ("--est-offset 0.0", "or else")),
         (chain(positions_only, clocked(1.0, 0.7)), positions_only, [*ARM[:1] * 2, "clocks-differ"], ("or this is",)),
         (chain(at_arm(0.3, 0, 0), positions_only), positions_only, ARM[:1] * 2, ()),
