@@ -49,13 +49,9 @@ def unmeasured(odometry: Array) -> None:
     """Raise ``UnmeasuredError`` of a robot that drives, by poses [n, 3] at scans."""
     if (extent := float(np.hypot(*np.ptp(odometry[:, :2], axis=0)))) > DRIVES:
         turned = float(np.abs(np.diff(np.unwrap(odometry[:, 2]))).sum())
-        why = (
-            f"the robot hardly turns over {extent:.0f} m"
-            if turned < TURNED
-            else "scans do not turn as odometry does (in radians?)"
-        )
-        text = f"{why}, the room is round, or scans are too few to be held against odometry. Ranges, wheels or clocks "
-        text += "that are not as stated make path and map wrong by as much, and nothing tells"
+        why = f"the robot hardly turns over {extent:.0f} m" if turned < TURNED else "scans do not turn as odometry does"
+        text = f"{why}, the room is round, or scans are too few to be held against odometry. Ranges, wheels, clocks "
+        text += "or units of angles that are not as stated make path and map wrong by as much, and nothing tells"
         raise UnmeasuredError("not-calibrated", text)
 
 
