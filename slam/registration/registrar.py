@@ -211,7 +211,7 @@ def bound(found: Registration, spread: Array, config: RegistrationConfig) -> Arr
     variances = np.array([residual_variance(likelihood, config) for likelihood in found.likelihoods.tolist()])
     bare = config.degenerate * np.minimum(variances, MOST_NOISE) > spread[0] * ratio
     away = bare * (found.free[:, :2] * along).sum(axis=1)
-    return found.free - np.column_stack((away[:, None] * along, np.zeros(len(away))))
+    return np.asarray(found.free - np.column_stack((away[:, None] * along, np.zeros(len(away)))))
 
 
 def least_bound_turn(
