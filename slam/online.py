@@ -78,8 +78,8 @@ class OnlineSlam(Core):
 
         Args:
             stamp: [s], not below that of the message before.
-            counts: [4] since the last, of the front right, front left, rear right and rear left wheel; of two, each
-                stands twice.
+            counts: [4] since the last, of the front right, front left, rear right and rear left wheel; of a robot
+                with two wheels right, left, right, left.
 
         Returns:
             that of the latest scan that is covered now; None if none is.
