@@ -383,7 +383,7 @@ def test_what_cannot_be_gone_on_with_is_one_line(folder: Path, tmp_path: Path, c
     if what == "back end":
         old, more = folder / "result", ["--set", "backend.method=none"]
     line = refused(capsys, "replay", folder / "log", "--onto", old, "--out", tmp_path / "out", *more)
-    assert ("--onto" if what == "back end" else str(old / NAME)) in line
+    assert ("--onto" if what == "back end" else f"{old}: no {NAME}") in line
     assert not (tmp_path / "out").exists()
 
 
