@@ -88,8 +88,8 @@ def proved(
     """What was found, and a registration held near the odometry where the endpoints do not prove what was found.
 
     Of N particles as ``register`` keeps the odometry along degenerate directions. One of more than ``config.gate``
-    standard deviations must be more probable than ``against`` has it or, after a ``slip``, another one that adds as
-    much to them. Along degenerate directions what is proved is a fit, and no place.
+    standard deviations must be more probable than ``against`` has it. After a ``slip``, which makes them wider by as
+    much, another slip is as likely as none. Along a bare direction a proof is of a fit, not of a place.
     """
     far = (np.abs(found.free) > config.gate * spread).any(axis=1)
     if not far.any():
@@ -160,7 +160,7 @@ class _Sought(NamedTuple):
     origin: Array
     predictions: Array  # [m, 3] other predictions to try, as offsets from `predicted`
     left: Open = CLOSED  # open by a lapse of the odometry
-    slip: Spread = NO_SLIP
+    slip: Spread = NO_SLIP  # by how much the spread is wider than usual
 
     @property
     def open(self) -> bool:
