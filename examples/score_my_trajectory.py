@@ -42,7 +42,7 @@ def main(folder: Path = Path(), given: tuple[Path, Path] | None = None) -> float
     plan.plot(*truth.poses[:, :2].T, color=look.truth, lw=5, alpha=0.5, label="truth")  # a band, seen on both sides
     plan.plot(*ate.aligned[:, :2].T, color=look.slam, lw=1.2, label="estimate, laid on it")
     plan.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
-    plan.legend()
+    plan.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     over_time.plot(ate.stamps - ate.stamps[0], 100 * ate.errors, color=look.slam)
     over_time.set(xlabel="time [s]", ylabel="position error [cm]", ylim=(0, None))
     figure.savefig(folder / "score_my_trajectory.png", dpi=100)

@@ -12,7 +12,7 @@ import numpy as np
 
 from moteslam.robot import se2
 from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recording
-from moteslam.robot.values import Issue
+from moteslam.robot.values import Issue, expect_type
 from moteslam.slam.calibration.calibrate import ANGLES, LATE, PAIRS, SIGMAS, Calibration, estimate
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
 from moteslam.slam.calibration.unmeasured import UnmeasuredError
@@ -91,6 +91,7 @@ def checked(recording: Recording, pairs: int = PAIRS) -> tuple[Calibration | Non
 
 def findings(calibration: Calibration, recording: Recording) -> Findings:
     """What a calibration says of the recording that it was made of."""
+    expect_type(calibration, Calibration, "calibration", "calibrate(recording) gives one, if the robot turns enough")
     lidar, mount, c = require_lidar(recording), recording.platform.lidar, calibration
     told: list[tuple[str, str]] = []  # code, text
     figures = figures_of(c, recording)

@@ -10,6 +10,7 @@ import numpy as np
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Array
+from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.calibrate import Calibration
 from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar_of, mount_of, stamped_at_end
 from moteslam.slam.calibration.hand_eye import CLOCKS, Parameter
@@ -31,6 +32,7 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
             a mirror image, the ratio of lengths, the clock; None mends only what is known to be on one side
             (``Findings.decided``): the odometry's clock and poses, a mirror image if a third witness says which.
     """
+    expect_type(calibration, Calibration, "calibration", "calibrate(recording) gives one, if the robot turns enough")
     c, lidar = calibration, recording.lidar
     if side is None and lidar is not None and not c.correlation:
         return recording.replace(encoders=None, imu=None, odometry=None, lidar=replace(lidar, odometry=None))

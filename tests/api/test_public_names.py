@@ -68,6 +68,8 @@ EMPTY = Recording("empty", Platform())
         (lambda: moteslam.absolute_trajectory_error("a.tum", PATH), "estimate"),
         (lambda: moteslam.write_tum("x.tum", np.zeros((3, 3))), "trajectory"),
         (lambda: moteslam.resolve_config("paper", "particles=3"), "settings"),
+        (lambda: moteslam.findings(moteslam.calibrate(EMPTY), EMPTY), "calibration"),
+        (lambda: moteslam.calibrated(EMPTY, None, None), "calibration"),
         (lambda: Trajectory([0.0, 1.0], [[0, 0], [0]]), None),
     ],
 )

@@ -95,6 +95,7 @@ def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_pa
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["result", "robot"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
 def test_a_log_is_scored_by_the_reference_and_the_relations_beside_it(
     simulation, tmp_path: Path, capsys: Capsys

@@ -202,6 +202,7 @@ def reversed_beams(office: Simulation, tmp_path_factory: pytest.TempPathFactory)
     return folder / "drive.log"
 
 
+@pytest.mark.slow
 def test_inspect_gives_estimates_and_what_is_certain(reversed_beams: Path, capsys: Capsys) -> None:
     found = shown(capsys, "inspect", reversed_beams)
     assert "mirrored" in [problem["code"] for problem in found["problems"]]
@@ -313,6 +314,7 @@ def test_inspect_says_where_nothing_could_be_measured(tmp_path: Path, capsys: Ca
     assert "by scans and odometry: nothing measured" in printed(capsys, "inspect", tmp_path / "short.mcap")
 
 
+@pytest.mark.slow
 def test_of_lidars_that_are_read_as_one_the_wrong_one_is_named(
     office: Simulation, tmp_path: Path, capsys: Capsys
 ) -> None:

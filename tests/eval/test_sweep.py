@@ -548,6 +548,7 @@ def runs_of(name: str) -> list[PlannedRun]:
     return plan(read_spec(bundled_specs()[name]), check=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted({*RECIPES, "corridor-suite-1"}))
 def test_each_can_be_run_and_says_what_it_is_for(name: str) -> None:
     spec = read_spec(bundled_specs()[name])

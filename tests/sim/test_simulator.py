@@ -33,6 +33,7 @@ def short(seconds: float, name: str = "corridor") -> Scenario:
     return load_scenario(name).model_copy(update={"duration": seconds})
 
 
+@pytest.mark.slow
 def test_a_controller_of_ten_lines_follows_a_wall():
     simulator = Simulator(short(40.0), seed=0)
     readings, command, apart = simulator.reset(), (0.0, 0.0), list[float]()
@@ -50,7 +51,12 @@ STUCK = {"faults": [{"kind": "stuck_wheels", "start": 4.0, "duration": 1.0}]}
 
 
 @pytest.mark.parametrize(
-    ("name", "changes"), [("doors", {}), ("corridor", STUCK), ("corridor", {"noise": "as_recorded"})]
+    ("name", "changes"),
+    [
+        pytest.param("doors", {}, marks=pytest.mark.slow),
+        ("corridor", STUCK),
+        pytest.param("corridor", {"noise": "as_recorded"}, marks=pytest.mark.slow),
+    ],
 )
 def test_the_bundled_driver_drives_it_to_the_bytes_of_simulate(name: str, changes: dict):
     scenario = load_scenario(name, noise=changes.get("noise")).with_(duration=20.0, faults=changes.get("faults", []))
@@ -159,6 +165,7 @@ def test_images_come_at_the_cameras_own_rate_from_where_the_robot_is():
     assert np.abs(apart).mean() < 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "changes"), [("people", {}), ("corridor", {"outages": DEAD, "faults": SEEN})])
 def test_what_is_read_in_pieces_is_what_is_read_at_once(name: str, changes: dict):
     scenario = short(12.0, name).with_(**changes)

@@ -76,6 +76,7 @@ def test_online_poses_in_the_corridor_do_not_depend_on_what_comes_later(
     check(change(corridor), preset, every=7, cuts=(40, 110))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", METHODS)
 def test_online_poses_of_a_real_log_do_not_depend_on_what_comes_later(data_folder: Path, preset: str):
     recording = open_recording(data_folder / "intel" / "intel_key_scans.log.gz")

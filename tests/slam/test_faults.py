@@ -47,6 +47,7 @@ def end_error(simulation: Simulation, estimate: Estimate) -> float:
     return float(np.hypot(end[0], end[1]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("break_", "bad"),
     [

@@ -77,8 +77,12 @@ def hanging(recording: Recording) -> Recording:
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize(
     ("change", "late"),
-    [(lambda r: r, 0.0), (logged, 0.05), (jumping, 0.3), (hanging, 0.3)],
-    ids=["wheels", "logged late", "jumping late", "gyro hangs late"],
+    [
+        pytest.param(lambda r: r, 0.0, id="wheels"),
+        pytest.param(logged, 0.05, id="logged late"),
+        pytest.param(jumping, 0.3, id="jumping late", marks=pytest.mark.slow),
+        pytest.param(hanging, 0.3, id="gyro hangs late", marks=pytest.mark.slow),
+    ],
 )
 def test_messages_give_the_bytes_of_the_recording_however_late_the_odometry_is(
     corridor: Recording, change: Callable[[Recording], Recording], late: float, preset: str
@@ -86,14 +90,11 @@ def test_messages_give_the_bytes_of_the_recording_however_late_the_odometry_is(
     check(cut(change(corridor), 150), preset, encoders=late, odometry=late, imu=late)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize(
     "log",
-    [
-        "intel/intel_key_scans.log.gz",
-        "intel/intel_raw_part.log.gz",
-        pytest.param("key_scans/fhw.log.gz", marks=pytest.mark.slow),
-    ],
+    ["intel/intel_key_scans.log.gz", "intel/intel_raw_part.log.gz", "key_scans/fhw.log.gz"],
 )
 def test_a_real_log_does_too(data_folder: Path, log: str, preset: str):
     check(cut(open_recording(data_folder / log), 90), preset)
@@ -105,6 +106,7 @@ def test_a_minute_of_a_drive_does_too(preset: str):
     check(simulate(load_scenario("slippery", platform="lms200").with_(duration=60.0), seed=1).recording, preset)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", PRESETS)
 def test_wheels_that_fall_silent_are_no_robot_that_stands(corridor: Recording, preset: str):
     """In mid-drive; the scans and the gyro go on."""
@@ -191,6 +193,7 @@ def test_the_odometry_is_integrated_once_a_scan(corridor: Recording, monkeypatch
     assert len(recording.imu.stamps) > 4 * 50
 
 
+@pytest.mark.slow
 def test_what_is_kept_and_what_a_scan_costs_does_not_grow_with_the_scans():
     """A robot that stands: its scans are forgotten, and the readings beyond those that others are compared with."""
     recording, _ = circled_room(scans=3)
@@ -270,14 +273,15 @@ def wrong(
 CHEAP = ["particles=2"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "code"),
     [
         ({}, None),
-        pytest.param({"ranges": 100.0}, "blind-scans", marks=pytest.mark.slow),
+        ({"ranges": 100.0}, "blind-scans"),
         ({"poses": (1, 1, 57.3)}, "odometry-headings"),
         ({"turned": True}, "mirrored"),
-        pytest.param({"stamps": 1e3}, "implausible-speed", marks=pytest.mark.slow),
+        ({"stamps": 1e3}, "implausible-speed"),
     ],
     ids=lambda value: str(value) if isinstance(value, dict) else "",
 )
@@ -292,6 +296,7 @@ def test_at_the_end_messages_are_told_what_a_recording_is(office: Recording, fau
     assert code in found if code else not found.keys() - {"lidar-mount", "no-mount"}, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "stream"),
     [
@@ -319,6 +324,7 @@ def test_units_in_which_nothing_is_left_end_a_run_at_once_as_they_do_a_recording
         run_slam(recording, resolve_config("paper", CHEAP))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("nothing", [0.0, np.inf])
 def test_scans_that_see_nothing_are_told_at_once_and_nobody_is_sure_for_long(

@@ -37,6 +37,7 @@ def whole(name: str) -> Estimate:
     return run_slam(room(), CONFIGS[name], seed=3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "late"),
     [("paper", 0.2), *(pytest.param(*each, marks=pytest.mark.slow) for each in (("paper", 0.0), ("colours", 0.2)))],
@@ -68,6 +69,7 @@ def test_depths_in_metres_are_taken_as_disparities():
     np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_a_camera_that_falls_silent_does_not_stop_the_robot():
     images = room().rgbd
     recording = room().replace(rgbd=replace(images, rgb_stamps=images.rgb_stamps[:60]))

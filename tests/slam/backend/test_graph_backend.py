@@ -52,6 +52,7 @@ def behind(doors: Case, taichi: None) -> Estimate:
     return estimate(doors)
 
 
+@pytest.mark.slow
 def test_where_a_door_opens_the_odometry_is_kept(doors: Case, alone: Estimate, behind: Estimate):
     """At the key scan after the door opened the filter jumps back by a metre; the chain demands evidence for that."""
     assert error(behind.trajectory_final, doors) < 0.05
@@ -166,6 +167,7 @@ def test_with_every_stage_switched_off_the_filters_path_remains(doors: Case, alo
     assert np.isfinite(found.trajectory_final.poses).all()
 
 
+@pytest.mark.slow
 def test_an_estimate_in_the_middle_of_a_run_changes_nothing(doors: Case, behind: Estimate):
     session = OnlineSlam.over(doors.recording, resolve_config("default"))
     for update in session:

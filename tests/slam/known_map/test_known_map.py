@@ -146,6 +146,7 @@ def test_the_search_finds_what_an_exhaustive_one_finds() -> None:
     assert scores(found[2], found[None, :2])[0] == pytest.approx(best, rel=0.01)  # in whole steps, a cell to and fro
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("strain", "short", "words"),
     [
