@@ -99,7 +99,8 @@ def run_into(
             estimate = go_on(estimate, building)
     seconds = time.perf_counter() - clock
     estimate, stages = _coloured(estimate, recording)
-    unfit = unfit_scans(recording, estimate.trajectory_final) if config.backend.method != "none" else ()
+    final, driven = estimate.trajectory_final, estimate.dead_reckoning
+    unfit = unfit_scans(recording, final, driven) if config.backend.method != "none" else ()
     noticed = (*estimate.warnings, *unfit)  # a path without a back end may zigzag by as much
     warn(noticed)
     issues = (*issues, *noticed)

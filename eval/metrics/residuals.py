@@ -36,6 +36,9 @@ MEDIAN_OF_NOISE = 0.87  # The median residual, in standard deviations of the noi
 UNFIT, UNFIT_NOISE, UNKNOWN_NOISE, GLANCED = 0.02, 1.6, 0.022, 40
 """Scans do not fit each other whose median residual is above the first [m] and so many times what their noise explains;
 the third is that of a lidar that states none [m]: real logs have residuals of up to 0.023. So many scans show it."""
+STRAIGHT, SHAKES, ALTERNATE = 0.02, np.deg2rad(1.0), -0.25
+"""Where the odometry turns by less than the first from scan to scan [rad], headings of sound recordings shake by up to
+0.13 degrees; a deviation above the second [rad], with steps that correlate by less than the third, is of the scans."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -93,25 +96,38 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
     return ResidualResult(*shares, *counts, lidar.stamps[index[compared]], medians)
 
 
-def unfit_scans(recording: Recording, trajectory: Trajectory) -> tuple[Issue, ...]:
-    """That scans do not fit each other under their trajectory, by far more than the noise that the robot's file states.
+def unfit_scans(recording: Recording, trajectory: Trajectory, odometry: Trajectory) -> tuple[Issue, ...]:
+    """That scans do not fit each other under their trajectory, by far more than the noise that the robot's file states,
+    or that its headings shake, as they do not by the odometry at the same stamps.
 
-    What bends each scan in itself hides from their registration: an eccentric disc, a filter over time in the driver.
+    What bends each scan in itself, or turns it, hides from their registration: an eccentric disc, a filter over time, a
+    driver whose scans begin at another angle each.
     """
+    issues = []
+    by_odometry = se2.wrap(np.diff(odometry.poses[:, 2]))
+    off = se2.wrap(np.diff(trajectory.poses[:, 2]) - by_odometry)
+    straight = np.abs(by_odometry) < STRAIGHT
+    before, after = (off[side][straight[1:] & straight[:-1]] for side in (slice(-1), slice(1, None)))
+    both, own = float(before @ after), float(before @ before + after @ after) / 2
+    shaking = np.sqrt(max(-both, 0.0) / max(len(before), 1))
+    if len(before) >= GLANCED and shaking > SHAKES and both < ALTERNATE * own:
+        text = f"headings shake by {np.rad2deg(shaking):.1f} degrees from scan to scan where the odometry goes straight"
+        text += ": the angle at which scans begin seems to vary, and headings and relative errors hold that"
+        issues.append(Issue("scans-unfit", text, len(before)))
     try:
         lidar, index, poses, scans = placed_scans(recording, trajectory)
         compared, residuals, *_ = _compared(lidar, index, poses, scans, GLANCED)
     except InputError:  # nothing to compare
-        return ()
+        return tuple(issues)
     stated, ranges = recording.platform.noise.lidar, [lidar.ranges[k : k + 1] for k in index[compared].tolist()]
     far = float(np.median((seen := np.concatenate(ranges))[np.isfinite(seen)]))
     noise = MEDIAN_OF_NOISE * (stated.range_noise + far * stated.range_noise_per_metre or UNKNOWN_NOISE)
     median = float(np.median(np.concatenate(residuals)))
-    if median <= max(UNFIT, UNFIT_NOISE * noise):
-        return ()
-    off = f"{100 * median:.1f} cm (median) off those next to them, of which noise explains {100 * noise:.1f}"
-    why = "their angles, ranges or stamps vary, or a driver filters them; path and map are off by such lengths"
-    return (Issue("scans-unfit", f"scans lie {off}: {why}", len(compared)),)
+    if median > max(UNFIT, UNFIT_NOISE * noise):
+        text = f"scans lie {100 * median:.1f} cm (median) off those next to them, of which noise explains "
+        text += f"{100 * noise:.1f}: their angles, ranges or stamps vary, or a driver filters them; path and map are "
+        issues.append(Issue("scans-unfit", f"{text}off by such lengths at least", len(compared)))
+    return tuple(issues)
 
 
 def _compared(

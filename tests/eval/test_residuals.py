@@ -80,13 +80,30 @@ def test_without_noise_there_are_no_residuals_else_the_median_is_087_of_it() -> 
 def test_scans_that_fit_each_other_worse_than_their_noise_are_told(noise: float, stated: float, *, told: bool) -> None:
     recording, truth = along_wall(200, noise=noise)
     platform = recording.platform.with_(noise={"lidar": {"range_noise": stated}})
-    found = residuals.unfit_scans(recording.replace(platform=platform), truth)
+    found = residuals.unfit_scans(recording.replace(platform=platform), truth, truth)
     assert [issue.code for issue in found] == ["scans-unfit"] * told
 
 
 def test_of_a_robot_that_stands_nothing_is_said_of_the_fit() -> None:
     recording, truth = along_wall(20, step=0.0, noise=0.1)
-    assert residuals.unfit_scans(recording, truth) == ()
+    assert residuals.unfit_scans(recording, truth, truth) == ()
+
+
+@pytest.mark.parametrize(
+    ("shaken", "turns", "told"),
+    [(0.1, False, True), (0.005, False, False), (0.1, True, False)],  # of odometry that drifts, and where it turns
+    ids=["scans that begin anywhere", "as any do", "late odometry in turns"],
+)
+def test_headings_that_shake_where_the_odometry_goes_straight_are_told(shaken: float, *, turns: bool, told: bool):
+    recording, truth = along_wall(200)
+    random, headings = np.random.default_rng(1), np.arange(200) * (0.05 if turns else 0.001)
+    off = random.normal(0, shaken, 200)
+    final, driven = (
+        Trajectory(truth.stamps, np.column_stack((truth.poses[:, :2], each)))
+        for each in (headings + off, headings + np.cumsum(random.normal(0, 0.01 * (not turns), 200)))
+    )
+    found = [issue.message for issue in residuals.unfit_scans(recording, final, driven)]
+    assert any("shake" in message for message in found) == told
 
 
 @pytest.mark.parametrize(("off", "beyond"), [(0.04, 1.0), (0.02, 0.0)])
