@@ -37,6 +37,8 @@ LAGS, NOISE = np.deg2rad((1.5, 4.0))
 """Errors of the heading that are less show no lag, and that are mostly less may be noise [rad]."""
 EVENLY, FILLED = 2e-4, 2.0  # Velocities that differ by less [m/s] for so long [s] are of no robot that drives
 STRIDE, DEGREES = 1.0, 180 / np.pi  # Directions are compared over so much path, or less [m]; a radian [degrees]
+ASIDE = 8.0  # A step of a reference that differs from the estimate's by so many medians is no noise of either
+STEPS = {"implausible-speed", "poses-held", "equal-stamps", "positions-rounded"}  # Codes that explain steps
 LATEST, APART = 2.0, 0.02  # Offsets of a clock that are tried on relations, and on headings alone: up to [s], every [s]
 
 
@@ -103,14 +105,15 @@ def doubts(
     lags = not best and not filled
     turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate, lags=lags)
     of_both = *_of_space(estimate, reference), *best, *turns, *filled, *_parts(estimate, reference, ate)
-    return (*dict.fromkeys(issues), *_of_path(reference), *of_both)
+    alone = *dict.fromkeys(issues), *_of_path(reference)
+    steps = () if STEPS & {issue.code for issue in (*alone, *filled)} else _stepping(ate)
+    return (*alone, *steps, *of_both)
 
 
 def _of_path(reference: Trajectory) -> Iterator[Issue]:
     """Where a reference jumps, as only an estimate may that finds itself elsewhere; and one of next to no length."""
     stamps, poses = reference.stamps, reference.poses
-    known = {"implausible-speed", "poses-held", "equal-stamps", "positions-rounded"}
-    known &= {issue.code for issue in reference.warnings}
+    known = STEPS & {issue.code for issue in reference.warnings}
     if not known and reference.space is None and (at := np.flatnonzero(jumps(stamps, poses)).tolist()):
         steps = se2.between(poses[:-1], poses[1:])[np.array(at) - 1]
         far, turned = np.hypot(steps[:, 0], steps[:, 1]).max(), np.rad2deg(np.abs(steps[:, 2]).max())
@@ -120,6 +123,25 @@ def _of_path(reference: Trajectory) -> Iterator[Issue]:
     if reference.length < SMALL and np.abs(np.diff(np.unwrap(poses[:, 2]))).sum() > TURNED:
         text = f"the reference turns, but moves by {length(reference.length)} in all: are its positions in metres?"
         yield Issue("sizes-differ", f"{text} Degrees of latitude and longitude are none", len(reference))
+
+
+def _stepping(ate: AteResult) -> Iterator[Issue]:
+    """Where positions of a reference step aside between two poses, and those of the estimate do not."""
+    own, goal = (np.diff(poses[:, :2], axis=0) for poses in (ate.aligned, ate.reference))
+    if len(goal) < LEAST:
+        return
+    off, bent = np.hypot(*(goal - own).T), []
+    for steps in (own, goal):  # against the steps beside it
+        around = np.vstack((steps[1:2], (steps[:-2] + steps[2:]) / 2, steps[-2:-1]))
+        bent.append(np.hypot(*(steps - around).T))
+    aside = off > max(SMALL, ASIDE * float(np.median(off)))
+    at = np.flatnonzero(aside & (bent[1] > off / 2) & (bent[0] < SHAPE * off)).tolist()
+    if at:
+        text = f"the reference steps aside by up to {length(float(off[at].max()))}, {counted(len(at), 'time')}, "
+        text += (
+            f"{when([(float(ate.stamps[k]), float(ate.stamps[k + 1])) for k in at])}, where the estimate goes on: a "
+        )
+        yield Issue("implausible-speed", f"{text}fix that was lost, or markers exchanged? Errors hold that", len(at))
 
 
 def _filled(reference: Trajectory, ate: AteResult) -> Iterator[Issue]:
