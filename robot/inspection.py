@@ -91,7 +91,8 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
             measured, and images not looked at.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
-    streams, clocks = stream_reports(recording), clock_reports(recording)
+    streams = tuple(_stream(name, stamps) for name, stamps in recording.stamps().items() if len(stamps))
+    clocks = clock_reports(recording)
     encoders, imu, found = recording.encoders, recording.imu, odometry_of(recording)
     rests = [] if encoders is None else _rests(encoders)
     lidar = None
@@ -116,14 +117,8 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
     )
 
 
-def stream_reports(recording: Recording) -> tuple[StreamReport, ...]:
-    """The stamps of each stream that has a reading, in the order of `Inspection.streams`."""
-    return tuple(_stream(name, stamps) for name, stamps in recording.stamps().items() if len(stamps))
-
-
 def _stream(name: str, stamps: NDArray[np.float64]) -> StreamReport:
-    start, end = float(stamps[0]), float(stamps[-1])
-    steps = np.diff(stamps)
+    start, end, steps = float(stamps[0]), float(stamps[-1]), np.diff(stamps)
     above = steps[steps > 0]
     median = float(np.median(above)) if len(above) else None
     longest = int(np.argmax(steps)) if len(steps) else None

@@ -47,9 +47,7 @@ class ChunkedRanges:
         def chunk(number: int) -> NDArray[np.float32]:
             return given_up(load(number * CHUNK, min((number + 1) * CHUNK, scans)))
 
-        self._chunk = chunk
-        self.shape = (scans, beams)
-        self.size = scans * beams
+        self._chunk, self.shape, self.size = chunk, (scans, beams), scans * beams
 
     def __len__(self) -> int:
         return self.shape[0]
@@ -135,8 +133,7 @@ def nearest_stamp(
     Of several stamps that equal a time the first (``left``) or the last (``right``) is taken.
     """
     after = np.clip(np.searchsorted(stamps, times, side=side), 1, max(len(stamps) - 1, 1))
-    before = after - 1
-    after = np.minimum(after, len(stamps) - 1)
+    before, after = after - 1, np.minimum(after, len(stamps) - 1)
     return np.where(times - stamps[before] <= stamps[after] - times, before, after)
 
 
@@ -163,8 +160,7 @@ class Stream(Summarised):
         if not np.isfinite(stamps).all() or (stamps[1:] < stamps[:-1]).any():
             raise InputError("go back or are not finite, expected rising seconds", field="stamps")
         for field in fields(self):
-            value = getattr(self, field.name)
-            if not isinstance(value, np.ndarray):
+            if not isinstance(value := getattr(self, field.name), np.ndarray):
                 continue
             columns = _COLUMNS.get(field.name)
             if len(value) != len(stamps) or (columns and value.shape[1:] != (columns,)):

@@ -73,6 +73,29 @@ def span(stamps: NDArray[np.float64]) -> str:
     return f"{stamps[-1] - stamps[0] if len(stamps) else 0.0:.1f} s"
 
 
+def unpadded(head: str, stamps: NDArray[np.float64], words: Sequence[str] = ()) -> tuple[Issue, ...]:
+    """An issue of ``{sec}.{nsec}`` without leading zeros: stamps [n] [s] all over the second, but for its first tenth.
+
+    They pass from tenth to tenth 100 times; or 40 are there, and their ``words``, as in the file, show it: one of fewer
+    digits and decimals than others that ends in 0, of a writer that neither trims zeros nor fills up with them.
+    """
+    part = (stamps + 1e-6) % 1.0  # 0.1 may be stored as less
+    if len(stamps) < 40 or (part[part > 2e-6] < 0.1).any() or (part < 0.1).sum() > 0.05 * len(stamps):
+        return ()
+    steps, parts = np.diff(np.sort(stamps)), 10 if np.ptp(stamps) < 0.102 * len(stamps) else 20  # a slow one has gaps
+    missing = 9 * parts // 10 - len(np.unique(np.floor(parts * part[part >= 0.1])))
+    passed = (np.abs(steps - np.rint(steps)) > 0.1).sum() + 10 * steps[steps < 0.1].sum()  # by 1.01 s seldom
+    sizes = [(len(word.lstrip("-0.")), len(word.partition(".")[2]), word[-1] == "0") for word in words]
+    digits, decimals, zero = np.array(sizes, np.int64).reshape(-1, 3).T
+    few = (decimals > zero) & (decimals < decimals.max(initial=0)) & (digits < digits.max(initial=0))
+    shown = bool(zero[few].any())
+    if missing > 3 * shown or not (shown or passed >= 100):
+        return ()
+    text = "no stamp has a fraction below 0.1 s: nano- or microseconds seem to be written without their leading zeros, "
+    text += "and about a tenth of the stamps are late by up to 0.9 s: write %d.%09d"
+    return (Issue("stamps-jitter", f"{head}: {text}"),)
+
+
 def counted(count: int, what: str) -> str:
     """A number of things, ``1 frame`` and ``2 frames``."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.platform import Platform, too_wide
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream
-from moteslam.robot.values import Issue, counted, given_up
+from moteslam.robot.values import Issue, counted, given_up, unpadded
 
 Array = NDArray[Any]
 Stamps = NDArray[np.float64]
@@ -61,10 +61,8 @@ class Fan(NamedTuple):
         """The same with what a caller's ``platform.toml`` puts in place of angles and limits; refused where it goes
         round more than once or its limits do not fit together.
         """
-        for increment, where in (
-            (self.angle_increment, field),
-            (given.get("angle_increment", self.angle_increment), "platform.lidar.angle_increment"),
-        ):
+        stated = given.get("angle_increment", self.angle_increment)
+        for increment, where in ((self.angle_increment, field), (stated, "platform.lidar.angle_increment")):
             if (problem := too_wide(beams, increment)) is not None:
                 raise InputError(problem, file=file, field=where)
         fan = self._replace(**{key: given[key] for key in self._fields[:4] if key in given})
@@ -193,7 +191,7 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
     if count := int((np.diff(used) < 0).sum()):
         text = f"{file.name}: {field}: {count} stamps go back; the readings were sorted by stamp"
         issues.append(Issue("stamps-go-back", text, count))
-    return (order if issues else None), tuple(issues)
+    return (order if issues else None), (*issues, *unpadded(f"{file.name}: {field}", used))
 
 
 def given_again(path: Path, field: str, stamps: Stamps, marks: Array, issues: list[Issue]) -> Mask:

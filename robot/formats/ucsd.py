@@ -67,8 +67,7 @@ def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, pl
     sensors = Sensors(robot, given.lidar_figures, issues)
     files = {name: folder / f"{kind}{number}.npz" for name, (kind, _) in STREAMS.items()}
     streams: Any = {name: STREAMS[name][1](file, sensors) for name, file in files.items() if file.exists()}
-    lidar = streams.get("lidar")
-    its = UCSD.lidar.scan
+    lidar, its = streams.get("lidar"), UCSD.lidar.scan
     angles = its.angle_min + its.angle_increment * np.arange(its.beams)
     is_its = lidar is None or (lidar.angles.shape == angles.shape and np.abs(lidar.angles - angles).max() < SAME_ANGLE)
     if own.is_nothing and given.is_nothing and not is_its:

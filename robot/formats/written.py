@@ -129,11 +129,9 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> tuple[Issue
 
 def _scan_entries(lidar: LidarStream, poses: se2.Poses, platform: Platform) -> list[tuple[float, int, str]]:
     coded, every = coded_ranges(lidar, platform, no_return=lidar.range_max, invalid=0.0), lidar.interlace
-    beams = coded.shape[1]
-    step = lidar.angle_increment * every
-    kinds = []
+    kinds, step = list[str](), lidar.angle_increment * every
     for begin in range(every):
-        first, count = lidar.angle_min + begin * lidar.angle_increment, len(range(begin, beams, every))
+        first, count = lidar.angle_min + begin * lidar.angle_increment, len(range(begin, coded.shape[1], every))
         fan = f"{first!r} {step * (count - 1)!r} {step!r}"
         kinds.append(f"ROBOTLASER1 0 {fan} {lidar.range_max!r} 0.01 0 {count}")
     entries = []

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.files import read_bytes
 from moteslam.robot.formats.streams import MAX_STAMP
-from moteslam.robot.values import Issue, counted
+from moteslam.robot.values import Issue, counted, unpadded
 
 MAX_BYTES = 500_000_000  # Of a file: some five million poses
 UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9}  # Of stamps, with the power of ten that a second has of them
@@ -139,7 +139,7 @@ def seconds(
     if not LEAST_STEP < step < MAX_STEP:
         text = f"{path}: stamps {step:.3g} s apart: if they are in another unit, times and rates are wrong"
         issues += (Issue("stamps-unlikely", text, len(values)),)
-    return values, issues
+    return values, issues + unpadded(str(path), values, words)
 
 
 @dataclass(frozen=True)

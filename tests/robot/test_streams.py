@@ -78,6 +78,50 @@ def test_a_clock_that_is_set_back_is_no_late_message(stamps: np.ndarray, first: 
             stamp_order(stamps, file=FILE, field="x")
 
 
+EVENLY = np.arange(600) / 5.476 + 1.3e9 + 0.12
+TENTHS = np.arange(600) / 10 + np.random.default_rng(2).uniform(1e-3, 3e-3, 600)
+UNEVENLY = 1.3e9 + np.cumsum(np.random.default_rng(3).uniform(0.2, 1.5, 600))
+
+
+def unpadded(stamps: NDArray[np.float64]) -> list[str]:
+    """As ``{sec}.{nsec}`` writes them."""
+    return [f"{int(stamp // 1)}.{round(stamp % 1 * 1e9)}" for stamp in stamps.tolist()]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "scale"),
+    [(EVENLY, 1), (UNEVENLY, 1), (EVENLY[:150], 1), (np.arange(9000) / 100 + 0.005, 1), (TENTHS, 1), (EVENLY, 1000)],
+    ids=["evenly", "key scans", "few", "fast", "at whole tenths", "microseconds"],
+)
+def test_stamps_without_leading_zeros_are_told(stamps: NDArray[np.float64], scale: int) -> None:
+    words = unpadded(stamps) if scale == 1 else [f"{int(one)}.{round(one % 1 * 1e6)}" for one in stamps.tolist()]
+    wrong = np.array([float(word) for word in words])
+    for written in (wrong, np.sort(wrong)):
+        _, issues = stamp_order(written, file=FILE, field="x")
+        (message,) = [issue.message for issue in issues if issue.code == "stamps-jitter"]
+        assert message.startswith("file.npz: x: no stamp has a fraction below 0.1 s: nano- or")
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        *(np.arange(1000) / rate + begin for rate in (0.5, 1, 2, 3, 9, 10, 100) for begin in (0.0, 0.1, 1.3e9 + 0.1)),
+        np.arange(150) / 0.9911 + 100.1,
+        np.arange(1000) / 5.0005 + 0.1,
+        np.arange(1000) / 10 + np.random.default_rng(0).uniform(0, 5e-4, 1000),
+        np.sort(np.ceil(EVENLY) + 0.002 * (np.arange(600) % 6)),
+        np.round(EVENLY, 1),
+        np.round(EVENLY, 6),
+        TENTHS,
+        UNEVENLY,
+        np.rint(UNEVENLY),
+    ],
+)
+def test_sound_stamps_are_not_taken_for_such(stamps: NDArray[np.float64]) -> None:
+    for count in (40, 100, len(stamps)):
+        assert stamp_order(stamps[:count], file=FILE, field="x")[1] == ()
+
+
 @pytest.mark.parametrize("zeros", [1, 3, 8])
 def test_readings_from_before_the_clock_was_set_are_left_out_and_counted(zeros: int) -> None:
     stamps = np.concatenate((np.zeros(zeros), RUN))

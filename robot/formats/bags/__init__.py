@@ -222,9 +222,7 @@ class _Reading:
         """The robot that the bag states: of one that this package wrote, the whole; else where its lidar stands."""
         if self.manifest is not None:
             return self.manifest.platform
-        if lidar is None:
-            return Platform()
-        table = {"lidar": {**mount.model_dump(), "time_increment": lidar.fan.time_increment}}
+        table = {} if lidar is None else {"lidar": {**mount.model_dump(), "time_increment": lidar.fan.time_increment}}
         return platform_of(table, file=self.bag.path)
 
     def _lidar(self, lidar: scans.Scans, robot: Platform) -> LidarStream:

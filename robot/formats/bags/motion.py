@@ -243,10 +243,8 @@ def _hops(stamps: se2.Array, poses: se2.Array) -> int:
     """How often a path [n, 3] leaves a place and is back a reading or two later, faster than a robot can."""
     if len(poses) < 4:
         return 0
-    first, second, third = (poses[k:] - poses[:-k] for k in (1, 2, 3))
-    step, *back = (
-        np.hypot(one[:, 0], one[:, 1]) + np.abs(se2.wrap(one[:, 2])) for one in (first[:-2], second[:-1], third)
-    )
+    moved = ((poses[k:] - poses[:-k])[: len(poses) - 3] for k in (1, 2, 3))
+    step, *back = (np.hypot(one[:, 0], one[:, 1]) + np.abs(se2.wrap(one[:, 2])) for one in moved)
     least = np.maximum(HOP, HARDEST * (stamps[3:] - stamps[:-3]) ** 2 / 16)  # half the time there, half of it braking
     return int(((step > least) & (np.minimum(*back) < step / 2)).sum())
 

@@ -275,8 +275,7 @@ def rgbd_stream(bag: Bag, colour: Table, depth: Table) -> RgbdStream:
             raise InputError(f"image {index}: {error}", file=bag.path, field=table.topic.name) from error
 
     def disparities(index: int) -> NDArray[np.uint16]:
-        millimetres = decoded(depth, depth_rows, index, decode_disparity)
-        return disparity_of(0.001 * millimetres.astype(np.float64))
+        return disparity_of(0.001 * decoded(depth, depth_rows, index, decode_disparity).astype(np.float64))  # of mm
 
     images = Images(lambda index: decoded(colour, rgb_rows, index, decode_rgb), disparities)
     return RgbdStream(rgb, disparity, images=images)

@@ -35,7 +35,7 @@ from moteslam.robot.formats.written import SCAN_POSES, WrittenOdometry, not_writ
 from moteslam.robot.platform import CameraSpec
 from moteslam.robot.platforms import platform_table
 from moteslam.robot.raster import encode_png
-from moteslam.robot.recording import CHUNK, STREAMS, LidarStream, OdometryStream, Recording, RgbdStream
+from moteslam.robot.recording import STREAMS, LidarStream, OdometryStream, Recording, RgbdStream, chunks
 from moteslam.robot.values import Issue, counted, expect_type
 
 ODOM, BASE, LASER = "odom", "base_link", "laser"
@@ -243,16 +243,14 @@ def twists(stamps: NDArray[np.float64], poses: se2.Poses) -> NDArray[np.float64]
         return np.zeros((len(stamps), 3))
     measured = np.flatnonzero(elapsed > 0)
     latest = np.searchsorted(measured, np.arange(-1, len(elapsed)), side="right") - 1
-    rates: NDArray[np.float64] = (steps[measured] / elapsed[measured, None])[np.maximum(latest, 0)]
-    return rates
+    return np.asarray((steps[measured] / elapsed[measured, None])[np.maximum(latest, 0)])
 
 
 def _scans(lidar: LidarStream) -> Iterator[Values]:
     figures = {name: getattr(lidar, name) for name in FIGURES}
     figures["angle_max"] = lidar.angle_min + (lidar.ranges.shape[1] - 1) * lidar.angle_increment
     figures["scan_time"] = float(np.median(np.diff(lidar.stamps))) if len(lidar) > 1 else 0.0
-    for first in range(0, len(lidar), CHUNK):
-        rows: NDArray[np.float32] = lidar.ranges[first : first + CHUNK]
+    for rows in chunks(lidar.ranges):
         yield from ({**figures, "ranges": ranges} for ranges in rows)
 
 

@@ -291,3 +291,30 @@ def test_an_orientation_that_never_changes(tmp_path: Path, quaternion: str, dire
     found = read_trajectory(tmp_path / "t")
     assert found.oriented == oriented
     assert ("no-orientation" in [issue.code for issue in found.warnings]) != oriented
+
+
+@pytest.mark.parametrize(
+    ("period", "count", "how", "told"),
+    [
+        (1.826, 50, "{0:.0f}.{1}", True),
+        (1.013, 85, "{0:.0f}.{1}", True),
+        (1.826, 250, "{2!r}", True),
+        (1.826, 50, "{3:.9f}", False),
+        (1.826, 50, "{3:.6f}", False),
+        (1.013, 85, "{3!r}", False),
+        (1.013, 85, "{3:.15g}", False),
+        (1.013, 85, "{3:#.15g}", False),
+        (1.826, 250, "{3:.2f}", False),
+    ],
+)
+def test_stamps_without_leading_zeros_are_told(tmp_path: Path, period: float, count: int, how: str, told: bool) -> None:
+    """Of few poses by their digits, of more by the stamps alone."""
+    lines = []
+    for k in range(count):
+        stamp = 95.116 + period * k
+        nanoseconds = round(stamp % 1 * 1e9) // 1000 * 1000
+        wrong = float(f"{stamp // 1:.0f}.{nanoseconds}")
+        lines.append(f"{how.format(stamp // 1, nanoseconds, wrong, stamp)} {k} 0 0 0 0 0 1\n")
+    path = tmp_path / "some.tum"
+    path.write_text("".join(lines))
+    assert [issue.code for issue in read_trajectory(path).warnings] == ["stamps-jitter"] * told
