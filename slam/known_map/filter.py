@@ -28,7 +28,7 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step, thin
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares, within
-from moteslam.slam.known_map.maps import KnownMaps, MapScale, thinned
+from moteslam.slam.known_map.maps import KnownMaps, MapScale, MapTears, thinned
 from moteslam.slam.known_map.search import (
     APART,
     CROSSING,
@@ -126,7 +126,7 @@ class KnownMapFilter(TsdfFilter):
         self._unweighed = 0.0  # path since the hypotheses were weighed [m]
         self._begin = 0  # the first update since which the robot is searched for
         self._was_sure = False  # that the robot is in the map
-        self._scale = MapScale(maps)
+        self._scale, self._tears = MapScale(maps), MapTears()
         self._losses: list[tuple[float, float | None, float]] = []  # from when to when [s], how far off [m]
 
     def _whole(self) -> WholeMapSearch:
@@ -178,8 +178,7 @@ class KnownMapFilter(TsdfFilter):
             text = f"walls of the map are drawn {200 * self._thinner_by:.0f} cm too thick, as in a costmap or by a "
             text += "broad brush: rooms are too small for the scans, and thinner walls are taken. Draw them so"
             issues.append(Issue("map-scale", text))
-        scale = self._scale.issue()
-        return (*issues, *([scale] if scale else []))
+        return (*issues, *filter(None, (self._scale.issue(), self._tears.issue())))
 
     def occupancy(self) -> Raster:
         """The map as an occupancy grid has it after one ray a cell."""
@@ -199,6 +198,7 @@ class KnownMapFilter(TsdfFilter):
             if first and self._thinner and len(step.points) >= self._config.tracking.min_points:
                 sight = sight_of(np.zeros(3), step, thin(step.points, step.origin, self._config.thinning))
                 self._take(self._whole().find(sight, self._particles.poses).maps)
+            self._tears.add(step.stamp, result.pose, step.motion, known=sure and step.measured)
             self._scale.add(result.pose, step.points, step.origin, float(np.hypot(*step.motion[:2])), known=sure)
             return result
         return self._look(step, step.scan or thin(step.points, step.origin, self._config.thinning), self._search)

@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.tiles import CELLS, EMPTY, FINE_CELLS, MAX_WEIGHT, SIDE, STEPS, WEIGHT_BITS, tile_store
+from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array
-from moteslam.robot.values import Issue
+from moteslam.robot.values import Issue, when
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps
+from moteslam.slam.rows import Rows
 
 TO_SIDE = 0.6  # A direction that few walls lie along [rad]
 THICK, THICKEST, CELLS_THICK = 0.07, 0.5, 1.5
@@ -213,6 +215,46 @@ SIGMAS, WRONG, BENT = 5.0, 0.01, 0.02
 """A scale is a map's fault at so many standard deviations, and where it is more than the second: lidars err by less.
 Directions may differ by less than the third: walls of a sound SLAM map are turned by millimetres a metre."""
 ALONG = 15.0  # A direction within as much of an axis is called that [degrees]
+
+
+SPAN, TORN, ASIDE = 1.0, 0.12, 7.0
+"""Motions over so much path [m] are compared with the odometry's; the map is torn where they differ by more than the
+second [m] and so many medians: in sound maps by up to 4.5."""
+
+
+class MapTears:
+    """Where the path of a robot that is sure of its pose steps aside from its odometry."""
+
+    def __init__(self) -> None:
+        self._rows = Rows(9)  # stamp, path driven and how often it was lost until then; pose; pose by odometry
+        self._driven, self._lost, self._odometry = 0.0, 0, np.zeros(3)
+
+    def add(self, stamp: float, pose: Array, motion: Array, *, known: bool) -> None:
+        """A pose [3] at a stamp, ``known`` if that is sure, after a motion [3] by odometry."""
+        self._odometry = np.asarray(se2.compose(self._odometry, motion))
+        self._driven += float(np.hypot(*motion[:2]))
+        self._lost += not known
+        if known:
+            self._rows.add(*np.hsplit(np.array([[stamp, self._driven, self._lost, *pose, *self._odometry]]), 9))
+
+    def issue(self) -> Issue | None:
+        stamps, driven, lost = self._rows.values[:, :3].T
+        last = np.searchsorted(driven, driven + SPAN)
+        first = np.flatnonzero(last < len(driven))
+        last = last[first]
+        first, last = (some[lost[first] == lost[last]] for some in (first, last))
+        in_map, by_odometry = (
+            se2.between(poses[first], poses[last]) for poses in np.hsplit(self._rows.values[:, 3:], 2)
+        )
+        off = np.hypot(*(in_map - by_odometry)[:, :2].T)
+        aside = off > max(TORN, ASIDE * float(np.median(off))) if len(off) >= LEAST else np.zeros(len(off), bool)
+        if not aside.any():
+            return None
+        edges = np.flatnonzero(np.diff(aside, prepend=False, append=False)).reshape(-1, 2)
+        spans = [(float(stamps[first[begin]]), float(stamps[last[end - 1]])) for begin, end in edges.tolist()]
+        text = f"the path steps aside from its odometry by up to {off.max():.2f} m, {when(spans)}: the map is torn or "
+        text += "doubled there, as where a loop was not closed, and poses are off by more, or the wheels slip"
+        return Issue("step-contradicted", text, len(spans))
 
 
 class MapScale:

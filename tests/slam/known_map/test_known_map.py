@@ -1,5 +1,6 @@
 """Localisation in a known map: the field, the search of the whole map, open hypotheses, and whole runs."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from moteslam.slam.filter.weights import Weights
 from moteslam.slam.known_map import hypotheses, search
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.filter import KnownMapFilter, Presence
-from moteslam.slam.known_map.maps import KnownMaps, MapScale, upright
+from moteslam.slam.known_map.maps import KnownMaps, MapScale, MapTears, upright
 from moteslam.slam.known_map.search import Sight, WholeMapSearch
 from moteslam.slam.online import run_slam
 from moteslam.slam.tsdf.doubt import ScanFit
@@ -187,6 +188,28 @@ def test_scans_of_a_long_drive_are_thinned_and_those_of_a_doubtful_one_left_out(
     places = np.array([pose[0] for pose, _, _ in scale._scans])
     assert (len(places) < 256, places[0] >= 1000, places[-1] > 3900) == (True, True, True)
     assert len(scale._scans[0][1]) <= 128
+
+
+@pytest.mark.parametrize(
+    ("aside", "lost", "told"), [(0.4, False, True), (0.4, True, False), (0.1, False, False)], ids=str
+)
+def test_a_path_that_steps_aside_from_its_odometry_is_told(aside: float, *, lost: bool, told: bool) -> None:
+    tears, rng = MapTears(), np.random.default_rng(0)
+    for step in range(300):
+        pose = np.array((0.1 * step, aside * (step >= 150), 0.0)) + rng.normal(0, 0.01, 3)
+        tears.add(float(step), pose, np.array((0.1, 0.0, 0.0)), known=not (lost and 140 < step < 160))
+    assert (tears.issue() is not None) == told
+
+
+def test_a_map_that_is_torn_is_told(tmp_path: Path) -> None:
+    """Seen from the robot its odometry steps aside."""
+    recording, _ = circled_room(scans=240, drift=0.0)
+    poses = recording.lidar.odometry.copy()
+    poses[:, 0] += np.clip(np.arange(240) - 150, 0, 10) * 0.04
+    torn = recording.replace(lidar=replace(recording.lidar, odometry=poses))
+    for each, told in ((recording, False), (torn, True)):
+        estimate = localized(tmp_path, each, drawn([*WALLS, *BOX]), "start=[0.0, 0.0, 0.0, 0.1]")
+        assert any("torn" in issue.message for issue in estimate.warnings) == told
 
 
 def test_both_places_of_a_symmetric_room_are_listed() -> None:
