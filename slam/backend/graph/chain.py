@@ -63,8 +63,9 @@ class Chain:
 
         For a joint registration, where registration and odometry contradict each other, either may be right: the step
         is spread as far as they are apart, since all scans together are the better judge. Where the registration has
-        overruled the odometry, it is the odometry's. Both are doubtful, and so is a step that was not registered. Its
-        heading remains the registration's, which scans know best; the odometry turns by half of what that differs.
+        overruled the odometry, or alone contradicts it and the filter, it is the odometry's. All are doubtful, and so
+        is a step that was not registered. Its heading remains the registration's, which scans know best; the odometry
+        turns by half of what that differs.
         """
         steps, covariance = self.steps, self.covariance
         predicted = np.array([each.step for each in self._predicted]).reshape(-1, 3)
@@ -77,6 +78,10 @@ class Chain:
         apart, both = np.abs(se2.between(found, predicted)), np.hypot(spread, known)
         doubted, overruled = ((apart >= most * both).any(axis=1) for most in (DOUBTED, AGREEING))
         unregistered = np.array([not each.information.any() for each in self._proved], bool)
+        filtered = np.array([each.filtered for each in self._predicted]).reshape(-1, 3)
+        near, far = (np.abs(se2.between(one, filtered)[:, :2]) / spread[:, :2] for one in (predicted, found))
+        driven = np.array([each.measured for each in self._predicted], bool)
+        overruled |= doubted & driven & (near < 1).all(axis=1) & (far > DOUBTED).any(axis=1)
         steps[overruled] = predicted[overruled]
         wide = np.square(spread) + np.square(se2.between(steps, predicted))  # 0 apart where it is the odometry's
         covariance[doubted] = wide[doubted][:, None] * np.eye(3)

@@ -6,17 +6,20 @@ from graph_cases import WALL, key_scan
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
+from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import MAX_RANGE, Nodes
 from moteslam.slam.backend.graph.odometry_model import SAFETY, fit_odometry, turned_aside
-from moteslam.slam.backend.graph.step_registration import Prediction, StepRegistration
+from moteslam.slam.backend.graph.step_registration import Prediction, RegisteredStep, StepRegistration
 from moteslam.slam.inputs.step import thin
+
+CONFIG = GraphConfig()
 
 
 def nodes_of(steps: np.ndarray) -> Nodes:
     """The nodes of a run by these steps, the last key scan among them."""
     points = np.vstack((WALL, np.float32((50.0, 0.0))))
-    nodes = Nodes(GraphConfig())
+    nodes = Nodes(CONFIG)
     for k, motion in enumerate(np.vstack((np.zeros(3), steps))):
         nodes.add(key_scan(10 * k, motion, points))
     nodes.close()
@@ -44,7 +47,7 @@ def test_turns_make_nodes_too_and_so_do_all_key_scans_that_are_far_apart():
 
 def test_no_node_where_there_are_enough_and_the_next_one_elsewhere():
     crowded = False
-    nodes = Nodes(GraphConfig())
+    nodes = Nodes(CONFIG)
     for k in range(120):
         crowded = 20 <= k < 110
         nodes.add(key_scan(k, (0.4, 0.0, 0.0), WALL), lambda: crowded)  # noqa: B023
@@ -168,7 +171,7 @@ def scan(pose: np.ndarray) -> ThinnedScan:
 
 def registered(off: np.ndarray, spread: np.ndarray) -> np.ndarray:
     """The error [3] of a step whose odometry is off, registered after one scan."""
-    steps = StepRegistration(scan(np.zeros(3)), np.zeros(2), GraphConfig(), proved=True)
+    steps = StepRegistration(scan(np.zeros(3)), np.zeros(2), CONFIG, proved=True)
     odometry = np.asarray(se2.compose(TRUE_STEP, off))
     found = steps.add(scan(TRUE_STEP), Prediction(odometry, spread, True, odometry))
     return np.asarray(se2.between(TRUE_STEP, found.step))
@@ -183,8 +186,28 @@ def test_a_heading_is_found_as_far_off_as_the_odometry_may_be(turn: float):
 
 def test_where_several_places_are_open_the_filters_choice_stands():
     """The local map shows a part of them at most, and a registration to it is as sure of itself at a wrong one."""
-    steps = StepRegistration(scan(np.zeros(3)), np.zeros(2), GraphConfig(), proved=True)
+    steps = StepRegistration(scan(np.zeros(3)), np.zeros(2), CONFIG, proved=True)
     chosen = np.asarray(se2.compose(TRUE_STEP, (0.1, -0.1, 0.05)))
     found = steps.add(scan(TRUE_STEP), Prediction(chosen, np.array((1.0, 1.0, 0.2)), False, chosen, open=True))
     np.testing.assert_array_equal(found.step, chosen)
     np.testing.assert_array_equal(found.information, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("filtered", "measured", "prior"),
+    [(0.78, True, 0.8), (0.5, True, 0.65), (0.65, True, 0.65), (0.8, False, 0.65)],
+    ids=["odometry", "registration", "neither", "not measured"],
+)
+def test_a_registration_that_alone_contradicts_odometry_and_filter_is_no_prior(
+    filtered: float, *, measured: bool, prior: float
+):
+    odometry, registered, chain = (
+        np.array((0.8, 0, 0)),
+        np.array((0.5, 0, 0)),
+        Chain(nodes_of(np.zeros((0, 3))), CONFIG),
+    )
+    chain._predicted = [Prediction(odometry, np.array((0.08, 0.08, 0.03)), measured, np.array((filtered, 0, 0)))]
+    chain._proved = [RegisteredStep(registered, 1e4 * np.eye(3), np.zeros(3))]
+    chain._steps, chain._covariance = [np.array((0.65, 0, 0))], [np.eye(3)]
+    assert chain.measured.prior_steps[0, 0] == pytest.approx(prior)
+    assert chain.measured.doubted[0]
