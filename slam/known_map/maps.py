@@ -235,17 +235,17 @@ class MapTears:
         self._driven += float(np.hypot(*motion[:2]))
         self._lost += not known
         if known:
-            self._rows.add(*np.hsplit(np.array([[stamp, self._driven, self._lost, *pose, *self._odometry]]), 9))
+            self._rows.add(np.array([[stamp, self._driven, self._lost, *pose, *self._odometry]]))
 
     def issue(self) -> Issue | None:
+        """Where it does, if anywhere."""
         stamps, driven, lost = self._rows.values[:, :3].T
         last = np.searchsorted(driven, driven + SPAN)
         first = np.flatnonzero(last < len(driven))
         last = last[first]
         first, last = (some[lost[first] == lost[last]] for some in (first, last))
-        in_map, by_odometry = (
-            se2.between(poses[first], poses[last]) for poses in np.hsplit(self._rows.values[:, 3:], 2)
-        )
+        both = np.hsplit(self._rows.values[:, 3:], 2)
+        in_map, by_odometry = (se2.between(poses[first], poses[last]) for poses in both)
         off = np.hypot(*(in_map - by_odometry)[:, :2].T)
         aside = off > max(TORN, ASIDE * float(np.median(off))) if len(off) >= LEAST else np.zeros(len(off), bool)
         if not aside.any():
