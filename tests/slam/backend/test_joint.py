@@ -163,7 +163,7 @@ def test_a_registration_far_from_the_odometry_is_no_prior():
 def test_where_wheels_slip_a_little_the_prior_is_as_wide_as_registration_and_odometry_are_apart():
     drive = Driven(room().astype(np.float32))
     for k in range(1, 7):
-        drive.on(0.6 + 0.2 * (k == 3), (room() - (0.6 * k, 0.0)).astype(np.float32))
+        drive.on(0.6 + 0.2 * (k == 3), (room() - (0.6 * k, 0.0)).astype(np.float32), filtered=0.6)
     chain = drive.chain.measured
     assert chain.doubted.tolist() == [False, False, True, False, False]
     np.testing.assert_array_equal(chain.prior_steps, chain.steps)
