@@ -137,11 +137,10 @@ def _stepping(ate: AteResult) -> Iterator[Issue]:
     aside = off > max(SMALL, ASIDE * float(np.median(off)))
     at = np.flatnonzero(aside & (bent[1] > off / 2) & (bent[0] < SHAPE * off)).tolist()
     if at:
-        text = f"the reference steps aside by up to {length(float(off[at].max()))}, {counted(len(at), 'time')}, "
-        text += (
-            f"{when([(float(ate.stamps[k]), float(ate.stamps[k + 1])) for k in at])}, where the estimate goes on: a "
-        )
-        yield Issue("implausible-speed", f"{text}fix that was lost, or markers exchanged? Errors hold that", len(at))
+        times = when([(float(ate.stamps[k]), float(ate.stamps[k + 1])) for k in at])
+        text = f"the reference steps aside by up to {length(float(off[at].max()))}, {counted(len(at), 'time')}, {times}"
+        text += ", where the estimate goes on: a fix that was lost, or markers exchanged? Errors hold that"
+        yield Issue("implausible-speed", text, len(at))
 
 
 def _filled(reference: Trajectory, ate: AteResult) -> Iterator[Issue]:

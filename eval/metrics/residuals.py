@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -103,17 +104,7 @@ def unfit_scans(recording: Recording, trajectory: Trajectory, odometry: Trajecto
     What bends each scan in itself, or turns it, hides from their registration: an eccentric disc, a filter over time, a
     driver whose scans begin at another angle each.
     """
-    issues = []
-    by_odometry = se2.wrap(np.diff(odometry.poses[:, 2]))
-    off = se2.wrap(np.diff(trajectory.poses[:, 2]) - by_odometry)
-    straight = np.abs(by_odometry) < STRAIGHT
-    before, after = (off[side][straight[1:] & straight[:-1]] for side in (slice(-1), slice(1, None)))
-    both, own = float(before @ after), float(before @ before + after @ after) / 2
-    shaking = np.sqrt(max(-both, 0.0) / max(len(before), 1))
-    if len(before) >= GLANCED and shaking > SHAKES and both < ALTERNATE * own:
-        text = f"headings shake by {np.rad2deg(shaking):.1f} degrees from scan to scan where the odometry goes straight"
-        text += ": the angle at which scans begin seems to vary, and headings and relative errors hold that"
-        issues.append(Issue("scans-unfit", text, len(before)))
+    issues = [*_shaking(trajectory, odometry)]
     try:
         lidar, index, poses, scans = placed_scans(recording, trajectory)
         compared, residuals, *_ = _compared(lidar, index, poses, scans, GLANCED)
@@ -128,6 +119,20 @@ def unfit_scans(recording: Recording, trajectory: Trajectory, odometry: Trajecto
         text += f"{100 * noise:.1f}: their angles, ranges or stamps vary, or a driver filters them; path and map are "
         issues.append(Issue("scans-unfit", f"{text}off by such lengths at least", len(compared)))
     return tuple(issues)
+
+
+def _shaking(trajectory: Trajectory, odometry: Trajectory) -> Iterator[Issue]:
+    """That headings go to and fro from scan to scan, by the covariance of one step's error with the next one's."""
+    turned = se2.wrap(np.diff(odometry.poses[:, 2]))
+    off = se2.wrap(np.diff(trajectory.poses[:, 2]) - turned)
+    straight = np.abs(turned) < STRAIGHT
+    before, after = (steps[straight[1:] & straight[:-1]] for steps in (off[:-1], off[1:]))
+    both, own = float(before @ after), float(before @ before + after @ after) / 2
+    shaking = float(np.sqrt(max(-both, 0.0) / max(len(before), 1)))
+    if len(before) >= GLANCED and shaking > SHAKES and both < ALTERNATE * own:
+        text = f"headings shake by {np.rad2deg(shaking):.1f} degrees from scan to scan where the odometry goes straight"
+        text += ": the angle at which scans begin seems to vary, and headings and relative errors hold that"
+        yield Issue("scans-unfit", text, len(before))
 
 
 def _compared(
