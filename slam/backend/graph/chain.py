@@ -14,11 +14,12 @@ from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.odometry_model import OdometryModel, fit_odometry, turned_aside
 from moteslam.slam.backend.graph.pose_graph import MeasuredChain
-from moteslam.slam.backend.graph.step_registration import AGREEING, Prediction, RegisteredStep, StepRegistration
+from moteslam.slam.backend.graph.step_registration import Prediction, RegisteredStep, StepRegistration
 from moteslam.slam.mapping.config import RESOLVED
 from moteslam.slam.registration.registrar import prior_spread
 
 FLOOR = np.diag(np.square([RESOLVED[0], *RESOLVED]))  # The covariance [3, 3] of the error that every step has besides
+AGREEING = 5.0  # Odometry that differs from a registration by more standard deviations of both is left out of a step
 DOUBTED = 2.0  # Registration and odometry so many deviations of both apart contradict each other
 OPEN = 0.5  # A step is the filter's where the odometry leaves so much open [m]: it has searched for the robot
 LEAST_INFORMATION = 1e-2  # That every step has besides [1/m^2], [1/rad^2]: one that was not registered has no other
@@ -62,9 +63,9 @@ class Chain:
 
         For a joint registration, where registration and odometry contradict each other, either may be right: the step
         is spread as far as they are apart, since all scans together are the better judge. Where the registration has
-        overruled the odometry without the filter, or alone contradicts both, it is the odometry's. All are doubtful,
-        and so is a step that was not registered. Its heading remains the registration's, which scans know best; the
-        odometry turns by half of what that differs.
+        overruled the odometry, or alone contradicts it and the filter, it is the odometry's. All are doubtful, and so
+        is a step that was not registered. Its heading remains the registration's, which scans know best; the odometry
+        turns by half of what that differs.
         """
         steps, covariance = self.steps, self.covariance
         predicted = np.array([each.step for each in self._predicted]).reshape(-1, 3)
@@ -80,7 +81,6 @@ class Chain:
         filtered = np.array([each.filtered for each in self._predicted]).reshape(-1, 3)
         near, far = (np.abs(se2.between(one, filtered)[:, :2]) / spread[:, :2] for one in (predicted, found))
         driven = np.array([each.measured for each in self._predicted], bool)
-        overruled &= ~np.array([each.by_filter for each in self._proved], bool)
         overruled |= doubted & driven & (near < 1).all(axis=1) & (far > DOUBTED).any(axis=1)
         steps[overruled] = predicted[overruled]
         wide = np.square(spread) + np.square(se2.between(steps, predicted))  # 0 apart where it is the odometry's
@@ -190,7 +190,7 @@ def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[A
     off = se2.between(found.step, predicted.step)
     # where the registration overruled the odometry this says nothing
     spread = np.hypot(predicted.spread, _deviations(found.information))
-    weights = np.where(found.by_filter | (np.abs(off) >= AGREEING * spread), 0.0, 1 / np.square(predicted.spread))
+    weights = np.where(np.abs(off) >= AGREEING * spread, 0.0, 1 / np.square(predicted.spread))
     covariance = np.linalg.inv(found.information + np.diag(weights) + LEAST_INFORMATION * np.eye(3))
     step = se2.compose(found.step, covariance @ (weights * off))
     off = se2.between(step, predicted.filtered)

@@ -27,7 +27,6 @@ from moteslam.slam.registration.registrar import (
     subsample,
 )
 
-AGREEING = 5.0  # Odometry so many standard deviations from a registration, or from the filter, contradicts it
 GATE = 4.0  # An offset of more standard deviations of the odometry must be proved
 SCORES = TrackingConfig()  # Match score and heavy tail are those of tracking
 LOOSE, LOOSEST = 3.0, 0.01
@@ -56,7 +55,6 @@ class RegisteredStep(NamedTuple):
     step: Array
     information: Array
     doubt: Array
-    by_filter: bool = False  # found where the filter has it, which contradicts the odometry
 
 
 class StepRegistration:
@@ -86,11 +84,7 @@ class StepRegistration:
         return found
 
     def _registered(self, points: NDArray[np.float32], predicted: Prediction) -> RegisteredStep:
-        """From the odometry's prediction, turned too, and the filter's, and where need be held near the odometry's.
-
-        Where the filter contradicts the odometry, either may be right: poses of the odometry come late, and what one
-        step lacks the next has too much. The scan decides; what it finds by the filter's step needs no other proof.
-        """
+        """From the odometry's prediction, turned too, and the filter's, and where need be held near the odometry's."""
         c, spread, doubt = self._config, predicted.spread, np.zeros(3)
         maps, at = self._maps[0][0].of(0), se2.compose(self._pose, predicted.step)
         loose = np.maximum(LOOSE * spread, LOOSEST) if self._proved else spread
@@ -98,15 +92,12 @@ class StepRegistration:
         headings = BASIN * np.arange(-steps, steps + 1)
         turned = np.column_stack((np.zeros((len(headings), 2)), headings))
         starts = np.vstack((turned, se2.between(predicted.step, predicted.filtered)))
-        all_at, means = np.repeat(at[None], len(starts), axis=0), np.zeros_like(starts)
-        contradicted = predicted.measured and bool((np.abs(starts[-1]) >= AGREEING * spread).any())
-        means[-1] = contradicted * starts[-1]
-        found = register(maps, all_at, loose, points, self._origin, starts, c.registration, means=means, keep=True)
-        off = np.square((found.offsets - means) / loose).sum(axis=1)
+        all_at = np.repeat(at[None], len(starts), axis=0)
+        found = register(maps, all_at, loose, points, self._origin, starts, c.registration, keep=True)
+        off = np.square(found.offsets / loose).sum(axis=1)
         matches = match_score(found.known, found.likelihoods, found.crossed, SCORES) - heavy_tail(off, SCORES)
         best = int(matches.argmax())
-        by_filter = contradicted and best == len(starts) - 1
-        if self._proved and predicted.measured and not by_filter and _far(found, spread)[best]:
+        if self._proved and predicted.measured and _far(found, spread)[best]:
             held = register(maps, all_at, spread, points, self._origin, starts, c.registration, coarse=False, keep=True)
             near = _nearest(held, spread, len(points), c)
             fits = found.at(best), held.at(near)
@@ -119,7 +110,7 @@ class StepRegistration:
                 found, best = held, near
         step = se2.compose(predicted.step, found.offsets[best])
         information = measured_information(found, best, c.registration, c.correlation)
-        return RegisteredStep(step, less_where_unbound(information, found, best, c.registration), doubt, by_filter)
+        return RegisteredStep(step, less_where_unbound(information, found, best, c.registration), doubt)
 
     def _integrate(self, scan: ThinnedScan) -> None:
         """Integrate the latest node's scan."""
