@@ -6,6 +6,8 @@ odometry, which only evidence overrules.
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import numpy as np
 
 from moteslam.robot import se2
@@ -14,13 +16,14 @@ from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.odometry_model import OdometryModel, fit_odometry, turned_aside
 from moteslam.slam.backend.graph.pose_graph import MeasuredChain
-from moteslam.slam.backend.graph.step_registration import Prediction, RegisteredStep, StepRegistration
+from moteslam.slam.backend.graph.step_registration import AGREEING, Prediction, RegisteredStep, StepRegistration
 from moteslam.slam.mapping.config import RESOLVED
 from moteslam.slam.registration.registrar import prior_spread
 
 FLOOR = np.diag(np.square([RESOLVED[0], *RESOLVED]))  # The covariance [3, 3] of the error that every step has besides
-AGREEING = 5.0  # Odometry that differs from a registration by more standard deviations of both is left out of a step
 DOUBTED = 2.0  # Registration and odometry so many deviations of both apart contradict each other
+LATEST = 3  # Steps after which a late pose of the odometry has come, at most
+MADE_UP = 0.5  # ... and of what the first of them lacked no more than this share is left
 OPEN = 0.5  # A step is the filter's where the odometry leaves so much open [m]: it has searched for the robot
 LEAST_INFORMATION = 1e-2  # That every step has besides [1/m^2], [1/rad^2]: one that was not registered has no other
 FITS = (16, 64, 256)  # The odometry's errors are fitted at so many steps; of a run of fewer than the last, at the end
@@ -41,6 +44,7 @@ class Chain:
         self._model: OdometryModel | None = None
         self._steps: list[Array] = []  # registration, odometry and the filter together: [3] each, ...
         self._covariance: list[Array] = []  # ... and [3, 3]
+        self._apart: tuple[int, StepRegistration] | None = None  # where the filter began to contradict the odometry
         self._begin()
         self.fits = 0  # how often all steps changed, since the odometry's errors were fitted anew
 
@@ -63,9 +67,9 @@ class Chain:
 
         For a joint registration, where registration and odometry contradict each other, either may be right: the step
         is spread as far as they are apart, since all scans together are the better judge. Where the registration has
-        overruled the odometry, or alone contradicts it and the filter, it is the odometry's. All are doubtful, and so
-        is a step that was not registered. Its heading remains the registration's, which scans know best; the odometry
-        turns by half of what that differs.
+        overruled the odometry without the filter, or alone contradicts both, it is the odometry's. All are doubtful,
+        and so is a step that was not registered. Its heading remains the registration's, which scans know best; the
+        odometry turns by half of what that differs.
         """
         steps, covariance = self.steps, self.covariance
         predicted = np.array([each.step for each in self._predicted]).reshape(-1, 3)
@@ -81,6 +85,7 @@ class Chain:
         filtered = np.array([each.filtered for each in self._predicted]).reshape(-1, 3)
         near, far = (np.abs(se2.between(one, filtered)[:, :2]) / spread[:, :2] for one in (predicted, found))
         driven = np.array([each.measured for each in self._predicted], bool)
+        overruled &= ~np.array([each.by_filter for each in self._proved], bool)
         overruled |= doubted & driven & (near < 1).all(axis=1) & (far > DOUBTED).any(axis=1)
         steps[overruled] = predicted[overruled]
         wide = np.square(spread) + np.square(se2.between(steps, predicted))  # 0 apart where it is the odometry's
@@ -131,6 +136,7 @@ class Chain:
             self._plainly = StepRegistration(scan, origin, self._config, proved=False)
         self._provenly = StepRegistration(scan, origin, self._config, proved=True)
         self._proved, self._predicted, self._steps, self._covariance = [], [], [], []
+        self._apart = None
 
     def _unregistered(self, k: int) -> Prediction:
         """A step by the recorded odometry; what it leaves open is taken from the filter, loosely."""
@@ -155,8 +161,32 @@ class Chain:
         return raw._replace(step=self._model.corrected(step)[0], spread=self._model.spread(step)[0])
 
     def _register(self, k: int) -> None:
-        """Register a node with the corrected odometry, and put all that is known of its step together."""
+        """Register a node with the corrected odometry; anew, with those before it, where their poses came late.
+
+        Odometry whose pose came late lacks in one step what it has too much in the next; then filter and odometry
+        contradict each other in both, and agree over both together.
+        """
         predicted = self._corrected(self._raw[k - 1])
+        if self._apart is None and predicted.contradicted:
+            self._apart = k, deepcopy(self._provenly)
+        self._add(k, predicted)
+        if self._apart is None or k == self._apart[0]:
+            return
+        first, before = self._apart
+        run = self._predicted[first - 1 :]
+        if _made_up(run):
+            self._provenly = before
+            for values in (self._proved, self._predicted, self._steps, self._covariance):
+                del values[first - 1 :]
+            for j, each in enumerate(run, start=first):
+                self._add(j, each._replace(late=each.measured))
+            self.fits += 1
+        elif len(run) < LATEST:
+            return
+        self._apart = None
+
+    def _add(self, k: int, predicted: Prediction) -> None:
+        """Register a node, and put all that is known of its step together."""
         found = self._provenly.add(self._nodes.scans[k], predicted)
         between = self._nodes.updates[k] - self._nodes.updates[k - 1] - 1
         self._predicted.append(predicted)
@@ -164,6 +194,15 @@ class Chain:
         step, covariance = _fuse(found, predicted, between)
         self._steps.append(step)
         self._covariance.append(covariance)
+
+
+def _made_up(run: list[Prediction]) -> bool:
+    """Whether the odometry agrees with the filter over these steps together, though not in the first."""
+    spread = np.sqrt(np.square([each.spread for each in run]).sum(axis=0))
+    driven, filtered = np.array([(each.step, each.filtered) for each in run]).transpose(1, 0, 2)
+    lacked = np.abs(se2.between(driven[0], filtered[0]) / spread).max()
+    left = np.abs(se2.between(se2.accumulate(driven)[-1], se2.accumulate(filtered)[-1]) / spread).max()
+    return bool(left < min(AGREEING, MADE_UP * lacked))
 
 
 def _same(before: list[Prediction], after: list[Prediction]) -> bool:
@@ -190,7 +229,7 @@ def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[A
     off = se2.between(found.step, predicted.step)
     # where the registration overruled the odometry this says nothing
     spread = np.hypot(predicted.spread, _deviations(found.information))
-    weights = np.where(np.abs(off) >= AGREEING * spread, 0.0, 1 / np.square(predicted.spread))
+    weights = np.where(found.by_filter | (np.abs(off) >= AGREEING * spread), 0.0, 1 / np.square(predicted.spread))
     covariance = np.linalg.inv(found.information + np.diag(weights) + LEAST_INFORMATION * np.eye(3))
     step = se2.compose(found.step, covariance @ (weights * off))
     off = se2.between(step, predicted.filtered)

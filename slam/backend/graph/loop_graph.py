@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
-from moteslam.slam.backend.graph.chain import Chain
+from moteslam.slam.backend.graph.chain import LATEST, Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.loop_search import Loop, Submaps
 from moteslam.slam.backend.graph.nodes import Nodes
@@ -189,6 +189,7 @@ class LoopGraph(BoundGraph):
     def extend(self) -> None:
         step = self.chain.add()
         if self.chain.fits != self._fits:
+            self.poses = self.poses[: max(len(self.registered), len(self.poses) - LATEST, 1)]
             self._refit()
             return
         self.submaps.extend(step)

@@ -27,6 +27,7 @@ from moteslam.slam.registration.registrar import (
     subsample,
 )
 
+AGREEING = 5.0  # Odometry so many standard deviations from a registration, or from the filter, contradicts it
 GATE = 4.0  # An offset of more standard deviations of the odometry must be proved
 SCORES = TrackingConfig()  # Match score and heavy tail are those of tracking
 LOOSE, LOOSEST = 3.0, 0.01
@@ -47,6 +48,12 @@ class Prediction(NamedTuple):
     measured: bool  # whether odometry measured it; else it may be overruled without proof
     filtered: Array  # [3] as the filter estimates it: it is tried, too
     open: bool = False  # the odometry leaves several places open, of which the filter has chosen one
+    late: bool = False  # the odometry's pose came late: either it or the filter, which it contradicts, is right
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the filter contradicts the odometry."""
+        return self.measured and bool((np.abs(se2.between(self.step, self.filtered)) >= AGREEING * self.spread).any())
 
 
 class RegisteredStep(NamedTuple):
@@ -55,6 +62,7 @@ class RegisteredStep(NamedTuple):
     step: Array
     information: Array
     doubt: Array
+    by_filter: bool = False  # found where the filter has it, which contradicts the odometry
 
 
 class StepRegistration:
@@ -84,7 +92,10 @@ class StepRegistration:
         return found
 
     def _registered(self, points: NDArray[np.float32], predicted: Prediction) -> RegisteredStep:
-        """From the odometry's prediction, turned too, and the filter's, and where need be held near the odometry's."""
+        """From the odometry's prediction, turned too, and the filter's, and where need be held near the odometry's.
+
+        Of a step whose pose came late the scan decides between both; by the filter's it needs no other proof.
+        """
         c, spread, doubt = self._config, predicted.spread, np.zeros(3)
         maps, at = self._maps[0][0].of(0), se2.compose(self._pose, predicted.step)
         loose = np.maximum(LOOSE * spread, LOOSEST) if self._proved else spread
@@ -92,12 +103,14 @@ class StepRegistration:
         headings = BASIN * np.arange(-steps, steps + 1)
         turned = np.column_stack((np.zeros((len(headings), 2)), headings))
         starts = np.vstack((turned, se2.between(predicted.step, predicted.filtered)))
-        all_at = np.repeat(at[None], len(starts), axis=0)
-        found = register(maps, all_at, loose, points, self._origin, starts, c.registration, keep=True)
-        off = np.square(found.offsets / loose).sum(axis=1)
+        all_at, means = np.repeat(at[None], len(starts), axis=0), np.zeros_like(starts)
+        means[-1] = predicted.late * starts[-1]
+        found = register(maps, all_at, loose, points, self._origin, starts, c.registration, means=means, keep=True)
+        off = np.square((found.offsets - means) / loose).sum(axis=1)
         matches = match_score(found.known, found.likelihoods, found.crossed, SCORES) - heavy_tail(off, SCORES)
         best = int(matches.argmax())
-        if self._proved and predicted.measured and _far(found, spread)[best]:
+        by_filter = predicted.late and best == len(starts) - 1
+        if self._proved and predicted.measured and not by_filter and _far(found, spread)[best]:
             held = register(maps, all_at, spread, points, self._origin, starts, c.registration, coarse=False, keep=True)
             near = _nearest(held, spread, len(points), c)
             fits = found.at(best), held.at(near)
@@ -110,7 +123,7 @@ class StepRegistration:
                 found, best = held, near
         step = se2.compose(predicted.step, found.offsets[best])
         information = measured_information(found, best, c.registration, c.correlation)
-        return RegisteredStep(step, less_where_unbound(information, found, best, c.registration), doubt)
+        return RegisteredStep(step, less_where_unbound(information, found, best, c.registration), doubt, by_filter)
 
     def _integrate(self, scan: ThinnedScan) -> None:
         """Integrate the latest node's scan."""

@@ -11,6 +11,7 @@ from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import MAX_RANGE, Nodes
 from moteslam.slam.backend.graph.odometry_model import SAFETY, fit_odometry, turned_aside
 from moteslam.slam.backend.graph.step_registration import Prediction, RegisteredStep, StepRegistration
+from moteslam.slam.inputs.lapses import CLOSED
 from moteslam.slam.inputs.step import thin
 
 CONFIG = GraphConfig()
@@ -193,21 +194,70 @@ def test_where_several_places_are_open_the_filters_choice_stands():
     np.testing.assert_array_equal(found.information, 0.0)
 
 
+@pytest.mark.parametrize("late", [0.3, 0.5, -0.5])
+def test_where_a_pose_of_the_odometry_came_late_the_scan_chooses(late: float):
+    """30 beams, which prove nothing alone; and a filter that is wrong, though odometry and scan know it."""
+    whole, odometry = scan(TRUE_STEP), np.asarray(se2.compose(TRUE_STEP, (late, 0, 0)))
+    few, spread = ThinnedScan(*(field[::6] for field in whole)), np.array((0.02, 0.02, 0.03))
+    for step, filtered in ((odometry, TRUE_STEP), (TRUE_STEP, odometry)):
+        steps = StepRegistration(scan(np.zeros(3)), np.zeros(2), CONFIG, proved=True)
+        found = steps.add(few, Prediction(step, spread, True, filtered, late=True))
+        np.testing.assert_allclose(found.step, TRUE_STEP, atol=0.005)
+        assert found.by_filter == (step is odometry)
+
+
 @pytest.mark.parametrize(
-    ("filtered", "measured", "prior"),
-    [(0.78, True, 0.8), (0.5, True, 0.65), (0.65, True, 0.65), (0.8, False, 0.65)],
-    ids=["odometry", "registration", "neither", "not measured"],
+    ("odometry", "filtered", "late"),
+    [
+        ([0.6, 0.1, 1.1, 0.6, 0.6, 0.6], [0.6] * 6, [1, 2]),
+        ([0.6, 0.1, 0.6, 1.1, 0.6, 0.6], [0.6] * 6, [1, 2, 3]),
+        ([0.6, 0.1, 0.6, 0.6, 1.1, 0.6], [0.6] * 6, []),
+        ([0.6, 0.1, 0.6, 0.6, 0.6, 0.6], [0.6] * 6, []),
+        ([0.6] * 6, [0.6, -0.4, 0.6, 0.6, 0.6, 0.6], []),
+    ],
+    ids=["two steps", "three", "too late", "slip", "fooled filter"],
+)
+def test_a_pose_came_late_where_odometry_and_filter_agree_again_soon_after(
+    odometry: list[float], filtered: list[float], late: list[int]
+):
+    """By a step too long for one that is too short; the steps since are registered anew, with 60 beams each."""
+    nodes = Nodes(CONFIG)
+    nodes.scans = [ThinnedScan(*(field[::3].copy() for field in scan(np.array((0.6 * k - 3, 0, 0))))) for k in range(7)]
+    nodes.odometry, nodes.filtered = ([np.array((x, 0.0, 0.0)) for x in (0.0, *way)] for way in (odometry, filtered))
+    nodes.updates, nodes.measured, nodes.left_open = list(range(7)), [True] * 7, [CLOSED] * 7
+    chain = Chain(nodes, CONFIG)
+    for _ in odometry:
+        chain.add()
+    if late:
+        np.testing.assert_allclose(chain.steps, [(0.6, 0, 0)] * 6, atol=0.02)
+    assert [k for k, step in enumerate(chain._predicted) if step.late] == late
+    assert chain.fits == bool(late)
+    assert len(chain.steps) == len(chain.covariance) == 6
+
+
+@pytest.mark.parametrize(
+    ("filtered", "measured", "deviation", "prior"),
+    [
+        (0.78, True, 0.08, 0.8),
+        (0.5, True, 0.08, 0.65),
+        (0.65, True, 0.08, 0.65),
+        (0.8, False, 0.08, 0.65),
+        (0.65, True, 0.03, 0.8),
+        (0.5, True, 0.03, 0.65),
+    ],
+    ids=["odometry", "registration", "neither", "not measured", "overruled", "by the filter, too"],
 )
 def test_a_registration_that_alone_contradicts_odometry_and_filter_is_no_prior(
-    filtered: float, *, measured: bool, prior: float
+    filtered: float, *, measured: bool, deviation: float, prior: float
 ):
     odometry, registered, chain = (
         np.array((0.8, 0, 0)),
         np.array((0.5, 0, 0)),
         Chain(nodes_of(np.zeros((0, 3))), CONFIG),
     )
-    chain._predicted = [Prediction(odometry, np.array((0.08, 0.08, 0.03)), measured, np.array((filtered, 0, 0)))]
-    chain._proved = [RegisteredStep(registered, 1e4 * np.eye(3), np.zeros(3))]
+    spread = np.array((deviation, 0.08, 0.03))
+    chain._predicted = [Prediction(odometry, spread, measured, np.array((filtered, 0, 0)))]
+    chain._proved = [RegisteredStep(registered, 1e4 * np.eye(3), np.zeros(3), by_filter=filtered == 0.5)]
     chain._steps, chain._covariance = [np.array((0.65, 0, 0))], [np.eye(3)]
     assert chain.measured.prior_steps[0, 0] == pytest.approx(prior)
     assert chain.measured.doubted[0]
