@@ -48,12 +48,12 @@ class ClockNoise(Section):
 class LidarNoise(Section):
     """What is wrong with ranges."""
 
-    range_noise: NotNegative = 0.0  # standard deviation of a range at the sensor [m]
-    range_noise_per_metre: NotNegative = 0.0  # how it grows with the range [m/m]
+    range_noise: Annotated[Number, Field(ge=0, le=1)] = 0.0  # standard deviation of a range at the sensor [m]
+    range_noise_per_metre: Share = 0.0  # how it grows with the range [m/m]
     outliers: Share = 0.0  # of the beams, with a range that is worse: two things in one beam, another height, mist
     outlier_noise: NotNegative = 0.0  # standard deviation that comes on top of theirs [m]
     dropout: Share = 0.0  # probability that a beam gives no usable reading (nan)
-    resolution: NotNegative = 0.0  # ranges are rounded to this [m]; 0 for not at all
+    resolution: Annotated[Number, Field(ge=0, le=1)] = 0.0  # ranges are rounded to this [m]; 0 for not at all
     divergence: Annotated[Number, Field(ge=0, le=0.1)] = 0.0  # angle that a beam is wide [rad]; 0 for a line
     mixed: Share = 0.5  # with a divergence, of the beams on an edge, with a range in between
     # largest distance between near and far side of an edge at which they melt into one echo [m]; beyond it, one of the

@@ -15,10 +15,9 @@ from pydantic import BeforeValidator, Field, Strict, WrapSerializer, model_valid
 
 from moteslam.errors import ConfigError
 from moteslam.robot.noise import ClockNoise, Noise
-from moteslam.robot.values import NotNegative, Number, Positive, Section, Share, Whole, merged
+from moteslam.robot.values import Angle, NotNegative, Number, Positive, Section, Share, Whole, merged
 
 Position = Annotated[Number, Field(ge=-20, le=20)]
-Angle = Annotated[Number, Field(ge=-2 * math.pi, le=2 * math.pi)]
 Rate = Annotated[Number, Field(gt=0, le=1000)]
 Length = Annotated[Number, Field(gt=0, le=100)]
 T = TypeVar("T")

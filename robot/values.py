@@ -166,6 +166,7 @@ Number = Annotated[_Finite, Field(ge=-LARGEST, le=LARGEST)]
 NotNegative = Annotated[_Finite, Field(ge=0, le=LARGEST)]
 Positive = Annotated[_Finite, Field(ge=SMALLEST, le=LARGEST)]
 Share = Annotated[_Finite, Field(ge=0, le=1)]
+Angle = Annotated[_Finite, Field(ge=-2 * np.pi, le=2 * np.pi)]
 
 
 class Section(BaseModel):

@@ -229,7 +229,7 @@ class Core:
         issues, inputs, n = list[Issue](), self._inputs, self._done
         if not METHODS[self.config.method].needs_odometry:
             issues += about_jumps(inputs.stamps[:n], inputs.odometry[:n], inputs.jumped[:n])
-        issues += self._losses.issues()
+        issues += self._losses.issues(self._records.diagnostics["state"])
         issues += self._filter.issues
         issues += getattr(self._backend, "issues", ())  # back ends of other packages may have none
         return tuple(issues)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
-from moteslam.robot.values import Issue, Summarised
+from moteslam.robot.values import Issue, Summarised, counted
 from moteslam.slam.filter.certainty import LocalisationState, state_of
 from moteslam.slam.rows import Rows
 
@@ -149,9 +149,12 @@ class Losses:
             poses[first:begun] = se2.compose(poses[begun], se2.between(driven[begun], driven[first:begun]))
         return poses
 
-    def issues(self) -> tuple[Issue, ...]:
-        """Each loss with its times."""
-        issues = []
+    def issues(self, states: Array) -> tuple[Issue, ...]:
+        """Each loss with its times; or that most scans, of these states [k], are lost where no map apart was begun."""
+        lost, issues = int((states == LocalisationState.LOST).sum()), []
+        if not self._stamps and 2 * lost > len(states):
+            text = f"at {lost} of {counted(len(states), 'scan')} the pose is more likely wrong than right (lost): the "
+            issues.append(Issue("lost", f"{text}scans do not say where in its map the robot is", lost))
         for begin, end in zip_longest(self._stamps[::2], self._stamps[1::2]):
             text = f"from {begin:.2f} s on the scans do not say where in its map the robot is: it is lost, and a map "
             until = "to the end: how the two lie is a prediction; the map is that of the longer part"

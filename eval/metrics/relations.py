@@ -10,10 +10,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import covered, from_to, nearest_rotation
+from moteslam.eval.metrics.association import covered, from_to, laid, nearest_rotation
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.eval.metrics.clocks import ALIKE, GAIN_METRES, SHAPE
-from moteslam.eval.metrics.doubts import APART, AXES, DEGREES, LATEST, SAME, contradicted
+from moteslam.eval.metrics.doubts import APART, AXES, DEGREES, LATEST, SAME, UNLIKE, contradicted
 from moteslam.eval.tables import length
 from moteslam.files import open_regular
 from moteslam.robot import se2
@@ -165,6 +165,7 @@ def relation_doubts(estimate: Trajectory, missed: RelationResult) -> tuple[Issue
     forms = {
         "the other way round, t1 seen from t2,": se2.inverse(given),
         "with x and y exchanged": given[:, [1, 0, 2]],
+        "with x and y in the axes at t2": se2.compose(given * (0, 0, 1), given * (1, 1, 0)),
         "with y of the other sign": given * (1, -1, 1),
         "with angles of the other sign": given * (1, 1, -1),
         "as their mirror image": given * (1, -1, -1),
@@ -188,6 +189,13 @@ def relation_doubts(estimate: Trajectory, missed: RelationResult) -> tuple[Issue
     moved = other[:, :2] - one[:, :2]
     turn_to, _ = nearest_rotation(moved.T @ given[:, :2])
     explains(moved - given[:, :2] @ turn_to.T, "relations-inverted", "if x and y are taken in the axes of the map,")
+    turn_to, shift, _ = laid(given[:, :2], other[:, :2])
+    off = given[:, :2] @ turn_to.T + shift - other[:, :2]
+    explains(off, "relations-inverted", "if they are taken as poses at t2 in a map, not seen from t1,")
+    turn_to, _ = nearest_rotation(there[:, :2].T @ given[:, :2])
+    degrees = np.rad2deg(np.arctan2(turn_to[1, 0], turn_to[0, 0]))
+    text = f"with x and y turned by {degrees:.0f} degrees, in other axes of the robot,"
+    explains(given[:, :2] @ turn_to.T - there[:, :2], "body-axes", text)
     factor = float((given[:, :2] * there[:, :2]).sum() / max(np.square(given[:, :2]).sum(), SAME**2))
     text = f"with lengths multiplied by {factor:.4g}, of another unit or scale,"
     explains(factor * given[:, :2] - there[:, :2], "sizes-differ", text)
@@ -198,10 +206,15 @@ def relation_doubts(estimate: Trajectory, missed: RelationResult) -> tuple[Issue
     text = f"of a point of the robot at x {arm[0]:.3f} m, y {arm[1]:.3f} m (--est-offset {arm[0]:.3f} {arm[1]:.3f} 0)"
     explains((off - design @ arm).reshape(2, -1).T, "lever-arm", text)
     for seconds in np.arange(-LATEST, LATEST + APART / 2, APART):
-        at = interpolated(estimate.stamps, estimate.poses, (missed.stamps + seconds).ravel()).reshape(-1, 2, 3)
+        late = interpolated(estimate.stamps, estimate.poses, (missed.stamps + seconds).ravel()).reshape(-1, 2, 3)
         text = f"with stamps moved by {seconds:+.2f} s, of another clock (--time-offset {-seconds:.2f}),"
-        explains((between(at[:, 0], at[:, 1]) - given)[:, :2], "clocks-differ", text)
+        explains((between(late[:, 0], late[:, 1]) - given)[:, :2], "clocks-differ", text)
+        text = f"with t2 alone moved by {seconds:+.2f} s"
+        explains((between(one, late[:, 1]) - given)[:, :2], "clocks-differ", text)
     if seen and not reasons:
         text = f"angles of relations are missed by {np.rad2deg(angle):.2g} degrees{seen} where places agree: of another"
         reasons.append((mean, turned, "body-axes", f"{text} order or unit, or not known? Errors of rotation hold that"))
+    if not reasons and many and mean > UNLIKE * (size := float(np.hypot(*there[:, :2].T).mean())):
+        text = f"relations of {length(size)} in the estimate's mean are missed by {length(mean)}: an estimate that is "
+        reasons.append((mean, turned, "unlike", f"{text}lost, of another drive, or distances without x and y?"))
     return tuple(Issue(code, text, len(given)) for _, _, code, text in sorted(reasons)[:1])

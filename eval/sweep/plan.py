@@ -81,8 +81,6 @@ def plan(spec: SweepSpec, *, check: bool = True) -> list[PlannedRun]:
 
     What scenario, robot or configuration would refuse is refused, unless they are not on this computer (``check``).
     """
-    if spec.recordings and (others := [key for key in spec.vary if not key.startswith("slam.")]):
-        raise ConfigError("of a scenario, expected slam. keys alone where recordings are replayed", field=others[0])
     runs = list(islice(_runs(spec), MAX_RUNS + 1))
     if len(runs) > MAX_RUNS:
         raise ConfigError(f"more than {MAX_RUNS} runs, expected fewer seeds or values")
@@ -170,7 +168,7 @@ def _run(
 ) -> PlannedRun:
     where: dict[str, Any] = dict(zip(("scenario", "recording", "platform", "noise", "seed"), case, strict=True))
     recording = where["recording"]
-    settings = {key: value for key, value in (one.set | varied).items() if not recording or key.startswith("slam.")}
+    settings = one.set | varied
     written = {key: tomli_w.dumps({"": value}).strip().partition("= ")[2] for key, value in settings.items()}
     command: tuple[tuple[str, ...] | str, ...] = ()
     if one.command:  # the version only where one was given: a run's name follows from these

@@ -96,6 +96,8 @@ def _dotted(table: Any, prefix: str = "") -> Any:
     return flat
 
 
+OVER = {"platforms": "scenario.platform", "noise": "scenario.noise_class", "duration": "scenario.duration"}
+"""What of the scenarios a sweep changes for all configurations, and by which key one of these would."""
 PLACES = ("recording", "platform", "out", "seed", "here")  # What stands in braces in a command
 
 
@@ -169,6 +171,14 @@ class SweepSpec(Section):
     def _cases(self) -> SweepSpec:
         if not self.scenarios and not self.recordings:
             raise ValueError("neither scenarios nor recordings, expected some of either")
+        if not self.scenarios and (given := [name for name in OVER if getattr(self, name)]):
+            raise ValueError(f"{given[0]} without scenarios, expected them to be what it changes")
+        keys = [key for table in (self.vary, *(one.set for one in self.configurations.values())) for key in table]
+        for name, key in OVER.items():
+            if getattr(self, name) and key in keys:
+                raise ValueError(f"{name} and {key}, expected one of the two")
+        if self.recordings and (others := [key for key in keys if not key.startswith("slam.")]):
+            raise ValueError(f"{others[0]}, expected slam. keys alone where recordings are replayed")
         return self
 
     def values(self, key: str) -> list[Scalar]:

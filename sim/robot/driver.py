@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import Platform
 from moteslam.robot.se2 import Array
-from moteslam.robot.values import Number, Positive, Section, Truth
+from moteslam.robot.values import Angle, Number, Positive, Section, Truth
 from moteslam.sim.world.pieces import Point
 from moteslam.sim.world.world import World, check_legs, check_place
 
@@ -248,7 +248,7 @@ class Command(Section):
 class Commands(Section):
     """Driving blind: where the robot starts (x, y [m], heading [rad]), and its commands in order."""
 
-    start: tuple[Number, Number, Number]
+    start: tuple[Number, Number, Angle]
     steps: Annotated[tuple[Command, ...], Field(min_length=1, max_length=10_000)]
 
     @property

@@ -14,7 +14,7 @@ from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
 from moteslam.robot.se2 import Array
-from moteslam.robot.values import Number, Section
+from moteslam.robot.values import Angle, Number, Section
 from moteslam.sim.robot.driver import MAX_DURATION, SPACING, Commands, Driver, Route, Seconds, Task, sampled
 from moteslam.sim.world.world import World, check_place
 
@@ -64,7 +64,7 @@ class Carried(Interval):
     start: Seconds
     duration: Annotated[Number, Field(ge=1, le=600)] = 15.0
     # where it is set down: x, y [m], heading [rad]; it goes on from the nearest place of its path
-    to: tuple[Number, Number, Number] | None = None
+    to: tuple[Number, Number, Angle] | None = None
     # in place of that: how far along its path, negative for back [m]. Without either it is 10 m, ahead where the path
     # is that long, else back
     along: Annotated[Number, Field(ge=-10_000, le=10_000)] | None = None

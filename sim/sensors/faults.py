@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 from moteslam.robot.se2 import Array
-from moteslam.robot.values import Number, Positive, Section, Truth
+from moteslam.robot.values import Angle, Number, Positive, Section, Truth
 from moteslam.sim.robot.driver import MAX_DURATION
 from moteslam.sim.robot.mishaps import Interval, Spell
 from moteslam.sim.sensors.clock import EPOCH, readings_of
@@ -33,7 +33,7 @@ class Cart(Interval):
     kind: Literal["cart"] = "cart"
     distance: Length = 0.9  # from the lidar to the middle of its near side [m]
     # of that from the lidar, in the robot's frame [rad]; 0 is ahead
-    bearing: Annotated[Number, Field(ge=-2 * np.pi, le=2 * np.pi)] = 0.0
+    bearing: Angle = 0.0
     width: Length = 0.6  # across that direction [m]
     depth: Length = 0.4  # along it [m]
     # of four square legs at its corners, all that the lidar sees of it [m]; 0 for a box that is solid

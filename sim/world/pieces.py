@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from moteslam.robot.values import Number, Positive, Section, Share, Whole
+from moteslam.robot.values import Angle, Number, Positive, Section, Share, Whole
 
 Coordinate = Annotated[Number, Field(ge=-1000, le=1000)]
 Point = tuple[Coordinate, Coordinate]
@@ -87,7 +87,7 @@ class Rectangle(Block):
 
     centre: Point
     size: tuple[Size, Size]
-    angle: Number = 0.0
+    angle: Angle = 0.0
 
     def polygon(self) -> Polygon:
         """The corners [4, 2]."""

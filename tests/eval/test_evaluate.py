@@ -90,30 +90,35 @@ def test_relations_the_other_way_round_are_told(folder: Path, capsys: Capsys, li
     assert [issue["code"] for issue in found["warnings"]] == codes
 
 
-AHEAD = np.array((0.5, 0.0, 0.0))
+AHEAD, PLACE, ANGLE = np.array(((0.5, 0, 0), (1, 1, 0), (0, 0, 1)))
 
 
 @pytest.mark.parametrize(
     ("change", "late", "codes"),
     [
-        (lambda poses, headings: poses, 0.0, []),
-        (lambda poses, headings: poses, 0.3, ["clocks-differ"]),
-        (lambda poses, headings: poses * (100, 100, 1), 0.0, ["sizes-differ"]),
-        (lambda poses, headings: poses * (1, -1, 1), 0.0, ["relations-inverted"]),
-        (lambda poses, headings: poses * (1, 1, -1), 0.0, ["relations-inverted"]),
-        (lambda poses, headings: se2.between(AHEAD, se2.compose(poses, AHEAD)), 0.0, ["lever-arm"]),
-        (lambda poses, headings: se2.compose(headings, poses) - headings, 0.0, ["relations-inverted"]),
+        (lambda poses, begins: poses, 0.0, []),
+        (lambda poses, begins: poses, 0.3, ["clocks-differ"]),
+        (lambda poses, begins: poses * (100, 100, 1), 0.0, ["sizes-differ"]),
+        (lambda poses, begins: poses * (1, -1, 1), 0.0, ["relations-inverted"]),
+        (lambda poses, begins: poses * (1, 1, -1), 0.0, ["relations-inverted"]),
+        (lambda poses, begins: se2.between(AHEAD, se2.compose(poses, AHEAD)), 0.0, ["lever-arm"]),
+        (lambda poses, begins: se2.compose(begins * ANGLE, poses) - begins * ANGLE, 0.0, ["relations-inverted"]),
+        (lambda poses, begins: se2.compose(begins, poses), 0.0, ["relations-inverted"]),
+        (lambda poses, begins: se2.between(poses * ANGLE, poses * PLACE) + poses * ANGLE, 0.0, ["relations-inverted"]),
+        (lambda poses, begins: se2.between((0, 0, 1.5), poses * PLACE) + poses * ANGLE, 0.0, ["body-axes"]),
+        (lambda poses, begins: np.random.default_rng(1).normal(size=poses.shape), 0.0, ["unlike"]),
+        (lambda poses, begins: poses, (0.0, 0.3), ["clocks-differ"]),
     ],
-    ids=["sound", "late", "cm", "y", "angle", "arm", "world"],
+    ids=["sound", "late", "cm", "y", "angle", "arm", "world", "map", "end", "axes", "others", "t2 late"],
 )
 def test_relations_in_another_form_are_told(
-    folder: Path, capsys: Capsys, change, late: float, codes: list[str]
+    folder: Path, capsys: Capsys, change, late: float | tuple[float, float], codes: list[str]
 ) -> None:
     truth = read_tum("truth.tum")
     first, last = (
         np.column_stack((truth.stamps, truth.poses))[some] for some in (slice(0, -10, 4), slice(10, None, 4))
     )
-    poses = change(se2.between(first[:, 1:], last[:, 1:]), first[:, 1:] * (0, 0, 1))
+    poses = change(se2.between(first[:, 1:], last[:, 1:]), first[:, 1:])
     stamps = np.column_stack((first[:, 0], last[:, 0])) + late
     rows = np.column_stack((stamps, poses[:, :2], np.zeros((len(poses), 3)), poses[:, 2]))[:-2]
     np.savetxt("some.relations", rows, fmt="%.6f")

@@ -147,7 +147,17 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
         ),
         ("scenarios = ['coridor']", "scenarios, coridor: "),
         ("recordings = ['nothing.log']", "recordings: "),
-        ("recordings = ['nothing.log']\n[vary]\nplatform.imu = [true]", "platform.imu: "),
+        ("recordings = ['nothing.log']\n[vary]\nplatform.imu = [true]", ": platform.imu, expected slam. keys"),
+        (
+            "recordings = ['a.log']\n[configurations.a]\nset = { scenario.noise.lidar.range_noise = 0.5 }",
+            ": scenario.noise.lidar.range_noise, expected slam. keys",
+        ),
+        ("recordings = ['a.log']\nduration = 10", ": duration without scenarios"),
+        (HERE + "noise = ['datasheet']\n[vary]\nscenario.noise_class = ['as_recorded']", ": noise and scenario.noise"),
+        (
+            HERE + "platforms = ['lms200']\n[configurations.a]\nset = { scenario.platform = 'ucsd' }",
+            "platforms and scenario.platform, expected one of the two",
+        ),
     ],
 )
 def test_a_specification_that_is_wrong_names_the_place(text: str, place: str, tmp_path: Path) -> None:

@@ -75,6 +75,10 @@ def headings_late(rows: int) -> Change:
     return changed(lambda t: t.__setitem__((slice(rows, None), slice(4, 8)), t[:-rows, 4:8].copy()))
 
 
+def x_late(rows: int) -> Change:
+    return changed(lambda t: t.__setitem__((slice(rows, None), 1), t[:-rows, 1].copy()))
+
+
 def rounded(step: float) -> Change:
     return changed(lambda table: table.__setitem__((slice(None), 0), np.floor(table[:, 0] / step) * step))
 
@@ -384,6 +388,7 @@ def turned(factor: float, offset: float = 0.0) -> Change:
         (same, turned(1.0, 8.0), "body-axes", "orientations differ by 8 degrees, directions by"),
         (same, scaled(2, 1.05), "sizes-differ", "stretched by 1.05 along 90 degrees of the reference's axes"),
         (chain(scaled(1, 1.04), sideways), same, "sizes-differ", "stretched by 0.96"),
+        (x_late(15), same, "unlike", "where headings agree: x and y of other rows"),
     ],
 )
 def test_headings_and_one_direction_that_all_else_contradicts(
@@ -406,7 +411,8 @@ def test_legs_that_err_by_a_turn_or_noise_of_headings_are_no_stretch_and_no_othe
     noisy = np.column_stack(
         (table[:, :6], table[:, 6:] + 0.015 * np.random.default_rng(0).normal(size=(len(table), 2)))
     )
-    assert not codes(capsys, "evaluate", *(write(tmp_path / "a", noisy), write(tmp_path / "b", drive(0.02))))
+    for rough in (noisy, drive(0.2, 0.1)):
+        assert not codes(capsys, "evaluate", *(write(tmp_path / "a", rough), write(tmp_path / "b", drive(0.02))))
 
 
 def test_headings_in_degrees_are_not_taken_for_another_order(tmp_path: Path) -> None:

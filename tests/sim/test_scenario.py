@@ -58,6 +58,8 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
         ("world.pillars", TOO_MANY, "world"),
         ("world.boxes", BOX_ON_START, "route.waypoints.0"),
         ("world.boxes", [{"centre": [8.0, 7.0], "size": [1.0, 1.0], "material": "velvet"}], "world"),
+        ("world.boxes", [{"centre": [8.0, 7.0], "size": [1.0, 1.0], "angle": 45.0}], "world.boxes.0.angle"),
+        ("noise.lidar.range_noise", 30.0, "noise.lidar.range_noise"),
         ("world.walls", [{**WALL, "recesses": [NICHE]}], "world.walls.0.recesses.0"),
         ("world.walls", [{**WALL, "doors": [{"at": 7.5, "width": 1.0}]}], "world.walls.0"),
         ("world.walls", [{**WALL, "doors": [{"at": 3.5, "width": 1.0}]}], "world.walls.0"),

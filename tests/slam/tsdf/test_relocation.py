@@ -14,6 +14,7 @@ from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import RegistrationConfig
+from moteslam.slam.scan_records import Losses
 from moteslam.slam.tsdf import filter as tsdf_filter
 from moteslam.slam.tsdf.relocation import Relocation
 
@@ -64,6 +65,11 @@ def test_it_is_found_in_its_map_and_all_since_it_was_lost_with_it(method: str):
     lost = [issue.message for issue in estimate.warnings if issue.code == "lost"]
     assert len(lost) == 1
     assert "until it is found" in lost[0]
+
+
+def test_most_scans_lost_without_a_map_apart_are_told():
+    assert [issue.count for issue in Losses().issues(np.array([0, 2, 2]))] == [2]
+    assert not Losses().issues(np.array([0, 2]))
 
 
 def test_in_a_room_that_it_has_never_seen_it_is_not_found():
