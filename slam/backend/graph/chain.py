@@ -22,8 +22,9 @@ from moteslam.slam.registration.registrar import prior_spread
 
 FLOOR = np.diag(np.square([RESOLVED[0], *RESOLVED]))  # The covariance [3, 3] of the error that every step has besides
 DOUBTED = 2.0  # Registration and odometry so many deviations of both apart contradict each other
-LATEST = 3  # Steps after which a late pose of the odometry has come, at most
-MADE_UP = 0.5  # ... and of what the first of them lacked no more than this share is left
+LATEST, MADE_UP = 3, 0.5
+"""A late pose of the odometry has come after so many steps, and then no more than this share is left of what the first
+of them lacked: a filter that a door has fooled by a metre is still off by it."""
 OPEN = 0.5  # A step is the filter's where the odometry leaves so much open [m]: it has searched for the robot
 LEAST_INFORMATION = 1e-2  # That every step has besides [1/m^2], [1/rad^2]: one that was not registered has no other
 FITS = (16, 64, 256)  # The odometry's errors are fitted at so many steps; of a run of fewer than the last, at the end

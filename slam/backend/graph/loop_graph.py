@@ -189,6 +189,7 @@ class LoopGraph(BoundGraph):
     def extend(self) -> None:
         step = self.chain.add()
         if self.chain.fits != self._fits:
+            # the latest steps may be other ones now, which no loop has bent yet
             self.poses = self.poses[: max(len(self.registered), len(self.poses) - LATEST, 1)]
             self._refit()
             return
