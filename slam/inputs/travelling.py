@@ -36,6 +36,7 @@ REPEATED = 5e-3
 """A scan is the one before again where no range differs by more [m], as the noise of a lidar does in some beams, though
 the robot has moved by ``STEP`` and ``ALONE`` endpoints travel: along a bare corridor none does."""
 TURNED = 0.5  # An endpoint that keeps its range to ``REPEATED`` while the robot turns by this [rad] travels, too
+ROUNDED = 0.02  # Ranges in steps of more than this keep theirs by chance [m]
 TRUSTED = 0.5
 """Share of the endpoints that may stand or travel that stood so far: 0.6 to 0.95 where odometry, mount and clock are
 right; 0.1 to 0.45 where they are not, and nothing follows from walls that are elsewhere."""
@@ -108,6 +109,7 @@ class Follower:
         self._range = np.full(count, np.nan)
         self._kept, self._heading = np.full((2, count), np.nan)  # a range, and the heading since when it is the same
         self._looked = 0.0  # the heading at the latest comparison
+        self._rounding = np.inf  # the least step between ranges of one scan so far [m]
         self._walls = [0] * MEMORY  # beams that were seen to stand, of the latest comparisons
         self._stood = self._might = 0  # of all comparisons, and those that might have
         self._spins = False
@@ -194,6 +196,8 @@ class Follower:
         # and back: floor behind the robot is where it saw through the place of a wall before
         ranges = np.stack((before.ranges, now.ranges, before.ranges))
         poses = np.stack((before.odometry, now.odometry, before.odometry))
+        if len(distinct := np.unique(now.ranges[np.isfinite(now.ranges)])) > 1:
+            self._rounding = min(self._rounding, float(np.diff(distinct).min()))
         travels, stands, mays = compare_scans(self._fan, ranges, poses)
         line = _line(self._angles, np.where(travels.any(axis=0), now.ranges, np.nan))
         travel, stand, may = travels[0] | travels[1] & near(now.ranges, line), stands[0], mays[0]
@@ -211,7 +215,7 @@ class Follower:
         held = np.isfinite(now.ranges) & (np.abs(np.nan_to_num(now.ranges) - self._kept) <= REPEATED)
         self._kept = np.where(held, self._kept, now.ranges)
         self._heading = np.where(held, self._heading, now.odometry[2])
-        held &= np.abs(se2.wrap(now.odometry[2] - self._heading)) > TURNED
+        held &= (np.abs(se2.wrap(now.odometry[2] - self._heading)) > TURNED) & (self._rounding <= ROUNDED)
         if abs(se2.wrap(now.odometry[2] - self._looked)) > TURNED / 2:  # at once: along another wall it may be the same
             self._heading, held = np.full_like(self._heading, now.odometry[2]), held & False
         self._looked = float(now.odometry[2])

@@ -298,6 +298,12 @@ def test_beams_that_are_stuck_travel():
     assert not synchronise(recorded(corridor(true), true)).issues
 
 
+def test_ranges_in_decimetres_stay_the_same_by_chance():
+    true = along_it()
+    true[:, 2] += 1.5 * np.sin(np.arange(TAKEN) / 8)
+    assert not synchronise(recorded(corridor(true).round(1), true)).issues
+
+
 def test_what_travels_is_known_by_what_came_before_alone():
     held = np.where(np.abs(ANGLES) < 0.35, 0.9 / np.cos(ANGLES), np.inf)
     ranges = np.minimum(corridor(along_it()), held)
