@@ -42,7 +42,7 @@ from moteslam.slam.known_map.search import (
     passed,
     sight_of,
 )
-from moteslam.slam.mapping.config import LOST_DISTANCE, RESOLVED
+from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION, RESOLVED
 from moteslam.slam.registration.localisation import CORRELATION
 from moteslam.slam.tsdf.doubt import Doubt, ScanFit
 from moteslam.slam.tsdf.filter import WRONG_WHILE_LOST, TsdfFilter
@@ -127,6 +127,8 @@ class KnownMapFilter(TsdfFilter):
         self._begin = 0  # the first update since which the robot is searched for
         self._was_sure = False  # that the robot is in the map
         self._scale, self._tears = MapScale(maps), MapTears()
+        self._led: Array | None = None  # where the start that was given and the odometry lead, until the robot is found
+        self._start_off = 0.0, 0.0  # how far that start is off [m], [rad]
         self._losses: list[tuple[float, float | None, float]] = []  # from when to when [s], how far off [m]
 
     def _whole(self) -> WholeMapSearch:
@@ -171,6 +173,11 @@ class KnownMapFilter(TsdfFilter):
                 text += "or poses before that were said to be sure are wrong"
             if end != begin or off:  # it was not found at the first scan
                 issues.append(Issue("searched-for", text))
+        (place, turn), within = self._start_off, (*self._known.start, *(0.0,) * 4)[3]
+        if place > LOST_DISTANCE + 3 * within or turn > LOST_ROTATION + 3 * self._known.start_heading:
+            text = f"the robot was found {place:.1f} m and {np.degrees(turn):.0f} degrees from the start that was "
+            text += "given (x and y exchanged, another unit?): poses before mean nothing"
+            issues.append(Issue("searched-for", text))
         if (more := len(issues) - SHOWN) > 1:
             last = f"and {more} times more it was searched for in the whole map, until {self._losses[-1][0]:.2f} s"
             issues[SHOWN:] = [Issue("searched-for", last, more)]
@@ -195,6 +202,11 @@ class KnownMapFilter(TsdfFilter):
             self._was_sure |= sure
             first = not len(self.history)
             result = super().step(step)
+            if self._led is not None:
+                self._led = self._led if first else se2.compose(self._led, step.motion)
+                if sure:
+                    off, self._led = se2.between(self._led, result.pose), None
+                    self._start_off = float(np.hypot(*off[:2])), abs(float(off[2]))
             if first and self._thinner and len(step.points) >= self._config.tracking.min_points:
                 sight = sight_of(np.zeros(3), step, thin(step.points, step.origin, self._config.thinning))
                 self._take(self._whole().find(sight, self._particles.poses).maps)
@@ -212,7 +224,7 @@ class KnownMapFilter(TsdfFilter):
         normals[0] = 0.0
         self._particles.poses = np.array((x, y, theta)) + normals * spread
         self._tracker.pose = as_pose(self._particles.poses[0])
-        result = super()._start(scan)
+        result, self._led = super()._start(scan), np.array((x, y, theta))
         self._unseen = False  # there is a map
         return result
 
@@ -220,7 +232,7 @@ class KnownMapFilter(TsdfFilter):
         """The robot is lost: from here on it is searched for in the whole map."""
         self._given_up = 0 if self._doubt.driven > WINDOW else self._given_up + 1
         self._most_given_up = max(self._most_given_up, self._given_up)
-        self._search = self._whole()
+        self._search, self._led = self._whole(), None
         self._driven, self._next, self._pause = 0.0, SEARCHES_APART, SEARCHES_APART
         self._begin = len(self.history)
         pose = np.array(self._tracker.pose)

@@ -356,6 +356,13 @@ def test_a_start_that_is_far_off_is_told(tmp_path: Path) -> None:
     assert any("the start that was given is wrong" in issue.message for issue in estimate.warnings)
 
 
+@pytest.mark.parametrize(("start", "told"), [("0.5, 0.5, 0, 0.05", 1), ("0, 0, 1.2, 0.3", 1), ("0.3, 0, 0.2, 0.1", 0)])
+def test_a_robot_that_is_found_off_its_start_without_a_search_is_told(tmp_path: Path, start: str, told: int) -> None:
+    estimate = localized(tmp_path, circled_room()[0], drawn([*WALLS, *BOX]), f"start=[{start}]")
+    said = [issue for issue in estimate.warnings if "from the start that was given" in issue.message]
+    assert [issue.code for issue in said] == ["searched-for"] * told
+
+
 @pytest.mark.parametrize("larger", [1.0, 0.97])
 def test_a_map_whose_resolution_is_off_is_told(tmp_path: Path, larger: float) -> None:
     recording, _ = circled_room()
