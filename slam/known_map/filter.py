@@ -29,12 +29,10 @@ from moteslam.slam.inputs.step import Step, thin
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares, within
 from moteslam.slam.known_map.maps import KnownMaps, MapScale, MapTears, thinned
+from moteslam.slam.known_map.presence import Presence
 from moteslam.slam.known_map.search import (
     APART,
-    CROSSING,
     IN_MAP,
-    ON_SURFACE,
-    OUTLIER,
     WINDOW,
     Hypotheses,
     WholeMapSearch,
@@ -44,62 +42,18 @@ from moteslam.slam.known_map.search import (
 )
 from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION, RESOLVED
 from moteslam.slam.registration.localisation import CORRELATION
-from moteslam.slam.tsdf.doubt import Doubt, ScanFit
 from moteslam.slam.tsdf.filter import WRONG_WHILE_LOST, TsdfFilter
 from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate
+from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import PoseCovariance
 from moteslam.slam.tsdf.proposal import Proposal
 from moteslam.slam.tsdf.tracking import Tracked
 
 DECIDED = 0.99  # Probability of one place from which on the others are given up
 SEARCHES_APART = 1.0  # A robot that is not found is searched for again after this path [m], ...
-FIRST, LARGEST, MOST = 3.0, 7.0, 2.0
-"""The log-odds of the place where a robot was found are at most the first, and at most the second after a drive; scans
-of ``APART`` metres change them by at most the third [nats]."""
-LONGEST = 3.0
-"""... or so many times that after as many drives of ``WINDOW``: who was there for long is not elsewhere because people
-stand around."""
-FOREIGN = 1.1
-"""Cost of an endpoint of a robot in another building at the best place of this map [nats]: ``ELSEWHERE`` of the search
-less what that takes off for all its places (13 nats of 200 endpoints, one in ten of which errs independently)."""
 NEW = 0.1  # Probability of a wrong pose, at least, until then: a single scan does not make it sure
-LEAST_DRIVEN = 0.02  # A scan counts at least by this share of `APART`: a robot that is carried has not driven
 SHOWN = 4  # Warnings of a robot that was searched for
 SLOWER = 1.3  # ... and then after a path that is longer by this factor each time
-
-
-class Presence(Doubt):
-    """Doubts a pose also by whether its scans are those of a place in the map at all, however they fitted before.
-
-    The log-odds of a place against a robot elsewhere, as the search has them, add up along the path. Once they are at
-    their largest the place is ``proved``: what the map does not know no longer counts, and from there a robot may drive
-    on beyond the map. The more places were ``given_up`` soon, one after the other, the longer a drive must prove the
-    next.
-    """
-
-    def __init__(self, given_up: int = 0) -> None:
-        super().__init__()
-        self._here, self.proved, self.driven = FIRST, False, 0.0  # since the robot was found [m]
-        self.passed = 0.0  # rays of the next scan that nothing answered and that go through surfaces of the map
-        self._most = MOST / (1 + given_up)
-
-    @property
-    def probability(self) -> float:
-        """That the pose is wrong, by the scans until now."""
-        return max(super().probability, 1 / (1 + float(np.exp(self._here))))
-
-    def observe(self, driven: float, scan: ScanFit | None, *, carried: bool = False) -> None:
-        super().observe(driven, scan, carried=carried)
-        self.driven += driven
-        if scan is None:
-            return
-        seen = scan.known if self.proved else scan.points
-        against = (OUTLIER - ON_SURFACE) * (scan.far + seen - scan.known) + CROSSING * (scan.crossed + self.passed)
-        nats = (FOREIGN - ON_SURFACE) * seen - against
-        share = min(max(driven / APART, LEAST_DRIVEN), 1.0)
-        most = LARGEST * min(max(self.driven / WINDOW, 1.0), LONGEST)
-        self._here = min(self._here + share * min(max(nats / CORRELATION, -MOST), self._most), most)
-        self.proved |= self._here >= LARGEST
 
 
 class KnownMapFilter(TsdfFilter):
@@ -124,6 +78,7 @@ class KnownMapFilter(TsdfFilter):
         self._driven, self._next, self._pause = 0.0, 0.0, SEARCHES_APART
         self._divided = True  # the particles may be more than one place needs
         self._unweighed = 0.0  # path since the hypotheses were weighed [m]
+        self._own: Particles | None = None  # with the map of what it has seen since it is searched for
         self._begin = 0  # the first update since which the robot is searched for
         self._was_sure = False  # that the robot is in the map
         self._scale, self._tears = MapScale(maps), MapTears()
@@ -164,7 +119,7 @@ class KnownMapFilter(TsdfFilter):
             issues.append(Issue("places-given-up", text))
         for begin, end, off in self._losses:
             text = f"from {begin:.2f} s on to the end the scans do not say where in the map the robot is: there the "
-            text += "trajectory is that of its odometry"
+            text += "trajectory is that of odometry and scans alone"
             if end is not None:
                 text = f"from {begin:.2f} to {end:.2f} s the robot was searched for in the whole map"
             if off > LOST_DISTANCE:
@@ -239,11 +194,19 @@ class KnownMapFilter(TsdfFilter):
         return StepResult(pose, np.array(tracked.motion), 1.0, 0.0, False, False, self._certainty())
 
     def _look(self, step: Step, scan: ThinnedScan, search: WholeMapSearch) -> StepResult:
-        """A scan of a robot that is searched for: its odometry moves it."""
-        first = not len(self.history)
+        """A scan of a robot that is searched for: it is tracked in a map of what it has seen since."""
+        first, enough = not len(self.history), len(scan.points) >= self._config.tracking.min_points
         motion = self._tracker.predict(as_pose(step.motion), step.dt, measured=step.measured, left=step.open)
-        moved = STILL if first else motion.corrected
-        self._tracker.pose = compose_one(self._tracker.pose, moved)
+        moved, usable = STILL if first else motion.corrected, enough
+        if self._own is not None:
+            x, y = step.origin.tolist()
+            tracked = self._tracker.track(motion, scan, (x, y), self._own)
+            moved, usable = tracked.motion, enough and not tracked.lost
+            if tracked.astray:
+                self._own = None
+                search.begin()
+        else:
+            self._tracker.pose = compose_one(self._tracker.pose, moved)
         self._since = self._since.plus(motion, moved, slipped=False)
         self._driven += 0.0 if first else motion.distance + motion.rotation
         if not self._losses or self._losses[-1][1] is not None:
@@ -252,9 +215,13 @@ class KnownMapFilter(TsdfFilter):
         if not (first or update_due(self._config.update, self._since.travelled)):
             return StepResult(pose, np.array(moved), 1.0, 0.0, False, False, self._certainty())
         self._gather(pose)
-        sight = sight_of(pose, step, scan)
-        search.see(sight)
-        if self._driven >= self._next and len(scan.points) >= self._config.tracking.min_points:
+        if usable:
+            if self._own is None:
+                self._own = Particles(1, self._config.tsdf)
+            self._own.maps.integrate(pose[None], scan)
+            sight = sight_of(pose, step, scan)
+            search.see(sight)
+        if usable and self._driven >= self._next:
             self._next, self._pause = self._driven + self._pause, self._pause * SLOWER
             found = search.find(sight)
             if found.all_found and found.probabilities.sum() > IN_MAP:
@@ -336,7 +303,7 @@ class KnownMapFilter(TsdfFilter):
         self._covariance, self._doubt = PoseCovariance(self._config.registration), Presence(self._given_up)
         off = float(np.hypot(*(places[0] - pose)[:2])) if self._was_sure or self._known.start else 0.0
         self._losses[-1] = (self._losses[-1][0], stamp, off)
-        self._search, self._divided = None, True
+        self._search, self._own, self._divided = None, None, True
 
     def _certainty(self) -> Certainty:
         """How sure the online pose is: while several places are open, by the weight of the others, too."""

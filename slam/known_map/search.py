@@ -63,7 +63,7 @@ IN_MAP = 0.5  # The robot is in the map, at one of the places found, from this p
 
 
 class Sight(NamedTuple):
-    pose: Array  # [3] of the robot by its odometry
+    pose: Array  # [3] of the robot, by its odometry or tracked in what it sees
     points: Points  # [k, 2] the scan's endpoints [m]
     origin: Array  # [2] where its rays start [m]
     silent: Points = np.empty((0, 2), np.float32)  # [m, 2] ends of rays that nothing answered [m], see `silent_rays`
@@ -127,7 +127,7 @@ class Hypotheses(NamedTuple):
 
 
 class WholeMapSearch:
-    """Collects the scans of a robot of which nothing is known but its odometry, and looks for it in the whole map."""
+    """Collects the scans of a robot of which only the path is known, and looks for it in the whole map."""
 
     def __init__(self, maps: KnownMaps, config: RegistrationConfig, thinner: KnownMaps | None = None) -> None:
         self._thinner = WholeMapSearch(thinner, config) if thinner else None

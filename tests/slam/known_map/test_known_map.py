@@ -21,9 +21,10 @@ from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.known_map import hypotheses, search
 from moteslam.slam.known_map.config import KnownMapConfig
-from moteslam.slam.known_map.filter import KnownMapFilter, Presence
+from moteslam.slam.known_map.filter import KnownMapFilter
 from moteslam.slam.known_map.maps import KnownMaps, MapScale, MapTears, upright
-from moteslam.slam.known_map.search import Sight, WholeMapSearch
+from moteslam.slam.known_map.presence import Presence
+from moteslam.slam.known_map.search import Hypotheses, Sight, WholeMapSearch
 from moteslam.slam.online import run_slam
 from moteslam.slam.tsdf.doubt import ScanFit
 from moteslam.slam.tsdf.particles import Particles
@@ -336,6 +337,17 @@ def test_a_robot_is_found_and_tracked_in_a_known_map(tmp_path: Path) -> None:
     assert np.hypot(off[:, 0], off[:, 1]).max() < CELL
     assert (estimate.diagnostics["state"][30:] == LocalisationState.SURE).all()
     np.testing.assert_array_equal(estimate.map.values > 0, drawn([*WALLS, *BOX]).values == OCCUPIED)
+
+
+def test_a_robot_that_is_searched_for_is_tracked_in_what_it_sees(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nowhere = Hypotheses(np.zeros((1, 3)), np.zeros(1), False, 0.0, KnownMaps(drawn(WALLS), CONFIG.tsdf))
+    monkeypatch.setattr(WholeMapSearch, "find", lambda *_: nowhere)
+    recording, true = circled_room(scans=60, drift=0.5)
+    estimate = localized(tmp_path, recording, drawn([*WALLS, *BOX]))
+    assert np.abs(se2.between(true, estimate.trajectory.poses)).max() < CELL
+    assert (estimate.diagnostics["state"] == LocalisationState.LOST).all()
 
 
 def test_a_known_start_needs_no_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,54 @@
+"""Whether a robot that was found in a map is there, also by whether its scans are those of any place in the map."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moteslam.slam.known_map.search import APART, CROSSING, ON_SURFACE, OUTLIER, WINDOW
+from moteslam.slam.registration.localisation import CORRELATION
+from moteslam.slam.tsdf.doubt import Doubt, ScanFit
+
+FIRST, LARGEST, MOST = 3.0, 7.0, 2.0
+"""The log-odds of the place where a robot was found are at most the first, and at most the second after a drive; scans
+of ``APART`` metres change them by at most the third [nats]."""
+LONGEST = 3.0
+"""... or so many times that after as many drives of ``WINDOW``: who was there for long is not elsewhere because people
+stand around."""
+FOREIGN = 1.1
+"""Cost of an endpoint of a robot in another building at the best place of this map [nats]: ``ELSEWHERE`` of the search
+less what that takes off for all its places (13 nats of 200 endpoints, one in ten of which errs independently)."""
+LEAST_DRIVEN = 0.02  # A scan counts at least by this share of `APART`: a robot that is carried has not driven
+
+
+class Presence(Doubt):
+    """Doubts a pose also by whether its scans are those of a place in the map at all, however they fitted before.
+
+    The log-odds of a place against a robot elsewhere, as the search has them, add up along the path. Once they are at
+    their largest the place is ``proved``: what the map does not know no longer counts, and from there a robot may drive
+    on beyond the map. The more places were ``given_up`` soon, one after the other, the longer a drive must prove the
+    next.
+    """
+
+    def __init__(self, given_up: int = 0) -> None:
+        super().__init__()
+        self._here, self.proved, self.driven = FIRST, False, 0.0  # since the robot was found [m]
+        self.passed = 0.0  # rays of the next scan that nothing answered and that go through surfaces of the map
+        self._most = MOST / (1 + given_up)
+
+    @property
+    def probability(self) -> float:
+        """That the pose is wrong, by the scans until now."""
+        return max(super().probability, 1 / (1 + float(np.exp(self._here))))
+
+    def observe(self, driven: float, scan: ScanFit | None, *, carried: bool = False) -> None:
+        super().observe(driven, scan, carried=carried)
+        self.driven += driven
+        if scan is None:
+            return
+        seen = scan.known if self.proved else scan.points
+        against = (OUTLIER - ON_SURFACE) * (scan.far + seen - scan.known) + CROSSING * (scan.crossed + self.passed)
+        nats = (FOREIGN - ON_SURFACE) * seen - against
+        share = min(max(driven / APART, LEAST_DRIVEN), 1.0)
+        most = LARGEST * min(max(self.driven / WINDOW, 1.0), LONGEST)
+        self._here = min(self._here + share * min(max(nats / CORRELATION, -MOST), self._most), most)
+        self.proved |= self._here >= LARGEST
