@@ -8,9 +8,13 @@ imported before it is asked for.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from functools import cache, cached_property
+from hashlib import sha256
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from itertools import chain
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from moteslam.errors import ConfigError, MoteslamWarning
@@ -102,11 +106,26 @@ class Plugins(Generic[T]):
 _installed: Any = cache(entry_points)  # looked up once: that reads a file of each installed package
 
 
+def _entries() -> list[EntryPoint]:
+    groups = (f"moteslam.{group}" for group in ("filters", "backends", "formats", "metrics"))
+    return [entry for group in groups for entry in _installed().select(group=group)]
+
+
+def code_of(names: Container[str]) -> dict[str, str]:
+    """SHA-256 of the Python files of the packages of plug-ins with these names, by name."""
+    found = {}
+    for entry in _entries():
+        spec = find_spec(entry.module.partition(".")[0]) if entry.name in names else None
+        if spec is not None:
+            folders = [Path(folder) for folder in spec.submodule_search_locations or ()]
+            files = [*filter(None, (spec.origin,)), *sorted(map(str, chain(*(one.rglob("*.py") for one in folders))))]
+            found[entry.name] = sha256(b"".join(Path(file).read_bytes() for file in files)).hexdigest()
+    return found
+
+
 def blamed(error: BaseException) -> str | None:
     """The plug-in of another package in whose code an error was raised, in words; None if in none's."""
-    frames, found = error.__traceback__, None
-    groups = (f"moteslam.{group}" for group in ("filters", "backends", "formats", "metrics"))
-    entries = [entry for group in groups for entry in _installed().select(group=group)]
+    frames, found, entries = error.__traceback__, None, _entries()
     while frames is not None:
         module = str(frames.tb_frame.f_globals.get("__name__"))
         of = [entry for entry in entries if f"{module}.".startswith(f"{entry.module.split('.')[0]}.")]

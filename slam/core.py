@@ -243,7 +243,7 @@ def _unsound(made: Filter, result: object, updates: int, draws: int) -> str:
         return f"returned the pose {shortened(np.asarray(result.pose).tolist())}, expected x, y and theta"
     if not result.updated:
         return "" if updates else "did not update with the first scan, expected updated=True there"
-    history, weights, best = made.history, made.weights, made.best_particle
+    history, weights, best = made.history, getattr(made, "weights", None), getattr(made, "best_particle", None)
     if len(history) != updates + 1:
         return f"kept {len(history)} of {updates + 1} updates, expected self.history.append(self.poses) at each"
     if not isinstance(weights, Weights) or len(weights.log) != len(made.poses):

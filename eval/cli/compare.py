@@ -167,11 +167,11 @@ def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str)
             columns += [] if few else [[f"{shown.title} 95 %" if form == "csv" else "95 %", *ranges]]
         yield FORMATS[form]([*zip(*columns, strict=True)])
         yield from (BETWEEN[form].format(f"{key} {literal(groups[0]['group'][key])} throughout") for key in alike)
-        if form == "text":
-            if any(each["runs"] < FEWEST for each in groups):
-                yield f"medians; fewer than {FEWEST} runs have no 95 % interval"
+        if form == "text" and any(each["runs"] < FEWEST for each in groups):
+            yield f"medians; fewer than {FEWEST} runs have no 95 % interval"
+        if form != "csv":
             missing = ", not measured" * any(each["success"] is None for each in groups)
-            yield f"success: {success_words(found['success'])}{missing}"
+            yield BETWEEN[form].format(f"success: {success_words(found['success'])}{missing}")
     if form == "text":
         yield total(found)
 

@@ -295,7 +295,10 @@ def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
     some = np.unique(np.searchsorted(path, np.linspace(0, path[-1], max(2 * LEAST, int(path[-1] / STRIDE)))))
     moves = [np.diff(poses[some, :2], axis=0) for poses in (ate.aligned, ate.reference)]
     ways = np.hypot(*(moves[0] - moves[1]).T) / np.maximum(np.hypot(*moves[1].T), SMALL)
-    share, off = float(np.median(ways)), np.diff(ate.aligned[:, :2] - ate.reference[:, :2], axis=0)
+    share, off = (
+        float(np.median(ways)) if len(ways) else 0.0,
+        np.diff(ate.aligned[:, :2] - ate.reference[:, :2], axis=0),
+    )
     noise = clocks.rmse_of(off) > SHAPE * ate.rmse  # errors of poses next to each other are not alike
     if lags and not noise and share > max(OTHERWISE, 2 * _spread_of(own - goal)):
         text = f"positions move otherwise than the reference's, by {share:.0%} of the way, where headings agree: "
@@ -315,7 +318,7 @@ def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
     alike, why = _spread_of(wrong - right), "where positions agree: lost, another order, unit or sign, a mirrored path"
     if alike <= 0.2 * min(angle, AXES):
         why = "throughout: other axes of the body, unit or sign, or a mirrored path"
-    elif left < SHAPE * alike and len(some) > LEAST:
+    elif left < SHAPE * alike and len(some) > LEAST and abs(factor) > TURNS:
         as_if = "in degrees, taken for radians" if abs(factor / DEGREES - 1) < TURNS else f"multiplied by {factor:.3g}"
         why = f"where positions agree: those of the {whose} are as if {as_if}"
     text = f"orientations differ by {np.rad2deg(angle if seen else middle):.2g} degrees{seen} {why}; errors of rotation"

@@ -16,6 +16,7 @@ import tomli_w
 
 from moteslam.errors import ConfigError, InputError, MoteslamError
 from moteslam.eval.sweep.spec import MAX_RUNS, Configuration, Scalar, SweepSpec, numbers
+from moteslam.plugins import code_of
 from moteslam.robot.formats import format_of
 from moteslam.robot.platforms import BASE, UCSD
 from moteslam.robot.platforms import FOLDER as PLATFORMS
@@ -102,8 +103,9 @@ def shard(runs: list[PlannedRun], number: int, of: int) -> list[PlannedRun]:
 def digest(runs: Sequence[PlannedRun]) -> str:
     """SHA-256 of what runs are, as 64 hexadecimal digits; two sweeps of the same have the same runs.
 
-    Of the identities of the runs, and of the tables of their scenarios and robots, descriptions and comments left out.
-    The code is not in it, nor are the presets, random buildings and the contents of recordings.
+    Of the identities of the runs, of the tables of their scenarios and robots, descriptions and comments left out, and
+    of the code of plug-ins of other packages. Moteslam's own code is not in it, nor are the presets, random buildings
+    and the contents of recordings.
     """
     ids, cases = {run.id for run in runs}, {(run.scenario, run.platform) for run in runs}
     scenarios = {name: _table(name, SCENARIOS) for name in sorted({scenario for scenario, _ in cases})}
@@ -122,7 +124,10 @@ def digest(runs: Sequence[PlannedRun]) -> str:
     for scenario, platform in sorted(cases):
         if scenario:
             add(platform or (scenarios[scenario] or {}).get("platform", UCSD.name), Path(scenario).parent)
-    return _hash({"runs": sorted(ids), "scenarios": scenarios, "platforms": robots})
+    named = {setting.partition("=")[2].strip('"') for run in runs for setting in run.settings}
+    code = code_of(named | {name.rpartition(".")[2] for run in runs for name in run.metrics})
+    of_others = {"plug-ins": code} if code else {}
+    return _hash({"runs": sorted(ids), "scenarios": scenarios, "platforms": robots} | of_others)
 
 
 def _hash(value: dict[str, Any]) -> str:

@@ -231,7 +231,7 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Env
             }
             problem = next((problem for problem, found in problems.items() if found), "")
             if not problem and store.digest and store.digest != digest(plan(before, check=False)):
-                problem = "has runs of other scenarios or robots of these names"
+                problem = "has runs of other scenarios, robots or plug-ins of these names"
             if problem:
                 with in_file(file):
                     plan(spec)  # what is wrong with it comes first

@@ -250,10 +250,11 @@ def _fan(path: Path, table: LidarTable, robot: Platform) -> Fan:
     for key, value in found.items():
         if value is None or (value == 0 and key == "angle_increment"):
             raise ConfigError("missing or 0, expected here or in the platform", file=path, field=f"lidar.{key}")
+        if key.startswith("angle") and abs(value) > 2 * np.pi:
+            raise ConfigError(f"{value:g} rad, expected a turn at most (angle_unit?)", file=path, field=f"lidar.{key}")
     fan = Fan(**found)
     if fan.range_min >= fan.range_max:
-        problem = f"{fan.range_min:g} m, expected less than range_max, {fan.range_max:g} m"
-        raise ConfigError(problem, file=path, field="lidar.range_min")
+        raise ConfigError(f"{fan.range_min:g} m, expected below range_max", file=path, field="lidar.range_min")
     return fan
 
 

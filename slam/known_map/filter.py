@@ -108,7 +108,11 @@ class KnownMapFilter(TsdfFilter):
     @property
     def issues(self) -> tuple[Issue, ...]:
         """When it was not known where the robot is."""
-        if self._losses and not self._was_sure:
+        driven, open_ = self._doubt.driven, bool(self._losses) and not self._was_sure
+        if open_ and self._search is None and driven < WINDOW and not self._most_given_up:
+            text = f"the robot was found, but has driven {driven:.1f} m since, too little to prove that it is there"
+            return (Issue("searched-for", text),)
+        if open_:
             text = "nowhere in the map do the scans fit for long: the robot is not in this map, or the map is not of "
             text += "this place or scale; the poses mean nothing in it"
             return (Issue("not-in-this-map", text),)

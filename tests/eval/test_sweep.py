@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
@@ -598,6 +599,26 @@ def test_the_hash_follows_from_scenarios_and_robots(tmp_path: Path, monkeypatch:
     assert digest(runs[1:]) != before
 
 
+def test_the_hash_is_of_the_code_of_other_packages_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    about = tmp_path / "mine-1.0.dist-info"
+    (tmp_path / "mine_slam").mkdir()
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[moteslam.filters]\nmine = mine_slam.method:METHOD\n")
+    (tmp_path / "mine_slam/__init__.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("moteslam.plugins._installed", entry_points)
+
+    def hashes(code: str) -> list[str]:
+        (tmp_path / "mine_slam/motion.py").write_text(code)
+        of = ((), ('slam.method="mine"',))
+        return [digest([PlannedRun(scenario="corridor", seed=0, configuration="c", settings=one)]) for one in of]
+
+    before, after = hashes("SCALE = 1.0"), hashes("SCALE = 0.5")
+    assert before[0] == after[0]
+    assert before[1] != after[1]
+
+
 def test_the_hash_is_recorded_and_other_runs_of_the_same_names_are_refused(
     tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -606,7 +627,7 @@ def test_the_hash_is_recorded_and_other_runs_of_the_same_names_are_refused(
     assert shown(capsys, "sweep", spec)["hash"] == digest(plan(read_spec(spec)))
     printed(capsys, "sweep", written(tmp_path, f'description = "What it is for."\n{ONE}'))  # words are no other sweep
     monkeypatch.setattr("moteslam.eval.sweep.store.digest", lambda _: "0" * 64)
-    assert "has runs of other scenarios or robots of these names" in refused(capsys, "sweep", spec)
+    assert "has runs of other scenarios, robots or plug-ins of these names" in refused(capsys, "sweep", spec)
 
 
 def test_they_are_listed_and_printed(capsys: Capsys, tmp_path: Path) -> None:

@@ -350,6 +350,13 @@ def test_a_robot_that_is_searched_for_is_tracked_in_what_it_sees(
     assert (estimate.diagnostics["state"] == LocalisationState.LOST).all()
 
 
+def test_who_has_hardly_driven_is_not_said_to_be_elsewhere(tmp_path: Path) -> None:
+    estimate = localized(tmp_path, circled_room(scans=8)[0], drawn([*WALLS, *BOX]))
+    said = [issue.message for issue in estimate.warnings if issue.code != "no-mount"]
+    assert len(said) == 1
+    assert "has driven 0.6 m since, too little to prove" in said[0]
+
+
 def test_a_known_start_needs_no_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(WholeMapSearch, "find", None)
     recording, true = circled_room(scans=30)
