@@ -22,7 +22,7 @@ from moteslam.slam.core import Core, MakeFilter
 from moteslam.slam.estimate import Estimate, with_texture
 from moteslam.slam.inputs.camera import BEHIND, DISPARITY, RGB, FloorViews, LiveCamera, checked_image
 from moteslam.slam.inputs.inputs import Inputs
-from moteslam.slam.inputs.live import LiveInputs
+from moteslam.slam.inputs.live import FEW, LiveInputs
 from moteslam.slam.inputs.odometry_path import odometry_path
 from moteslam.slam.inputs.step import steps
 from moteslam.slam.inputs.synchronise import synchronise, unknown_mount, warnings
@@ -118,8 +118,10 @@ class OnlineSlam(Core):
         live = self._live("lidar", stamp)
         pose = None if odometry is None else _numbers(odometry, np.float64, 3, "lidar.odometry")
         live.add_scan(_numbers(ranges, np.float32, None, "lidar.ranges"), stamp, pose)
-        if live.beginning.is_due():
-            self._expect_units(other_units(live.beginning.recording(self.name, limited=False)))
+        due = live.beginning.is_due()
+        if due or len(live.beginning) == FEW:  # of ranges these are enough, however fast they come
+            doubts = other_units(live.beginning.recording(self.name, limited=False))
+            self._expect_units(doubts if due else (doubt for doubt in doubts if doubt.code == "range-units"))
         return self._take_in(live)
 
     def add_image(self, stamp: float, image: ArrayLike) -> Update | None:

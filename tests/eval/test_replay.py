@@ -296,7 +296,6 @@ def test_every_code_is_documented() -> None:
 def test_units_in_which_nothing_is_left_end_the_run_and_are_no_broken_line(
     recording: Recording, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capsys
 ) -> None:
-    monkeypatch.setattr("moteslam.slam.inputs.live.SOON", 2.0)
     long = recording.replace(lidar=replace(recording.lidar, ranges=recording.lidar.ranges * np.float32(1e3)))
     assert fed(monkeypatch, "\n".join(lines(long)), "--out", tmp_path / "out") == 2
     told = capsys.readouterr().err.splitlines()

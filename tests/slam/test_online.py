@@ -313,7 +313,7 @@ def test_units_in_which_nothing_is_left_end_a_run_at_once_as_they_do_a_recording
     slam = OnlineSlam(platform_of(office), resolve_config("paper", CHEAP), name="base")
     with refusal(InputError, f"^base: {stream}", file="base") as caught:
         list(fed(slam, recording))
-    assert len(slam) < len(office.lidar)
+    assert len(slam) < (10 if "ranges" in fault else len(office.lidar))
     (told,) = [issue.message for issue in slam.warnings if issue.message in str(caught.value)]
     for message in (lambda: slam.add_scan(office.lidar.ranges[0], 1e9), lambda: slam.add_imu(1e9, 0.0)):
         with pytest.raises(InputError, match=stream):  # nothing is made of those that follow either
