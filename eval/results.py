@@ -151,7 +151,7 @@ def draw_figures(
 
     online, final, odometry = estimate.trajectory, estimate.trajectory_final, estimate.dead_reckoning
     truth, diagnostics = run.truth, estimate.diagnostics
-    text = f"the map and the paths, {'from one start' if truth is None else 'laid on the reference, rigidly'}"
+    text = f"the map and the final path, {'from one start' if truth is None else 'laid on the reference, rigidly'}"
     paths = {"slam": final, "dead_reckoning": odometry, "truth": truth}
     drawn(maps.draw_trajectories, "trajectories", text, estimate.map, **paths)
     if snapshots:

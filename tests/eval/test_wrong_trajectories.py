@@ -466,3 +466,15 @@ def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
     files = files_of(tmp_path, same, tilted)
     for given, named in ((files, files[1]), (files[::-1], files[1])):
         assert f"{named}: moves in a plane" in told(capsys, "evaluate", *given)
+
+
+def test_a_robot_that_stands_still_has_no_direction(tmp_path: Path, capsys: Capsys) -> None:
+    estimate, reference = files_of(tmp_path, put(slice(None), slice(1, 3), 0.0), put(slice(None), slice(1, 3), 0.0))
+    shown(capsys, "evaluate", estimate, reference)
+
+
+def test_orientations_that_another_order_explains_are_not_multiplied(tmp_path: Path, capsys: Capsys) -> None:
+    files = files_of(tmp_path, changed(lambda table: table[:, [0, 1, 2, 3, 7, 4, 5, 6]]), lambda table: table)
+    said = told(capsys, "evaluate", *files)
+    assert "qw qx qy qz" in said
+    assert "multiplied" not in said

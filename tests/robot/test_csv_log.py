@@ -201,6 +201,7 @@ REFUSED = [
     (LIDAR + "header = false\n", "lidar.stamp"),
     (LIDAR.replace("angle_increment = 0.5", ""), "lidar.angle_increment"),
     (LIDAR.replace("angle_increment = 0.5", "angle_increment = 0.0"), "lidar.angle_increment"),
+    (LIDAR.replace("angle_min = -1.0", "angle_min = -90"), "lidar.angle_min"),
     (LIDAR + "range_min = 11.0\n", "lidar.range_min"),
     (LIDAR.replace("scans.csv", "../x.csv"), "lidar.file"),
     (LIDAR.replace("scans.csv", "link.csv"), "lidar.file"),
