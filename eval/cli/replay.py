@@ -221,8 +221,9 @@ def _checked(recording: Recording, side: Side) -> tuple[Recording, tuple[Issue, 
         moves = tuple(Issue(one.code, one.message + ends.get(one.code, "; see --calibrate")) for one in about.moves)
         return (calibrated(recording, found, None) if about.decided else recording), moves
     ends = dict.fromkeys(NOT_MENDED, "")
-    issues = (Issue(one.code, one.message + ends.get(one.code, f"; mended by the {side}")) for one in about.issues)
-    return calibrated(recording, found, side), tuple(issues)
+    issues = [Issue(one.code, one.message + ends.get(one.code, f"; mended by the {side}")) for one in about.issues]
+    text = "calibration: nothing differs certainly from what is stated: nothing is mended (inspect shows the figures)"
+    return calibrated(recording, found, side), tuple(issues) or (Issue("not-calibrated", text),)
 
 
 def _dead_reckon(
