@@ -81,6 +81,14 @@ def test_without_odometry_the_room_is_circled_and_the_robot_goes_on_where_it_see
     assert np.hypot(*(true[53] - true[-1])[:2]) > 0.4
 
 
+@pytest.mark.parametrize(("scale", "told"), [(1.0, False), (1.5, True)])
+def test_a_path_of_another_length_than_the_odometry_s_is_told(scale: float, told: bool):
+    recording, _ = circled_room()
+    longer = replace(recording.lidar, odometry=recording.lidar.odometry * (scale, scale, 1.0))
+    estimate = run(recording.replace(lidar=longer))
+    assert ("lengths-differ" in {issue.code for issue in estimate.warnings}) == told
+
+
 def test_without_odometry_the_paper_s_filter_names_the_method_that_does_without():
     recording = circled_room(scans=5)[0]
     lone = recording.replace(lidar=replace(recording.lidar, odometry=None))
