@@ -29,8 +29,8 @@ from moteslam.slam.inputs.synchronise import synchronise, unknown_mount, warning
 from moteslam.slam.scan_records import Update
 
 STRIDE, LEAST_DRIVEN, LENGTHS = 1.0, 10.0, 1.25
-"""Lengths of path and odometry are compared over strides of the first, from the second on [m]: of sound recordings,
-simulated and real, they differ by at most 3 %, where wheels slip or scans are poor by a tenth."""
+"""Lengths of path and odometry are compared over strides of the first, from the second on [m]; of 160 results of
+sound recordings, simulated and real, they differed by less than a tenth."""
 EXPLAIN = {
     *("odometry-jumps", "gap", "stale-odometry", "no-odometry", "still-odometry", "wheels-spin", "scans-repeat"),
     *("range-scale", "lost", "searched-for", "not-in-this-map"),
@@ -247,10 +247,8 @@ class OnlineSlam(Core):
         some = np.unique(np.searchsorted(driven, np.arange(0.0, driven[-1], STRIDE)))
         own, by_odometry = (float(np.hypot(*np.diff(one[some], axis=0).T).sum()) for one in (path, odometry))
         if by_odometry > LEAST_DRIVEN and not 1 / LENGTHS < own / by_odometry < LENGTHS:
-            text = (
-                f"the path is {own:.1f} m long, by odometry {by_odometry:.1f} m: ranges or odometry in another unit, "
-            )
-            text += "wheels that slip, or scans that are laid wrongly: one of the two is wrong by as much"
+            text = f"the path is {own:.1f} m long, by odometry {by_odometry:.1f} m: ranges or odometry in another unit"
+            text += ", wheels that slip, or scans that are laid wrongly: one of the two is wrong by as much"
             yield Issue("lengths-differ", text)
 
     def _about_messages(self, live: Inputs, *, check: bool) -> tuple[Issue, ...]:

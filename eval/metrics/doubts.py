@@ -295,10 +295,8 @@ def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
     some = np.unique(np.searchsorted(path, np.linspace(0, path[-1], max(2 * LEAST, int(path[-1] / STRIDE)))))
     moves = [np.diff(poses[some, :2], axis=0) for poses in (ate.aligned, ate.reference)]
     ways = np.hypot(*(moves[0] - moves[1]).T) / np.maximum(np.hypot(*moves[1].T), SMALL)
-    share, off = (
-        float(np.median(ways)) if len(ways) else 0.0,
-        np.diff(ate.aligned[:, :2] - ate.reference[:, :2], axis=0),
-    )
+    share = float(np.median(ways)) if len(ways) else 0.0  # of a robot that stands there are none
+    off = np.diff(ate.aligned[:, :2] - ate.reference[:, :2], axis=0)
     noise = clocks.rmse_of(off) > SHAPE * ate.rmse  # errors of poses next to each other are not alike
     if lags and not noise and share > max(OTHERWISE, 2 * _spread_of(own - goal)):
         text = f"positions move otherwise than the reference's, by {share:.0%} of the way, where headings agree: "

@@ -171,6 +171,8 @@ def opened(path: Path, *, write: bool = False) -> Iterator[Store]:
         raise InputError(problem, file=path)
     if not path.is_file():
         raise InputError("there is no such file, expected one that `moteslam sweep` made", file=path)
+    if path.suffix == ".toml":
+        raise InputError(f"is a specification, expected the file that `moteslam sweep {path.name}` makes", file=path)
     if path.stat().st_size == 0:
         raise InputError("is empty, expected what `moteslam sweep` made", file=path)
     # SQLite's own locks are of another kind, and are lost where the file is closed: it stays open beyond the connection
