@@ -50,7 +50,7 @@ def main(folder: Path = Path()) -> float:
         axes.set(title=f"after {moment} s", aspect="equal", xlabel="x [m]", ylabel="y [m]")
         axes.label_outer()
     left, right, low, high = slam.map.extent  # the last map, which holds the others: all at one scale
-    axes.set(xlim=(left, right), ylim=(low, high))
+    axes.set(xlim=(left - 0.5, right + 0.5), ylim=(low - 0.5, high + 0.5))
     figure.savefig(folder / "online.png", dpi=100)
     plt.close(figure)
     print(f"{len(path)} poses, {1000 * np.median(behind):.0f} ms after their scans began")

@@ -46,6 +46,7 @@ def run(recording: moteslam.Recording, *settings: str) -> tuple[moteslam.Estimat
 
 def show(axes, raster=None, *paths: np.ndarray, **look) -> None:
     """A map, grey or in colours, and paths on it, each with a ring at its start and a square at its end."""
+    axes.use_sticky_edges = False  # a little room around the map
     if raster is not None and raster.values.ndim == 3:
         axes.imshow(np.where(raster.known[..., None], raster.values, 255), origin="lower", extent=raster.extent)
     elif raster is not None:

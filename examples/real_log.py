@@ -33,11 +33,12 @@ def main(folder: Path = Path(), log: Path | None = None) -> float:
         print("warning:", warning.message)
 
     figure, axes = plt.subplots(figsize=(9, 6), layout="constrained")
-    axes.imshow(found.map.values, origin="lower", extent=found.map.extent, cmap="gray_r", vmin=-4, vmax=4)
-    axes.plot(*found.dead_reckoning.poses[:, :2].T, color="tab:orange", linewidth=1, label="odometry alone")
-    axes.plot(*found.trajectory_final.poses[:, :2].T, color="tab:blue", label="SLAM")
+    axes.use_sticky_edges = False  # a little room around the map
+    moteslam.draw_map(axes, found.map)
+    axes.plot(*found.dead_reckoning.poses[:, :2].T, color="tab:orange", linewidth=1, label="dead reckoning")
+    axes.plot(*found.trajectory_final.poses[:, :2].T, color="tab:blue", label="SLAM (final)")
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
-    axes.legend()
+    figure.legend(loc="outside lower center", ncols=2)
     figure.savefig(folder / "real_log.png", dpi=100)
     plt.close(figure)
     moteslam.write_results(folder / "result", found, figures=False)  # map.pgm, trajectory.tum and more

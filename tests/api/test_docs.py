@@ -175,7 +175,7 @@ def test_the_example_finds_its_way():
     command = [sys.executable, "-c", example.group(1)]
     run = subprocess.run(command, check=False, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
-    found = re.fullmatch(r"off by ([0-9.]+) cm over ([0-9]+) m\n", run.stdout)
+    found = re.fullmatch(r"off by ([0-9.]+) mm over ([0-9]+) m\n", run.stdout)
     assert found is not None, run.stdout
     assert float(found.group(1)) < 20
     assert int(found.group(2)) >= 80
