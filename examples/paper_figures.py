@@ -2,9 +2,8 @@
 
     python examples/paper_figures.py [FOLDER [UCSD]]
 
-UCSD is a folder with the sequences 20 and 21. Without it two are simulated: the corridor with its camera, and once more
-with a gyro that drifts by 30 degrees a minute. Figures 7 and 8 are of the filter without its search, which hides the
-noise; in figure 8 it does not resample either.
+UCSD is a folder with the sequences 20 and 21, else these are simulated, 21 with a gyro that drifts by 30 degrees a
+minute. Figures 7 and 8 are of the filter without its search, which hides the noise, 8 also without resampling.
 """
 
 from pathlib import Path
