@@ -52,8 +52,8 @@ demo: .venv/.stamp ## drive a simulated corridor, run SLAM, score it: pictures a
 	@.venv/bin/moteslam demo --out demo --force
 
 examples: .venv/.stamp ## run every script of examples/: pictures in build/examples/
-	@set -e; for each in $(filter-out %/ros2_node.py %/serial_lidar.py,$(wildcard examples/*.py)); do \
-	    echo $$each; .venv/bin/python $$each build/examples; done
+	@printf '%s\n' $(filter-out %/ros2_node.py %/serial_lidar.py,$(wildcard examples/*.py)) | \
+	    xargs -P 2 -I{} sh -c 'echo {}; .venv/bin/python {} build/examples'
 
 test: .venv/.stamp ## every test, then the kernels once more with bounds checks
 	$(PYTEST) -n $(WORKERS) --dist worksteal
