@@ -13,7 +13,6 @@ from functools import cache, cached_property
 from hashlib import sha256
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
-from itertools import chain
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -117,9 +116,10 @@ def code_of(names: Container[str]) -> dict[str, str]:
     for entry in _entries():
         spec = find_spec(entry.module.partition(".")[0]) if entry.name in names else None
         if spec is not None:
-            folders = [Path(folder) for folder in spec.submodule_search_locations or ()]
-            files = [*filter(None, (spec.origin,)), *sorted(map(str, chain(*(one.rglob("*.py") for one in folders))))]
-            found[entry.name] = sha256(b"".join(Path(file).read_bytes() for file in files)).hexdigest()
+            folders = spec.submodule_search_locations or ()
+            files = sorted(file for folder in folders for file in Path(folder).rglob("*.py"))
+            code = (file.read_bytes() for file in files or [Path(spec.origin or "")])
+            found[entry.name] = sha256(b"".join(code)).hexdigest()
     return found
 
 

@@ -63,7 +63,7 @@ class KnownMapFilter(TsdfFilter):
         super().__init__(config, seed)
         if not config.known_map:
             raise ConfigError("missing, expected the .yaml file of a map", field="known_map")
-        self._known = config
+        self._known, self._given = config, (*config.start, *(0.0,) * 4)[:4]
         try:
             maps = KnownMaps(read_map(config.known_map), config.tsdf)
             walls, self._thinner_by = thinned(maps.occupancy) or (None, 0.0)
@@ -132,8 +132,8 @@ class KnownMapFilter(TsdfFilter):
                 text += "or poses before that were said to be sure are wrong"
             if end != begin or off:  # it was not found at the first scan
                 issues.append(Issue("searched-for", text))
-        (place, turn), within = self._start_off, (*self._known.start, *(0.0,) * 4)[3]
-        if place > LOST_DISTANCE + 3 * within or turn > LOST_ROTATION + 3 * self._known.start_heading:
+        place, turn = self._start_off
+        if place > LOST_DISTANCE + 3 * self._given[3] or turn > LOST_ROTATION + 3 * self._known.start_heading:
             text = f"the robot was found {place:.1f} m and {np.degrees(turn):.0f} degrees from the start that was "
             text += "given (x and y exchanged, another unit?): poses before mean nothing"
             issues.append(Issue("searched-for", text))
@@ -176,7 +176,7 @@ class KnownMapFilter(TsdfFilter):
 
     def _start(self, scan: ThinnedScan) -> StepResult:
         """The first scan of a robot whose start is known."""
-        x, y, theta, deviation = (*self._known.start, *(0.0,) * 4)[:4]
+        x, y, theta, deviation = self._given
         spread = np.array((deviation, deviation, self._known.start_heading if deviation else 0.0))
         n = len(self._particles)
         normals = generator_for(self._seed, 0, Draws.PROPOSAL).standard_normal((n, 3))
