@@ -2,28 +2,41 @@
 
 from __future__ import annotations
 
+import heapq
 import json
 import os
 import platform
 import re
+import sqlite3
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import InputError
+from moteslam.errors import InputError, OutputError
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
 from moteslam.eval.metrics.relations import Relations
+from moteslam.eval.report import curves, maps, particles
 from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops
 from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
 from moteslam.files import Shape, cleared, mark, read_arrays, write_atomically
-from moteslam.robot.formats.map_server import map_image, trinary, write_map, write_picture
+from moteslam.robot import se2
+from moteslam.robot.formats.bags import write as bags
+from moteslam.robot.formats.map_server import (
+    OCCUPIED,
+    OCCUPIED_PERCENT,
+    map_image,
+    trinary,
+    write_map,
+    write_picture,
+)
+from moteslam.robot.formats.written import odometry_of
 from moteslam.robot.raster import Raster, encode_png, write_map_arrays
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectories.text import write_g2o, write_tum
@@ -32,10 +45,7 @@ from moteslam.robot.values import expect_type, processor_count
 from moteslam.slam.backend.building import Building, Session
 from moteslam.slam.backend.graph.pose_graph import Edges, MeasuredChain
 from moteslam.slam.estimate import Estimate
-
-if TYPE_CHECKING:
-    from moteslam.eval.report.maps import Snapshot, Stages
-    from moteslam.slam.texture.floor_map import TextureMap
+from moteslam.slam.texture.floor_map import TextureMap
 
 PACKAGES = ("moteslam", "taichi", "numpy")  # Whose versions are recorded
 GRAPH_COMMENTS = (
@@ -43,6 +53,9 @@ GRAPH_COMMENTS = (
     "edges between consecutive ids are the chain, all others loops that were accepted",
 )
 """What ``graph.g2o`` begins with."""
+MAP = "map"  # The frame of the result bag
+LINES, WIDTH, GREEN = 5, 0.03, {"g": 0.6, "a": 1.0}
+"""The markers of loops: ``LINE_LIST``, how wide [m], and their colour."""
 BUILDING = "sessions.npz"  # What later sessions are bound to
 BUILDING_VERSION = 1
 WHOLE = ("sizes", "scans", "nodes", "counts", "drawn", "points", "first", "second", "doubted")
@@ -69,8 +82,8 @@ def write_results(
     recording: Recording | None = None,
     true_map: Raster | None = None,
     relations: Relations | None = None,
-    snapshots: Sequence[Snapshot] = (),
-    stages: Stages = (),
+    snapshots: Sequence[maps.Snapshot] = (),
+    stages: maps.Stages = (),
     figures: bool = True,
     run: Mapping[str, Any] | None = None,
 ) -> Figures:
@@ -89,15 +102,15 @@ def write_results(
     evidence = evidence_of(estimate, truth, recording=recording, true_map=true_map, relations=relations)
     scores = figures_of(estimate, evidence)
     others = cleared(folder := Path(folder), "metrics.json")
-    paths = {"trajectory": estimate.trajectory, "trajectory_final": estimate.trajectory_final}
-    paths |= {"dead_reckoning": estimate.dead_reckoning} | ({} if truth is None else {"truth": truth})
-    for name, path in paths.items():
+    tracks = {"trajectory": estimate.trajectory, "trajectory_final": estimate.trajectory_final}
+    tracks |= {"dead_reckoning": estimate.dead_reckoning} | ({} if truth is None else {"truth": truth})
+    for name, path in tracks.items():
         write_tum(folder / f"{name}.tum", path)
     write_diagnostics(folder / "diagnostics.csv", estimate)
     write_map_files(folder, estimate.map, estimate.texture)
     if len(estimate.particle_stamps):
-        particles, spread = (one.astype(np.float32) for one in (estimate.particle_paths, estimate.particle_spread))
-        arrays: dict[str, Any] = {"stamps": estimate.particle_stamps, "paths": particles, "spread": spread}
+        paths, spread = (one.astype(np.float32) for one in (estimate.particle_paths, estimate.particle_spread))
+        arrays: dict[str, Any] = {"stamps": estimate.particle_stamps, "paths": paths, "spread": spread}
         write_atomically(folder / "particles.npz", lambda file: np.savez_compressed(file, **arrays))
     looked = looks_for_loops(estimate.config)
     if looked:
@@ -132,19 +145,16 @@ def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None 
     write_map(folder / "map.pgm", replace(occupancy, values=trinary(occupancy.values)))
     write_map_arrays(folder / "map.npz", {"log_odds": occupancy})
     if texture is not None:
-        from moteslam.eval.report.maps import with_opacity
-
-        floor = replace(texture, values=with_opacity(texture))
+        floor = replace(texture, values=maps.with_opacity(texture))
         write_picture(folder / "texture.png", floor, {"frames": texture.frames})
         arrays = {"colours": texture, "points": replace(texture, values=texture.points)}
         write_map_arrays(folder / "texture.npz", arrays)
 
 
 def draw_figures(
-    folder: Path, estimate: Estimate, run: Evidence, *, snapshots: Sequence[Snapshot] = (), stages: Stages = ()
+    folder: Path, estimate: Estimate, run: Evidence, *, snapshots: Sequence[maps.Snapshot], stages: maps.Stages
 ) -> None:
     """Draw the figures of a run into a folder, with what is known of it."""
-    from moteslam.eval.report import curves, maps, particles
 
     def drawn(draw: Callable[..., None], name: str, text: str, *given: Any, **more: Any) -> None:
         draw(folder / f"{name}.png", *given, title=f"{estimate.name}: {text}", **more)
@@ -202,6 +212,58 @@ def hardware() -> dict[str, Any]:
         "memory_gib": memory,
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
     }
+
+
+def write_result_bag(path: Path, estimate: Estimate, recording: Recording) -> None:
+    """Write the recording's messages, ``/map``, ``/loops`` and the three paths below ``/path/``: MCAP, for viewers.
+
+    The transform from ``map`` to ``odom`` (to ``base_link`` without odometry) follows the final path. Images are left
+    out: ``moteslam convert`` writes them. ``InputError``: stamps that ROS does not hold.
+    """
+    stamps = estimate.trajectory.stamps
+    if not (stamps[0] >= 0 and stamps[-1] < bags.LATEST - 1):
+        raise InputError(f"stamps from {stamps[0]:g} to {stamps[-1]:g} s, expected 0 to 2^31 s", file=estimate.name)
+    recording = recording.replace(rgbd=None)
+    odometry = odometry_of(recording)
+    frame, poses = bags.BASE, estimate.trajectory_final.poses
+    if odometry[0] is not None:
+        at_scans = se2.interpolate(odometry[0].stamps, odometry[0].poses, stamps)
+        frame, poses = bags.ODOM, se2.compose(poses, se2.inverse(at_scans))
+    placed = zip(bags.nanoseconds(stamps).tolist(), poses.tolist(), strict=True)
+    moves = ((time, bags.transform(time, MAP, frame, (x, y, 0.0), bags.turned(yaw))) for time, (x, y, yaw) in placed)
+    moved = (bags.Event(time, "/tf", "tf2_msgs/TFMessage", {"transforms": [one]}) for time, one in moves)
+    events = heapq.merge(bags.events_of(recording, odometry, []), _drawn(estimate), moved, key=lambda event: event.time)
+    try:
+        bags.write_ros2(path, "mcap", events)
+    except (OSError, sqlite3.Error) as error:
+        raise OutputError(f"cannot be written: {getattr(error, 'strerror', None) or error}", file=path) from error
+
+
+def _drawn(estimate: Estimate) -> Iterator[bags.Event]:
+    """What is known of the whole run, at its first stamp."""
+    time = int(bags.nanoseconds(estimate.trajectory.stamps[:1])[0])
+    head, raster = bags.header(time, MAP), estimate.map
+    x, y, yaw = raster.origin
+    figures = {"resolution": raster.cell_size, "height": raster.shape[0], "width": raster.shape[1]}
+    cells = trinary(raster.values).ravel()
+    cells[cells == OCCUPIED] = OCCUPIED_PERCENT
+    grid = {"header": head, "info": {**figures, "origin": _pose(x, y, yaw)}, "data": cells}
+    yield bags.Event(time, "/map", "nav_msgs/OccupancyGrid", grid, latched=True)
+    paths = {"final": estimate.trajectory_final, "online": estimate.trajectory}
+    for name, path in {**paths, "dead_reckoning": estimate.dead_reckoning}.items():
+        placed = zip(bags.nanoseconds(path.stamps).tolist(), path.poses.tolist(), strict=True)
+        poses = [{"header": bags.header(at, MAP), "pose": _pose(*pose)} for at, pose in placed]
+        yield bags.Event(time, f"/path/{name}", "nav_msgs/Path", {"header": head, "poses": poses}, latched=True)
+    places = estimate.trajectory_final.poses
+    ends = [places[scan] for loop in estimate.loops if loop.accepted for scan in (loop.earlier, loop.later)]
+    points = [bags.vector(x, y, 0.0) for x, y, _ in np.reshape(ends, (-1, 3)).tolist()]
+    lines: bags.Values = {"header": head, "type": LINES, "scale": {"x": WIDTH}, "pose": _pose(0.0, 0.0, 0.0)}
+    lines |= {"points": points, "color": GREEN}
+    yield bags.Event(time, "/loops", "visualization_msgs/Marker", lines, latched=True)
+
+
+def _pose(x: float, y: float, theta: float) -> bags.Values:
+    return {"position": bags.vector(x, y, 0.0), "orientation": bags.turned(theta)}
 
 
 def write_building(path: Path, building: Building) -> None:

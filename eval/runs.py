@@ -79,8 +79,6 @@ def read_runs(paths: Sequence[Path]) -> list[Row]:
     """The runs of sweeps and result folders, those not made yet too."""
     found: list[Row] = []
     for path in paths:
-        if not path.exists():
-            raise InputError("there is no such file or folder, expected a .sweep file or a result folder", file=path)
         if path.is_dir():
             found.append(read_result_folder(path))
         else:

@@ -21,8 +21,7 @@ from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.metrics.residuals import unfit_scans
 from moteslam.eval.report.maps import Snapshot, keep_floor, keep_map
-from moteslam.eval.result_bag import write_result_bag
-from moteslam.eval.results import read_building, write_results
+from moteslam.eval.results import read_building, write_result_bag, write_results
 from moteslam.eval.run_tables import loop_counts
 from moteslam.eval.scores import Figures, number
 from moteslam.eval.tables import Column, aligned, length, literal, rows_of

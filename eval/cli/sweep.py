@@ -248,7 +248,7 @@ def diff(
     Examples:
       moteslam sweep diff mine.sweep published.csv
     """  # noqa: D301
-    from moteslam.eval.sweep.tables import differences, read_table
+    from moteslam.eval.sweep.store import differences, read_table
     from moteslam.robot.values import counted
 
     first, second = read_table(file), read_table(other)
@@ -281,7 +281,7 @@ def export(
       moteslam sweep export particles.sweep --out particles.parquet
     """  # noqa: D301
     from moteslam.eval.runs import read_runs
-    from moteslam.eval.sweep.tables import as_csv, write_parquet
+    from moteslam.eval.sweep.store import as_csv, write_parquet
     from moteslam.files import write_atomically
 
     with options.new_file(out, ".csv", ".parquet", force=force):

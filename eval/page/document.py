@@ -67,8 +67,6 @@ def gather(paths: Sequence[Path]) -> Material:
         within = list(_within(path)) if path.is_dir() else [path]
         if not within:
             raise InputError("no result folder and no .sweep file in it, expected some", file=path)
-        if not path.exists():
-            raise InputError("there is no such file or folder, expected a .sweep file or a result folder", file=path)
         found += within
     material = Material()
     folders = [path for path in found if path.is_dir()]

@@ -18,9 +18,8 @@ from moteslam.errors import InputError
 from moteslam.eval.cli import main
 from moteslam.eval.cli.running import described, run_lines, score_lines
 from moteslam.eval.cli.simulate import scenario_of
-from moteslam.eval.result_bag import write_result_bag
 from moteslam.eval.results import BUILDING as NAME
-from moteslam.eval.results import read_building, write_building, write_results
+from moteslam.eval.results import read_building, write_building, write_result_bag, write_results
 from moteslam.eval.run_tables import (
     DIAGNOSTICS_COLUMNS,
     LOOP_COLUMNS,

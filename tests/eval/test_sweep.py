@@ -26,8 +26,7 @@ from moteslam.eval.page.document import gather, page
 from moteslam.eval.runs import summary_of
 from moteslam.eval.sweep.plan import PLATFORMS, SCENARIOS, PlannedRun, digest, plan, shard
 from moteslam.eval.sweep.spec import bundled_specs, numbers, read_spec
-from moteslam.eval.sweep.store import WHOLE, Row, begin, create, merge, opened
-from moteslam.eval.sweep.tables import as_csv, read_table
+from moteslam.eval.sweep.store import WHOLE, Row, as_csv, begin, create, merge, opened, read_table
 from moteslam.eval.sweep.workers import Outcome, make_all, make_all_on
 
 SPEC = """
