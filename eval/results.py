@@ -302,7 +302,13 @@ def read_building(folder: Path) -> Building:
     if version != BUILDING_VERSION:
         raise InputError(f"{version}, expected {BUILDING_VERSION}: run the recording again", file=path, field="version")
     found = read_arrays(path, SHAPES)
-    _check(path, found)
+    for name, array in found.items():
+        if not np.isfinite(array).all() or (name in WHOLE and array.dtype.kind != "i"):
+            expected = "whole" if name in WHOLE else "finite"
+            raise InputError(f"{array.dtype}, expected {expected} numbers", file=path, field=name)
+    for name, holds in _rules(found):
+        if not holds:
+            raise InputError("contradicts the other arrays, or no such value can be", file=path, field=name)
     resolution = np.float32(found["resolution"].item())
     points = np.cumsum(found["points"], axis=0, dtype=np.int16) * resolution
     sizes, scans = (np.cumsum(found[name])[:-1] for name in ("sizes", "scans"))
@@ -318,16 +324,6 @@ def read_building(folder: Path) -> Building:
         sessions.append(Session(**arrays, chain=MeasuredChain(*steps), counts=counts, drawn=drawn, origin=origin))
     loops = {name: found[name] for name in LOOPS}
     return Building(tuple(sessions), Edges(**loops, robust=np.ones(len(found["first"]), bool)))
-
-
-def _check(path: Path, found: dict[str, NDArray[Any]]) -> None:
-    for name, array in found.items():
-        if not np.isfinite(array).all() or (name in WHOLE and array.dtype.kind != "i"):
-            expected = "whole" if name in WHOLE else "finite"
-            raise InputError(f"{array.dtype}, expected {expected} numbers", file=path, field=name)
-    for name, holds in _rules(found):
-        if not holds:
-            raise InputError("contradicts the other arrays, or no such value can be", file=path, field=name)
 
 
 def _rules(found: dict[str, NDArray[Any]]) -> Iterator[tuple[str, Any]]:

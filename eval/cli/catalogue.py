@@ -11,6 +11,7 @@ import typer
 from moteslam.errors import in_file
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import arg, flag, opt
+from moteslam.eval.cli.simulate import scenario_of
 from moteslam.eval.cli.text import answer, progress_bar, say, simulation_bar
 from moteslam.eval.tables import aligned, literal
 
@@ -128,7 +129,6 @@ def show(
       moteslam scenarios show office --out office.png
       moteslam scenarios show random-corridors --seed 7 --drive --out unseen.png
     """  # noqa: D301
-    from moteslam.eval.cli.simulate import scenario_of
     from moteslam.eval.report.scenarios import draw_scenario
     from moteslam.sim.simulate import true_drive
 
@@ -163,7 +163,6 @@ def animate(
       moteslam scenarios animate people --out people.gif
       moteslam scenarios animate corridor --duration 60 --speed 5 --fps 25 --out corridor.mp4
     """  # noqa: D301
-    from moteslam.eval.cli.simulate import scenario_of
     from moteslam.eval.report.film import Pace, check_film, film, write_film
     from moteslam.sim.simulate import simulate
     from moteslam.slam.online import OnlineSlam

@@ -186,9 +186,7 @@ def report(
     paths: Annotated[list[Path], arg("Files of sweeps, result folders, and folders with either in them.", "PATH...")],
     out: Annotated[Path, opt("The page; it must not exist.", "FILE.html")] = Path("report.html"),
     title: Annotated[str | None, opt("Title of the page [what is compared].", "TEXT")] = None,
-    metrics: Annotated[
-        list[str] | None, opt("Metric to show [those of the sweeps, or the usual]; repeatable.", "NAME", "--metric")
-    ] = None,
+    metrics: options.Metrics = None,
     by: options.By = None,
     baseline: options.Baseline = None,
     force: options.ForceFile = False,

@@ -16,7 +16,7 @@ import typer
 
 from moteslam.errors import ExistsError, MoteslamError, MoteslamWarning, OutputError
 from moteslam.eval.cli import catalogue, compare, evaluate, recordings, replay, simulate, sweep
-from moteslam.eval.cli.interrupt import MESSAGE, Interrupted, leave_with, on_interrupt, was_asked
+from moteslam.eval.cli.interrupt import MESSAGE, Interrupted, on_interrupt, was_asked
 from moteslam.eval.cli.options import opt
 from moteslam.eval.cli.text import STDOUT, note, say, stdout_named
 from moteslam.plugins import blamed
@@ -67,15 +67,6 @@ for command in (
     app.command()(command)
 app.add_typer(catalogue.app, name="scenarios")
 app.add_typer(sweep.app, name="sweep")
-
-
-def main() -> None:
-    """Run the program and leave with its exit code: 0, 2 for bad input, 130 for Ctrl-C, 1 for a fault of ours."""
-    # before NumPy is imported: all its matrices here are small, and threads that wait for larger ones cost time too
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    code = run(sys.argv[1:])
-    leave_with(code)
-    sys.exit(code)
 
 
 def script(function: Any) -> None:
@@ -179,7 +170,3 @@ def _discard_stdout() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (OSError, ValueError):
         sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115
-
-
-if __name__ == "__main__":
-    main()

@@ -49,7 +49,7 @@ Format = Annotated[
 ]
 FIGURES = (".png", ".pdf", ".svg")  # Endings of the files of figures
 Metrics = Annotated[
-    list[str] | None, opt("Metric to show [those that the sweep names, or final.ate]; repeatable.", "NAME", "--metric")
+    list[str] | None, opt("Metric to show [those that the sweeps name, or the usual]; repeatable.", "NAME", "--metric")
 ]
 Baseline = Annotated[str | None, opt("Compare with this configuration or robot [the first].", "NAME", "--baseline")]
 By = Annotated[

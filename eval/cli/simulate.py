@@ -72,11 +72,6 @@ class Recorded:
         as_sensed = self.file_format == "ucsd" and logging == Logging()
         return simulation if as_sensed else logged(simulation, logging)
 
-    def write(self, folder: Path, simulation: Simulation, **watch: Any) -> None:
-        from moteslam.sim.output import write_simulation
-
-        write_simulation(folder, simulation, map_resolution=self.true_map, file_format=self.file_format, **watch)
-
 
 @options.with_options(recorded=Recorded)
 def simulate(
@@ -102,7 +97,7 @@ def simulate(
       moteslam simulate random-corridors --out many --batch 20 --true-map 0.05
     """  # noqa: D301
     from moteslam.files import result_folder
-    from moteslam.sim.output import log_name
+    from moteslam.sim.output import log_name, write_simulation
 
     if recorded.true_map is not None and not 0.001 <= recorded.true_map <= 10:
         raise ConfigError(f"{recorded.true_map:g} m, expected 0.001 to 10", field="--true-map")
@@ -117,7 +112,8 @@ def simulate(
         with simulation_bar() as report:
             simulation = recorded.simulate(loaded, seed, report)
         with progress_bar("images", 1.0) as update:
-            recorded.write(folder, simulation, announce=note, progress=lambda _what, share: update(share))
+            how: dict[str, Any] = {"map_resolution": recorded.true_map, "file_format": recorded.file_format}
+            write_simulation(folder, simulation, **how, announce=note, progress=lambda _what, share: update(share))
     found = {"out": str(out), **about(simulation)}
     counts = ", ".join(f"{count} {name}" for name, count in found["readings"].items())
     distance = f"{found['distance_m']:.1f} m in {found['duration_s']:.0f} s ({found['end']})"
@@ -204,11 +200,11 @@ def _make_batch(
 
 def make(job: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
     """Simulate and write one of a batch, in a process of its own; what ``about`` says of it."""
-    from moteslam.files import make_folder
+    from moteslam.sim.output import write_simulation
 
     del timed
-    recorded, seed, folder = Recorded(**job["recorded"]), job["case"], Path(job["folder"])
+    recorded, seed = Recorded(**job["recorded"]), job["case"]
     simulation = recorded.simulate(recorded.scenario(job["scenario"], seed), seed)
-    make_folder(folder)
-    recorded.write(folder, simulation)
+    how: dict[str, Any] = {"map_resolution": recorded.true_map, "file_format": recorded.file_format}
+    write_simulation(job["folder"], simulation, **how)
     return about(simulation)

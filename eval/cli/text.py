@@ -27,7 +27,7 @@ def answer(found: Any, lines: Iterable[str], *, as_json: bool) -> None:
         say(line)
 
 
-def say(text: str = "") -> None:
+def say(text: str) -> None:
     """A line of the result, on stdout."""
     with stdout_named():
         sys.stdout.write(text + "\n")

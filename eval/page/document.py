@@ -26,7 +26,7 @@ from moteslam.eval import runs
 from moteslam.eval.metrics.registry import title_of
 from moteslam.eval.page import charts
 from moteslam.eval.page.player import budget_of, playable
-from moteslam.eval.statistics import FEWEST, Proportion
+from moteslam.eval.statistics import FEWEST
 from moteslam.eval.sweep.spec import SUCCESS
 from moteslam.eval.sweep.store import Row, opened
 from moteslam.eval.tables import literal, shortened
@@ -54,10 +54,6 @@ class Material:
     pending: int = 0
     wanted: list[str] = field(default_factory=list)
     success: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def issues(self) -> list[str]:
-        return runs.warnings_of(self.runs)
 
 
 def gather(paths: Sequence[Path]) -> Material:
@@ -203,6 +199,7 @@ def page(
             "title": shortened(asked, 160) if title is None else title,
             "made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
             "material": material,
+            "issues": runs.warnings_of(made),
             "names": names,
             "shown": shown,
             "meanings": {name: runs.known_metric(name).meaning for name in names},
@@ -245,7 +242,7 @@ def _render(context: dict[str, Any]) -> str:
     )
     environment.filters |= {
         "interval": interval,
-        "share": _share,
+        "share": lambda one: "-" if one is None else f"{one.count} of {one.total}{one.range}",
         "lines": lambda text: Markup("\n").join(escape(literal(line)) for line in text.splitlines()),
         "key": lambda value: "" if value is None else repr(value),  # by which a cell is sorted
         "success": runs.success_of,
@@ -281,7 +278,3 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     # first one that all configurations have: an external command has no online path
     full = (name for name in found if all(any(name in run.known for run in some) for some in each))
     return sorted(found, key=next(full, found[0]).__ne__)
-
-
-def _share(one: Proportion | None) -> str:
-    return "-" if one is None else f"{one.count} of {one.total}{one.range}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -26,6 +25,7 @@ from moteslam.sim.scenario import SCENARIOS, load_scenario
 from moteslam.slam.config import resolve_config
 
 WORDS = ("description", "why")  # Keys of scenarios and robots from which no run follows
+COMMAND = ("command", "format", "trajectory", "map", "version")
 
 
 class PlannedRun(Section):
@@ -43,7 +43,7 @@ class PlannedRun(Section):
     varied: tuple[tuple[str, Scalar], ...] = ()  # Keys and values of what varies, in the order of the specification
     metrics: tuple[str, ...] = ()
     command: tuple[tuple[str, ...] | str, ...] = ()
-    """An external SLAM in place of the preset: see ``Command``; empty for none."""
+    """The fields ``COMMAND`` of a configuration with an external SLAM, the version where it has one; else empty."""
 
     @property
     def id(self) -> str:
@@ -141,10 +141,7 @@ def _table(name: str, folder: Path) -> dict[str, Any] | None:
         path = folder / f"{name}.toml"
         if not path.is_file():
             return None
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    else:
-        table = read_toml(path, "a .toml file")
-    return {key: value for key, value in table.items() if key not in WORDS}
+    return {key: value for key, value in read_toml(path, "a .toml file").items() if key not in WORDS}
 
 
 def _runs(spec: SweepSpec) -> Iterator[PlannedRun]:

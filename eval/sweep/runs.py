@@ -5,7 +5,7 @@ from __future__ import annotations
 import resource
 import tempfile
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,8 +14,8 @@ from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
 from moteslam.eval.metrics.registry import COSTS, Value, measure
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.scores import doubted, evidence_of, relations_beside, true_map_beside, truth_file
-from moteslam.eval.sweep.plan import PlannedRun
-from moteslam.eval.sweep.spec import RecordingFormat, run_program
+from moteslam.eval.sweep.plan import COMMAND, PlannedRun
+from moteslam.eval.sweep.spec import Configuration, run_program
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.formats.ucsd import write_ucsd
 from moteslam.robot.formats.written import write_carmen
@@ -85,7 +85,7 @@ def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
     told = [issue.as_dict() for issue in (*case.recording.warnings, *issues)]
     told += [issue for issue in doubted(evidence) if issue not in told]
     if run.command and (part := next((one for one in told if one["code"] in ("few-matched", "not-scored")), None)):
-        raise InputError(f"its trajectory: {part['message']}", file=Command(*run.command).words[0])  # type: ignore[arg-type]
+        raise InputError(f"its trajectory: {part['message']}", file=run.command[0][0])
     return {"values": {name: value.as_dict() for name, value in values.items()}, "issues": told}
 
 
@@ -102,24 +102,8 @@ def _ours(run: PlannedRun, case: Case) -> tuple[Evidence, Cost, tuple[Issue, ...
     return evidence, Cost(cpu, wall, memory, tuple(found.diagnostics["seconds"].tolist())), found.warnings
 
 
-@dataclass(frozen=True)
-class Command:
-    """An external SLAM: a program and its arguments, the format of its recording, and what it writes into ``{out}``.
-
-    In each word ``{recording}`` stands for the file or folder of the recording, ``{platform}`` for its robot as TOML,
-    ``{out}`` for an empty folder, ``{seed}`` for the seed. The trajectory is on the clock of the recording, the map,
-    which may be missing, in the trajectory's frame. The version changes nothing.
-    """
-
-    words: tuple[str, ...]
-    format: RecordingFormat
-    trajectory: str
-    map: str
-    version: str = ""
-
-
-def estimate(command: Command, recording: Recording, seed: int) -> tuple[Trajectory, Raster | None]:
-    """Run an external SLAM over a recording; its trajectory, and its map if it wrote one.
+def estimate(external: Configuration, recording: Recording, seed: int) -> tuple[Trajectory, Raster | None]:
+    """Run the command of a configuration over a recording; its trajectory, and its map if it wrote one.
 
     Nothing but the recording and its robot is given to it; of what it prints the last line of one that fails is kept.
     """
@@ -129,26 +113,26 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
         given.mkdir()
         try:
             file = given
-            if command.format == "ucsd":
+            if external.format == "ucsd":
                 write_ucsd(given, recording, sequence=0)
             else:  # a log has odometry poses, as the base integrates them
                 file = given / "recording.log"
                 posed = recording.odometry is not None or getattr(recording.lidar, "odometry", None) is not None
                 write_carmen(file, recording if posed else with_odometry(recording, gyro=recording.imu is not None))
         except MoteslamError as error:
-            problem = f"the recording cannot be given to it in the format {command.format}: {error.problem}"
-            raise InputError(problem, file=command.words[0]) from error
+            problem = f"the recording cannot be given to it in the format {external.format}: {error.problem}"
+            raise InputError(problem, file=external.command[0]) from error
         robot = given / "platform.toml"
         write_platform(robot, recording.platform)
-        words = list(command.words)
+        words = list(external.command)
         for name, value in {"recording": file, "platform": robot, "out": out, "seed": seed}.items():
             words = [word.replace(f"{{{name}}}", str(value)) for word in words]
         run_program(words, out)
-        if not (out / command.trajectory).is_file():
-            raise InputError(f"wrote no {command.trajectory}, expected its trajectory in {{out}}", file=words[0])
+        if not (out / external.trajectory).is_file():
+            raise InputError(f"wrote no {external.trajectory}, expected its trajectory in {{out}}", file=words[0])
         try:
-            occupancy = read_map(out / command.map) if command.map and (out / command.map).exists() else None
-            found = read_trajectory(out / command.trajectory)
+            occupancy = read_map(out / external.map) if (out / external.map).exists() else None
+            found = read_trajectory(out / external.trajectory)
             told = (replace(issue, message=issue.message.replace(f"{out}/", "")) for issue in found.warnings)
             return replace(found, warnings=tuple(told)), occupancy
         except MoteslamError as error:  # its file is gone soon
@@ -157,9 +141,9 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
 
 
 def _external(run: PlannedRun, case: Case) -> tuple[Evidence, Cost, tuple[Issue, ...]]:
-    command = Command(*run.command)  # type: ignore[arg-type]  # its fields in their order
+    external = Configuration(**dict(zip(COMMAND, run.command, strict=False)))
     clock, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    trajectory, occupancy = estimate(command, case.recording, run.seed)
+    trajectory, occupancy = estimate(external, case.recording, run.seed)
     wall, after = time.perf_counter() - clock, resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     about = {"truth": case.truth, "occupancy": occupancy, "true_map": case.true_map, "recording": case.recording}

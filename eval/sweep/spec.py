@@ -106,12 +106,15 @@ class Configuration(Section):
 
     preset: str = DEFAULT_PRESET  # The preset that it starts from
     command: tuple[str, ...] = ()
-    """In place of a preset: a program and its arguments, see `Command`; `{here}` is the folder of this file."""
+    """In place of a preset: a program and its arguments. In each `{recording}` stands for the file or folder of the
+    recording, `{platform}` for its robot as TOML, `{out}` for an empty folder, `{seed}` for the seed, `{here}` for the
+    folder of this file.
+    """
     version: str | tuple[str, ...] = ""
     """Of the command: a text, or a program and its arguments, the first line of which is recorded."""
     format: RecordingFormat = "carmen"  # In which the command is given the recording
-    trajectory: Name = "trajectory.tum"  # Which file in `{out}` is the command's trajectory
-    map: Name = "map.yaml"  # Which file in `{out}` is its map, if it writes one
+    trajectory: Name = "trajectory.tum"  # Which file in `{out}` is the command's trajectory, on the recording's clock
+    map: Name = "map.yaml"  # Which file in `{out}` is its map, if it writes one, in the trajectory's frame
     set: Annotated[dict[str, Any], BeforeValidator(_dotted)] = Field(default_factory=dict)
     """Keys over it: `slam.` of the preset, `scenario.` of the scenario, `platform.` of its robot."""
 
