@@ -24,7 +24,7 @@ from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Eviden
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.report import curves, maps, particles
 from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops
-from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
+from moteslam.eval.scores import Figures, evidence_of, figures_of
 from moteslam.files import Shape, cleared, mark, read_arrays, write_atomically
 from moteslam.robot import se2
 from moteslam.robot.formats.bags import write as bags
@@ -112,8 +112,7 @@ def write_results(
         paths, spread = (one.astype(np.float32) for one in (estimate.particle_paths, estimate.particle_spread))
         arrays: dict[str, Any] = {"stamps": estimate.particle_stamps, "paths": paths, "spread": spread}
         write_atomically(folder / "particles.npz", lambda file: np.savez_compressed(file, **arrays))
-    looked = looks_for_loops(estimate.config)
-    if looked:
+    if evidence.loops is not None:
         write_loops(folder / "loops.csv", estimate.loops)
     if estimate.building is not None:
         write_g2o(folder / "graph.g2o", estimate.building.graph, comments=GRAPH_COMMENTS)
@@ -131,7 +130,7 @@ def write_results(
         "seed": estimate.seed,
         "filter_and_back_end_seconds": estimate.seconds,
         "warnings": [issue.as_dict() for issue in issues],
-        **({"loops": loop_counts(estimate.loops)} if looked else {}),
+        **({} if evidence.loops is None else {"loops": loop_counts(estimate.loops)}),
     }
     versions = {"python": platform.python_version(), **estimate.versions}
     write_json(folder / "run.json", {**about, **(run or {}), "versions": versions, "hardware": hardware()})

@@ -28,7 +28,7 @@ from moteslam.eval.metrics.relations import (
     read_relations,
     relation_doubts,
 )
-from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
+from moteslam.eval.metrics.residuals import scan_residuals
 from moteslam.eval.metrics.rpe import Unit, relative_pose_error
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import OCCUPIED, UNKNOWN, read_map, trinary
@@ -39,7 +39,6 @@ from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import TILT, Space, Trajectory, tilt_of
 from moteslam.robot.values import Issue, expect_type
 from moteslam.slam.backend.protocol import LoopCandidate
-from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.inputs.scans import Scans
@@ -69,6 +68,8 @@ def evidence_of(
     tracks = estimate.trajectory_final, estimate.trajectory, estimate.dead_reckoning
     states, updated, n_eff = (estimate.diagnostics[name] for name in ("state", "updated", "n_eff"))
     known = (estimate.covariances, states, updated, n_eff, estimate.particle_spread, estimate.corrections)
+    backend = estimate.config.backend  # looks for loops, unless they are switched off
+    looks = backend.method != "none" and getattr(getattr(backend, "loops", None), "enabled", True)
     return Evidence(
         trajectories=dict(zip(TRACKS, tracks, strict=True)),
         truth=truth,
@@ -77,14 +78,8 @@ def evidence_of(
         true_map=true_map,
         recording=recording,
         certainty=Certainty(*known),
-        loops=estimate.loops if looks_for_loops(estimate.config) else None,
+        loops=estimate.loops if looks else None,
     )
-
-
-def looks_for_loops(config: SlamConfig) -> bool:
-    """Whether the back end of a run looks for loops: any but ``none``, unless they are switched off."""
-    loops = getattr(config.backend, "loops", None)
-    return config.backend.method != "none" and getattr(loops, "enabled", True)
 
 
 def score_estimate(
@@ -245,10 +240,8 @@ def carried(trajectory: Trajectory, offset: Sequence[float]) -> Trajectory:
     return replace(moved, space=Space(there, space.rotations @ turn))
 
 
-def under_recording(
-    estimate: Trajectory, recording: Recording, *, scans: Scans | None = None
-) -> tuple[ResidualResult, Figures, Figures]:
-    """Score a trajectory by the scans of its recording: as ``against``, by ``scan_residuals``."""
+def under_recording(estimate: Trajectory, recording: Recording, scans: Scans | None = None) -> tuple[Figures, Figures]:
+    """Score a trajectory by the scans of its recording: figures and residuals by stamp, as of ``against``."""
     oriented(estimate)
     result = scan_residuals(recording, estimate, scans=scans)
     assert recording.lidar is not None  # or there would be no residuals
@@ -256,7 +249,7 @@ def under_recording(
     issues = few_matched(result.matched, min(len(estimate), len(recording.lidar)), "scans or poses", question)
     figures = {**result.as_dict(), "warnings": [issue.as_dict() for issue in issues]}
     medians = [None if isnan(median) else median for median in result.medians.tolist()]
-    return result, figures, {"stamps": result.stamps.tolist(), "median_m": medians}
+    return figures, {"stamps": result.stamps.tolist(), "median_m": medians}
 
 
 def measured(

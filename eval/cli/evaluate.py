@@ -155,7 +155,7 @@ def evaluate(
                 row |= {"reference": str(reference), **figures}
             if opened is not None:
                 with in_file(name):
-                    _, figures, medians = under_recording(one, opened, scans=scans)
+                    figures, medians = under_recording(one, opened, scans)
                 row |= {"recording": str(recording), "residuals": figures}
                 by_stamp["residuals"] = {**figures, "errors": medians}
         if opened is not None:

@@ -110,10 +110,9 @@ def score_loops(
         if recording is not None:
             among, why = possible_loops(recording, truth, scans=scans), "no key scan has a possible loop"
             possible, right = len(np.unique(among.later)), found.stamps[~found.is_false]
-            if possible and len(right):
-                loops_right = tree_of(np.interp(right, among.stamps, among.path))
-                apart = loops_right.query(among.places, p=np.inf)[0]  # the larger of the distances along the path
-                bound = len(np.unique(among.later[apart <= BOUND_PATH]))
+            loops_right = tree_of(np.interp(right, among.stamps, among.path))
+            apart = loops_right.query(among.places, p=np.inf)[0]  # the larger of the distances along the path
+            bound = len(np.unique(among.later[apart <= BOUND_PATH]))
     except InputError as error:
         if error.field != "trajectory":
             raise
@@ -176,8 +175,6 @@ def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | No
 def _shared(cloud: Array, others: list[Array]) -> Array:
     """The share [n] of each scan's endpoints, n arrays [k, 2], that is next to one of ``cloud`` [m, 2]; 0 of none."""
     counts = np.array([len(other) for other in others])
-    if not len(cloud):
-        return np.zeros(len(others))
     distances = tree_of(cloud).query(np.concatenate(others), distance_upper_bound=SAME_PLACE)[0]
     scan = np.repeat(np.arange(len(others)), counts)
     return np.asarray(np.bincount(scan[np.isfinite(distances)], minlength=len(others)) / np.maximum(counts, 1))

@@ -91,8 +91,6 @@ def map_accuracy(
 
 def _distances(points: Array, others: Array) -> Array:
     """Of points [n, 2] to the nearest of others [m, 2], at most ``FARTHEST``: [n] [m]."""
-    if not len(points) or not len(others):
-        return np.full(len(points), FARTHEST)
     return np.minimum(tree_of(others).query(points, distance_upper_bound=FARTHEST)[0], FARTHEST)
 
 
@@ -171,14 +169,13 @@ def _surface(scans: Scans, lidar: LidarStream, index: int, pose: Array) -> tuple
     """Endpoints of a scan taken at a pose [3], and their normals towards the lidar, zero where unknown, [k, 2] each."""
     points, joined = surface_points(scans, lidar, index, pose)
     normals = np.zeros_like(points)
-    if len(points) >= 3:
-        both = joined[:-1] & joined[1:]
-        along = points[2:][both] - points[:-2][both]
-        across = np.column_stack((-along[:, 1], along[:, 0])) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
-        inner = np.flatnonzero(both) + 1
-        origin = se2.transform_points(pose, scans.origin[None])
-        towards = np.sign((across * (origin - points[inner])).sum(axis=1))
-        normals[inner] = across * towards[:, None]
+    both = joined[:-1] & joined[1:]
+    along = points[2:][both] - points[:-2][both]
+    across = np.column_stack((-along[:, 1], along[:, 0])) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+    inner = np.flatnonzero(both) + 1
+    origin = se2.transform_points(pose, scans.origin[None])
+    towards = np.sign((across * (origin - points[inner])).sum(axis=1))
+    normals[inner] = across * towards[:, None]
     return points, normals
 
 

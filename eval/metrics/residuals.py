@@ -201,13 +201,11 @@ class _Lines:
         steps, none = np.diff(self.points, axis=0) * joined[:, None], np.zeros((1, 2))
         self.along = np.stack((np.vstack((steps, none)), np.vstack((none, -steps))))
         self.inner = np.append(joined, False) & np.append(False, joined)
-        self._tree = tree_of(self.points) if len(self.points) else None
+        self._tree = tree_of(self.points)
 
     def distances(self, points: Array) -> Array:
         """The residuals [n] of points [n, 2] against these lines [m]; infinite where there is none."""
         distances = np.full(len(points), np.inf)
-        if self._tree is None:
-            return distances
         found = np.asarray(self._tree.query(points, distance_upper_bound=REACH)[1])
         near = np.flatnonzero(found < len(self.points))
         nearest = found[near]

@@ -75,9 +75,7 @@ class Pace:
         return f"{self.speed:g} × real time, {self.fps:g} frames/s"
 
 
-def film(
-    simulation: Simulation, session: OnlineSlam, pace: Pace, progress: Callable[[float], None] = lambda _done: None
-) -> Iterator[Frame]:
+def film(simulation: Simulation, session: OnlineSlam, pace: Pace, progress: Callable[[float], None]) -> Iterator[Frame]:
     """The frames of a session over a simulation, in SLAM's frame; ``progress`` is called with how many scans are in."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
