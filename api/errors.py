@@ -11,6 +11,8 @@ from difflib import get_close_matches
 from os import PathLike
 from typing import Any, get_args
 
+File = str | PathLike[str]
+
 MOST_KEYS, NEAREST, LONGEST = 24, 3, 60
 """Of a table with more keys than the first so many are named; characters of a list that is shown."""
 
@@ -22,12 +24,7 @@ class MoteslamError(Exception):
     """
 
     def __init__(
-        self,
-        problem: str,
-        *,
-        file: str | PathLike[str] | None = None,
-        field: str | None = None,
-        line: int | None = None,
+        self, problem: str, *, file: File | None = None, field: str | None = None, line: int | None = None
     ) -> None:
         self.problem = problem
         self.file = None if file is None else str(file)
@@ -65,7 +62,7 @@ class BackendError(MoteslamError):
 
 
 @contextmanager
-def in_file(file: str | PathLike[str]) -> Iterator[None]:
+def in_file(file: File) -> Iterator[None]:
     """Errors of the block that name neither file nor option name this file, as the user wrote it."""
     try:
         yield

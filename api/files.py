@@ -8,14 +8,13 @@ import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import contextmanager, suppress
-from os import PathLike
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError, ExistsError, InputError, MoteslamError, OutputError
+from moteslam.errors import ConfigError, ExistsError, File, InputError, MoteslamError, OutputError
 
 MARKER = ".moteslam"  # In every result folder: a title, then the names of the files and folders beside it
 
@@ -28,7 +27,7 @@ Shape = tuple[int | str, ...]
 """A shape asked for: numbers, and letters that stand for one size throughout the file. ``()`` is one number."""
 
 
-def open_regular(path: str | PathLike[str], expected: str, *, error: type[MoteslamError] = InputError) -> IO[bytes]:
+def open_regular(path: File, expected: str, *, error: type[MoteslamError] = InputError) -> IO[bytes]:
     """Open a regular file for reading; a pipe or device, which may never end, is refused.
 
     ``expected`` is what should be there, for the message of the error: ``a TUM trajectory``.
@@ -43,9 +42,7 @@ def open_regular(path: str | PathLike[str], expected: str, *, error: type[Motesl
     raise error(f"is {kind}, expected {expected}", file=path)
 
 
-def read_bytes(
-    path: str | PathLike[str], expected: str, *, limit: int, error: type[MoteslamError] = InputError
-) -> bytes:
+def read_bytes(path: File, expected: str, *, limit: int, error: type[MoteslamError] = InputError) -> bytes:
     """The content of a regular file of at most ``limit`` bytes; the other arguments as of ``open_regular``."""
     try:
         with open_regular(path, expected, error=error) as file:
@@ -57,7 +54,7 @@ def read_bytes(
     return content
 
 
-def read_text(path: str | PathLike[str], expected: str, *, limit: int, error: type[MoteslamError] = InputError) -> str:
+def read_text(path: File, expected: str, *, limit: int, error: type[MoteslamError] = InputError) -> str:
     """The text of a regular UTF-8 file of at most ``limit`` bytes, without a byte order mark."""
     try:
         return read_bytes(path, expected, limit=limit, error=error).decode("utf-8-sig")
@@ -142,7 +139,7 @@ def file_within(folder: Path, name: str, *, file: Path, field: str) -> Path:
     return folder / name
 
 
-def write_atomically(path: str | PathLike[str], content: str | bytes | Callable[[IO[bytes]], None]) -> None:
+def write_atomically(path: File, content: str | bytes | Callable[[IO[bytes]], None]) -> None:
     """Write a complete file, or none: a text (UTF-8), bytes, or what a function writes into the open binary file."""
     path = Path(path)
     temporary = path.parent / f".moteslam-{secrets.token_hex(8)}"
@@ -168,7 +165,7 @@ def expect_file(path: Path) -> None:
         raise OutputError(f"cannot be written: it is {kind}, expected the name of a file", file=path)
 
 
-def make_folder(folder: str | PathLike[str]) -> None:
+def make_folder(folder: File) -> None:
     """Make a folder and those above it, unless it is there."""
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
@@ -177,7 +174,7 @@ def make_folder(folder: str | PathLike[str]) -> None:
 
 
 @contextmanager
-def folder_for(path: str | PathLike[str]) -> Iterator[None]:
+def folder_for(path: File) -> Iterator[None]:
     """Make the folders above a file that the block will write; where it fails, those that were made go again."""
     made = [folder for folder in Path(path).absolute().parents if not folder.exists()]
     make_folder(Path(path).absolute().parent)
@@ -191,9 +188,7 @@ def folder_for(path: str | PathLike[str]) -> Iterator[None]:
 
 
 @contextmanager
-def staged_file(
-    path: str | PathLike[str], *, force: bool = False, keep: str | PathLike[str] | None = None
-) -> Iterator[Path]:
+def staged_file(path: File, *, force: bool = False, keep: File | None = None) -> Iterator[Path]:
     """A file, with what its format puts beside it, that appears complete when the block ends; nothing where it fails.
 
     The block writes a file of the same name in a temporary folder, and others beside it. With ``force`` the file is
@@ -210,7 +205,7 @@ def staged_file(
             file.replace(path.with_name(file.name))
 
 
-def _is_replaced(path: Path, kind: str, *, force: bool, keep: str | PathLike[str] | None) -> bool:
+def _is_replaced(path: Path, kind: str, *, force: bool, keep: File | None) -> bool:
     """Whether a ``file`` or ``folder`` is there, which may be replaced."""
     if not (path.is_symlink() or path.exists()):
         return False
@@ -225,9 +220,7 @@ def _is_replaced(path: Path, kind: str, *, force: bool, keep: str | PathLike[str
 
 
 @contextmanager
-def result_folder(
-    path: str | PathLike[str], *, force: bool = False, keep: str | PathLike[str] | None = None
-) -> Iterator[Path]:
+def result_folder(path: File, *, force: bool = False, keep: File | None = None) -> Iterator[Path]:
     """A new folder that appears under its name, complete, when the block ends, and not at all when it fails.
 
     The block writes into a temporary folder. An existing one is replaced at the end with ``force``, if it holds nothing
@@ -252,7 +245,7 @@ def result_folder(
                 old.rename(target)
 
 
-def _expect_ours(path: Path, *, force: bool, keep: str | PathLike[str] | None) -> None:
+def _expect_ours(path: Path, *, force: bool, keep: File | None) -> None:
     """Refuse a folder that must not be replaced."""
     if not _is_replaced(path, "folder", force=force, keep=keep):
         return

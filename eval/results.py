@@ -12,14 +12,13 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import InputError, OutputError
+from moteslam.errors import File, InputError, OutputError
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.report import curves, maps, particles
@@ -75,7 +74,7 @@ SHAPES: dict[str, Shape] = {
 
 
 def write_results(
-    folder: str | PathLike[str],
+    folder: File,
     estimate: Estimate,
     truth: Trajectory | None = None,
     *,

@@ -10,14 +10,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from math import isfinite, isnan
-from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import InputError
+from moteslam.errors import File, InputError
 from moteslam.files import Shape, read_arrays, read_text, write_atomically
 from moteslam.robot.values import Summarised
 from moteslam.slam.backend.protocol import LoopCandidate, Verdict
@@ -85,7 +84,7 @@ def write_diagnostics(path: Path, estimate: Estimate) -> None:
     _write(path, DIAGNOSTICS_COLUMNS, ([repr(stamp), state, *map(_shown, row.tolist())] for stamp, state, row in rows))
 
 
-def read_diagnostics(path: str | PathLike[str]) -> Diagnostics:
+def read_diagnostics(path: File) -> Diagnostics:
     """Read ``diagnostics.csv``; an ``InputError`` names the line and the column that is broken."""
     rows = [row for _, row in _read(Path(path), DIAGNOSTICS_COLUMNS, "a table of diagnostics")]
     columns = {name: np.array([row[name] for row in rows], np.float64) for name in DIAGNOSTICS_COLUMNS}
@@ -101,7 +100,7 @@ def loop_counts(loops: Sequence[LoopCandidate]) -> dict[str, int]:
     return {"candidates": len(loops), **{verdict: counts[verdict] for verdict in VERDICTS}}
 
 
-def write_loops(path: str | PathLike[str], loops: Sequence[LoopCandidate]) -> None:
+def write_loops(path: File, loops: Sequence[LoopCandidate]) -> None:
     """Write ``loops.csv``."""
     rows = []
     for loop in loops:
@@ -110,7 +109,7 @@ def write_loops(path: str | PathLike[str], loops: Sequence[LoopCandidate]) -> No
     _write(path, LOOP_COLUMNS, rows)
 
 
-def read_loops(path: str | PathLike[str]) -> tuple[LoopCandidate, ...]:
+def read_loops(path: File) -> tuple[LoopCandidate, ...]:
     """Read ``loops.csv``; an ``InputError`` names the line and the column that is broken."""
     loops = []
     for line, row in _read(Path(path), LOOP_COLUMNS, "a table of loops"):
@@ -167,7 +166,7 @@ def _value(word: str, kind: Kind) -> float | None:
     return value if isfinite(value) or (kind == "number or nan" and isnan(value)) else None
 
 
-def _write(path: str | PathLike[str], columns: Iterable[str], rows: Iterable[Sequence[str]]) -> None:
+def _write(path: File, columns: Iterable[str], rows: Iterable[Sequence[str]]) -> None:
     write_atomically(path, "".join(",".join(row) + "\n" for row in chain((columns,), rows)))
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from moteslam.errors import InputError
+from moteslam.errors import File, InputError
 from moteslam.eval.metrics.association import covered, from_to, laid, nearest_rotation
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.eval.metrics.clocks import ALIKE, GAIN_METRES, SHAPE
@@ -73,7 +72,7 @@ class RelationResult(PoseErrors):
         return {**counts, "all": super().as_dict(), **some_or_none}
 
 
-def is_relations(path: str | PathLike[str]) -> bool:
+def is_relations(path: File) -> bool:
     """Whether a file holds relations rather than TUM poses; both are eight numbers a line.
 
     The last four of a TUM line are a quaternion: of length 1, or 0 throughout where there is no orientation. Of a
@@ -96,7 +95,7 @@ def is_relations(path: str | PathLike[str]) -> bool:
     return bool(angles and clock and rows[:, 4:].any())
 
 
-def read_relations(path: str | PathLike[str]) -> Relations:
+def read_relations(path: File) -> Relations:
     """Read ``t1 t2 x y z roll pitch yaw`` lines (metres, radians), of which x, y and yaw count."""
     path = Path(path)
     rows, lines = number_lines(path, "relations", 8, "t1 t2 x y z roll pitch yaw")

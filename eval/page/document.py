@@ -80,13 +80,12 @@ def gather(paths: Sequence[Path]) -> Material:
         material.runs += made
         if programs := {row.run.configuration: row.run.version for row in made if row.run.version}:
             material.facts[f"programs of {path.name}"] = programs
-    rows = {folder: runs.read_result_folder(folder) for folder in folders}
     # those of one configuration, by the text of ``config.toml``, are runs of it
     texts = runs.grouped(folders, lambda at: read_text(at / CONFIG, "a file of a result folder", limit=runs.MAX_BYTES))
     names = _names(texts)
     for text, members in texts.items():
         material.documents.append((f"Configuration {names[text]}", text))
-        for row in (rows[folder] for folder in members):
+        for row in map(runs.read_result_folder, members):
             material.runs.append(row.renamed(names[text]))
             for title, values in row.facts.items():
                 material.facts.setdefault(title.capitalize(), dict(values))

@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from moteslam.errors import File
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.relations import RelationResult
 from moteslam.eval.report import style
-from moteslam.eval.report.style import File, curve_axes, line_look
+from moteslam.eval.report.style import curve_axes, line_look
 from moteslam.eval.runs import CONFIGURATION, SETTINGS, Shown, better, grouped, headings, key_words, summary_of, varying
 from moteslam.eval.statistics import FEWEST
 from moteslam.eval.sweep.store import Row

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError, OutputError
+from moteslam.errors import ConfigError, File, OutputError
 from moteslam.eval.report import style
 from moteslam.eval.report.maps import draw_map
 from moteslam.eval.tables import shortened
@@ -155,7 +155,7 @@ def _seen_from(start: Array, points: Array) -> Array:
     return se2.transform_points(se2.inverse(start), points)
 
 
-def check_film(path: style.File) -> None:
+def check_film(path: File) -> None:
     """Refuse a film that cannot be written, before it is made."""
     kind = Path(path).suffix.lower()
     if kind not in (".gif", ".webp", ".mp4"):
@@ -165,7 +165,7 @@ def check_film(path: style.File) -> None:
         raise OutputError(f"OpenCV here has no encoder that browsers play ({known}), expected .webp or .gif", file=path)
 
 
-def write_film(path: style.File, frames: Iterable[Frame], *, fps: float = 15.0) -> None:
+def write_film(path: File, frames: Iterable[Frame], *, fps: float = 15.0) -> None:
     """Write frames, all of one size, one at least, as a GIF, WebP or MP4, by the name's ending, as they come."""
     check_film(path)
     kind = Path(path).suffix.lower()

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.errors import File
 from moteslam.eval.metrics.association import evenly
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import style
-from moteslam.eval.report.style import STYLE, File
+from moteslam.eval.report.style import STYLE
 from moteslam.eval.run_tables import loop_counts
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording

@@ -8,9 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.errors import File
 from moteslam.eval.metrics.association import travelled
 from moteslam.eval.report import style
-from moteslam.eval.report.style import STEPS, File, broken
+from moteslam.eval.report.style import STEPS, broken
 from moteslam.robot.se2 import Array, between, compose
 from moteslam.robot.values import expect_type
 from moteslam.slam.estimate import Estimate

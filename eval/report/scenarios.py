@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from moteslam.errors import File
 from moteslam.eval.report import style
 from moteslam.robot.formats.map_server import FREE
 from moteslam.robot.se2 import Array
@@ -37,7 +38,7 @@ ARROW: dict[str, Any] = {
 """A triangle 0.11 inch long and 0.07 wide."""
 
 
-def draw_scenario(path: style.File, scenario: Scenario, *, driven: Array | None = None) -> None:
+def draw_scenario(path: File, scenario: Scenario, *, driven: Array | None = None) -> None:
     """Draw a scenario as a plan; the path [n, 2] that was driven [m] in place of its route."""
     from matplotlib.collections import LineCollection, PolyCollection
     from matplotlib.patches import Rectangle

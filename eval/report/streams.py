@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from moteslam.errors import File
 from moteslam.eval.metrics.association import evenly
 from moteslam.eval.report import style
 from moteslam.eval.report.style import DEAD_RECKONING, SLAM
@@ -16,7 +17,7 @@ BINS = 240  # Across the time of a recording
 RANGES = 180  # At most this many beams of a scan are drawn
 
 
-def draw_streams(path: style.File, recording: Recording, found: Inspection) -> None:
+def draw_streams(path: File, recording: Recording, found: Inspection) -> None:
     """Draw what a recording's streams cover, their rates, the yaw rates they measure, and all its ranges, over time."""
     stamps = {name: some for name, some in recording.stamps().items() if len(some)}
     first = min(float(some[0]) for some in stamps.values())

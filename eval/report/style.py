@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from moteslam.errors import InputError, OutputError
+from moteslam.errors import File, InputError, OutputError
 from moteslam.eval.tables import literal, shortened
 from moteslam.files import write_atomically
 from moteslam.robot.se2 import Array
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     Axes = matplotlib.axes.Axes  # of annotations here and in the files beside this one
-
-File = str | PathLike[str]
 
 
 @dataclass(frozen=True)
