@@ -76,7 +76,7 @@ def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
         _latest[run.case] = load_case(run)
     case = _latest[run.case]
     evidence, cost, issues = (_external if run.command else _ours)(run, case)
-    evidence = replace(evidence, relations=case.relations, cost=cost if timed else None)
+    evidence = replace(evidence, cost=cost if timed else None)
     metres, by = evidence.driven
     scans = len(evidence.trajectories[FINAL])
     values = {"scans": Value(scans, ""), "distance": Value(metres, "m", more={"by": by})}
@@ -97,7 +97,7 @@ def _ours(run: PlannedRun, case: Case) -> tuple[Evidence, Cost, tuple[Issue, ...
         pass
     found = session.estimate()
     cpu, wall = time.process_time() - began, time.perf_counter() - clock
-    evidence = evidence_of(found, case.truth, recording=case.recording, true_map=case.true_map)
+    evidence = evidence_of(found, **case._asdict())
     memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return evidence, Cost(cpu, wall, memory, tuple(found.diagnostics["seconds"].tolist())), found.warnings
 
@@ -146,6 +146,5 @@ def _external(run: PlannedRun, case: Case) -> tuple[Evidence, Cost, tuple[Issue,
     trajectory, occupancy = estimate(external, case.recording, run.seed)
     wall, after = time.perf_counter() - clock, resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    about = {"truth": case.truth, "occupancy": occupancy, "true_map": case.true_map, "recording": case.recording}
-    evidence = Evidence({FINAL: trajectory}, **about)  # type: ignore[arg-type]
+    evidence = Evidence({FINAL: trajectory}, occupancy=occupancy, **case._asdict())
     return evidence, Cost(cpu, wall, 1024 * after.ru_maxrss), trajectory.warnings

@@ -231,14 +231,12 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Fac
             tables = (json.loads(one) for one in (text, store.spec))
             mine, theirs = ({key: json.dumps(value) for key, value in table.items()} for table in tables)
             differ = [key for key in {**mine, **theirs} if mine.get(key) != theirs.get(key)]
-            more = differ == ["seeds"] and part == WHOLE
-            before = SweepSpec.model_validate_json(store.spec)
-            problems = {
-                f"is of another specification, by {', '.join(differ)}": bool(differ) and not more,
-                f"holds part {store.part}, not {part}": store.part != part,
-            }
-            problem = next((problem for problem, found in problems.items() if found), "")
-            if not problem and store.digest and store.digest != digest(plan(before, check=False)):
+            more, problem = differ == ["seeds"] and part == WHOLE, ""
+            if differ and not more:
+                problem = f"is of another specification, by {', '.join(differ)}"
+            elif store.part != part:
+                problem = f"holds part {store.part}, not {part}"
+            elif store.digest not in ("", digest(plan(SweepSpec.model_validate_json(store.spec), check=False))):
                 problem = "has runs of other scenarios, robots or plug-ins of these names"
             if problem:
                 with in_file(file):
