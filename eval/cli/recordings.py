@@ -18,7 +18,6 @@ from moteslam.eval.tables import Column, aligned, literal, rows_of
 if TYPE_CHECKING:
     from moteslam.robot.inspection import Inspection
     from moteslam.robot.platform import Platform
-    from moteslam.robot.recording import Recording
     from moteslam.robot.sensor_reports import LidarReport
     from moteslam.robot.trajectory import Trajectory
     from moteslam.robot.values import Issue
@@ -61,15 +60,6 @@ def inspect(
       moteslam inspect robot.bag --deep --plot robot.png
       moteslam inspect ucsd --sequence 20 --json
     """  # noqa: D301
-    with options.new_file(plot, *options.FIGURES, force=force):
-        whole, lines = _inspected(part.open(path), tuple(part.about_each_lidar(path)), deep=deep, plot=plot)
-    answer(whole, lines, as_json=as_json)
-
-
-def _inspected(
-    recording: Recording, more: tuple[Issue, ...], *, deep: bool, plot: Path | None
-) -> tuple[dict[str, Any], Iterator[str]]:
-    """All that is found, as JSON has it and in words."""
     import numpy as np
 
     from moteslam.robot.inspection import inspect_recording
@@ -78,24 +68,27 @@ def _inspected(
     from moteslam.slam.inputs.config import SyncConfig
     from moteslam.slam.inputs.synchronise import about_jumps, synchronise, warnings
 
-    found, about = inspect_recording(recording, deep=deep), checked(recording)[1]
-    more += () if about is None else about.issues
-    about, read = about if about is not None and about.figures else None, True
-    if recording.lidar is not None:  # what a replay says of it
-        read = deep or isinstance(recording.lidar.ranges, np.ndarray) or recording.lidar.ranges.size < READ
-        try:
-            inputs = synchronise(recording, trusting(SyncConfig(travelling=read, deskew=False), more))
-            more += tuple(one for one in warnings(recording, inputs, read_ranges=read) if one not in more)
-            more += about_jumps(inputs.stamps, inputs.odometry, inputs.jumped)
-        except InputError as error:
-            more += (Issue("refused", f"SLAM refuses it: {error}"),)
-    found = replace(found, problems=(*found.problems, *more))
-    if plot is not None:
-        from moteslam.eval.report.streams import draw_streams
+    with options.new_file(plot, *options.FIGURES, force=force):
+        recording, more, read = part.open(path), tuple(part.about_each_lidar(path)), True
+        found, about = inspect_recording(recording, deep=deep), checked(recording)[1]
+        more += () if about is None else about.issues
+        about = about if about is not None and about.figures else None
+        if recording.lidar is not None:  # what a replay says of it
+            read = deep or isinstance(recording.lidar.ranges, np.ndarray) or recording.lidar.ranges.size < READ
+            try:
+                inputs = synchronise(recording, trusting(SyncConfig(travelling=read, deskew=False), more))
+                more += tuple(one for one in warnings(recording, inputs, read_ranges=read) if one not in more)
+                more += about_jumps(inputs.stamps, inputs.odometry, inputs.jumped)
+            except InputError as error:
+                more += (Issue("refused", f"SLAM refuses it: {error}"),)
+        found = replace(found, problems=(*found.problems, *more))
+        if plot is not None:
+            from moteslam.eval.report.streams import draw_streams
 
-        draw_streams(plot, recording, found)
+            draw_streams(plot, recording, found)
     whole = {**found.to_dict(), "calibration": None if about is None else [asdict(one) for one in about.figures]}
-    return whole, chain(_lines(found, recording.platform, about), () if read else (UNREAD,))
+    lines = chain(_lines(found, recording.platform, about), () if read else (UNREAD,))
+    answer(whole, lines, as_json=as_json)
 
 
 def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Iterator[str]:

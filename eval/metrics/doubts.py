@@ -1,7 +1,5 @@
 """What is doubtful where a trajectory is compared with another one: clocks, units, axes, planes, few partners."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf
@@ -18,6 +16,8 @@ from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import TILT, Space, Trajectory, rotations_of, tilt_of
 from moteslam.robot.values import Issue, counted, when
 from moteslam.slam.inputs.odometry_path import jumps
+
+Reasons = Iterator[tuple[float, Issue]]  # What explains errors, each with the error that it leaves [m]
 
 SMALL, SAME, TURNED = 0.1, 1e-4, 2.0
 """Errors and sizes below the first [m] are no other unit, and a robot that turns by more than the third in all [rad]
@@ -42,9 +42,7 @@ STEPS = {"implausible-speed", "poses-held", "equal-stamps", "positions-rounded"}
 LATEST, APART = 2.0, 0.02  # Offsets of a clock that are tried on relations, and on headings alone: up to [s], every [s]
 
 
-def _lever_arm(
-    estimate: Trajectory, reference: Trajectory, ate: AteResult, share: float
-) -> Iterator[tuple[float, Issue]]:
+def _lever_arm(estimate: Trajectory, reference: Trajectory, ate: AteResult, share: float) -> Reasons:
     """The fixed offset on the robot that leaves less than a share of the error, in the body axes of the estimate, or of
     the reference where only that has orientations.
 
@@ -201,9 +199,7 @@ def _of_space(estimate: Trajectory, reference: Trajectory) -> Iterator[Issue]:
         yield Issue("heights-left-out", text, len(reference))
 
 
-def _inverted(
-    estimate: Trajectory, reference: Trajectory, ate: AteResult, apart: float
-) -> Iterator[tuple[float, Issue]]:
+def _inverted(estimate: Trajectory, reference: Trajectory, ate: AteResult, apart: float) -> Reasons:
     """Whether it is the inverse of the estimate's poses that fits the reference: the world in the body."""
     if ate.rotation_errors is None or ate.rmse < SMALL:
         return
@@ -217,7 +213,7 @@ def _inverted(
         yield rmse, Issue("poses-inverted", f"{text}: are they those of the world in the body?")
 
 
-def _shapes(ate: AteResult) -> Iterator[tuple[float, Issue]]:
+def _shapes(ate: AteResult) -> Reasons:
     """What is said of the shapes of two paths, with the error in the plane that it leaves; points are complex."""
     there, true = ((one[:, :2] - one[:, :2].mean(axis=0)) @ (1, 1j) for one in (ate.aligned, ate.reference))
     own, spread = float(np.square(np.abs(there)).mean()), float(np.sqrt(np.square(np.abs(true)).mean()))
