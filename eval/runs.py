@@ -20,7 +20,7 @@ from moteslam.eval.sweep.spec import PREFIXES
 from moteslam.eval.sweep.store import Key, Row, opened, within
 from moteslam.eval.tables import fitting, number
 from moteslam.files import read_text
-from moteslam.robot.values import first_complaint
+from moteslam.robot.values import first_complaint, interval
 
 MAX_BYTES = 50_000_000  # No file of a result folder that is read here is larger
 SETTINGS = ("scenario", "platform", "noise")  # Columns that say where a run was made
@@ -184,6 +184,11 @@ class Shown(NamedTuple):
 
     def text(self, value: float | None, *, sign: bool = False) -> str:
         return number(None if value is None else self.factor * value, sign=sign)
+
+    def median(self, one: Mapping[str, Any], *, sign: bool = False) -> tuple[str, str]:
+        """That of a summary or a comparison, and its interval."""
+        middle, low, high = (self.text(one[end], sign=sign) for end in ("median", "low", "high"))
+        return middle, interval(low, high)
 
 
 def headings(rows: Sequence[Row], names: Sequence[str], units: Mapping[str, str] | None = None) -> dict[str, Shown]:

@@ -95,7 +95,7 @@ def _lines(
         cells = tables[shown.title] = []
         for other, place, one in ((other, *item) for other, each in compared[name].items() for item in each.items()):
             counts = [str(count) for count in (*(one[count] for count in COUNTS), *one["failed"][::-1])]
-            figures = (*counts[:-2], *median_cells(one, shown, sign=True), f"{one['p']:.2g}", *counts[-2:])
+            figures = (*counts[:-2], *shown.median(one, sign=True), f"{one['p']:.2g}", *counts[-2:])
             cells.append((other, *([place] if several else []), *figures))
     if form != "text":
         yield FORMATS[form]([("metric", *head), *((title, *cell) for title, cells in tables.items() for cell in cells)])
@@ -108,14 +108,6 @@ def _lines(
         yield f"fewer than {FEWEST} pairs have no 95 % interval"
     if also:
         yield also
-
-
-def median_cells(one: Mapping[str, Any], shown: Shown, *, sign: bool = False) -> tuple[str, str]:
-    """A median and its interval."""
-    from moteslam.robot.values import interval
-
-    median, low, high = (shown.text(one[end], sign=sign) for end in ("median", "low", "high"))
-    return median, interval(low, high)
 
 
 def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], dict[str, Shown]]:
@@ -162,7 +154,7 @@ def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str)
             columns.append([f"driven by {by} [m]", *(number(each["driven_m"]) for each in groups)])
         few = form != "csv" and all(each["runs"] < FEWEST for each in groups)
         for name, shown in titles.items():
-            medians, ranges = zip(*(median_cells(each["metrics"][name], shown) for each in groups), strict=True)
+            medians, ranges = zip(*(shown.median(each["metrics"][name]) for each in groups), strict=True)
             columns.append([shown.title, *medians])
             columns += [] if few else [[f"{shown.title} 95 %" if form == "csv" else "95 %", *ranges]]
         yield FORMATS[form]([*zip(*columns, strict=True)])

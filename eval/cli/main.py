@@ -8,8 +8,7 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from typing import Annotated, Any
 
 import typer
@@ -91,7 +90,9 @@ def run(arguments: list[str], program: typer.Typer = app, name: str = "moteslam"
     try:
         if program is app:  # a script has its own way with Ctrl-C, and may leave files
             on_interrupt()
-        with _warnings_noted():
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", MoteslamWarning)
+            warnings.showwarning = partial(_show, warnings.showwarning)
             code = program(args=arguments, prog_name=name, standalone_mode=False)
         with stdout_named():
             sys.stdout.flush()
@@ -106,19 +107,11 @@ def run(arguments: list[str], program: typer.Typer = app, name: str = "moteslam"
     return code if isinstance(code, int) else 0
 
 
-@contextmanager
-def _warnings_noted() -> Iterator[None]:
-
-    def show(message: Warning | str, category: type[Warning], *details: Any, **more: Any) -> None:
-        if issubclass(category, MoteslamWarning):
-            note(f"warning: {message}")
-        else:
-            usual(message, category, *details, **more)
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", MoteslamWarning)
-        usual, warnings.showwarning = warnings.showwarning, show
-        yield
+def _show(usual: Any, message: Warning | str, category: type[Warning], *details: Any, **more: Any) -> None:
+    if issubclass(category, MoteslamWarning):
+        note(f"warning: {message}")
+    else:
+        usual(message, category, *details, **more)
 
 
 def _interrupted(error: BaseException) -> int:

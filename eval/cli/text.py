@@ -1,19 +1,14 @@
 """What the command line says: results on stdout, notes and progress on stderr, names of files exactly as they are."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from moteslam.errors import OutputError
 from moteslam.eval.cli.interrupt import check_interrupt
 from moteslam.eval.tables import literal
-
-if TYPE_CHECKING:
-    from moteslam.robot.values import Issue
 
 STDOUT = "stdout"  # What errors call it
 
@@ -49,7 +44,7 @@ def note(text: object) -> None:
     sys.stderr.write(f"moteslam: {literal(text)}\n")
 
 
-def warn(issues: Iterable[Issue]) -> None:
+def warn(issues: Iterable[object]) -> None:
     """A line on stderr for each issue."""
     for issue in issues:
         note(f"warning: {issue}")
