@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import one_thread, runtime, ti
+from moteslam.kernels.runtime import one_thread, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, I32, I32_1D, U16_1D, func, kernel, template
 
 _FAR = 1e6
@@ -209,7 +209,6 @@ def render_colour(
     columns = (x - corner[0], y - corner[1], np.cos(heading), np.sin(heading))
     moved = np.stack(columns, axis=-1).astype(np.float32)
     out = np.empty((len(cameras), len(view.bins)), np.int32)
-    runtime()
     if len(cameras):
         _colour(
             view.rays, view.bins, fan, moved, view.height, floor.reshape(-1), *floor.shape, 1 / cell_size, noise,
@@ -234,7 +233,6 @@ def render_disparity(
     view = depth.view
     fan, first = _prepared(view, len(reaches), reaches, noise, starts, 0)
     out = np.empty((len(fan), len(view.bins)), np.uint16)
-    runtime()
     if len(fan):
         _disparity(
             depth.table, view.bins, fan, depth.offset, *depth.limits, float(depth.nothing), noise, first, view.run,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
-from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
+from moteslam.kernels.runtime import one_thread, passes_for, ti
 from moteslam.kernels.tiles import SIDE, STEPS, Tiles, address, steps_of, weight_of
 from moteslam.kernels.types import F32, F32_1D, F32_2D, I16_1D, I32, I32_1D, I32_2D, I64_1D, func, kernel
 
@@ -51,7 +51,6 @@ def _scores(tiles: Tiles, near: float, first: NDArray[np.int64], last: NDArray[n
     """The box [H, W] of scores from a first cell (column, row) to a last one, both of the table."""
     (left, below), (wide, high) = first.tolist(), (last - first + 1).tolist()
     laid = np.empty((high, wide), np.int32)
-    runtime()
     _lay_out(tiles.pool, tiles.table, tiles.first, tiles.columns, left, below, int(near * STEPS), laid)
     return laid
 

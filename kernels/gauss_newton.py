@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.kernels.checks import as_finite
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import ti
 from moteslam.kernels.tiles import STEPS, bilinear
 from moteslam.kernels.types import F32, F64, F64_2D, I32, func, kernel, template
 
@@ -245,7 +245,6 @@ def keep_predictions(
     shifts = as_finite("offsets", offsets, np.float64, (None, 3))
     found = np.hstack((shifts, as_finite("information", information, np.float64, (len(shifts), 6))))
     about = as_finite("means", means, np.float64, (len(shifts), 3))
-    runtime()
     if len(found):
         _keep_all(found, about, *kept)
     return found[:, :3], found[:, 3:]

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
+from moteslam.kernels.runtime import one_thread, passes_for, ti
 from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, U8_1D, U32, U64_1D, func, kernel, template
 
 AT_ONCE = 64  # Beams whose cells are found before the first is read: few enough to unroll and for the fastest cache
@@ -212,7 +212,6 @@ def match_poses(
     places = (np.cos(turned[:, 2]), np.sin(turned[:, 2]), *((turned[:, :2] - corner) / cell_size).T)
     frames = np.stack(places, axis=1).astype(np.float32)  # in cells, as the scan
     scan = np.ascontiguousarray((as_finite("points", points, np.float64, (None, 2)) / cell_size).T, np.float32)
-    runtime()
     scores, best = np.zeros(len(poses), np.int32), np.zeros(len(poses), np.int32)
     i, j, k = np.indices((len(xy), len(xy), len(theta)))
     centre, ahead = np.abs(xy).argmin(), np.abs(theta).argmin()

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import one_thread, runtime, ti
+from moteslam.kernels.runtime import one_thread, ti
 from moteslam.kernels.types import F64, F64_2D, U32, func, kernel
 
 ROUNDS = 10
@@ -121,6 +121,5 @@ def sample_motion(poses: NDArray[np.float64], motion: ArrayLike, spread: ArrayLi
     check_array("poses", poses, np.float64, (None, 3), written=True)
     motion = as_finite("motion", motion, np.float64, (3,))
     spread = as_finite("spread", spread, np.float64, (3,))
-    runtime()
     if len(poses):
         _sample_motion(poses, *motion.tolist(), *spread.tolist(), seed & 0xFFFFFFFF, seed >> 32, step)

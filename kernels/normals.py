@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
-from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
+from moteslam.kernels.runtime import one_thread, passes_for, ti
 from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, func, kernel, template
 
 UNKNOWN = 1e9  # The variance of a direction that too few points give
@@ -112,7 +112,6 @@ def scan_normals(
     if not len(begin) or begin[0] != 0 or begin[-1] != len(ends) or (np.diff(begin) < 0).any():
         raise InputError(f"not rising from 0 to the {len(ends)} points", field="starts")
     normals = np.zeros_like(ends)
-    runtime()
     if len(ends):
         _normals(ends, linked, begin, reach, noise, largest, normals, passes_for(len(begin) - 1))
     return normals

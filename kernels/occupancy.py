@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import check_array
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import ti
 from moteslam.kernels.types import I16_1D, I32, I32_1D, I32_2D, U8_1D, func, kernel, template
 
 
@@ -116,7 +116,6 @@ def update_grid(
     if width % 8:
         raise InputError(f"{width} columns, expected a multiple of 8", field="occupied")
     start, ends = _cells("start", start, (2,), shape), _cells("ends", ends, (None, 2), shape)
-    runtime()
     if len(ends):
         fresh = np.empty(1 if per_ray else len(ends), np.int32)
         _update_grid(

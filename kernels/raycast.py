@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import one_thread, runtime, ti
+from moteslam.kernels.runtime import one_thread, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_1D, F64_2D, I32, I32_1D, func, kernel, template
 
 MAX_BUCKETS = 2**20  # Largest number of buckets; in larger worlds the buckets are larger
@@ -220,7 +220,6 @@ def cast_surfaces(
     origins = as_finite("origins", origins, np.float64, (None, 2))
     angles = as_finite("angles", angles, np.float64, (len(origins),))
     out, hit = np.empty(len(origins), np.float32), np.empty(len(origins), np.int32)
-    runtime()
     if len(out):
         directions = np.empty((2, len(out)), np.float32)
         _cast_all(
@@ -312,7 +311,6 @@ def cast_movers(
     leaves = lines.shape[1]
     lines = as_finite("lines", lines.reshape(-1, 4), np.float32, (None, 4))
     hit = np.full(len(origins), -1, np.int32)
-    runtime()
     if len(origins) and count + leaves:
         one = np.zeros((1, 4), np.float32)  # Taichi takes no empty array
         _cast_movers(

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.checks import check_array
 from moteslam.kernels.gauss_newton import NOT_KEPT, Kept, by_offset, descend, keep_prediction, place_in_cells, square
-from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
+from moteslam.kernels.runtime import one_thread, passes_for, ti
 from moteslam.kernels.tiles import SIDE, STEPS, Tiles, bilinear, read, steps_of, weight_of
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_2D, I16_1D, I32, I32_1D, func, kernel, template
 
@@ -227,7 +227,6 @@ def register_scans(
     if maps not in (1, n):
         raise InputError(f"of {maps} particles, expected 1 or one for each of {n} queries", field="tiles")
     scan, found = np.ascontiguousarray(np.asarray(points, np.float32).T), np.empty((n, FOUND))
-    runtime()
     if n:
         _register(
             pool, table, begin, columns * rows if maps > 1 else 0, columns, rows, queries, scan, scan.shape[1],

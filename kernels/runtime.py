@@ -161,21 +161,19 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
     Taichi spends 13 us on each array of a call, longer than many a kernel runs. Once a kernel is compiled, a call whose
     arguments have exactly the annotated types is handed to the compiled kernel directly; every other call, and every
-    call with another release of Taichi, goes through Taichi, which compiles, converts or raises. On the CPU arguments
+    call with another release of Taichi, goes through Taichi, initialised if it was not yet. On the CPU arguments
     that did not change since the last launch are not set again. Without this a replay takes a third longer with one
     particle, an eighth with thirty.
     """
-    own = ti.kernel(function)
-    if ti.__version__ != (1, 7, 4):  # the release whose internals are used here
-        return own  # type: ignore[no-any-return]
-    annotations = [argument.annotation for argument in own._primal.arguments]
+    own, known = ti.kernel(function), ti.__version__ == (1, 7, 4)  # the release whose internals are used here
+    annotations = [argument.annotation for argument in own._primal.arguments] if known else []
     templates = [index for index, each in enumerate(annotations) if isinstance(each, ti.template)]
     compiled: dict[tuple[Any, ...], Any] = {}  # by the values of the templates
     idle: dict[tuple[Any, ...], list[_Launch]] = {}
 
-    @wraps(function)
+    @wraps(own)
     def launcher(*arguments: Any) -> None:
-        complete = len(arguments) == len(annotations)
+        complete = known and len(arguments) == len(annotations)
         values = tuple([arguments[index] for index in templates]) if complete else ()
         if complete and values in compiled:
             waiting = idle[values]
@@ -184,8 +182,9 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
                 if runtime().arch == "cpu":
                     waiting.append(launch)
                 return
+        debug = runtime().debug  # initialised before the first launch
         own(*arguments)
-        if not runtime().debug:  # only Taichi's own launch reports a bounds check that failed
+        if known and not debug:  # only Taichi's own launch reports a bounds check that failed
             idle[values] = []
             compiled[values] = own._primal.compiled_kernels[own._primal.ensure_compiled(*arguments)]
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
+from moteslam.kernels.runtime import one_thread, passes_for, ti
 from moteslam.kernels.types import F32, F32_2D, F64, F64_2D, I32, I32_1D, I32_2D, func, kernel
 
 MAX_PARTNERS = 32  # Other scans that one scan's endpoints are held to; kept on the stack of each thread
@@ -160,7 +160,6 @@ def match_endpoints(
     runs = np.column_stack((np.r_[starts, len(ends)], np.r_[sources[starts], len(mates)])).astype(np.int32)
     begin = np.zeros(columns * rows + 1, np.int32)  # the first run of each cell
     np.cumsum(np.bincount(cells[starts], minlength=columns * rows), out=begin[1:])
-    runtime()
     _match(
         placed[order], across[order], order, runs, begin, scans, mates, columns, rows, float(inverse), reach,
         agreement, matches,
@@ -212,7 +211,6 @@ def accumulate(
         raise InputError(f"a point beyond the {len(ends)}", field="matches")
     frames = np.column_stack((np.cos(placed[:, 2]), np.sin(placed[:, 2]), placed[:, :2]))
     pairs, costs = np.zeros((n, slots * PAIR)), np.zeros((n, 2))
-    runtime()
     if n and len(ends):
         _accumulate(ends, across, begin, frames, mates, matches, scale, pairs, costs, passes_for(len(frames)))
     return pairs.reshape(n, slots, PAIR), costs

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
+from moteslam.kernels.runtime import one_thread, passes_for, ti
 from moteslam.kernels.types import F32, F32_2D, F64, F64_2D, I32, I32_1D, func, kernel, template
 
 NOT_FINITE = 0x7F800000
@@ -72,7 +72,6 @@ def project_scans(
     start_x, start_y = (float(v) for v in as_finite("origin", origin, np.float64, (2,)))
     moved = as_finite("sweeps", np.zeros((scans, 3)) if sweeps is None else sweeps, np.float64, (scans, 3))
     points, counts = np.empty((scans * beams, 2), np.float32), np.zeros(scans, np.int32)
-    runtime()
     if given.size:
         reach = min(max_range, float(np.finfo(np.float32).max))
         _project(given, along, moved, start_x, start_y, reach, points, counts)
@@ -195,7 +194,6 @@ def thin_scans(
     thinned, left = np.empty((len(ends), 2), np.float32), np.zeros_like(many)
     linked, joined = (np.empty(len(ends), np.int32) for _ in range(2))
     if len(ends) and len(firsts):
-        runtime()
         _thin(
             ends, firsts, many, float(start[0]), float(start[1]), gap, gap_from_range, spacing, max_spacing,
             max_points, linked, thinned, joined, left, passes_for(len(firsts)),

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import one_thread, runtime, ti
+from moteslam.kernels.runtime import one_thread, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, I32, I32_1D, I32_2D, I64_1D, U8_1D, U16_1D, kernel
 
 
@@ -93,7 +93,6 @@ def add_frame(
     matrix = as_finite("mount", mount, np.float32, (3, 4))
     if flat and not matrix[2, 3] > height_limit:
         raise InputError(f"a camera {matrix[2, 3]:g} m above a flat floor, expected more than its limit", field="mount")
-    runtime()
     if sums.size and disparity.size:
         _add_frame(
             sums.reshape(-1), *sums.shape[:2], disparity.reshape(-1), rgb.reshape(-1), *disparity.shape, numbers,
@@ -160,7 +159,6 @@ def match_colours(
     columns = (places[:, 0] - corner[0], places[:, 1] - corner[1], np.cos(places[:, 2]), np.sin(places[:, 2]))
     moved = np.stack(columns, axis=-1).astype(np.float32)
     out = np.zeros((len(places), 2), np.int32)
-    runtime()
     if len(places) and len(patch) and packed.size:
         _match_colours(
             np.ascontiguousarray(patch.T), colours, moved, packed.reshape(-1), *packed.shape, 1 / cell_size, limit, out
