@@ -319,6 +319,17 @@ class Recording(Summarised):
             found |= {"rgb": self.rgbd.rgb_stamps, "disparity": self.rgbd.disparity_stamps}
         return found
 
+    def with_poses(
+        self, change: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+    ) -> Recording:
+        """A copy with the poses of its odometry, and those logged with scans, changed: [n, 3] at stamps [n] [s]."""
+        lidar, odometry = self.lidar, self.odometry
+        if lidar is not None and lidar.odometry is not None:
+            lidar = replace(lidar, odometry=change(lidar.stamps, lidar.odometry))
+        if odometry is not None:
+            odometry = replace(odometry, poses=change(odometry.stamps, odometry.poses))
+        return self.replace(lidar=lidar, odometry=odometry)
+
     def _summary(self) -> str:
         streams = [(name, getattr(self, name)) for name in STREAMS]
         parts = [f"{name}: {stream._summary()}" for name, stream in streams if stream is not None]

@@ -5,7 +5,7 @@ Faults of the log are apart from the sensors, since none of them changes what is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Annotated, Literal
 
@@ -215,7 +215,7 @@ def with_odometry_faults(recording: Recording, faults: Iterable[object]) -> Reco
 def _stale(recording: Recording, stale: StaleOdometry) -> Recording:
     """The recording with the odometry's poses held."""
     held = _last_before(recording.odometry, stale.start + EPOCH)
-    return _changed(recording, lambda stamps, poses: np.where(stale.covers(stamps - EPOCH)[:, None], held, poses))
+    return recording.with_poses(lambda stamps, poses: np.where(stale.covers(stamps - EPOCH)[:, None], held, poses))
 
 
 def _jumping(recording: Recording, jump: OdometryJump) -> Recording:
@@ -224,8 +224,8 @@ def _jumping(recording: Recording, jump: OdometryJump) -> Recording:
     before = _last_before(recording.odometry, at)
     there = np.zeros(3) if jump.reset else se2.compose(before, (jump.x, jump.y, jump.theta))
     move = se2.compose(there, se2.inverse(before))
-    recording = _changed(
-        recording, lambda stamps, poses: np.where((stamps >= at)[:, None], se2.compose(move, poses), poses)
+    recording = recording.with_poses(
+        lambda stamps, poses: np.where((stamps >= at)[:, None], se2.compose(move, poses), poses)
     )
     encoders, wheels = recording.encoders, recording.platform.wheels
     assert encoders is not None
@@ -235,16 +235,6 @@ def _jumping(recording: Recording, jump: OdometryJump) -> Recording:
     counts = np.array(encoders.counts)
     counts[np.flatnonzero(encoders.stamps >= at)[:1]] += np.rint((right, left, right, left)).astype(np.int64)
     return recording.replace(encoders=replace(encoders, counts=counts))
-
-
-def _changed(recording: Recording, change: Callable[[Array, Array], Array]) -> Recording:
-    """The recording with ``change(stamps, poses)`` for its odometry, if it has any, and the poses at its scans."""
-    odometry, lidar = recording.odometry, recording.lidar
-    if odometry is None:
-        return recording
-    if lidar is not None and lidar.odometry is not None:
-        lidar = replace(lidar, odometry=change(lidar.stamps, lidar.odometry))
-    return recording.replace(odometry=replace(odometry, poses=change(odometry.stamps, odometry.poses)), lidar=lidar)
 
 
 def _held_back(recording: Recording, interval: Interval) -> Recording:

@@ -14,7 +14,7 @@ from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.calibrate import Calibration
 from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar_of, mount_of, stamped_at_end
 from moteslam.slam.calibration.hand_eye import CLOCKS, Parameter
-from moteslam.slam.calibration.readings import in_form, with_poses, with_stamps
+from moteslam.slam.calibration.readings import in_form, with_stamps
 from moteslam.slam.inputs.odometry_path import OdometryPath
 from moteslam.slam.inputs.synchronise import require_lidar
 
@@ -55,7 +55,7 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
         )
     )
     if c.fits and (c.form, c.quarter) != ("stated", 0.0):
-        mended = with_poses(mended, lambda *path: in_form(OdometryPath(*path), c.form, c.quarter).poses)
+        mended = mended.with_poses(lambda *path: in_form(OdometryPath(*path), c.form, c.quarter).poses)
     lidar = lidar_of(require_lidar(mended), c, certain)
     if c.sweep is not None and c.sweep >= 0 and side is not None:
         lidar = replace(lidar, time_increment=c.sweep / (lidar.ranges.shape[1] - 1))
@@ -88,13 +88,13 @@ def _mirror_image(recording: Recording, *, gyro: bool, poses: bool) -> Recording
         return recording
     if encoders is not None:
         recording = recording.replace(encoders=replace(encoders, counts=encoders.counts[:, [1, 0, 3, 2]]))
-    return with_poses(recording, lambda _, poses: poses * (1, -1, -1))
+    return recording.with_poses(lambda _, poses: poses * (1, -1, -1))
 
 
 def _other_odometry(recording: Recording, scale: float, offset: float, drift: float, middle: float) -> Recording:
     """With the odometry on the lidar's clock, and as long as its ranges."""
     wheels = recording.platform.wheels
-    recording = with_poses(recording, lambda _, poses: poses * (scale, scale, 1.0))
+    recording = recording.with_poses(lambda _, poses: poses * (scale, scale, 1.0))
     if scale != 1 and recording.encoders is not None and wheels is not None:
         changed = {name: getattr(wheels, name) * scale for name in ("metres_per_count", "effective_track")}
         platform = recording.platform.model_copy(update={"wheels": wheels.model_copy(update=changed)})

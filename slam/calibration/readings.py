@@ -1,4 +1,4 @@
-"""What a recording may be read with: odometry poses in other forms, a clock's step undone, other stamps and poses."""
+"""What a recording may be read with: odometry poses in other forms, a clock's step undone, other stamps."""
 
 from __future__ import annotations
 
@@ -91,13 +91,3 @@ def with_stamps(recording: Recording, names: Sequence[str], change: Callable[[Ar
         name: replace(stream, stamps=change(stream.stamps)) for name, stream in streams.items() if stream is not None
     }
     return recording.replace(**changed)
-
-
-def with_poses(recording: Recording, change: Callable[[Array, Array], Array]) -> Recording:
-    """The same with its odometry's poses [n, 3], and those logged with scans, changed, at stamps [n] [s]."""
-    lidar, odometry = recording.lidar, recording.odometry
-    if lidar is not None and lidar.odometry is not None:
-        lidar = replace(lidar, odometry=change(lidar.stamps, lidar.odometry))
-    if odometry is not None:
-        odometry = replace(odometry, poses=change(odometry.stamps, odometry.poses))
-    return recording.replace(lidar=lidar, odometry=odometry)
