@@ -73,7 +73,7 @@ class Simulator:
     def reset(self) -> Readings:
         """Put the robot back to where it starts; nothing has arrived by then."""
         rngs = random_generators(self.scenario.seed)
-        self._run, self._scene = run_of(self.scenario, self._plan, rngs, self.world), Scene(self.world)
+        self._run = run_of(self.scenario, self._plan, rngs, self.world)
         self._sensors = Sensors(self.scenario, self.scenario.duration, rngs)
         self._counted, self._given = EncoderStream(np.empty(0), np.empty((0, 4), np.int64)), 0
         return self._readings()
@@ -123,7 +123,7 @@ class Simulator:
 
     def _readings(self) -> Readings:
         driven = self._run.driven(seconds=LATEST)
-        base, frames = self._sensors.read(driven, self._scene.moved(driven.tracks), self.seconds)
+        base, frames = self._sensors.read(driven, Scene(self.world, driven.tracks), self.seconds)
         faults, old, new = self.scenario.faults, self._counted, base.encoders
         assert new is not None
         if faults:  # what is held back of the counts comes with a later reading

@@ -8,8 +8,7 @@ mix two ranges.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +18,6 @@ from moteslam.robot.se2 import Array
 from moteslam.sim.actors.actors import Tracks
 from moteslam.sim.world.pieces import Material
 from moteslam.sim.world.world import World
-
-if TYPE_CHECKING:
-    from moteslam.kernels.raycast import SegmentBuckets
-
 
 MAX_SURFACES = 4  # That a beam is followed to
 BEYOND = 1e-3  # A beam goes on this far behind a pane or before a mirror [m]: what stands closer to them is missed
@@ -36,7 +31,7 @@ class Rays(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A world with what moves in it, ready for rays."""
+    """A world with what moves in it."""
 
     world: World
     tracks: Tracks | None = None
@@ -46,17 +41,11 @@ class Scene:
         """Whether every surface gives an echo and nothing moves."""
         return self.tracks is None and self.world.surfaces is None
 
-    def moved(self, tracks: Tracks | None) -> Scene:
-        """The same world with what moves in it elsewhere."""
-        other = Scene(self.world, tracks)
-        other.__dict__["_buckets"] = self._buckets
-        return other
-
     def exact(self, rays: Rays, *, max_range: float) -> NDArray[np.float32]:
         """The range [n] to the first thing of any kind [m], ``inf`` beyond max_range, as if nothing were glass."""
         from moteslam.kernels.raycast import cast_rays
 
-        ranges = cast_rays(self._buckets, rays.origins, rays.angles, max_range=max_range)
+        ranges = cast_rays(self.world.buckets, rays.origins, rays.angles, max_range=max_range)
         if self.tracks is not None:
             self._meet(rays, ranges)
         return ranges
@@ -92,7 +81,7 @@ class Scene:
         from moteslam.kernels.raycast import cast_surfaces
 
         world = self.world
-        ranges, segment = cast_surfaces(self._buckets, rays.origins, rays.angles, max_range=max_range)
+        ranges, segment = cast_surfaces(world.buckets, rays.origins, rays.angles, max_range=max_range)
         kinds = np.zeros(len(world.segments), np.int64) if world.surfaces is None else world.surfaces
         surface = np.where(segment >= 0, kinds[segment], -1)
         along = world.segments[:, 2:] - world.segments[:, :2]
@@ -134,13 +123,6 @@ class Scene:
                 off = np.abs(np.arcsin(np.clip(np.sin(angles[here] - normal[here]), -1.0, 1.0)))
                 fate[here] = _fate_at(material, off, length[here], draws[here])
         return fate
-
-    @cached_property
-    def _buckets(self) -> SegmentBuckets:
-        """The segments, sorted for raycasting."""
-        from moteslam.kernels.raycast import build_buckets
-
-        return build_buckets(self.world.segments)
 
 
 LOST, SEEN, USELESS, PASSES, MIRRORED = range(5)

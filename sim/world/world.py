@@ -27,6 +27,8 @@ from moteslam.sim.world.pieces import MATERIALS, PLAIN, Block, Material, Polygon
 if TYPE_CHECKING:
     from shapely import STRtree
 
+    from moteslam.kernels.raycast import SegmentBuckets
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class World(Summarised):
@@ -88,6 +90,13 @@ class World(Summarised):
     def is_free(self, points: ArrayLike, clearance: float) -> NDArray[np.bool_]:
         """Which of the points [n, 2] are outside solids and hollows and at least ``clearance`` [m] from every wall."""
         return (self.distance(points) >= clearance) & ~self.inside_solid(points)
+
+    @cached_property
+    def buckets(self) -> SegmentBuckets:
+        """The segments, sorted for raycasting."""
+        from moteslam.kernels.raycast import build_buckets
+
+        return build_buckets(self.segments)
 
     @cached_property
     def _walls(self) -> STRtree:

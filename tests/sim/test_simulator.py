@@ -173,8 +173,8 @@ def test_what_is_read_in_pieces_is_what_is_read_at_once(name: str, changes: dict
     for _ in range(500):
         simulator.step(0.3, 0.0)
     rngs, pieces = random_generators(2), random_generators(2)
-    driven, scene = simulator._run.driven(), Scene(World.of(scenario.world))
-    scene = scene.moved(driven.tracks)
+    driven = simulator._run.driven()
+    scene = Scene(World.of(scenario.world), driven.tracks)
     one, parts = Sensors(scenario, 10.0, rngs), Sensors(scenario, 10.0, pieces)
     whole, _ = one.read(driven, scene)
     read = [parts.read(driven, scene, until)[0] for until in (0.05, 2.0, 2.02, 7.7, np.inf)]
