@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from backports import zstd
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
@@ -26,7 +27,6 @@ from moteslam.robot.formats.bags.storage import (
     Topic,
     damage_in_one_line,
     temporary_folder,
-    zstd,
 )
 from moteslam.robot.formats.streams import MAX_DROPPED, Stamps, clock_cuts, sort_by_stamp
 from moteslam.robot.values import Issue, counted

@@ -8,26 +8,23 @@ whole, and no chunk is larger than it says.
 from __future__ import annotations
 
 import bz2
-import importlib
 import io
 import shutil
 import sqlite3
 import struct
-import sys
 import tempfile
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, NamedTuple
 
+from backports import zstd  # which rosbags brings; Python's own has it from 3.14 on
 from lz4.frame import LZ4FrameDecompressor
 
 from moteslam.errors import InputError, MoteslamError
 
-zstd: Any = importlib.import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
-"""Python's own from 3.14 on, before that the one that rosbags brings."""
 MAX_CHUNK = 256 << 20
 """Bytes of a chunk when it is unpacked. Recorders close one after about a megabyte, or a single larger message."""
 MAX_HEADER = 1 << 20  # bytes, of a record of ROS 1
