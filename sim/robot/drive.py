@@ -126,22 +126,19 @@ class Run:
         return next((fault for steps, (fault, _) in self._mishaps.items() if self.steps in steps), None)
 
     def step(self) -> None:
-        steps = next((steps for steps in self._mishaps if self.steps in steps), None)
+        """One physics step; the driver goes on from where the robot is set down that was carried."""
+        vehicle, steps = self.vehicle, next((steps for steps in self._mishaps if self.steps in steps), None)
         if steps is None:
-            self.vehicle.push(self.speed, self.turn_rate)
+            vehicle.push(self.speed, self.turn_rate)
             self._advance()
             return
         fault, field = self._mishaps[steps]
-        if isinstance(fault, Carried):
-            self._carry(fault, self.steps - steps.start, len(steps), field)
-        else:  # the wheels spin as asked while the robot stands
+        if not isinstance(fault, Carried):  # the wheels spin as asked while the robot stands
             x, y, theta = self.state[:3]
-            self.vehicle.spin(self.speed, self.turn_rate)
-            self._advance((x, y, theta), (0.0, 0.0, 0.0))
-
-    def _carry(self, fault: Carried, index: int, count: int, field: str) -> None:
-        """One of ``count`` physics steps of being carried; the driver goes on from where the last of them ends."""
-        vehicle = self.vehicle
+            vehicle.spin(self.speed, self.turn_rate)
+            self._advance((x, y, theta))
+            return
+        index, count = self.steps - steps.start, len(steps)
         if index == 0:
             pose = np.array(self.state[:3])
             self._carried, self._goal = carrying(fault, pose, self.driver, PHYSICS_RATE, field=field)
