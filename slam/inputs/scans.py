@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,19 +9,6 @@ from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
 from moteslam.robot.se2 import Array
 from moteslam.slam.inputs.travelling import Follower
-
-
-class ScanBlock(NamedTuple):
-    """The endpoints of m scans in a row."""
-
-    points: NDArray[np.float32]  # float32 [k, 2] in the robot's frame at each scan's stamp [m]
-    begins: NDArray[np.int32]  # [m] the first row of each scan in them
-    counts: NDArray[np.int32]  # [m] how many are its
-
-    def of(self, number: int) -> NDArray[np.float32]:
-        """The endpoints [c, 2] of one of the scans."""
-        begin = self.begins[number]
-        return self.points[begin : begin + self.counts[number]]
 
 
 class Scans:
@@ -77,13 +62,15 @@ class Scans:
         reach = min(self._lidar.range_max, self._max_range)
         return np.asarray(self.origin + reach * self._directions[beyond], np.float32)
 
-    def block(self, first: int, last: int) -> ScanBlock:
-        """The finite endpoints of the scans from ``first`` to before ``last``, projected in one launch."""
+    def block(self, first: int, last: int) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32]]:
+        """The finite endpoints [k, 2] [m] of scans from ``first`` to before ``last``, projected in one launch: each in
+        the robot's frame at the scan's stamp. And of each scan [n] its first row in them, and how many are its.
+        """
         from moteslam.kernels.scans import project_scans
 
         ranges, sweeps = self._some(first, last)
         points, counts = project_scans(ranges, self._directions, self.origin, sweeps=sweeps, max_range=self._max_range)
-        return ScanBlock(points, np.arange(len(counts), dtype=np.int32) * ranges.shape[1], counts)
+        return points, np.arange(len(counts), dtype=np.int32) * ranges.shape[1], counts
 
     def _some(self, first: int, last: int) -> tuple[NDArray[np.float32], Array | None]:
         """The ranges [m, beams] of some scans without what travels with the robot, and its sweeps [m, 3]."""

@@ -51,10 +51,10 @@ def steps(
     indices = range(first, len(inputs))
     for begin in range(0, len(indices), BLOCK):
         some = indices[begin : begin + BLOCK]
-        block = inputs.scans.block(some.start, some.stop)
+        points, begins, counts = inputs.scans.block(some.start, some.stop)
         thinned: Sequence[ThinnedScan | None] = [None] * len(some)
         if thinning is not None:
-            thinned = thin_scans(*block, inputs.scans.origin, **vars(thinning))
+            thinned = thin_scans(points, begins, counts, inputs.scans.origin, **vars(thinning))
         for number, (index, scan) in enumerate(zip(some, thinned, strict=True)):
             stamp = inputs.stamps[index]
             yield Step(
@@ -63,7 +63,7 @@ def steps(
                 dt=float(stamp - inputs.stamps[index - 1]) if index else 0.0,
                 motion=inputs.motions[index],
                 measured=bool(inputs.measured[index]),
-                points=block.of(number),
+                points=points[begins[number] : begins[number] + counts[number]],
                 origin=inputs.scans.origin,
                 scan=scan,
                 floor=None if views is None else partial(views.at, index),

@@ -32,13 +32,13 @@ def sweeps() -> NDArray[np.float64]:
 @pytest.mark.parametrize("max_range", [np.inf, 12.0])
 def test_a_block_of_scans_has_the_endpoints_of_each(moved: bool, max_range: float) -> None:
     scans = Scans(lidar(), MOUNT, sweeps=sweeps() if moved else None, max_range=max_range)
-    block = scans.block(3, 60)
-    assert len(block.counts) == 57
-    for number in range(57):
+    points, begins, counts = scans.block(3, 60)
+    assert len(counts) == 57
+    for number, (begin, count) in enumerate(zip(begins, counts, strict=True)):
         expected = scans.points(3 + number)
-        assert block.of(number).shape == expected.shape
+        assert points[begin : begin + count].shape == expected.shape
         # float32 of up to 30 m
-        np.testing.assert_allclose(block.of(number), expected, rtol=0, atol=4e-6)
+        np.testing.assert_allclose(points[begin : begin + count], expected, rtol=0, atol=4e-6)
 
 
 pytestmark = pytest.mark.usefixtures("taichi")
