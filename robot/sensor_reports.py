@@ -149,8 +149,8 @@ def _noise_at_rest(lidar: LidarStream, rests: Spans) -> RangeNoise | None:
 
 
 def odometry_of(recording: Recording) -> tuple[Array, Array] | None:
-    """The stamps [n] and poses [n, 3] of the odometry, of those logged with scans where it has no stream."""
-    if recording.odometry is not None:
+    """The stamps [n] and poses [n, 3] of the odometry, of those logged with scans where it has none."""
+    if recording.odometry is not None and len(recording.odometry):
         return recording.odometry.stamps, recording.odometry.poses
     if recording.lidar is not None and recording.lidar.odometry is not None:
         return recording.lidar.stamps, recording.lidar.odometry

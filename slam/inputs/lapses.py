@@ -140,7 +140,9 @@ def lapses(
         over = _over(stamps, begin, end)
         if not len(over):
             continue
-        lost, anew = steps.lost(k), not counted and steps.begins_anew(k)
+        before, after = readings.poses[k - 1 : k + 1]  # at 0 odometry begins
+        anew = not counted and bool(np.abs(after).max() < ANEW and np.hypot(*before[:2]) > ELSEWHERE)
+        lost = steps.lost(k)
         inside = (stamps[over] > begin) & (stamps[over] < end)
         if inside.sum() > 2:  # the scans go on
             if lost or steps.exceeds(k, turning=True):  # when it moved is open
@@ -212,8 +214,6 @@ def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: Compar
 
 
 class _Steps:
-    """The steps between the readings of the odometry."""
-
     def __init__(self, path: OdometryPath) -> None:
         self.stamps, self._path = path.stamps, path  # [m] of the readings; of the step to each, the first 0:
         moved = np.asarray(se2.between(path.poses[:-1], path.poses[1:]))
@@ -263,11 +263,6 @@ class _Steps:
         least = rate * min(rate / TURN_USUAL, seconds) / 2
         stopped = least > LEAST_TURN and abs(float(self.turns[k])) < least
         return bool(stopped and self.travelled(k) <= CAUGHT_UP * self.usual(k))
-
-    def begins_anew(self, k: int) -> bool:
-        """Whether the reading k is at 0, where odometry begins, and the one before is not."""
-        before, after = self._path.poses[k - 1 : k + 1]
-        return bool(np.abs(after).max() < ANEW and np.hypot(*before[:2]) > ELSEWHERE)
 
     def bounded(self, k: int) -> Open:
         """What counters leave open of a step over a gap: its length is known, and how far it turned, not when.

@@ -21,6 +21,7 @@ from moteslam.robot import se2
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LATEST, Recording, nearest_stamp
 from moteslam.robot.se2 import Array
+from moteslam.robot.sensor_reports import odometry_of
 from moteslam.robot.values import Issue, when
 from moteslam.robot.wheel_odometry import arc_increment, gyro_covers, wheel_motion
 from moteslam.slam.inputs.config import SyncConfig
@@ -127,8 +128,6 @@ KEPT, MOST_KEPT = LATEST + 100, 4 * LATEST
 
 @dataclass(frozen=True, eq=False)
 class OdometryPath:
-    """A path by odometry alone."""
-
     stamps: Array  # [n] [s]
     poses: Array  # [n, 3]; the path of wheel encoders starts at the identity
     by_wheels: Array | None = None  # [n, 3] the same with the wheels' own turns; None without a gyro
@@ -168,11 +167,8 @@ def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | No
         readings.add_counts(encoders.stamps, encoders.counts)
         readings.integrate(waited=np.inf)
         return readings.path
-    if recording.odometry is not None and len(recording.odometry):
-        return OdometryPath(recording.odometry.stamps, recording.odometry.poses)
-    if recording.lidar is not None and recording.lidar.odometry is not None:
-        return OdometryPath(recording.lidar.stamps, recording.lidar.odometry)
-    return None
+    found = odometry_of(recording)
+    return None if found is None else OdometryPath(*found)
 
 
 class OdometryReadings:
@@ -196,7 +192,6 @@ class OdometryReadings:
 
     @property
     def path(self) -> OdometryPath | None:
-        """What is kept of it; None without a reading."""
         if not len(self._rows):
             return None
         rows = self._rows.values
