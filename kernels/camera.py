@@ -116,7 +116,6 @@ def _inverse_reach(fan: template, frame: I32, before: I32, share: F32):
 
 @func
 def _level(value: F32):
-    """A level rounded and kept within 0 to 255."""
     return ti.cast(ti.min(ti.max(value + ti.f32(0.5), ti.f32(0.0)), ti.f32(255.0)), ti.i32)
 
 

@@ -66,7 +66,6 @@ def _match(
 
 @func
 def _turned(pose_cos: F64, pose_sin: F64, x: F32, y: F32):
-    """A vector turned by a heading."""
     return ti.Vector([pose_cos * x - pose_sin * y, pose_sin * x + pose_cos * y], dt=ti.f64)
 
 

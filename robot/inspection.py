@@ -47,8 +47,6 @@ class StreamReport:
 
 @dataclass(frozen=True)
 class WheelReport:
-    """The encoders."""
-
     counts: tuple[int, int, int, int]  # of the FR, FL, RR, RL wheel, whichever way it turned
     distance: float | None  # driven [m]; None without wheels in the platform
     at_rest: float  # that the wheels stood still [s], in rests of at least a second

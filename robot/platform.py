@@ -89,7 +89,6 @@ class LidarSpec(Section):
 
     @property
     def scan(self) -> ScanFigures:
-        """What its scans are."""
         figures = {key: getattr(self, key) for key in ScanFigures._fields}
         if missing := [key for key, value in figures.items() if value is None]:
             raise ConfigError(f"{', '.join(missing)} not known, expected a lidar's figures", field="platform.lidar")

@@ -140,7 +140,6 @@ def estimate_bytes(draw: Draw, count: int) -> int:
 
 
 def _in_words(size: float) -> str:
-    """Bytes as megabytes, or gigabytes where they are one or more."""
     return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.1f} MB"
 
 

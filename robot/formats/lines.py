@@ -64,7 +64,6 @@ class TextLines:
         return bytes(start)
 
     def drop(self, number: int, problem: str) -> None:
-        """Count a line that is broken."""
         self.dropped += 1
         self.first = self.first or (number, problem)
 

@@ -199,7 +199,6 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
 
 
 def _write_only(folder: Path, recording: Recording) -> tuple[Issue, ...]:
-    """Write the one sequence of a folder, which is made."""
     make_folder(folder)
     write_ucsd(folder, recording, sequence=ONLY)
     rgbd = recording.rgbd

@@ -140,7 +140,6 @@ class GivenRobot:
 
     @property
     def is_nothing(self) -> bool:
-        """Whether neither a robot nor a file is given."""
         return self.platform is None and self.file is None
 
     def over(self, stated: Platform, *, assumed: bool = False) -> Platform:

@@ -106,7 +106,6 @@ def is_g2o(path: str | PathLike[str]) -> bool:
 
 
 def _reader(path: str | PathLike[str]) -> Callable[[Path], Trajectory]:
-    """What reads a file, by its first lines."""
     with open_regular(path, "a trajectory") as file:
         head = decoded(file.read(HEAD), "replace")
     comments = []

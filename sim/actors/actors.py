@@ -202,7 +202,6 @@ class Actors:
             self._walkers.walk(time, interval, robot, robot_radius)
 
     def record(self) -> None:
-        """Add the present places to the tracks."""
         places = self._walkers.places
         if self._places:
             self._walked.append(self._walked[-1] + np.hypot(*(places - self._places[-1]).T))

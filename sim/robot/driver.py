@@ -24,8 +24,6 @@ Seconds = Annotated[Number, Field(ge=0, le=MAX_DURATION)]
 
 
 class Limits(Section):
-    """How the robot drives."""
-
     speed: Annotated[Number, Field(gt=0, le=3)] = 0.95  # at most [m/s]
     turn_rate: Annotated[Number, Field(gt=0, le=3)] = 1.0  # at most [rad/s]
     acceleration: Annotated[Number, Field(gt=0, le=5)] = 0.8  # at most [m/s^2]

@@ -213,13 +213,11 @@ def with_odometry_faults(recording: Recording, faults: Iterable[object]) -> Reco
 
 
 def _stale(recording: Recording, stale: StaleOdometry) -> Recording:
-    """The recording with the odometry's poses held."""
     held = _last_before(recording.odometry, stale.start + EPOCH)
     return recording.with_poses(lambda stamps, poses: np.where(stale.covers(stamps - EPOCH)[:, None], held, poses))
 
 
 def _jumping(recording: Recording, jump: OdometryJump) -> Recording:
-    """The recording with its odometry elsewhere from the jump on."""
     at = EPOCH + jump.start
     before = _last_before(recording.odometry, at)
     there = np.zeros(3) if jump.reset else se2.compose(before, (jump.x, jump.y, jump.theta))

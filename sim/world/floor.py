@@ -116,8 +116,6 @@ MAX_PICTURE_BYTES, MAX_PICTURE_PIXELS = 100_000_000, 64_000_000  # Of a floor's 
 
 
 class FloorSettings(Section):
-    """A floor."""
-
     # tiles: squares, each of a colour of its own, with joints; carpet: blotches with a pile; wood: planks with grain,
     # in staggered rows along x; plain: one colour; image: a picture
     material: Literal["tiles", "carpet", "wood", "plain", "image"] = "tiles"

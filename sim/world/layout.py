@@ -257,7 +257,6 @@ class Room(Section):
         return walls
 
     def segments(self) -> Segments:
-        """The straight pieces between the doorways."""
         return np.concatenate([side.segments() for side in self.sides()])
 
 
@@ -288,7 +287,6 @@ class Layout(Section):
 
     @property
     def pieces(self) -> dict[str, tuple[Wall | Room | Box | Pillar | Table | Shelf, ...]]:
-        """All that stands in it, by kind."""
         return {
             "walls": self.walls, "rooms": self.rooms, "boxes": self.boxes, "pillars": self.pillars,
             "tables": self.tables, "chairs": self.chairs, "shelves": self.shelves,

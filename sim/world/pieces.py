@@ -74,7 +74,6 @@ class Block(Section):
         raise NotImplementedError
 
     def solids(self) -> list[Polygon]:
-        """What of it is solid."""
         return [self.polygon()]
 
     def segments(self) -> Segments:
@@ -95,8 +94,6 @@ class Rectangle(Block):
 
 
 class Box(Rectangle):
-    """A solid one."""
-
     material: str = PLAIN
 
 
@@ -131,8 +128,6 @@ class Table(Rectangle):
 
 
 class Chair(Table):
-    """A small table."""
-
     size: tuple[Size, Size] = (0.45, 0.45)
     leg: Leg = 0.03
 

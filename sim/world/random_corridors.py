@@ -49,7 +49,6 @@ class _Building:
         return [b if a == node else a for a, b in self.edges if node in (a, b)]
 
     def carve(self, x0: float, y0: float, x1: float, y1: float, *, free: bool = True) -> None:
-        """Make a rectangle free, or fill it."""
         self.rectangles.append((x0, y0, x1, y1, free))
 
 

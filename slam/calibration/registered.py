@@ -63,8 +63,6 @@ in more than this share of the scans."""
 
 
 class RegisteredPairs:
-    """Pairs of scans of a recording, registered."""
-
     def __init__(self, recording: Recording, lidar: LidarStream, before: Indices, after: Indices) -> None:
         total, sweep = lidar.ranges.shape[1], sweep_seconds(recording, lidar)
         # [k] times of the scans, in the middle of their sweeps [s]

@@ -42,8 +42,6 @@ LEAST_BEAMS = 25
 
 
 class Beams(NamedTuple):
-    """The beams of a scan that are compared."""
-
     angles: Array  # [b] in the lidar's frame [rad]
     shares: Array  # [b] of the sweep at which each is measured, 0 to 1
     sweep: float  # how long a sweep takes [s]

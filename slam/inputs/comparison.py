@@ -23,8 +23,6 @@ BEAM = np.radians(1.0)  # Of a finer lidar beams this far apart are compared [ra
 
 
 class ComparedBeams:
-    """The beams of a lidar that are compared."""
-
     def __init__(self, lidar: LidarStream, mount: LidarSpec) -> None:
         beams = np.arange(0, lidar.ranges.shape[1], max(1, round(BEAM / abs(lidar.angle_increment))))
         self.beams = beams  # [b] their indices in a scan

@@ -198,7 +198,6 @@ class LiveInputs(Inputs):
         self.messages += 1
 
     def hear(self, stream: str, stamp: float, values: NDArray[Any]) -> None:
-        """Note a message of ``odometry``, ``encoders`` or ``imu``."""
         self.arrives("odometry" if stream == "encoders" else stream, stamp)
         message = [float(stamp), *values.tolist()]
         self.odometry_in.hear(stream, message)

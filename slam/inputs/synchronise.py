@@ -264,7 +264,6 @@ class Bundles(NamedTuple):
         return "stamps-jitter", f"{text}what is driven meanwhile is missing from motions"
 
     def undone(self, recording: Recording) -> Recording:
-        """The recording with scans at even steps."""
         return recording.replace(lidar=replace(require_lidar(recording), stamps=self.spread))
 
 

@@ -239,7 +239,6 @@ class Follower:
         return self._stood > TRUSTED * self._might
 
     def _begin(self, scan: int) -> None:
-        """From a scan on, what is known by then."""
         if not self._trusted:
             return
         travels, suspected = (_side_by_side(self._for >= least) for least in (TRAVELS, 1))

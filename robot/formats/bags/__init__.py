@@ -175,7 +175,6 @@ class _Reading:
         return tables[:1]
 
     def recording(self) -> Recording:
-        """The streams, on the robot."""
         bag = self.bag
         placed = [self._placed(table) for table in self.lidars]
         lidar, mount = placed[0] if placed else (None, LidarSpec())

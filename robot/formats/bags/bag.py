@@ -129,7 +129,6 @@ class Bag:
         self.swept = 0
 
     def tell(self, code: str, topic: Topic | str, what: str, count: int = 1) -> None:
-        """Add an issue about a topic."""
         name = topic if isinstance(topic, str) else topic.name
         self.issues.append(Issue(code, f"{self.path.name}: {name}: {what}", count))
 
@@ -180,7 +179,6 @@ class Bag:
         return sorted(found, key=lambda table: (-table.count, table.topic.name))
 
     def messages(self, table: Table, rows: Rows) -> Iterator[Any]:
-        """Some messages of a table, decoded."""
         places = table.heads["place"][rows].tolist()
         for number, found in groupby(places, key=lambda place: place[0]):
             for data in self._files[number].payloads([(*place,) for _, *place in found]):

@@ -217,8 +217,6 @@ def _fields(header: bytes) -> dict[str, bytes]:
 
 
 class Mcap(Records):
-    """An MCAP file."""
-
     _start = 8
 
     def __init__(self, path: Path) -> None:
@@ -296,7 +294,6 @@ class Database:
             yield connection
 
     def messages(self, wanted: Callable[[Topic], bool]) -> Iterator[Message]:
-        """Those of some topics, in the order of the file."""
         among = ", ".join(str(int(number)) for number, topic in self.topics.items() if wanted(topic))
         query = f"SELECT topic_id, timestamp, id, data FROM messages WHERE topic_id IN ({among}) ORDER BY id"
         with self._opened() as connection:
@@ -304,7 +301,6 @@ class Database:
                 yield self.topics[number], int(received), (0, int(row), 0), bytes(data)
 
     def payloads(self, places: Collection[Place]) -> Iterator[bytes]:
-        """The bytes of the messages at some places."""
         with self._opened() as connection:
             for _, row, _ in places:
                 (data,) = connection.execute("SELECT data FROM messages WHERE id = ?", (int(row),)).fetchone()

@@ -111,7 +111,6 @@ def write_ros2(path: Path, kind: str, events: Iterator[Event]) -> None:
 
 
 def _left_out(recording: Recording, missing: int) -> Iterator[Issue]:
-    """What a bag does not hold of a recording."""
     if recording.platform.wheels is None:
         yield from not_written(recording, "a bag of a platform without wheels", "encoders")
     if recording.odometry is not None:
@@ -215,7 +214,6 @@ def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]
 
 
 def _stamped(stamps: NDArray[np.float64], topic: str, kind: str, frame: str, rows: Iterator[Values]) -> Iterator[Event]:
-    """The messages of a topic, with their headers."""
     for time, row in zip(nanoseconds(stamps).tolist(), rows, strict=True):
         yield Event(time, topic, kind, {"header": header(time, frame), **row})
 
