@@ -203,13 +203,6 @@ def _cast_all(
 
 def cast_rays(
     buckets: SegmentBuckets, origins: ArrayLike, angles: ArrayLike, *, max_range: float
-) -> NDArray[np.float32]:
-    """The range of each ray to its first wall: the first of what ``cast_surfaces`` returns."""
-    return cast_surfaces(buckets, origins, angles, max_range=max_range)[0]
-
-
-def cast_surfaces(
-    buckets: SegmentBuckets, origins: ArrayLike, angles: ArrayLike, *, max_range: float
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """The range of each ray to its first wall, and which wall it is.
 

@@ -149,7 +149,7 @@ def rays_of(poses: NDArray[np.float64], beams: NDArray[np.float64]) -> tuple[NDA
 
 def raycasting() -> Results:
     """Every wall runs along an axis, so that the angle at which a beam meets it is known from the beam alone."""
-    from moteslam.kernels.raycast import build_buckets, cast_rays, cast_surfaces
+    from moteslam.kernels.raycast import build_buckets, cast_rays
 
     walls = [
         side
@@ -160,12 +160,8 @@ def raycasting() -> Results:
     poses, beams = beams_of_scans()
     rays = rays_of(poses, beams)
     shape = len(poses), len(beams)
-    ranges, segments = cast_surfaces(buckets, *rays, max_range=MAX_RANGE)
-    return {
-        "cast_rays": cast_rays(buckets, *rays, max_range=MAX_RANGE).reshape(shape),
-        "cast_surfaces": ranges.reshape(shape),
-        "segments": segments,
-    }
+    ranges, segments = cast_rays(buckets, *rays, max_range=MAX_RANGE)
+    return {"cast_rays": ranges.reshape(shape), "segments": segments}
 
 
 def distance_maps() -> Results:
@@ -245,7 +241,7 @@ def floors() -> Results:
     noise = generator.normal(0, 2, pixels + 2 * rgbd.WIDTH + 9).astype(np.float32)
     square = {"corner": (-4.0, -4.0), "cell_size": CELL}
     fans = [
-        cast_rays(walls, *rays_of(poses, bearings), max_range=9.0).reshape(len(poses), -1)
+        cast_rays(walls, *rays_of(poses, bearings), max_range=9.0)[0].reshape(len(poses), -1)
         for bearings in (seen.bearings, depth.view.bearings)
     ]
     packed = render_colour(seen, poses, fans[0], levels, noise=noise, starts=starts, **square)

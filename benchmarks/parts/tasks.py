@@ -267,7 +267,11 @@ def raycasting(loops: Loops, count: int = 200) -> Task:
         return {"ranges": np.minimum(found, MAX_RANGE)}
 
     out = np.empty(few, np.float32)
-    kernel = partial(cast_rays, build_buckets(walls), origins, angles, max_range=MAX_RANGE)
+    buckets = build_buckets(walls)
+
+    def kernel() -> Any:
+        return cast_rays(buckets, origins, angles, max_range=MAX_RANGE)[0]
+
     c = loops.bind("cast_all", flat, len(flat), given, few, MAX_RANGE, out)
     others = {
         "C": Contender(c, few, lambda _: ranges(out)),

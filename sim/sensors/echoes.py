@@ -45,7 +45,7 @@ class Scene:
         """The range [n] to the first thing of any kind [m], ``inf`` beyond max_range, as if nothing were glass."""
         from moteslam.kernels.raycast import cast_rays
 
-        ranges = cast_rays(self.world.buckets, rays.origins, rays.angles, max_range=max_range)
+        ranges, _ = cast_rays(self.world.buckets, rays.origins, rays.angles, max_range=max_range)
         if self.tracks is not None:
             self._meet(rays, ranges)
         return ranges
@@ -78,10 +78,10 @@ class Scene:
 
     def _first(self, rays: Rays, max_range: float) -> tuple[NDArray[np.float32], NDArray[np.int64], Array]:
         """Range, material and direction of the normal of the first surface of each beam; material -1 for none."""
-        from moteslam.kernels.raycast import cast_surfaces
+        from moteslam.kernels.raycast import cast_rays
 
         world = self.world
-        ranges, segment = cast_surfaces(world.buckets, rays.origins, rays.angles, max_range=max_range)
+        ranges, segment = cast_rays(world.buckets, rays.origins, rays.angles, max_range=max_range)
         kinds = np.zeros(len(world.segments), np.int64) if world.surfaces is None else world.surfaces
         surface = np.where(segment >= 0, kinds[segment], -1)
         along = world.segments[:, 2:] - world.segments[:, :2]

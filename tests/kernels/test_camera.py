@@ -48,7 +48,7 @@ def reaches(bearings: np.ndarray, colour: bool) -> tuple[np.ndarray, np.ndarray]
     for camera in cameras:
         camera[:2] = transform_points(camera, place(colour)[:2])
     origins, angles = rays_of(cameras, bearings)
-    return cameras, cast_rays(build_buckets(WALLS), origins, angles, max_range=100.0).reshape(len(cameras), -1)
+    return cameras, cast_rays(build_buckets(WALLS), origins, angles, max_range=100.0)[0].reshape(len(cameras), -1)
 
 
 @pytest.fixture(scope="module")
