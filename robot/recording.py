@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,6 +170,14 @@ class Stream(Summarised):
 
     def __len__(self) -> int:
         return len(self.stamps)
+
+    def take(self, which: NDArray[np.bool_ | np.intp]) -> Self:
+        """The readings of some indices [k], or of a mask [n]; ranges of a file stay there."""
+        taken: dict[str, Any] = {}
+        for field in fields(self):
+            if isinstance(value := getattr(self, field.name), np.ndarray | ChunkedRanges):
+                taken[field.name] = chosen(value, np.arange(len(self))[which])
+        return replace(self, **taken)
 
     def _summary(self) -> str:
         return f"{counted(len(self), self._reading)}, {span(self.stamps)}"

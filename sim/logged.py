@@ -98,14 +98,14 @@ def key_scans(recording: Recording, *, distance: float = 0.75, turn: float = 0.5
     stamps, poses = lidar.stamps[kept], lidar.odometry[kept]
     encoders, imu = recording.encoders, recording.imu
     return recording.replace(
-        lidar=replace(lidar, stamps=stamps, ranges=lidar.ranges[kept], odometry=poses),
+        lidar=lidar.take(kept),
         odometry=OdometryStream(stamps, poses),
         encoders=_summed(encoders, stamps) if encoders is not None and len(encoders) else None,
         imu=_mean_rates(imu, stamps, np.unwrap(lidar.odometry[:, 2])[kept]) if imu is not None and len(imu) else None,
     )
 
 
-def _kept(odometry: Array, distance: float, turn: float) -> list[int]:
+def _kept(odometry: Array, distance: float, turn: float) -> NDArray[np.intp]:
     """The indices of the scans that are kept, by the poses [n, 3] at all of them."""
     kept, (last_x, last_y, last_theta) = [0], odometry[0].tolist()
     for index, (x, y, theta) in enumerate(odometry.tolist()):
@@ -113,7 +113,7 @@ def _kept(odometry: Array, distance: float, turn: float) -> list[int]:
         if math.hypot(x - last_x, y - last_y) >= distance or turned >= turn:
             kept.append(index)
             last_x, last_y, last_theta = x, y, theta
-    return kept
+    return np.array(kept)
 
 
 def _summed(encoders: EncoderStream, stamps: Array) -> EncoderStream:

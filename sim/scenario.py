@@ -96,9 +96,7 @@ class Scenario(Section):
             figures = _class_noise(platform, values.get("noise_class", "datasheet"))
             values["noise"] = merged(figures.model_dump(), noise or {})
         if isinstance(camera := values.get("camera"), dict):
-            if platform.camera is None:
-                raise ConfigError("none, expected a camera to simulate", field="platform.camera")
-            sensor = platform.camera.sensor
+            sensor = check_camera(platform.camera).sensor
             values["camera"] = camera if sensor is None else merged(sensor.model_dump(), camera)
         return _within_reach(values, platform)
 

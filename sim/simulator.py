@@ -20,7 +20,7 @@ from moteslam.sim.robot.drive import CONTROL_STEPS
 from moteslam.sim.robot.mishaps import Carried
 from moteslam.sim.robot.vehicle import PHYSICS_RATE
 from moteslam.sim.scenario import Scenario
-from moteslam.sim.sensors.clock import EPOCH, readings_of
+from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.faults import with_gaps, with_odometry_faults
 from moteslam.sim.simulate import Sensors, on_its_way, random_generators, run_of, seeded
@@ -130,7 +130,7 @@ class Simulator:
             self._counted = EncoderStream(np.append(old.stamps, new.stamps), np.vstack((old.counts, new.counts)))
             base = with_odometry_faults(with_gaps(base.replace(encoders=self._counted), faults), faults)
             assert base.encoders is not None
-            new = readings_of(base.encoders, np.arange(len(base.encoders)) >= self._given)
+            new = base.encoders.take(np.arange(self._given, len(base.encoders)))
             self._given = len(base.encoders)
         assert base.lidar is not None
         drawn = None if frames is None else frames.drawn

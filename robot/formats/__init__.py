@@ -8,11 +8,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from math import inf
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from moteslam.files import result_folder, staged_file
 from moteslam.plugins import Plugins, PluginWarning
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import bundled_platform
-from moteslam.robot.recording import STREAMS, Images, LidarStream, Recording, RgbdStream, Stream, chosen
+from moteslam.robot.recording import STREAMS, Images, LidarStream, Recording, RgbdStream, Stream
 from moteslam.robot.values import Issue, expect_type
 
 Robot = Platform | str | PathLike[str] | None
@@ -235,9 +234,4 @@ def _within(stream: Stream | RgbdStream, begin: float, end: float, every: int) -
             tuple(stream.disparity_files[index] for index in disparity if stream.disparity_files),
             some,
         )
-    indices = inside[0][:: every if isinstance(stream, LidarStream) else 1]
-    values = {field.name: getattr(stream, field.name) for field in fields(stream)}
-    changes: dict[str, Any] = {name: value[indices] for name, value in values.items() if isinstance(value, np.ndarray)}
-    if isinstance(stream, LidarStream):
-        changes["ranges"] = chosen(stream.ranges, indices)
-    return replace(stream, **changes)
+    return stream.take(inside[0][:: every if isinstance(stream, LidarStream) else 1])

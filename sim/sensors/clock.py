@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
-from typing import Annotated, Any, Literal, TypeVar
+from dataclasses import replace
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from moteslam.robot.noise import ClockNoise
@@ -69,19 +68,7 @@ def with_faults(
         kept &= rng.random(len(stream)) >= clock.lost
     for outage in outages:
         kept &= (stream.stamps < outage.start) | (stream.stamps >= outage.start + outage.duration)
-    stream = readings_of(stream, kept)
+    stream = stream if kept.all() else stream.take(kept)
     if clock.offset or clock.drift:
         stream = replace(stream, stamps=stream.stamps + clock.offset + clock.drift * stream.stamps)
     return stream
-
-
-def readings_of(stream: Stream, kept: NDArray[np.bool_]) -> Stream:
-    """Those readings of a stream that are kept [n], the stream itself where all are."""
-    if kept.all():
-        return stream
-    arrays: dict[str, Any] = {
-        field.name: value[kept]
-        for field in fields(stream)
-        if isinstance(value := getattr(stream, field.name), np.ndarray)
-    }
-    return replace(stream, **arrays)

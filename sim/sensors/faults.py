@@ -19,7 +19,7 @@ from moteslam.robot.se2 import Array
 from moteslam.robot.values import Angle, Number, Positive, Section, Truth
 from moteslam.sim.robot.driver import MAX_DURATION
 from moteslam.sim.robot.mishaps import Interval, Spell
-from moteslam.sim.sensors.clock import EPOCH, readings_of
+from moteslam.sim.sensors.clock import EPOCH
 
 Length = Annotated[Number, Field(gt=0, le=20)]
 
@@ -195,8 +195,7 @@ def with_gaps(recording: Recording, faults: Iterable[object]) -> Recording:
             recording = _held_back(recording, fault)
             for name in ("lidar", "encoders", "odometry", "imu"):
                 if (stream := getattr(recording, name)) is not None:
-                    kept = readings_of(stream, ~fault.covers(stream.stamps - EPOCH))
-                    recording = recording.replace(**{name: kept})
+                    recording = recording.replace(**{name: stream.take(~fault.covers(stream.stamps - EPOCH))})
     return recording
 
 
