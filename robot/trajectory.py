@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,6 +75,9 @@ class Trajectory(Stream):
     def length(self) -> float:
         """The distance travelled [m]: the sum of the steps between poses."""
         return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
+
+    def take(self, which: NDArray[np.bool_ | np.intp]) -> Self:
+        return replace(super().take(which), space=None if self.space is None else self.space[which])
 
     def at(self, stamps: Array) -> Trajectory:
         """The trajectory in the plane at other stamps [m] [s], not decreasing, and held beyond its ends."""

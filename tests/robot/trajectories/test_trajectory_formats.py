@@ -13,7 +13,7 @@ from refusals import refusal
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.trajectories import read_trajectory, write_trajectory
 from moteslam.robot.trajectories.text import read_kitti, read_tum, write_euroc
-from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.trajectory import Space, Trajectory
 
 # no subnormals: a library in the same process (Taichi) may have the processor flush them to zero
 NUMBERS = st.floats(-1e6, 1e6, allow_subnormal=False)
@@ -318,3 +318,11 @@ def test_stamps_without_leading_zeros_are_told(tmp_path: Path, period: float, co
     path = tmp_path / "some.tum"
     path.write_text("".join(lines))
     assert [issue.code for issue in read_trajectory(path).warnings] == ["stamps-jitter"] * told
+
+
+def test_some_poses_keep_their_places_in_space() -> None:
+    space = Space(np.arange(12.0).reshape(4, 3), np.tile(np.eye(3), (4, 1, 1)))
+    part = Trajectory(np.arange(4.0), np.zeros((4, 3)), space=space).take(np.array([1, 3]))
+    assert part.stamps.tolist() == [1, 3]
+    assert part.space is not None
+    np.testing.assert_array_equal(part.space.positions, space.positions[[1, 3]])
