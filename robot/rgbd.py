@@ -69,14 +69,6 @@ def disparity_of(depth: NDArray[np.floating]) -> NDArray[np.uint16]:
     return np.where(seen, np.rint(np.where(seen, raw, 0.0)), NO_DISPARITY).astype(np.uint16)
 
 
-def mount_of(rotation: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Roll, pitch and yaw [rad] of the mount whose ``mount_rotation`` is a rotation [3, 3] from optical axes."""
-    from scipy.spatial.transform import Rotation
-
-    yaw, pitch, roll = Rotation.from_matrix(rotation @ OPTICAL_TO_BODY.T).as_euler("ZYX")
-    return float(roll), float(pitch), float(yaw)
-
-
 def mount_rotation(mount: CameraSpec) -> NDArray[np.float64]:
     """The rotation [3, 3] from optical axes to the robot's: III.7, then roll, pitch and yaw of the mount.
 

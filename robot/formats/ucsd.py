@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.files import make_folder, read_arrays, write_atomically
@@ -22,8 +21,6 @@ from moteslam.robot.formats.written import SCAN_POSES, coded_ranges, not_written
 from moteslam.robot.platforms import UCSD, GivenRobot, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
 from moteslam.robot.values import Issue, counted, expect_type
-
-Array = NDArray[Any]
 
 _FILE = re.compile(r"(?:Encoders|Hokuyo|Imu|Kinect)([\w-]+)\.npz", re.ASCII)
 
