@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, SquareScores
@@ -40,7 +41,8 @@ STEP, TURN = 0.2, 0.06  # Of the lattice: a basin of Gauss-Newton [m], [rad]
 NEAR = 0.2  # Endpoints nearer to a surface than this count for a place [m]
 BLOCK = 8  # Neighbouring squares of four places of which the best one is kept
 PROMISING, STARTS, FINALISTS = 2000, 200, 100
-"""Blocks whose best places are looked at; places that are registered with some endpoints; of these with all."""
+"""Blocks whose best places are looked at; places that are registered with some endpoints; of these with all, and more
+if more are likely."""
 START_POINTS, POINTS = 120, 250  # Endpoints of a scan that are registered from every start; from every finalist
 SAME = np.array([0.3, 0.3, 0.1])  # Starts, and hypotheses, are farther apart in one component [m, m, rad]
 WINDOW, APART, TURNED = 10.0, 0.5, 1.0
@@ -58,7 +60,9 @@ ELSEWHERE = 1.7
 nearer than ``LOST_DISTANCE`` to surfaces at the best place of another one. At a place in the map one of which the map
 knows nothing contradicts it, too: most of what a robot sees in a map that it drove in is known."""
 FINE = 0.3  # Share of the fine costs that counts: by half a cell a wall may be drawn aside at all its endpoints
-CROWDED = 0.5  # Where a larger share of the registered places fit about as well as the best one, others may, too
+CROWDED = 0.5
+"""Where a likely place lies beyond this share of the starts, of which those that look best come first, others may lie
+beyond them all."""
 IN_MAP = 0.5  # The robot is in the map, at one of the places found, from this probability on
 
 
@@ -121,7 +125,7 @@ class Hypotheses(NamedTuple):
 
     poses: Array  # [K, 3] in the map, the most probable first
     probabilities: Array  # [K]; what is left to 1 is that it is at none of them
-    all_found: bool  # these are all that count; else so many places look alike that others were left out
+    all_found: bool  # these are all that count; else so many places look alike that others may be left out
     odds: float  # of the first one [nats]
     maps: KnownMaps  # in which they are found
 
@@ -169,16 +173,17 @@ class WholeMapSearch:
         starts = self._starts(subsample(together, MAX_SEARCH_POINTS)) if starts is None else starts
         tried, odds = self._odds(starts, some[:1], subsample(together, START_POINTS))
         order = np.argsort(-odds, kind="stable")
-        best = order[apart(tried[order], FINALISTS + 1, SAME)]
-        likely = odds > odds[order[0]] + np.log(LEAST)
-        all_found = not likely[best[FINALISTS:]].any() and (len(starts) < STARTS or bool(likely.mean() < CROWDED))
-        best = best[:FINALISTS]
+        best = order[apart(tried[order], STARTS, SAME)]
+        best = best[: max(FINALISTS, int(_likely(odds[best]).sum()))]
         places, odds = self._odds(tried[best], some, subsample(points, POINTS))
+        first = _same(tried[best], tried).argmax(axis=1)  # start that leads there
+        last = np.where(_same(places[_likely(odds)], places), first, STARTS).min(axis=1).max()
         odds -= np.log(self._count * len(self._turns))  # of all places, in all headings
         order = np.argsort(-odds, kind="stable")
-        order = order[apart(places[order], FINALISTS, SAME)]
+        order = order[apart(places[order], len(order), SAME)]
         weights = np.exp(np.minimum(odds[order], 500.0))
         shares = weights / (1.0 + weights.sum())
+        all_found = len(starts) < STARTS or bool(last < CROWDED * STARTS)
         return Hypotheses(places[order], shares, all_found, float(odds[order[0]]), self._maps)
 
     def _starts(self, points: Points) -> Array:
@@ -220,6 +225,18 @@ class WholeMapSearch:
             against = fit.far + count - fit.known
             fine += fit.costs - OUTLIER * against - ON_SURFACE * (count - against)
         return places, odds - FINE * fine / (CORRELATION * len(scans))
+
+
+def _likely(odds: Array) -> NDArray[np.bool_]:
+    """Which places [n] are not much less probable than the best one, by their odds [nats]."""
+    return np.asarray(odds > odds.max() + np.log(LEAST))
+
+
+def _same(some: Array, others: Array) -> NDArray[np.bool_]:
+    """Which of places [m, 3] are the same as others [n, 3]: [m, n]."""
+    off = some[:, None] - others
+    off[..., 2] = se2.wrap(off[..., 2])
+    return np.asarray((np.abs(off) < SAME).all(axis=2))
 
 
 SEARCHES_APART, MOST_SEARCHES = 20.0, 20  # Searches along a path are this far apart [m], at least, and at most so many

@@ -226,6 +226,24 @@ def test_both_places_of_a_symmetric_room_are_listed() -> None:
     assert found.probabilities[:2].sum() == pytest.approx(1, abs=0.01)
 
 
+@pytest.mark.parametrize("bare", [False, True])
+def test_who_sees_bare_walls_is_found_by_what_was_seen_before(*, bare: bool) -> None:
+    """A lidar of 3.5 m in a hall of 40 m, 6 m after a niche, if there is one."""
+    hall = [((-20, -1.5), (20, -1.5)), ((20, -1.5), (20, 1.5)), ((20, 1.5), (-20, 1.5)), ((-20, 1.5), (-20, -1.5))]
+    niche = [] if bare else [((0.5, 0.9), (1.5, 0.9)), ((0.5, 0.9), (0.5, 1.5)), ((1.5, 0.9), (1.5, 1.5))]
+    occupancy = drawn([*hall, *niche], low=(-20.5, -2), high=(20.5, 2))
+    looked_for = WholeMapSearch(KnownMaps(occupancy, CONFIG.tsdf), CONFIG.registration)
+    start = np.array((-1.0, 0.1, 0.0))
+    for driven in np.arange(0.0, 9.0, 0.5):
+        pose = np.array((driven, 0.0, 0.0))
+        ends = endpoints(se2.compose(start, pose), [*hall, *niche])
+        latest = Sight(pose, ends[np.hypot(*ends.T) < 3.5], np.zeros(2))
+        looked_for.see(latest)
+    found = looked_for.find(latest)
+    assert found.all_found != bare
+    assert (np.abs(se2.between(se2.compose(start, pose), found.poses[0])).max() < search.STEP) != bare
+
+
 def test_another_room_is_not_in_this_map() -> None:
     maps = KnownMaps(drawn([*WALLS, *BOX]), CONFIG.tsdf)
     other = [((-9, -1), (9, -1)), ((9, -1), (9, 6)), ((9, 6), (-9, 6)), ((-9, 6), (-9, -1))]
