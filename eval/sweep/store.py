@@ -176,7 +176,7 @@ def opened(path: Path, *, write: bool = False) -> Iterator[Store]:
         problem = "is a folder, expected a file that `moteslam sweep` made; `moteslam compare` takes folders of runs"
         raise InputError(problem, file=path)
     if not path.is_file():
-        raise InputError("there is no such file or folder, expected a .sweep file or folders to compare", file=path)
+        raise InputError("there is no such file or folder, expected a .sweep file or a result folder", file=path)
     if path.suffix == ".toml":
         raise InputError(f"is a specification, expected the file that `moteslam sweep {path.name}` makes", file=path)
     if path.stat().st_size == 0:
