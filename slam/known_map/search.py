@@ -35,7 +35,7 @@ from moteslam.slam.known_map.maps import KnownMaps
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.localisation import CORRELATION
 from moteslam.slam.registration.registrar import Points, Registration, prior_spread, register, subsample
-from moteslam.slam.registration.search import apart, is_elsewhere
+from moteslam.slam.registration.search import apart, is_apart, is_elsewhere
 
 STEP, TURN = 0.2, 0.06  # Of the lattice: a basin of Gauss-Newton [m], [rad]
 NEAR = 0.2  # Endpoints nearer to a surface than this count for a place [m]
@@ -234,9 +234,7 @@ def _likely(odds: Array) -> NDArray[np.bool_]:
 
 def _same(some: Array, others: Array) -> NDArray[np.bool_]:
     """Which of places [m, 3] are the same as others [n, 3]: [m, n]."""
-    off = some[:, None] - others
-    off[..., 2] = se2.wrap(off[..., 2])
-    return np.asarray((np.abs(off) < SAME).all(axis=2))
+    return ~is_apart(some.T[:, :, None] - others.T[:, None], SAME)
 
 
 SEARCHES_APART, MOST_SEARCHES = 20.0, 20  # Searches along a path are this far apart [m], at least, and at most so many

@@ -94,18 +94,18 @@ def apart(offsets: Array, most: int, distance: Array) -> NDArray[np.intp]:
     for first in range(0, len(offsets), AT_ONCE):  # few of many are looked at
         left = np.arange(first, min(first + AT_ONCE, len(offsets)))
         for one in chosen:
-            left = left[_apart(places[:, left], places[:, one], distance)]
+            left = left[is_apart(places[:, left] - places[:, [one]], distance)]
         while len(left) and len(chosen) < most:
             chosen.append(int(left[0]))
-            left = left[_apart(places[:, left], places[:, left[0]], distance)]
+            left = left[is_apart(places[:, left] - places[:, left[:1]], distance)]
         if len(chosen) >= most:
             break
     return np.array(chosen, np.intp)
 
 
-def _apart(places: Array, one: Array, distance: Array) -> NDArray[np.bool_]:
-    """Of places [3, n] those that are so far from one in x, y or heading."""
-    x, y, turn = np.abs(places - one[:, None])
+def is_apart(differences: Array, distance: Array) -> NDArray[np.bool_]:
+    """Which differences [3, ...] of two places, headings within a turn, are so large in x, y or heading."""
+    x, y, turn = np.abs(differences)
     return np.asarray((x >= distance[0]) | (y >= distance[1]) | (np.minimum(turn, 2 * np.pi - turn) >= distance[2]))
 
 
