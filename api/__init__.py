@@ -3,8 +3,6 @@
 The public names below are imported when first used, so that ``import moteslam`` costs nothing.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

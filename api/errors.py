@@ -3,8 +3,6 @@
 The command line prints ``str(error)`` as one line and exits with code 2; no traceback reaches a user.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches

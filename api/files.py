@@ -1,7 +1,5 @@
 """Files: read within bounds, written whole or not at all; the folders of results."""
 
-from __future__ import annotations
-
 import secrets
 import stat
 import tempfile

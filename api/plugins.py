@@ -5,8 +5,6 @@ Other packages bring theirs by entry points, in the groups ``moteslam.filters``,
 imported before it is asked for.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Container, Iterator, Mapping
 from functools import cache, cached_property

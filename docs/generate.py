@@ -3,8 +3,6 @@
 The keys' texts are the comments beside the fields of the configuration models. MkDocs calls the functions ``on_...``.
 """
 
-from __future__ import annotations
-
 import inspect
 import json
 import os

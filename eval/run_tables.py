@@ -3,8 +3,6 @@
 Numbers are written with the fewest digits that read back the same.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

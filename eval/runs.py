@@ -1,7 +1,5 @@
 """Runs with their figures, read from sweeps and result folders alike, grouped, summed up, and told apart."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace

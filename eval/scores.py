@@ -1,7 +1,5 @@
 """Scores: of a run of ours as one dict of figures; of anyone's trajectory by another one, relations, or its scans."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Text from elsewhere, shown and not obeyed, and rows of it as a table: aligned, Markdown, LaTeX or CSV."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

@@ -4,8 +4,6 @@ Every function of this package raises ``InputError`` with the argument's name as
 together and indices beyond them. The bounds of other numbers are those of the configurations that they come from.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -3,8 +3,6 @@
 Kernel files import ``ti`` from here. It imports Taichi (0.2 s): modules that must load at once import it in functions.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import io

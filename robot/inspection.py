@@ -1,7 +1,5 @@
 """What a recording holds, and what is wrong with it: rates, gaps, shares of bad readings, streams that do not meet."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass

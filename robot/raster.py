@@ -4,8 +4,6 @@ A map's file is an ``.npz`` of arrays by their names, with ``cell_size`` and ``o
 the file as in memory. Nothing is pickled.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import re

@@ -11,8 +11,6 @@ Put into metres that is itself a pinhole camera (``RGB_FOCAL``, ``RGB_CENTRE``),
 camera (``RGB_OFFSET``): what the simulator draws and what the texture mapping undoes are one and the same geometry.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor

@@ -4,8 +4,6 @@ A pose is ``(x, y, theta)`` [m, m, rad]; arrays of poses are float64, shape [...
 Angles are wrapped to (-pi, pi]. Frames as in ROS REP 103: x forward, y left, theta counterclockwise.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

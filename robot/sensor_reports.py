@@ -5,8 +5,6 @@ most is the offset between the clocks that stamp them, delays of drivers and fil
 the correlation and do not move its peak. Scans are held against odometry by the calibration.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 

@@ -4,8 +4,6 @@ Tables become frozen pydantic models of strict types: a text is no number and a 
 Python; a list is taken where a tuple is asked for.
 """
 
-from __future__ import annotations
-
 import os
 import tomllib
 from collections.abc import Collection, Sequence

@@ -5,8 +5,6 @@ ms at a constant speed, so a count divided by its interval spikes to ten times t
 increment is a pose in the frame of the pose before it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

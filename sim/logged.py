@@ -3,8 +3,6 @@
 Nothing here looks at the world or the truth: each function makes one recording of another.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """A simulation on disk: the recording in the UCSD layout, with the truth beside it."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor

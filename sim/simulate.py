@@ -1,7 +1,5 @@
 """A scenario in, a recording and its truth out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The simulated robot in your hands: it is told how to drive, and reports what its sensors saw since."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from numbers import Real

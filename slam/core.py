@@ -1,7 +1,5 @@
 """What SLAM does with a scan, whatever it comes from: filter, back end, and the result so far."""
 
-from __future__ import annotations
-
 import math
 import time
 from array import array

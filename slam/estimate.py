@@ -1,7 +1,5 @@
 """The result of a SLAM run, with its configuration, seed and versions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Rows of numbers that are added one by one or many at once."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is known after every scan, and what is kept of it: pose and motion, how sure the filter was, what it cost."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import zip_longest
 

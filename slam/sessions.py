@@ -1,7 +1,5 @@
 """Going on with a building: the place of a new session in it is found as by localisation, then loops bind the two."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``moteslam platforms``, ``metrics`` and ``scenarios``: what comes with the package, and what it looks like."""
 
-from __future__ import annotations
-
 from math import degrees
 from pathlib import Path
 from typing import Annotated, Any

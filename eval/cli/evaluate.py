@@ -1,7 +1,5 @@
 """``moteslam evaluate``: trajectories against another one or relations, or by the scans of a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -3,8 +3,6 @@
 This module imports next to nothing: it is there before the rest of the program is read.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -1,7 +1,5 @@
 """The program ``moteslam``: its commands, and what becomes of errors, interrupts and closed pipes."""
 
-from __future__ import annotations
-
 import errno
 import inspect
 import os

@@ -1,7 +1,5 @@
 """One SLAM run as the command line does it, over a recording or over the messages of another program on stdin."""
 
-from __future__ import annotations
-
 import json
 import sys
 import time

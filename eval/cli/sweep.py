@@ -1,7 +1,5 @@
 """``moteslam sweep``: many runs of many configurations, summed up."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from itertools import chain
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Absolute trajectory error: how far the estimate is from the reference once it is laid on it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """How sure a filter said it was, against the truth: NEES of its covariances, precision and recall of its states."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Precision and recall of loops against the truth (``docs/theory/loops.md``)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple

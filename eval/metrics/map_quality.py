@@ -1,7 +1,5 @@
 """The map against the true one; and whether the map that the scans draw under a trajectory has thin walls."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

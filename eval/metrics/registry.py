@@ -5,8 +5,6 @@ found in a ``Track`` or in ``Evidence``, unless one of ``FIGURES`` computes it. 
 points ``moteslam.metrics``. A metric that cannot be had of a run is absent with its reason, never zero.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Callable, Iterable, Mapping

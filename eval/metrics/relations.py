@@ -1,7 +1,5 @@
 """Relations between poses, checked by hand: a truth for real logs that no SLAM has written (Kuemmerle et al. 2009)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """Residuals of scans under a trajectory: how far endpoints are from what the scans nearby saw of the same surface."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Errors of relative poses: over a delta (RPE), per metre of path (drift), and between visits of the same place."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args
 

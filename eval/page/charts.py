@@ -3,8 +3,6 @@
 Names go through ``label``: plotly.js takes some HTML in its texts, and its entities.
 """
 
-from __future__ import annotations
-
 import html
 from collections.abc import Mapping, Sequence
 from math import ceil, floor, isfinite, log10

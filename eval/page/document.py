@@ -1,7 +1,5 @@
 """The report as one HTML file: what it is made of, tables, charts and a player of runs."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import hashlib

@@ -1,7 +1,5 @@
 """A run as the page plays it: paths, map, loops and particles in as few bytes as its pixels can show."""
 
-from __future__ import annotations
-
 import base64
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The runs of a specification, each with a name that is the same on every computer, and what identifies them all."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections import Counter

@@ -1,7 +1,5 @@
 """One run of a sweep, as a worker process makes it: the recording, SLAM over it, and its metrics."""
 
-from __future__ import annotations
-
 import resource
 import tempfile
 import time

@@ -4,8 +4,6 @@
 function ``make`` of the module make them, and writes outcomes to its output. It ends when its input ends.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

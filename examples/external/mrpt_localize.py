@@ -7,8 +7,6 @@ of their covariance, a line a scan. Without ``--start`` the particles begin in a
 of localization_demo.ini, but for ``--set``; the generator of random numbers takes no seed. Made for MRPT 2.5.8.
 """
 
-from __future__ import annotations
-
 import argparse
 import gzip
 import math

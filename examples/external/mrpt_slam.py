@@ -8,8 +8,6 @@ the folder. Where a program is missing or fails there is one line on stderr, and
 library is all it needs. Made for MRPT 2.5.8; what is peculiar to that version is in ``as_pairs``.
 """
 
-from __future__ import annotations
-
 import argparse
 import gzip
 import math

@@ -3,8 +3,6 @@
 Other packages bring formats of their own as entry points ``moteslam.formats``.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress

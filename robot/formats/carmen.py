@@ -3,8 +3,6 @@
 Source: the head that CARMEN's logger writes (carmen.sourceforge.net/logger_playback.html).
 """
 
-from __future__ import annotations
-
 import math
 import re
 from array import array

@@ -1,7 +1,5 @@
 """Text of a message a line, plain or gzip, read within bounds, up to any damage; broken lines are counted."""
 
-from __future__ import annotations
-
 import gzip
 import zlib
 from codecs import BOM_UTF8

@@ -6,8 +6,6 @@ Occupancies are -1 (unknown) or 0 to 100 %, as in nav_msgs/OccupancyGrid. Source
 reads maps, in the modes trinary, scale and raw, and how map_saver writes them, in the mode trinary.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator, Mapping
 from os import PathLike

@@ -3,8 +3,6 @@
 Any of them may be missing. Arrays, units, bounds and the names of images: ``docs/reference/formats.md``.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from os import PathLike

@@ -3,8 +3,6 @@
 The same recording gives the same bytes. What comes back: ``docs/reference/formats.md``.
 """
 
-from __future__ import annotations
-
 import gzip
 import math
 from collections.abc import Iterator, Sequence

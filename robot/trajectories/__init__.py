@@ -4,8 +4,6 @@ In a bag: ``BAG:TOPIC``, a topic of PoseStamped, PoseWithCovarianceStamped, Odom
 TransformStamped or PointStamped; and ``BAG:tf:parent:child``, the transforms from one frame to another.
 """
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -4,8 +4,6 @@ Columns are TUM's or EuRoC's, or those that a header names: ``tx``, ``p_RS_R_x [
 ``q_RS_w []``, ``orientation.w``, ``yaw [deg]``, ``timestamp [ns]``, ``header.stamp``. Others are passed over.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Iterator, Sequence

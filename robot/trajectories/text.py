@@ -7,8 +7,6 @@ triangle; the error that it weighs is x, y and heading in the frame of the measu
 comment ``# STAMP id seconds`` gives that of a vertex; other programs pass it over.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from array import array

@@ -8,8 +8,6 @@ platform's effective track. Two wheels on one axle, with a caster that only carr
 turn as their effective track says.
 """
 
-from __future__ import annotations
-
 import math
 
 from moteslam.errors import ConfigError

@@ -1,7 +1,5 @@
 """When a sensor takes its readings, what stamps the host gives them, and which of them arrive."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Literal, TypeVar

@@ -5,8 +5,6 @@ mirror it goes on mirrored, and its range is the length of the complete path. Be
 mix two ranges.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

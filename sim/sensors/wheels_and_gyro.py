@@ -1,7 +1,5 @@
 """Wheel counters, which reset when read, gyro and accelerometer."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from moteslam.robot.noise import EncoderNoise, ImuNoise

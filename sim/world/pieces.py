@@ -1,7 +1,5 @@
 """The pieces of a world: what they are made of, their shapes, blocks and furniture."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

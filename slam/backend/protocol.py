@@ -4,8 +4,6 @@ Its ledger has every loop that it looked for, what was found, and why it was tak
 the bundled ones, and those of other packages (entry points ``moteslam.backends``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol

@@ -1,7 +1,5 @@
 """A recording held against itself: what its lidar and its odometry are, as pairs of scans show it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 

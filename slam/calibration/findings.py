@@ -1,7 +1,5 @@
 """What is certain of a calibration: what it says, and the lines of a platform that mend it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from itertools import product

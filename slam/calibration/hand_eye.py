@@ -4,8 +4,6 @@ The lidar's motion is X^-1 m X for a motion m of the robot and a mount X (Censi,
 Simultaneous calibration of odometry and sensor parameters). Of lengths only the ratio of the two can be seen.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """A recording mended by what its calibration says is certain."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """What a recording may be read with: odometry poses in other forms, a clock's step undone, other stamps."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Scans of which nothing can be measured: what is said of them, and how they are known."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ All of it is relative to the map around the robot, the scans taken within ``NEIG
 slowly over a building makes nobody lost (``docs/theory/am-i-lost.md``).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import Enum, IntEnum

@@ -3,8 +3,6 @@
 One matrix of 3 x 3 a scan: what a scan asks of it takes 4 us, with arrays 58.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

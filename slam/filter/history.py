@@ -1,7 +1,5 @@
 """The paths of the particles: poses and parents at every update, followed back from any particle."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a filter is to a run: a step in, a result out, the particles' paths at the end."""
 
-from __future__ import annotations
-
 from typing import NamedTuple, Protocol
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Resampling: indices of particles drawn in proportion to their weights, by one of three schemes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from enum import IntEnum
 from typing import Annotated

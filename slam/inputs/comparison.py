@@ -1,7 +1,5 @@
 """Two scans compared: which endpoints stand in the world between them, and which travel with the robot."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,6 @@ given its next reading (wheels with a gyro: when the gyro has given its next one
 readings costs this delay of one reading. No statistic of the complete recording is used.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ A stretch of the latest readings is looked at alone: a scan costs the same at an
 forgotten.
 """
 
-from __future__ import annotations
-
 import math
 from array import array
 from bisect import bisect_left

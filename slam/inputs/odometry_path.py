@@ -7,8 +7,6 @@ Readings of a gyro that hangs are left out, as if none had come: a driver that r
 drives on would turn the path for ever. Every real gyro's readings differ in their last bits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

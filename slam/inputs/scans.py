@@ -1,7 +1,5 @@
 """The endpoints of any scan of a recording in the robot's frame, as if the scan had been taken at once."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """The one kind of event that SLAM takes in: how the robot moved, and the scan at the end of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -3,8 +3,6 @@
 And where the robot would think it is by its odometry alone: what SLAM has to beat.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

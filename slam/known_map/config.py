@@ -1,7 +1,5 @@
 """The configuration of the method ``known_map``."""
 
-from __future__ import annotations
-
 from math import tau
 from typing import Annotated, Literal
 

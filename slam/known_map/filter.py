@@ -5,8 +5,6 @@ of that filter: while several places are open the particles are divided among th
 sampling keeps few once one is left. A robot that its scans contradict is searched for again.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

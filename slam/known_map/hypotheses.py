@@ -5,8 +5,6 @@ scan anew and always the same way. So they are weighed against each other by wha
 keeps particles of each: by chance none dies out (Thrun, Burgard and Fox 2005, section 4.3.4, variance of the sampler).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp

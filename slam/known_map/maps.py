@@ -1,7 +1,5 @@
 """A map's cells as the distance field that all particles share, the places that are free in it, and its scale."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

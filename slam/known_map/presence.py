@@ -1,7 +1,5 @@
 """Whether a robot that was found in a map is there, also by whether its scans are those of any place in the map."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from moteslam.slam.known_map.search import APART, CROSSING, ON_SURFACE, OUTLIER, WINDOW

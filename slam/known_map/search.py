@@ -14,8 +14,6 @@ every place that some metres of the path fit is followed along the rest, scan by
 speaks for it or against it. A place that others come near to in that is not known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The occupancy grid: log-odds that grow with the robot, so that there is no extent to fall out of."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -5,8 +5,6 @@ the log puts it: recorded odometry is off by some percent, always in the same di
 (Censi, Franchi, Marchionni and Oriolo 2013, Simultaneous calibration of odometry and sensor parameters).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How uncertain the end of a motion is."""
 
-from __future__ import annotations
-
 import math
 from typing import TypeVar
 

@@ -2,8 +2,6 @@
 value is what it is.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from math import pi
 from typing import Annotated, Literal

@@ -1,7 +1,5 @@
 """The paper's particle filter: one map shared by all particles, each moved to the best of its neighbourhood."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

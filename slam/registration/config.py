@@ -1,7 +1,5 @@
 """Parameters of registration, of the correlative search, and of tracking between updates."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

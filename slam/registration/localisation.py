@@ -5,8 +5,6 @@ walls do not measure Gauss-Newton goes where errors of the map pull it, or where
 (``docs/theory/default-filter.md``).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar

@@ -3,8 +3,6 @@
 Frames are read one after the other and added to the cells; what is held does not grow with their number.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated

@@ -1,7 +1,5 @@
 """The configuration of the method ``tsdf``."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field, SerializeAsAny

@@ -5,8 +5,6 @@ A map that bends, a door that opens, a room full of chairs lower the match score
 there. So a drop of the score counts by what contradicts the map beside it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """A Rao-Blackwellised particle filter with a TSDF for every particle, and the improved proposal."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

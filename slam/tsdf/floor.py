@@ -10,8 +10,6 @@ Frames go into the newest map for ``map_length``, and are compared with the one 
 map that took in what is compared with it would follow its own errors. Older ones are dropped, so memory does not grow.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

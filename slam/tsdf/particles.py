@@ -1,7 +1,5 @@
 """The particles of the filter: N hypotheses of the robot's path, each with the TSDF that follows from it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -5,8 +5,6 @@ of the errors of both. How large these are is measured: the registration's by th
 by how far the robot has moved since the map around it was made.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

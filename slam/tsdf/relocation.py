@@ -5,8 +5,6 @@ headings, and registered from the best of them; a place counts that has no rival
 scans, finds the robot at the same place.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS

@@ -3,8 +3,6 @@
 The maps of two particles differ by bends that are long against the motion since the last update.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

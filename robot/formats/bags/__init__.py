@@ -1,7 +1,5 @@
 """ROS bags: a recording from one, its topics chosen, gone through once and made into streams."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Messages of ROS: their definitions, which rosbags brings, and a message out of its bytes."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -4,8 +4,6 @@ Frames as in ROS REP 105: ``odom`` moves smoothly under the robot's ``base_link`
 sensors stand. Names with and without a leading slash are the same.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

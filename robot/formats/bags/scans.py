@@ -9,8 +9,6 @@ nearest one in a beam counts. A beam without one has no return if a beam of a li
 that lidar's limit; a beam in which nothing falls says nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from operator import attrgetter

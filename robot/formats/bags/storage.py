@@ -5,8 +5,6 @@ back; they need an index, and unpack chunks to any size. Here messages come in t
 whole, and no chunk is larger than it says.
 """
 
-from __future__ import annotations
-
 import bz2
 import io
 import shutil

@@ -8,8 +8,6 @@ Beside the messages stands a ``std_msgs/String``, a TOML text: which streams the
 for those who play the bag), its platform, and the scans' figures, which ``sensor_msgs/LaserScan`` holds as float32.
 """
 
-from __future__ import annotations
-
 import heapq
 import math
 import sqlite3

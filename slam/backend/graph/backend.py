@@ -3,8 +3,6 @@
 And how it binds a session to a building: by loops between them, with the same proofs as within one session.
 """
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Sequence
 from copy import deepcopy

@@ -4,8 +4,6 @@ Every node is registered twice: with the recorded odometry, to learn the odometr
 odometry, which only evidence overrules.
 """
 
-from __future__ import annotations
-
 from copy import deepcopy
 
 import numpy as np

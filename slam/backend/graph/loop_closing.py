@@ -3,8 +3,6 @@
 What is proved makes the relative covariance smaller, and with it the next searches.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Generic, TypeVar
 

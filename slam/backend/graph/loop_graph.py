@@ -1,7 +1,5 @@
 """The pose graph as it grows: chain, accepted loops, the poses that follow, and how sure they are of each other."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 

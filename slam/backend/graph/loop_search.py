@@ -6,8 +6,6 @@ of these must have enough endpoints on surfaces, no rival half a metre off, and 
 allows.
 """
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import replace

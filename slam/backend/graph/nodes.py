@@ -1,7 +1,5 @@
 """The nodes of the graph: key scans some distance or turn apart."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The odometry's own errors, as measured by registration: what is systematic is taken out, the rest is its noise."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

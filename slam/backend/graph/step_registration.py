@@ -4,8 +4,6 @@ Registration to the particle's whole map would hold the loops already, right or 
 odometry by many standard deviations only where the evidence allows: see ``against``.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
