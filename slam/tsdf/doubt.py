@@ -44,8 +44,8 @@ class Doubt:
 
     The log-odds of a wrong pose rise and fall from scan to scan by the evidence of each, and never fall below the
     prior: a robot is carried off at any time. The first scan that counts is one whose score drops below what is usual,
-    and below the scan before: what the robot drives into lowers the scores little by little. What is usual is learnt
-    while the robot is not doubted.
+    and below the scan before, or of which most is new: what the robot drives into lowers the scores, and is new, little
+    by little. What is usual is learnt while the robot is not doubted.
     """
 
     def __init__(self) -> None:
@@ -84,7 +84,8 @@ class Doubt:
         elif self._log_odds > PRIOR:
             evidence = min(driven / APART, 1.0) * min(max(self._evidence(scan, below / spread), -MOST), MOST)
         else:
-            sudden = min(below, self._before - scan.score) > LOST_DROP * spread
+            dropped = min(below, self._before - scan.score) > LOST_DROP * spread
+            sudden = dropped or unknown > UNKNOWN_WHERE_LOST
             evidence = min(max(self._evidence(scan, below / spread), 0.0), FIRST) if sudden else 0.0
         self._log_odds = max(self._log_odds + evidence, PRIOR)
         self._before = scan.score

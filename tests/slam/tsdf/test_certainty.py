@@ -169,6 +169,11 @@ def test_a_robot_that_sees_another_place_is_doubtful_at_once_and_lost_within_a_m
     assert APART / 0.1 < found.index(LOST) < 2 * APART / 0.1
 
 
+def test_a_scan_of_which_most_is_new_is_doubted_however_well_the_rest_fits():
+    assert states(FITS._replace(known=20.0)) == [DOUBTFUL]
+    assert states(FITS._replace(known=110.0)) == [SURE]
+
+
 def test_two_scans_make_no_robot_lost_nor_do_many_from_one_place():
     assert states(*[ELSEWHERE] * 3, driven=5.0) == [DOUBTFUL, DOUBTFUL, LOST]
     assert set(states(*[ELSEWHERE] * 500, driven=0.0)) == {DOUBTFUL}
