@@ -27,6 +27,8 @@ class Presence(Doubt):
     next.
     """
 
+    grows = False
+
     def __init__(self, given_up: int = 0) -> None:
         super().__init__()
         self._here, self.proved, self.driven = FIRST, False, 0.0  # since the robot was found [m]

@@ -48,6 +48,8 @@ class Doubt:
     by little. What is usual is learnt while the robot is not doubted.
     """
 
+    grows = True  # the map, with the path; of one that does not, most may be new for long
+
     def __init__(self) -> None:
         self._log_odds = PRIOR
         self.carried = False  # the robot was, and has not been found since
@@ -85,7 +87,7 @@ class Doubt:
             evidence = min(driven / APART, 1.0) * min(max(self._evidence(scan, below / spread), -MOST), MOST)
         else:
             dropped = min(below, self._before - scan.score) > LOST_DROP * spread
-            sudden = dropped or unknown > UNKNOWN_WHERE_LOST
+            sudden = dropped or (self.grows and unknown > UNKNOWN_WHERE_LOST)
             evidence = min(max(self._evidence(scan, below / spread), 0.0), FIRST) if sudden else 0.0
         self._log_odds = max(self._log_odds + evidence, PRIOR)
         self._before = scan.score
