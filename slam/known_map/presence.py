@@ -40,8 +40,8 @@ class Presence(Doubt):
         """That the pose is wrong, by the scans until now."""
         return max(super().probability, 1 / (1 + float(np.exp(self._here))))
 
-    def observe(self, driven: float, scan: ScanFit | None, *, carried: bool = False) -> None:
-        super().observe(driven, scan, carried=carried)
+    def observe(self, driven: float, scan: ScanFit | None, *, turned: float = 0.0, carried: bool = False) -> None:
+        super().observe(driven, scan, turned=turned, carried=carried)
         self.driven += driven
         if scan is None:
             return

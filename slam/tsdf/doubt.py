@@ -25,7 +25,9 @@ CONTRADICTED = 0.05
 beyond what is usual."""
 UNKNOWN_WHERE_LOST, LEAST_UNKNOWN = 0.5, 0.1
 """Shares of the endpoints where the map is unknown: where a robot is lost; and where it is not, at least."""
-AHEAD = 0.25  # That may be more by this share for every metre since the scan before that was not suspected [1/m]
+AHEAD, ASIDE = 0.25, 1 / math.pi
+"""That may be more by these shares for every metre and radian since the scan before that was not suspected [1/m],
+[1/rad]: a lidar that sees half of the circle turns to what it has not seen."""
 USUAL = 10.0  # What is usual is a mean along the path of this length [m]
 
 
@@ -44,8 +46,8 @@ class Doubt:
 
     The log-odds of a wrong pose rise and fall from scan to scan by the evidence of each, and never fall below the
     prior: a robot is carried off at any time. The first scan that counts is one whose score drops below what is usual,
-    and below the scan before, or of which most is new: what the robot drives into lowers the scores, and is new, little
-    by little. What is usual is learnt while the robot is not doubted.
+    and below the scan before, or of which far more is new: what the robot drives into lowers the scores, and is new,
+    little by little. What is usual is learnt while the robot is not doubted.
     """
 
     grows = True  # the map, with the path; of one that does not, most may be new for long
@@ -53,7 +55,7 @@ class Doubt:
     def __init__(self) -> None:
         self._log_odds = PRIOR
         self.carried = False  # the robot was, and has not been found since
-        self._driven = 0.0  # since the last scan that was not suspected [m]
+        self._ahead = 0.0  # share of the endpoints that may be new since the last scan that was not suspected
         self._scores, self._before = Scores(), 0.0
         self._far, self._crossed, self._unknown = FAR_AT_FIRST, 0.0, UNKNOWN_WHERE_LOST  # usual shares of the endpoints
 
@@ -66,13 +68,13 @@ class Doubt:
     def state(self) -> LocalisationState:
         return state_of(self.probability)
 
-    def observe(self, driven: float, scan: ScanFit | None, *, carried: bool = False) -> None:
-        """Take in a scan, None if it was not matched, driven so far after the one before by the odometry [m].
+    def observe(self, driven: float, scan: ScanFit | None, *, turned: float = 0.0, carried: bool = False) -> None:
+        """Take in a scan, None if it was not matched, driven [m] and turned [rad] so far from the one before.
 
         It was ``carried`` if it was found farther off than the robot can have driven: somebody moved it, and it is only
         found where the scans fit as is usual.
         """
-        self._driven += driven
+        self._ahead += AHEAD * driven + ASIDE * turned
         if scan is None:
             return
         spread, below = self._scores.spread, self._scores.below(scan.score)
@@ -87,12 +89,12 @@ class Doubt:
             evidence = min(driven / APART, 1.0) * min(max(self._evidence(scan, below / spread), -MOST), MOST)
         else:
             dropped = min(below, self._before - scan.score) > LOST_DROP * spread
-            sudden = dropped or (self.grows and unknown > UNKNOWN_WHERE_LOST)
+            sudden = dropped or (self.grows and self._new(scan) > MOST)
             evidence = min(max(self._evidence(scan, below / spread), 0.0), FIRST) if sudden else 0.0
         self._log_odds = max(self._log_odds + evidence, PRIOR)
         self._before = scan.score
         if self._log_odds == PRIOR:
-            self._driven = 0.0
+            self._ahead = 0.0
         if self.state is LocalisationState.SURE:
             self.carried = False
             self._scores.take_in(driven, scan.score)
@@ -109,13 +111,16 @@ class Doubt:
         there a search finds places that contradict nothing.
         """
         far = _log_ratio(scan.far, scan.known, FAR_WHERE_LOST, max(self._far, LEAST_FAR))
-        usual = max(self._unknown, LEAST_UNKNOWN) + AHEAD * self._driven
-        unknown = _log_ratio(scan.points - scan.known, scan.points, UNKNOWN_WHERE_LOST, usual)
         contradicted = scan.far / max(scan.known, 1.0) + max(scan.crossed / scan.points - self._crossed, 0.0)
         drop = max(below - DOUBTFUL_DROP, -MOST)
         if drop > 0:
             drop *= min(contradicted / CONTRADICTED, 1.0)
-        return far + max(unknown, 0.0) + drop * scan.known / scan.points
+        return far + max(self._new(scan), 0.0) + drop * scan.known / scan.points
+
+    def _new(self, scan: ScanFit) -> float:
+        """That ratio by the endpoints of which nothing is known."""
+        usual = max(self._unknown, LEAST_UNKNOWN) + self._ahead
+        return _log_ratio(scan.points - scan.known, scan.points, UNKNOWN_WHERE_LOST, usual)
 
 
 def _log_ratio(some: float, all_: float, where_lost: float, usually: float) -> float:

@@ -173,7 +173,8 @@ class TsdfFilter(FilterDefaults):
         self._since = self._since.plus(motion, tracked.motion, slipped=tracked.slipped)
         fit = tracked.fit
         self._covariance.step(motion, tracked.motion, None if tracked.lost else fit)
-        self._doubt.observe(motion.distance, None if fit is None else fit.scan, carried=tracked.carried)
+        seen = None if fit is None else fit.scan
+        self._doubt.observe(motion.distance, seen, turned=motion.rotation, carried=tracked.carried)
         return tracked
 
     def _register(self, step: Step, scan: ThinnedScan, places: Array) -> Proposal:

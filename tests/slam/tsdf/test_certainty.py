@@ -169,9 +169,11 @@ def test_a_robot_that_sees_another_place_is_doubtful_at_once_and_lost_within_a_m
     assert APART / 0.1 < found.index(LOST) < 2 * APART / 0.1
 
 
-def test_a_scan_of_which_most_is_new_is_doubted_however_well_the_rest_fits():
-    assert states(FITS._replace(known=20.0)) == [DOUBTFUL]
-    assert states(FITS._replace(known=110.0)) == [SURE]
+def test_a_scan_of_which_far_more_is_new_than_the_robot_can_have_come_to_see_is_doubted():
+    for driven, turned, state in ((0.1, 0.0, DOUBTFUL), (0.1, 1.5, SURE), (1.5, 0.0, SURE)):
+        (doubt,) = watched(FITS)
+        doubt.observe(driven, FITS._replace(known=70.0), turned=turned)
+        assert doubt.state is state
 
 
 def test_two_scans_make_no_robot_lost_nor_do_many_from_one_place():
