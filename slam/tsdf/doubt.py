@@ -25,9 +25,8 @@ CONTRADICTED = 0.05
 beyond what is usual."""
 UNKNOWN_WHERE_LOST, LEAST_UNKNOWN = 0.5, 0.1
 """Shares of the endpoints where the map is unknown: where a robot is lost; and where it is not, at least."""
-AHEAD, ASIDE = 0.25, 1 / math.pi
-"""That may be more by these shares for every metre and radian since the scan before that was not suspected [1/m],
-[1/rad]: a lidar that sees half of the circle turns to what it has not seen."""
+AHEAD = 0.25  # That may be more by this share for every metre since the scan before that was not suspected [1/m]
+ASIDE = 1 / math.pi  # To begin a doubt, by this share for every radian, too: a lidar may see half of the circle [1/rad]
 USUAL = 10.0  # What is usual is a mean along the path of this length [m]
 
 
@@ -55,7 +54,7 @@ class Doubt:
     def __init__(self) -> None:
         self._log_odds = PRIOR
         self.carried = False  # the robot was, and has not been found since
-        self._ahead = 0.0  # share of the endpoints that may be new since the last scan that was not suspected
+        self._driven = 0.0  # since the last scan that was not suspected [m]
         self._scores, self._before = Scores(), 0.0
         self._far, self._crossed, self._unknown = FAR_AT_FIRST, 0.0, UNKNOWN_WHERE_LOST  # usual shares of the endpoints
 
@@ -74,7 +73,7 @@ class Doubt:
         It was ``carried`` if it was found farther off than the robot can have driven: somebody moved it, and it is only
         found where the scans fit as is usual.
         """
-        self._ahead += AHEAD * driven + ASIDE * turned
+        self._driven += driven
         if scan is None:
             return
         spread, below = self._scores.spread, self._scores.below(scan.score)
@@ -89,12 +88,12 @@ class Doubt:
             evidence = min(driven / APART, 1.0) * min(max(self._evidence(scan, below / spread), -MOST), MOST)
         else:
             dropped = min(below, self._before - scan.score) > LOST_DROP * spread
-            sudden = dropped or (self.grows and self._new(scan) > MOST)
+            sudden = dropped or (self.grows and self._new(scan, turned) > MOST)
             evidence = min(max(self._evidence(scan, below / spread), 0.0), FIRST) if sudden else 0.0
         self._log_odds = max(self._log_odds + evidence, PRIOR)
         self._before = scan.score
         if self._log_odds == PRIOR:
-            self._ahead = 0.0
+            self._driven = 0.0
         if self.state is LocalisationState.SURE:
             self.carried = False
             self._scores.take_in(driven, scan.score)
@@ -117,9 +116,9 @@ class Doubt:
             drop *= min(contradicted / CONTRADICTED, 1.0)
         return far + max(self._new(scan), 0.0) + drop * scan.known / scan.points
 
-    def _new(self, scan: ScanFit) -> float:
+    def _new(self, scan: ScanFit, turned: float = 0.0) -> float:
         """That ratio by the endpoints of which nothing is known."""
-        usual = max(self._unknown, LEAST_UNKNOWN) + self._ahead
+        usual = max(self._unknown, LEAST_UNKNOWN) + AHEAD * self._driven + ASIDE * turned
         return _log_ratio(scan.points - scan.known, scan.points, UNKNOWN_WHERE_LOST, usual)
 
 
