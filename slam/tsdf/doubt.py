@@ -26,7 +26,7 @@ beyond what is usual."""
 UNKNOWN_WHERE_LOST, LEAST_UNKNOWN = 0.5, 0.1
 """Shares of the endpoints where the map is unknown: where a robot is lost; and where it is not, at least."""
 AHEAD = 0.25  # That may be more by this share for every metre since the scan before that was not suspected [1/m]
-ASIDE = 1 / math.pi  # To begin a doubt, by this share for every radian, too: a lidar may see half of the circle [1/rad]
+AROUND = 1 / math.pi  # Before a doubt begins, by this share for every radian, too: lidars see half a circle [1/rad]
 USUAL = 10.0  # What is usual is a mean along the path of this length [m]
 
 
@@ -117,8 +117,8 @@ class Doubt:
         return far + max(self._new(scan), 0.0) + drop * scan.known / scan.points
 
     def _new(self, scan: ScanFit, turned: float = 0.0) -> float:
-        """That ratio by the endpoints of which nothing is known."""
-        usual = max(self._unknown, LEAST_UNKNOWN) + AHEAD * self._driven + ASIDE * turned
+        """The log-likelihood ratio by the endpoints of which nothing is known [nats]."""
+        usual = max(self._unknown, LEAST_UNKNOWN) + AHEAD * self._driven + AROUND * turned
         return _log_ratio(scan.points - scan.known, scan.points, UNKNOWN_WHERE_LOST, usual)
 
 
