@@ -21,6 +21,7 @@ from moteslam.slam.filter.certainty import (
     wrong_by_spread,
 )
 from moteslam.slam.filter.covariance import as_array, largest_deviation, symmetric
+from moteslam.slam.known_map.presence import Presence
 from moteslam.slam.mapping.config import LOST_DISTANCE
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import prior_spread
@@ -174,6 +175,13 @@ def test_a_scan_of_which_far_more_is_new_than_the_robot_can_have_come_to_see_is_
         (doubt,) = watched(FITS)
         doubt.observe(driven, FITS._replace(known=70.0), turned=turned)
         assert doubt.state is state
+
+
+def test_a_robot_may_drive_beyond_a_known_map():
+    presence = Presence()
+    for scan in [*[FITS] * 100, FITS._replace(known=70.0)]:
+        presence.observe(0.1, scan)
+    assert presence.state is SURE
 
 
 def test_two_scans_make_no_robot_lost_nor_do_many_from_one_place():
