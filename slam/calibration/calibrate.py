@@ -75,8 +75,7 @@ SPARSE = 0.5
 against each other."""
 SOME = 256
 """So many scans show it: those of an hour are not read for that."""
-FEW_FIT = 0.5
-"""Scans are told not to fit each other where a smaller share of the pairs does."""
+FEW_FIT = 0.5  # Scans are told not to fit each other where a smaller share of the pairs does
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +102,7 @@ class Calibration:
     reversed: bool | None  # mirrored beams are in the wrong order in time, too; None where scans do not show it
     sweep: float | None  # how long a sweep takes [s] where it clearly is not as stated, or none is stated
     no_surfaces: float | None  # from which range on [m] endpoints are none
+    uneven: float = 0.0  # drift [s/s] of clocks that clearly are not one, of which no steady drift explains much
     step: ClockStep | Bundles | None = None  # of a clock, or bundles of scans; all else is of the recording without it
     gyro: bool = True  # the odometry fits with the gyro's turns, or without as little; else all is of wheels alone
 
@@ -243,6 +243,7 @@ def _calibrate(
         *began, _ = clock(scans.pairs, turned.stamps, np.unwrap(turned.poses[:, 2]), shared=False)
         clocks = fit(scans.pairs, at, (began[0], began[1]), shared=False)
     leaps = abs(clocks.values[Parameter.DRIFT]) > max(MOST_DRIFT, SIGMAS * clocks.deviations[Parameter.DRIFT])
+    uneven = float(clocks.values[Parameter.DRIFT])
     clocks = one if leaps else clocks  # no clock drifts so
     differ = _clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
     shared = not (differ and clocks.cost < EXPLAINED * one.cost)
@@ -282,6 +283,7 @@ def _calibrate(
         correlation=correlation,
         clocks=None if logged and shared else clocks,
         shared_clock=shared,
+        uneven=uneven if leaps or (differ and shared) else 0.0,
         late=late,
         fits=fits,
         reversed=is_reversed,

@@ -396,6 +396,16 @@ def test_a_clock_that_drifts_is_known_to_some_milliseconds_over_the_drive() -> N
     assert stamps[0] == pytest.approx(true.lidar.stamps[0], abs=0.02)  # where both clocks are one
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", ["lms200", "rplidar_a1"])
+def test_stamps_that_were_counted_over_lost_scans_are_told(platform: str) -> None:
+    first, second = within(driven(platform), 0.0, 30.0), within(driven(platform), 33.0, np.inf)
+    ranges = np.concatenate((first.lidar.ranges, second.lidar.ranges))
+    stamps = np.linspace(first.lidar.stamps[0], second.lidar.stamps[-1], len(ranges))
+    _, found = found_in(lidar(stamps=lambda s: stamps, ranges=lambda s: ranges)(first))
+    assert "other-clock" in codes(found.moves)
+
+
 @pytest.mark.parametrize("form", [lambda r: r, poses_of], ids=["sensors", "poses"])
 @pytest.mark.parametrize("platform", ["lms200", slow("rplidar_a1"), slow("ucsd")])
 def test_nothing_is_found_where_nothing_is_wrong(platform: str, form: Fault) -> None:

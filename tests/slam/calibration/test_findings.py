@@ -62,6 +62,7 @@ def calibration(of_fit: dict[str, Any] | None = None, **changes: Any) -> Calibra
         ({"offset": 0.5}, {"shared_clock": False}, "clock-offset", ("earlier than the odometry",)),
         ({"offset": 0.5}, {"shared_clock": False, "late": "gyro"}, "clock-offset", ("imu: stamped 0.50 s", "later")),
         ({"drift": 0.005}, {"shared_clock": False}, "clock-drift", ("-5.00 ms a second", "-5.98 to -4.02")),
+        ({}, {"uneven": 0.02}, "other-clock", ("-20 ms a second", "were they counted")),
     ],
 )
 def test_what_is_certain_is_said_by_how_much_and_to_which_side(
