@@ -209,19 +209,20 @@ class Sensors:
 
 
 def _check_starts(scenario: Scenario, driven: Drive) -> None:
-    """Refuse a fault that begins after the drive, or a mishap after the robot's arrival.
+    """Refuse an outage or a fault that begins after the drive, or a mishap after the robot's arrival.
 
     A drive that runs out of time may have lost some.
     """
     if driven.end != "arrived":
         return
     end = float(driven.stamps[-1])
-    for i, fault in enumerate(scenario.faults):
-        last, what = end, "the end of the drive"
-        if isinstance(fault, Mishap):
-            last, what = end - scenario.drive.rest_end, "the robot's arrival"
-        if fault.start >= last:
-            raise ConfigError(f"{fault.start:g} s, expected before {what}, {last:.1f} s", field=f"faults.{i}.start")
+    for key in ("outages", "faults"):
+        for i, fault in enumerate(getattr(scenario, key)):
+            last, what = end, "the end of the drive"
+            if isinstance(fault, Mishap):
+                last, what = end - scenario.drive.rest_end, "the robot's arrival"
+            if fault.start >= last:
+                raise ConfigError(f"{fault.start:g} s, expected before {what}, {last:.1f} s", field=f"{key}.{i}.start")
 
 
 def seeded(scenario: Scenario, seed: int | None) -> Scenario:

@@ -15,13 +15,13 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli.interrupt import check_interrupt
 from moteslam.eval.cli.options import SlamOptions, named
 from moteslam.eval.cli.text import note, progress_bar, say, warn
-from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
+from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.metrics.residuals import unfit_scans
 from moteslam.eval.report.maps import Snapshot, keep_floor, keep_map
 from moteslam.eval.results import read_building, write_result_bag, write_results
 from moteslam.eval.run_tables import loop_counts
-from moteslam.eval.scores import Figures, number
+from moteslam.eval.scores import Figures, doubted, number
 from moteslam.eval.tables import Column, aligned, length, literal, rows_of
 from moteslam.files import result_folder
 from moteslam.kernels import runtime
@@ -98,7 +98,8 @@ def run_into(
     estimate, stages = _coloured(estimate, recording)
     final, driven = estimate.trajectory_final, estimate.dead_reckoning
     unfit = unfit_scans(recording, final, driven) if config.backend.method != "none" else ()
-    noticed = (*estimate.warnings, *unfit)  # a path without a back end may zigzag by as much
+    noticed = [*estimate.warnings, *unfit]  # a path without a back end may zigzag by as much
+    noticed += [Issue(**one) for one in doubted(Evidence({FINAL: final}, truth=truth, relations=relations))]
     warn(noticed)
     issues = (*issues, *noticed)
     found = write_results(

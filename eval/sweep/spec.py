@@ -18,7 +18,7 @@ from moteslam.eval.metrics.evidence import TRACKS
 from moteslam.eval.metrics.registry import chosen, split
 from moteslam.eval.tables import shortened
 from moteslam.robot.values import NotNegative, Number, Positive, Section, Whole, read_toml, validated
-from moteslam.slam.config import DEFAULT_PRESET
+from moteslam.slam.config import DEFAULT_PRESET, PRESETS
 
 FOLDER = Path(__file__).parent / "specs"
 MAX_RUNS = 1_000_000
@@ -180,6 +180,10 @@ class SweepSpec(Section):
         for name, key in OVER.items():
             if getattr(self, name) and key in keys:
                 raise ValueError(f"{name} and {key}, expected one of the two")
+        for name, one in self.configurations.items():
+            if name in PRESETS and not one.command and one.preset != name:
+                expected = f'expected preset = "{name}", or another name'
+                raise ValueError(f"configurations.{name}: of the preset {one.preset}, {expected}")
         if self.recordings and (others := [key for key in keys if not key.startswith("slam.")]):
             raise ValueError(f"{others[0]}, expected slam. keys alone where recordings are replayed")
         return self

@@ -3,6 +3,7 @@
 import io
 import json
 import re
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -152,6 +153,16 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_simulation(folder / "log", simulation)
     write_map(folder / "map.pgm", simulation.true_map(0.05))
     return folder
+
+
+@pytest.mark.slow
+def test_replay_says_what_is_doubtful_in_its_truth(drive: Path, tmp_path: Path, capsys: Capsys) -> None:
+    shutil.copytree(drive / "log", tmp_path / "log")
+    truth = read_tum(drive / "log" / "truth.tum")
+    write_tum(tmp_path / "log" / "truth.tum", replace(truth, stamps=truth.stamps + 0.2))
+    printed(capsys, "replay", tmp_path / "log", "--out", tmp_path / "out", "--no-figures")
+    run = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert "clocks-differ" in [issue["code"] for issue in run["warnings"]]
 
 
 @pytest.mark.slow

@@ -139,6 +139,7 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
         (HERE + "seeds = '0'\n[vary]\nslam.particles = [2, 2]", "(corridor, seed 0, default, slam.particles=2)"),
         (HERE + "[configurations.a]\npreset = 'b'", "configurations.a, b: no such preset"),
         (HERE + "[configurations.a]\nset = { slam.backend.method = 'no' }", "configurations.a, backend.method: "),
+        (HERE + "[configurations.paper]", "configurations.paper: of the preset default, expected preset = "),
         (HERE + "[configurations.a]\ntrajectory = 'x'\n", "configurations.a: trajectory without a command"),
         (HERE + "[configurations.a]\ncommand = ['x', '{output}']\n", "{output} in the command, expected {out}"),
         *(

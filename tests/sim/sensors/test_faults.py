@@ -157,6 +157,8 @@ def test_a_fault_after_the_drive_is_refused(table: dict[str, Any]) -> None:
     for late in (fault("gap", start=500.0), fault("stuck_wheels", start=13.0)):
         with refusal(ConfigError, field="faults.0.start"):
             run(table, late)
+    with refusal(ConfigError, field="outages.0.start"):
+        run(table, outages=[{"sensor": "lidar", "start": 500.0, "duration": 5.0}])
 
 
 def test_a_cart_ahead_is_where_it_is_said_to_be(table: dict[str, Any], plain: Simulation) -> None:
