@@ -52,7 +52,7 @@ class RegistrationOptions(NamedTuple):
     likelihood_width: float  # standard deviation of a residual r in an endpoint's likelihood, exp(-(r / width)^2 / 2)
     ray_clearance: float  # a ray crosses a surface if it meets one so far from its endpoint [truncations], ...
     ray_weight: int  # ... in a cell that weighs more than this, ...
-    ray_distance: float  # ... nearer to the surface than this [truncations].
+    ray_distance: float  # ... nearer to the surface than this [truncations], and leaves it again.
     # an endpoint at least this far from the surface on the coarse level is far [m]; at most three quarters of its
     # truncation count.
     far: float
@@ -74,7 +74,8 @@ def _crosses_surface(
 ):  # fmt: skip
     """Whether the ray from (ox, oy) to (px, py) meets a surface of the map ``clearance`` before its end; all [cells].
 
-    It does where a cell weighs more than ``min_weight`` and is nearer to the surface than ``max_steps``.
+    It does where a cell weighs more than ``min_weight`` and is nearer to the surface than ``max_steps``, and the one
+    half way from there to the end is not: a ray along a wall that it ends on crosses nothing.
     """
     hit = 0
     length = ti.sqrt((px - ox) ** 2 + (py - oy) ** 2)
@@ -84,7 +85,10 @@ def _crosses_surface(
             gx, gy = ox + share * (px - ox), oy + share * (py - oy)
             word = read(pool, table, base, columns, gx, gy, last_x, last_y, 0)
             if weight_of(word) > min_weight and ti.abs(steps_of(word)) < max_steps:
-                hit = 1
+                gx, gy = 0.5 * (gx + px), 0.5 * (gy + py)
+                word = read(pool, table, base, columns, gx, gy, last_x, last_y, 0)
+                if weight_of(word) <= min_weight or ti.abs(steps_of(word)) >= max_steps:
+                    hit = 1
     return hit
 
 

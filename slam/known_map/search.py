@@ -45,7 +45,7 @@ START_POINTS, POINTS = 120, 250  # Endpoints of a scan that are registered from 
 SAME = np.array([0.3, 0.3, 0.1])  # Starts, and hypotheses, are farther apart in one component [m, m, rad]
 WINDOW, APART, TURNED = 10.0, 0.5, 1.0
 """Scans of the latest so many metres count together; one is taken in every so many [m], or after such a turn [rad]."""
-OUTLIER, CROSSING = 4.0, 1.0
+OUTLIER, CROSSING = 4.0, 2.0
 """Cost of an endpoint that contradicts the map, ``LOST_DISTANCE`` and more from any surface, or lies where it knows
 nothing; and of a ray through a surface, whether it ended behind it or was answered by nothing [nats]."""
 REACH = 5.0  # Surfaces nearer than this answer [m]: from farther away what is dark does so no more

@@ -19,7 +19,7 @@ class RegistrationConfig(Section):
     # An endpoint at distance r from the surface has the likelihood exp(-(r / (width residual))^2 / 2), 0 to 1: wider
     # than the residual, so that it separates scans that fit from those that do not
     likelihood_width: Annotated[Number, Field(ge=0.1, le=100)] = 2.0
-    # A ray crosses a surface of the map if it meets one at least this far before its endpoint [truncations]
+    # A ray crosses a surface of the map that it meets at least this far before its endpoint [truncations] and leaves
     ray_clearance: Annotated[Number, Field(ge=0, le=100)] = 2.0
     # Cells of at most this weight are no surface that a ray can cross
     ray_weight: Annotated[Whole, Field(ge=0, le=31)] = 4

@@ -176,7 +176,6 @@ class _Sought(NamedTuple):
         Returns them, and the same as if each place knew no more endpoints than that of the likely ones which knows
         fewest: that one knows more is no evidence against another, but for one that knows less than ``LEAST_KNOWN``.
         """
-        crossing = config.score_crossing / config.score_likelihood * costs.outlier_cost
         share = len(self.points) / points / CORRELATION
         known = (costs.unknown_cost * points - tried.costs) * share
         aside = np.hypot(tried.offsets[:, 0], tried.offsets[:, 1])
@@ -184,7 +183,7 @@ class _Sought(NamedTuple):
         turned = np.square(aside / place) + 4 * np.log(max(place / arc, 1.0))
         off = np.minimum(np.square(aside / arc), turned) + np.square(tried.offsets[:, 2] / self.spread[2])
         places = np.log(np.maximum(np.array((arc, arc, self.spread[2])) / config.basin, 1.0)).sum()
-        odds = np.asarray(known - crossing * tried.crossed * share - off / 2 - places)
+        odds = np.asarray(known - costs.outlier_cost * tried.crossed * share - off / 2 - places)
         likely = odds > DECIDED
         if not likely.any():
             return odds, odds

@@ -109,7 +109,7 @@ class Doubt:
         standard deviations], as far as the map is known; and by more endpoints than usual of which nothing is known:
         there a search finds places that contradict nothing.
         """
-        far = _log_ratio(scan.far, scan.known, FAR_WHERE_LOST, max(self._far, LEAST_FAR))
+        far = log_ratio(scan.far, scan.known, FAR_WHERE_LOST, max(self._far, LEAST_FAR))
         contradicted = scan.far / max(scan.known, 1.0) + max(scan.crossed / scan.points - self._crossed, 0.0)
         drop = max(below - DOUBTFUL_DROP, -MOST)
         if drop > 0:
@@ -119,10 +119,10 @@ class Doubt:
     def _new(self, scan: ScanFit, turned: float = 0.0) -> float:
         """The log-likelihood ratio by the endpoints of which nothing is known [nats]."""
         usual = max(self._unknown, LEAST_UNKNOWN) + AHEAD * self._driven + AROUND * turned
-        return _log_ratio(scan.points - scan.known, scan.points, UNKNOWN_WHERE_LOST, usual)
+        return log_ratio(scan.points - scan.known, scan.points, UNKNOWN_WHERE_LOST, usual)
 
 
-def _log_ratio(some: float, all_: float, where_lost: float, usually: float) -> float:
+def log_ratio(some: float, all_: float, where_lost: float, usually: float) -> float:
     """The log-likelihood ratio [nats] of some endpoints among all, by the share of such ones in either case."""
     usually = min(usually, where_lost)
     rest = (all_ - some) * math.log((1 - where_lost) / (1 - usually))

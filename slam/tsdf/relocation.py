@@ -15,6 +15,7 @@ from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
 from moteslam.slam.registration.localisation import BENT
 from moteslam.slam.registration.registrar import Points, Registration, register, subsample
 from moteslam.slam.registration.search import Window, candidates, is_elsewhere, runner_up, shares
+from moteslam.slam.tsdf.doubt import FAR_WHERE_LOST, LEAST_FAR, log_ratio
 
 QUERY = 4.0  # Path of the scans that are searched for together [m]
 FIRST_LOOK, APART = 2.0, 1.0
@@ -114,6 +115,8 @@ class Relocation:
         places = shares(found, len(points)) - np.where(near | self._carried, 0.0, LEAST_MARGIN)
         best = int(places.argmax())
         if places[best] < LEAST_SHARE or places[best] - runner_up(found, places, len(points)) < LEAST_MARGIN:
+            return None, 0.0
+        if log_ratio(found.far[best], found.known[best], FAR_WHERE_LOST, LEAST_FAR) > 0:  # it would be lost there, too
             return None, 0.0
         return se2.compose(middle, found.offsets[best]), float(places[best])
 

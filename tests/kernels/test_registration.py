@@ -169,6 +169,13 @@ def test_rays_through_walls_are_counted(room: Pool, origin: tuple[float, float])
     assert register(room, [pose], inside, origin=origin)[1][0, CROSSED] == 0
 
 
+def test_rays_along_a_wall_that_end_on_it_are_not_counted(room: Pool) -> None:
+    along = np.stack((np.linspace(1.0, 3.5, 20), np.full(20, 0.1)), axis=1)  # from 10 cm before the wall
+    for ends, expected in ((along, 0), (2 * along, 20)):
+        _, (fit,) = register(room, [MIDDLE + np.array((0.0, 2.9, 0.0))], ends, iterations=0)
+        assert fit[CROSSED] == expected
+
+
 @pytest.mark.parametrize("far", [0.2, 0.25, 0.3])
 def test_endpoints_off_the_walls_are_counted(room: Pool, far: float) -> None:
     """Of endpoints moved towards the robot those that the coarse level knows to be that far from the walls."""

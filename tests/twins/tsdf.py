@@ -179,8 +179,13 @@ def crossed(
 ) -> int:  # fmt: skip
     """Rays from ``origin`` to the points that cross a surface of the map, looked for at six places of each.
 
-    ``clearance`` and ``distance`` are in truncations.
+    ``clearance`` and ``distance`` are in truncations. Half way from such a place to its end a ray has left the surface.
     """
+
+    def near(place: NDArray[np.float64]) -> bool:
+        ix, iy = np.floor(place / cell_size).astype(int)
+        return bool(tsdf.weights[iy, ix] > weight and abs(tsdf.steps[iy, ix]) < distance * STEPS)
+
     x, y, theta = np.asarray(pose, float)
     turn = np.array([[cos(theta), -sin(theta)], [sin(theta), cos(theta)]])
     start, ends = turn @ np.asarray(origin, float) + (x, y), np.asarray(points, float) @ turn.T + (x, y)
@@ -188,9 +193,9 @@ def crossed(
     for end in ends:
         hits = []
         for share in (0.9, 0.75, 0.6, 0.45, 0.3, 0.15):
-            ix, iy = np.floor((start + share * (end - start)) / cell_size).astype(int)
-            near = tsdf.weights[iy, ix] > weight and abs(tsdf.steps[iy, ix]) < distance * STEPS
-            hits.append(near and (1 - share) * np.hypot(*(end - start)) > clearance * truncation)
+            place = start + share * (end - start)
+            early = (1 - share) * np.hypot(*(end - start)) > clearance * truncation
+            hits.append(early and near(place) and not near((place + end) / 2))
         count += any(hits)
     return count
 

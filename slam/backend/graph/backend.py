@@ -54,6 +54,7 @@ class GraphBackend:
         self._nearest = array("l")  # of each key scan that is no node, as its place is known, the nearest node; or -1
         self._placed = np.zeros((0, 3))  # of the nodes, on that path
         self._corrected = 0.0  # length of the path at the last correction [m]
+        self._known = 0  # nodes before the robot was lost, or all until now
         self._loops: tuple[LoopCandidate, ...] = ()
         self.issues: tuple[Issue, ...] = ()
         self.measured: Measured | None = None
@@ -66,7 +67,10 @@ class GraphBackend:
     def add(self, key: KeyScan) -> Array | None:
         self._path.add(key.pose[None])
         self._nearest.append(-1)
-        if not self._nodes.add(key, self._crowded):
+        added = self._nodes.add(key, self._crowded)
+        if not key.lost:
+            self._known = len(self._nodes)
+        if not added:
             return None
         self._placed = np.vstack((self._placed, self._path.values[self._nodes.updates[-1]]))
         if self._closing is None:
@@ -81,9 +85,9 @@ class GraphBackend:
     def relocated(self, path: Array) -> None:
         self._move(path)
         if self._closing is not None:
-            begins = self._nodes.place(self._placed)
+            self._nodes.place(self._placed)
             self._closing.graph.rejoin()
-            self._closing.rejoin(begins, self._placed)
+            self._closing.rejoin(self._known, self._placed)
 
     def _crowded(self) -> bool:
         """Whether there are enough nodes where the key scan before the latest was taken; it goes with the nearest."""

@@ -59,17 +59,12 @@ class Nodes:
         self._last, self._keys = key, self._keys + 1
         return self.close() if self._keys == 1 else added
 
-    def place(self, poses: Array) -> int:
-        """Place the nodes at poses [n, 3] of the filter; a step that this changes was not measured by odometry.
-
-        Returns the number of the latest node whose step that is, 0 of none.
-        """
-        latest = 0
+    def place(self, poses: Array) -> None:
+        """Place the nodes at poses [n, 3] of the filter; a step that this changes was not measured by odometry."""
         for k, step in enumerate(se2.between(poses[:-1], poses[1:]), start=1):
             off = se2.between(self.filtered[k], step)
             if np.hypot(*off[:2]) > self._config.distance or abs(off[2]) > self._config.rotation:
-                self.filtered[k], self.measured[k], latest = np.asarray(step), False, k
-        return latest
+                self.filtered[k], self.measured[k] = np.asarray(step), False
 
     def close(self) -> bool:
         """Make the latest key scan a node, unless it is one or has few points; whether it became one."""
