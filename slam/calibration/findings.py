@@ -206,7 +206,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text += f"{1000 * (-drift.value + WITHIN * drift.deviation):+.2f}"
         told.append(("clock-drift", text))
     if c.step is not None:
-        told.append(c.step.text)
+        told.append(c.step.told)
     if not c.gyro:
         text = "imu: its turns are not those of scans and wheels, which fit without; is its z up? Left out"
         told.append(("no-gyro", text))
