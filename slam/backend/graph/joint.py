@@ -67,8 +67,6 @@ class Endpoints(NamedTuple):
 
     def only(self, scans: NDArray[np.intp]) -> Endpoints:
         """Those of some scans [m], which rise; numbered anew."""
-        if len(scans) == len(self.starts) - 1:
-            return self
         counts = np.diff(self.starts)[scans]
         kept = np.isin(self.owners, scans)
         owners = np.repeat(np.arange(len(scans)), counts).astype(np.int32)
