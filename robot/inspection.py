@@ -127,8 +127,7 @@ def _stream(name: str, stamps: NDArray[np.float64]) -> StreamReport:
 
 def _rests(encoders: EncoderStream) -> Spans:
     """From when to when [s] the wheels stood still, each at least a second."""
-    still = np.concatenate(([False], (encoders.counts == 0).all(axis=1), [False]))
-    edges = np.flatnonzero(np.diff(still))
+    edges = np.flatnonzero(np.diff((encoders.counts == 0).all(axis=1), prepend=False, append=False))
     spans = ((float(encoders.stamps[a]), float(encoders.stamps[b - 1])) for a, b in edges.reshape(-1, 2))
     return [(start, end) for start, end in spans if end - start >= REST]
 

@@ -89,8 +89,6 @@ def chunks(ranges: Ranges) -> Iterator[NDArray[np.float32]]:
 
 def phases(ranges: NDArray[np.float32], interlace: int) -> NDArray[np.intp]:
     """At which beam interlaced scans [n, beams] begin [n], below ``interlace``; 0 for a scan that measured nothing."""
-    if interlace == 1:
-        return np.zeros(len(ranges), np.intp)
     known = ~np.isnan(ranges)
     begins = np.stack([known[:, phase::interlace].any(axis=1) for phase in range(interlace)])
     return np.asarray(begins.argmax(axis=0))

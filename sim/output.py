@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -105,7 +106,7 @@ def write_frames(
     announce: Callable[[str], None] | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> None:
-    """Draw all frames and write them as ``dataRGBD/`` of the UCSD layout.
+    """Draw all frames and write them as ``dataRGBD/`` of the UCSD layout; few are held at a time.
 
     ``announce`` is called, before the first is written, with a line on how many and how large they will be.
     """
@@ -113,19 +114,29 @@ def write_frames(
         (RGB, frames.draw_rgb, len(frames.rgb.stamps)),
         (DISPARITY, frames.draw_disparity, len(frames.disparity.stamps)),
     )
-    total = sum(count for _, _, count in kinds)
-    wanted = sum(estimate_bytes(draw, count) for _, draw, count in kinds)
+    done, total = 0, sum(count for _, _, count in kinds)
+    wanted, free = sum(estimate_bytes(draw, count) for _, draw, count in kinds), shutil.disk_usage(folder).free
     if announce is not None:
         announce(f"{total} images of about {_in_words(wanted)} are to be written")
-    check_space(folder, wanted)
-    before = 0
+    if wanted > free:
+        raise OutputError(f"{_in_words(free)} free, expected {_in_words(wanted)} for the images", file=folder)
 
-    def report(done: int) -> None:
-        progress((before + done) / total)
+    def write(kind: str, index: int, image: NDArray[Any]) -> None:
+        write_atomically(image_path(folder, kind, sequence, index), encode_png(image, fast=True))
 
-    for kind, draw, count in kinds:
-        write_images(folder, kind, sequence, draw, count, progress=report)
-        before += count
+    with ThreadPoolExecutor(processor_count()) as pool:
+        written: Iterator[None] = iter(())
+        for kind, draw, count in kinds:
+            make_folder(image_path(folder, kind, sequence, 0).parent)
+            for start in range(0, count, BATCH):
+                indices = np.arange(start, min(start + BATCH, count))
+                images = draw(indices)  # while those before are encoded
+                list(written)
+                progress(done / total)
+                written = pool.map(partial(write, kind), indices.tolist(), images)
+                done += len(indices)
+        list(written)
+    progress(1.0)
 
 
 def estimate_bytes(draw: Draw, count: int) -> int:
@@ -139,34 +150,3 @@ def estimate_bytes(draw: Draw, count: int) -> int:
 
 def _in_words(size: float) -> str:
     return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.1f} MB"
-
-
-def check_space(folder: Path, wanted: int) -> None:
-    """Refuse to begin where fewer bytes than ``wanted`` are free."""
-    free = shutil.disk_usage(folder).free
-    if wanted > free:
-        raise OutputError(f"{_in_words(free)} free, expected {_in_words(wanted)} for the images", file=folder)
-
-
-def write_images(
-    folder: Path, kind: str, sequence: str, draw: Draw, count: int, *, progress: Callable[[int], None] = lambda _: None
-) -> None:
-    """Draw ``RGB`` or ``DISPARITY`` images and write them, encoding on all cores; few are held at a time.
-
-    ``progress`` is called with the number already written.
-    """
-    make_folder(image_path(folder, kind, sequence, 0).parent)
-
-    def write(index: int, image: NDArray[Any]) -> None:
-        write_atomically(image_path(folder, kind, sequence, index), encode_png(image, fast=True))
-
-    with ThreadPoolExecutor(processor_count()) as pool:
-        written: Iterator[None] = iter(())
-        for start in range(0, count, BATCH):
-            indices = np.arange(start, min(start + BATCH, count))
-            images = draw(indices)  # while those before are encoded
-            list(written)
-            progress(start)
-            written = pool.map(write, indices.tolist(), images)
-        list(written)
-    progress(count)

@@ -220,7 +220,7 @@ class Core:
         updates = np.array(self._updates)[: len(path)]
         parts = np.flatnonzero(self._losses.drawn(updates))
         some = parts[np.unique(np.linspace(0, len(parts) - 1, min(len(parts), scans)).round().astype(int))]
-        return draw_map(self.config.map, self._inputs.scans, updates[some].tolist(), path[some])
+        return draw_map(self.config.map, self._inputs.scans, updates[some].tolist(), path[some]).snapshot()
 
     def _warnings(self) -> tuple[Issue, ...]:
         """What SLAM had to do without."""

@@ -83,8 +83,7 @@ def open_recording(
         if file.name == str(platform) and file.suffix != ".toml" and not file.exists():
             platform = bundled_platform(file.name)
     if streams and known.read_topics is not None:
-        left = {"lidar", "odometry", "imu", "encoders", "rgbd"} - set(streams)
-        topics = {**dict.fromkeys(left, ()), **(topics or {})}
+        topics = {**dict.fromkeys(set(STREAMS) - set(streams), ()), **(topics or {})}
     if not topics:
         return known.read(path, sequence, platform)
     if known.read_topics is None:

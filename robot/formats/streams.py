@@ -152,12 +152,13 @@ def _window(stamps: Stamps, beyond: float) -> Stamps:
     return sliding_window_view(np.concatenate((stamps, np.full(FOLLOWING - 1, beyond))), FOLLOWING)
 
 
-def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.intp] | None, tuple[Issue, ...]]:
-    """The order [k] that makes stamps [n] [s] rise, None where they do, and an issue of what was done.
+def sort_by_stamp(file: Path, field: str, stamps: Array, issues: list[Issue]) -> tuple[Stamps, NDArray[np.intp]]:
+    """The stamps [k] that rise, of stamps [n] [s], and the readings [k] in this order; what was done is told.
 
     Readings that share a stamp stay in the order they came in. Those with the stamp 0 among others of Unix time, of a
     driver that was up before its clock, are left out.
     """
+    stamps = stamps.astype(np.float64)
 
     def refuse(problem: str) -> NoReturn:
         raise InputError(problem, file=file, field=field)
@@ -168,7 +169,6 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
         units = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
         hint = [f": are they {unit}?" for scale, unit in units.items() if 1e8 < stamps[first] / scale < 1e10]
         refuse(f"stamp {stamps[first]:.6g} at reading {first}, expected finite seconds below 1e11{''.join(hint)}")
-    issues = []
     kept = np.arange(len(stamps))
     unset = (stamps == 0) & (np.min(stamps[stamps != 0], initial=np.inf) > MAX_JUMP) & stamps.any()
     if 0 < (count := int(unset.sum())) <= max(MAX_DROPPED, len(stamps) // 10):
@@ -191,7 +191,8 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
     if count := int((np.diff(used) < 0).sum()):
         text = f"{file.name}: {field}: {count} stamps go back; the readings were sorted by stamp"
         issues.append(Issue("stamps-go-back", text, count))
-    return (order if issues else None), (*issues, *unpadded(f"{file.name}: {field}", used))
+    issues += unpadded(f"{file.name}: {field}", used)
+    return rising, order
 
 
 def given_again(path: Path, field: str, stamps: Stamps, marks: Array, issues: list[Issue]) -> Mask:
@@ -216,16 +217,6 @@ def given_again(path: Path, field: str, stamps: Stamps, marks: Array, issues: li
     text = f"{count} scans given again {np.median(late[again]):.3f} s later, when the lidar cannot have measured them: "
     issues.append(Issue("doubles", f"{path.name}: {field}: {text}dropped, since nothing was measured then", count))
     return np.asarray(again)
-
-
-def sort_by_stamp(
-    path: Path, field: str, stamps: Array, issues: list[Issue], *values: Array
-) -> tuple[Stamps, tuple[Array, ...]]:
-    """Stamps [n] that rise and the values [n, ...] that belong to them; raises as `stamp_order`."""
-    stamps = stamps.astype(np.float64)
-    order, found = stamp_order(stamps, file=path, field=field)
-    issues.extend(found)
-    return (stamps, values) if order is None else (stamps[order], tuple(value[order] for value in values))
 
 
 def sampled(scans: int) -> NDArray[np.intp]:
@@ -280,7 +271,7 @@ class Sensors:
     ) -> LidarStream:
         """Ranges [n, beams] [m] as reported, poses [n, 3] logged with the scans; ``interlace`` as in `LidarStream`."""
         fan, head = fan.over(self.given, ranges.shape[1], file=file, field="angle_increment"), f"{file.name}: {field}"
-        stamps, (order,) = sort_by_stamp(file, field, stamps, self.issues, np.arange(len(stamps)))
+        stamps, order = sort_by_stamp(file, field, stamps, self.issues)
         marks = np.array([hash(ranges[scan].tobytes()) for scan in order], np.int64)
         new = ~given_again(file, field, stamps, marks, self.issues)
         stamps, order = stamps[new], order[new]
@@ -293,12 +284,13 @@ class Sensors:
 
     def odometry(self, file: Path, field: str, stamps: Array, poses: Array) -> OdometryStream | None:
         """The poses [n, 3] of a base, if there are any."""
-        stamps, (poses,) = sort_by_stamp(file, field, stamps, self.issues, poses)
-        return OdometryStream(stamps, poses) if len(stamps) else None
+        stamps, order = sort_by_stamp(file, field, stamps, self.issues)
+        return OdometryStream(stamps, poses[order]) if len(stamps) else None
 
     def encoders(self, file: Path, fields: tuple[str, str], stamps: Array, counts: Array) -> EncoderStream:
         """Counts [n, 4] since the last reading, without those of more than 100 m/s."""
-        stamps, (counts,) = sort_by_stamp(file, fields[0], stamps, self.issues, counts)
+        stamps, order = sort_by_stamp(file, fields[0], stamps, self.issues)
+        counts = counts[order]
         if self.robot.wheels is not None:
             travel = np.abs(counts.astype(np.float64)).max(axis=1) * self.robot.wheels.metres_per_count
             plausible = travel <= SLACK + MAX_SPEED * np.diff(stamps, prepend=stamps[:1])
@@ -307,9 +299,10 @@ class Sensors:
 
     def imu(self, file: Path, fields: tuple[str, str], stamps: Array, angular: Array, linear: Array) -> ImuStream:
         """Turn rates [n, 3] [rad/s], without those beyond 100 rad/s, and accelerations [n, 3] [g]."""
-        stamps, values = sort_by_stamp(file, fields[0], stamps, self.issues, angular, linear)
-        plausible = np.asarray((np.abs(values[0]) <= MAX_RATE).all(axis=1))
-        stamps, angular, linear = self._keep(file, fields[1], plausible, "beyond 100 rad/s", stamps, *values)
+        stamps, order = sort_by_stamp(file, fields[0], stamps, self.issues)
+        angular, linear = angular[order], linear[order]
+        plausible = np.asarray((np.abs(angular) <= MAX_RATE).all(axis=1))
+        stamps, angular, linear = self._keep(file, fields[1], plausible, "beyond 100 rad/s", stamps, angular, linear)
         return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))
 
     def _keep(self, file: Path, field: str, plausible: Mask, what: str, *values: Array) -> tuple[Array, ...]:

@@ -118,8 +118,8 @@ def _rgbd(path: Path, sensors: Sensors) -> RgbdStream:
     streams = []
     for field, kind in (("rgb_time_stamps", RGB), ("disparity_time_stamps", DISPARITY)):
         images = _images(path.parent, kind, number, len(arrays[field]), issues)
-        stamps, (indices,) = sort_by_stamp(path, field, arrays[field], issues, np.arange(len(arrays[field])))
-        streams.append((stamps, tuple(images[i] for i in indices) if images else ()))
+        stamps, order = sort_by_stamp(path, field, arrays[field], issues)
+        streams.append((stamps, tuple(images[i] for i in order) if images else ()))
     (rgb, rgb_files), (disparity, disparity_files) = streams
     return RgbdStream(rgb, disparity, rgb_files, disparity_files)
 

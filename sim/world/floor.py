@@ -139,8 +139,6 @@ class FloorSettings(Section):
         """The colours uint8 [..., 3] of the floor at points [..., 2] in the world [m]."""
         points = np.asarray(points, np.float64)
         flat = np.ascontiguousarray(points.reshape(-1, 2))
-        if not len(flat):
-            return np.empty((*points.shape[:-1], 3), np.uint8)
         x, y = flat.T.copy()
         if self.image is not None:
             picture = read_picture(self.image)

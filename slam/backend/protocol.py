@@ -94,9 +94,11 @@ class Backend(Protocol):
 
         While the filter is not settled none comes; then all that have waited do, one after the other.
         """
+        return None
 
     def relocated(self, path: Array) -> None:
         """Take in that the filter has found a robot that was lost: the path [u, 3] of all key scans by it."""
+        return
 
     def finish(self, path: Array) -> Array | None:
         """The path of all key scans as known at the end, poses [u, 3], or None where there is nothing to correct.
@@ -105,6 +107,7 @@ class Backend(Protocol):
         particle's; where the filter was corrected, with these corrections. In the middle of a run its last ones may be
         of key scans that wait.
         """
+        return None
 
 
 @dataclass(frozen=True)
@@ -120,26 +123,15 @@ class NoBackendConfig(BackendConfig):
     method: Literal["none"] = "none"
 
 
-class NoBackend:
+class NoBackend(Backend):
     """Corrects nothing."""
 
     loops: tuple[LoopCandidate, ...] = ()
     measured: None = None
     issues: tuple[Issue, ...] = ()
 
-    def __init__(self, config: NoBackendConfig) -> None:
-        del config
 
-    def add(self, key: KeyScan) -> None:
-        """See ``Backend``."""
-
-    def finish(self, path: Array) -> None:
-        """See ``Backend``."""
-
-    relocated = finish
-
-
-NONE = BackendKind(NoBackendConfig, NoBackend)
+NONE = BackendKind(NoBackendConfig, lambda config: NoBackend())
 
 BACKENDS: Plugins[BackendKind] = Plugins(
     "moteslam.backends",

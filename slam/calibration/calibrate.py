@@ -24,7 +24,7 @@ from moteslam.slam.calibration.hand_eye import (
     expected_motions,
     fit,
 )
-from moteslam.slam.calibration.readings import FORMS, ClockStep, clock_steps, in_form, quarter_turn, with_stamps
+from moteslam.slam.calibration.readings import FORMS, clock_steps, in_form, quarter_turn, with_stamps
 from moteslam.slam.calibration.registered import GOOD, TURNING, RegisteredPairs, best_scale, choose_pairs
 from moteslam.slam.calibration.unmeasured import (
     FEWEST,
@@ -37,7 +37,7 @@ from moteslam.slam.calibration.unmeasured import (
 )
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
-from moteslam.slam.inputs.synchronise import Bundles, apart, bundles, in_order, is_coarse, require_lidar
+from moteslam.slam.inputs.synchronise import WrongStamps, apart, bundles, in_order, is_coarse, require_lidar
 
 PAIRS, FEW_PAIRS = 300, 150
 """Of a recording; the second is enough to see what moves a result by a tenth of a metre, in half a second."""
@@ -103,7 +103,7 @@ class Calibration:
     sweep: float | None  # how long a sweep takes [s] where it clearly is not as stated, or none is stated
     no_surfaces: float | None  # from which range on [m] endpoints are none
     uneven: float = 0.0  # drift [s/s] of clocks that clearly are not one, of which no steady drift explains much
-    step: ClockStep | Bundles | None = None  # of a clock, or bundles of scans; all else is of the recording without it
+    step: WrongStamps | None = None  # of a clock, or bundles of scans; all else is of the recording without it
     gyro: bool = True  # the odometry fits with the gyro's turns, or without as little; else all is of wheels alone
 
 

@@ -210,7 +210,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text += "or not steadily: were they counted, or scans lost? Motions, and with them the map, are wrong by as much"
         told.append(("other-clock", text))
     if c.step is not None:
-        told.append(c.step.text)
+        told.append(c.step.told)
     if not c.gyro:
         text = "imu: its turns are not those of scans and wheels, which fit without; is its z up? Left out"
         told.append(("no-gyro", text))

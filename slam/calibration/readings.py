@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Array
 from moteslam.slam.inputs.odometry_path import OdometryPath
+from moteslam.slam.inputs.synchronise import WrongStamps
 
 FORMS = ("stated", "turns", "y", "path")
 """How odometry poses are read: as stated, with their headings or their y negated, headings along the path."""
@@ -52,25 +52,15 @@ def _along(poses: Array) -> Array:
     return np.interp(np.arange(len(poses)), middle, np.unwrap(np.arctan2(step[:, 1], step[:, 0])))
 
 
-class ClockStep(NamedTuple):
-    """After a stamp [s] the clock of some streams is ahead of what it was before [s]."""
-
-    streams: tuple[str, ...]
-    stamp: float
-    seconds: float
-
-    @property
-    def text(self) -> tuple[str, str]:
-        """The code and the text of it."""
-        text = f"{self.streams[0]}: its clock steps by {self.seconds:+.2f} s after {self.stamp:.3f} s, where nothing "
-        return "clock-step", f"{text}is recorded and the robot does not drive"
-
-    def undone(self, recording: Recording) -> Recording:
-        gap = self.stamp + self.seconds / 2  # streams of one clock have their last readings at other stamps
-        return with_stamps(recording, self.streams, lambda stamps: stamps - self.seconds * (stamps > gap))
+def _clock_step(streams: Sequence[str], stamp: float, seconds: float) -> WrongStamps:
+    """After a stamp [s] the clock of some streams is ahead of what it was before by so many seconds."""
+    text = f"{streams[0]}: its clock steps by {seconds:+.2f} s after {stamp:.3f} s, where nothing "
+    told = "clock-step", f"{text}is recorded and the robot does not drive"
+    gap = stamp + seconds / 2  # streams of one clock have their last readings at other stamps
+    return WrongStamps(told, lambda whole: with_stamps(whole, streams, lambda at: at - seconds * (at > gap)))
 
 
-def clock_steps(recording: Recording, least: float) -> Iterator[ClockStep]:
+def clock_steps(recording: Recording, least: float) -> Iterator[WrongStamps]:
     """What the longest gap of scans, and that of the odometry, would be as a step of more than ``least`` [s]."""
     for streams in (("lidar",), ("odometry", "encoders", "imu")):
         stream = next((one for name in streams if (one := getattr(recording, name)) is not None), None)
@@ -79,7 +69,7 @@ def clock_steps(recording: Recording, least: float) -> Iterator[ClockStep]:
         gaps = np.diff(stream.stamps)
         longest, usual = int(np.argmax(gaps)), float(np.median(gaps))
         if gaps[longest] - usual > least:
-            yield ClockStep(streams, float(stream.stamps[longest]), float(gaps[longest]) - usual)
+            yield _clock_step(streams, float(stream.stamps[longest]), float(gaps[longest]) - usual)
 
 
 def with_stamps(recording: Recording, names: Sequence[str], change: Callable[[Array], Array]) -> Recording:

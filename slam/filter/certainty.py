@@ -46,10 +46,6 @@ class Certainty(NamedTuple):
     degenerate: float
     wrong: float  # probability that the pose is wrong, by its covariance and by how the scans fit the map
 
-    @property
-    def state(self) -> LocalisationState:
-        return state_of(self.wrong)
-
 
 def state_of(wrong: float) -> LocalisationState:
     """The state by the probability of a wrong pose."""

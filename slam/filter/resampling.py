@@ -114,10 +114,7 @@ def particle_number(
     Table 8.4 of Probabilistic Robotics, with the particles as they are before resampling for the proposal, poses [N, 3]
     and weights [N]; what it adds to them within a step is small against a bin.
     """
-    generator = generator_for(seed, step, Draws.NUMBER)
-    cumulative = np.cumsum(weights)
-    drawn = np.searchsorted(cumulative / cumulative[-1], generator.random(most), side="right")
-    drawn = np.minimum(drawn, len(weights) - 1)
+    drawn = _at(generator_for(seed, step, Draws.NUMBER).random(most), weights)
     # the first pose is the middle of a bin, so that a posterior narrower than a bin lies in one, wherever it is
     offsets = poses[drawn] - poses[drawn[0]]
     offsets[:, 2] = se2.wrap(offsets[:, 2])

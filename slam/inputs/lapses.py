@@ -49,7 +49,7 @@ CAUGHT_UP = 2.0  # Odometry has caught up that goes on in a step this many times
 class Lapse(NamedTuple):
     """One of them, from a reading of the odometry to another [s]; ``named`` if it is worth a warning."""
 
-    kind: Literal["gap", "held", "anew", "stale", "missing", "jump"]  # held: a gap, then the pose from before it
+    kind: Literal["gap", "held", "anew", "stale", "missing"]  # held: a gap, then the pose from before it
     begin: float
     end: float
     named: bool = True
@@ -78,7 +78,7 @@ class Lapses:
     jumped: Flags  # [n] those of them where the odometry jumps
     motions: dict[int, Array]  # of those over a gap what the motion was as far as is known, by scan
     open: dict[int, Open]  # how well that is known, by scan
-    seen: tuple[Lapse, ...]  # what there was, in order
+    seen: tuple[Lapse, ...]  # what there was besides jumps
 
 
 def about_lapses(seen: Sequence[Lapse], stamps: Array) -> tuple[Issue, ...]:
@@ -133,7 +133,7 @@ def lapses(
     recent = readings.poses[max(int(np.searchsorted(readings.stamps, since)) - 2, 0) :, :2]
     stands = (np.abs(recent[1:] - recent[:-1]) < 2 * STILL).all(axis=1).any()
     if not gapped and not stands:  # most often
-        return Lapses(jumped, jumped, motions, left, tuple(_leaps(stamps, jumped)))
+        return Lapses(jumped, jumped, motions, left, ())
     steps = _Steps(readings)
     for k in gapped:
         begin, end = float(readings.stamps[k - 1]), float(readings.stamps[k])
@@ -177,13 +177,7 @@ def lapses(
         over = _over(stamps, float(readings.stamps[sure - 1]), found.end)
         unmeasured[over[over >= scans[LEAST_SCANS - 1]]] = True
     unmeasured |= jumped
-    seen = sorted((*seen, *_leaps(stamps, jumped)), key=lambda one: one.begin)
     return Lapses(unmeasured, jumped, motions, left, tuple(seen))
-
-
-def _leaps(stamps: Array, jumped: Flags) -> list[Lapse]:
-    """The jumps [n], in order."""
-    return [Lapse("jump", float(stamps[max(k - 1, 0)]), float(stamps[k])) for k in np.flatnonzero(jumped).tolist()]
 
 
 def _over(stamps: Array, begin: float, end: float) -> NDArray[np.intp]:

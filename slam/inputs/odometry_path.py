@@ -135,10 +135,8 @@ class OdometryPath:
 
     def at(self, stamps: Array) -> Array:
         """The poses [m, 3] interpolated at stamps [m] [s]."""
-        if self.unwrapped is None:
-            return se2.interpolate(self.stamps, self.poses, stamps)
-        columns = (*self.poses.T[:2], self.unwrapped)
-        x, y, heading = (np.interp(stamps, self.stamps, each) for each in columns)
+        headings = np.unwrap(self.poses[:, 2]) if self.unwrapped is None else self.unwrapped
+        x, y, heading = (np.interp(stamps, self.stamps, each) for each in (*self.poses.T[:2], headings))
         return se2.stack(x, y, se2.wrap(heading))
 
 

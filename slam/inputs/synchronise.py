@@ -3,6 +3,7 @@
 And where the robot would think it is by its odometry alone: what SLAM has to beat.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -249,24 +250,18 @@ def jitter(stamps: Array) -> float:
     return float(np.sqrt(-both / len(steps))) if both < OPPOSITE * own else 0.0
 
 
-class Bundles(NamedTuple):
-    """Scans that are stamped as they arrive, so many at a time; ``spread`` [n] [s] over the time since those before."""
+class WrongStamps(NamedTuple):
+    """Stamps that are certainly wrong: the code and the text of that, and what makes a recording with right ones."""
 
-    spread: Array
-    size: int
-
-    @property
-    def text(self) -> tuple[str, str]:
-        """The code and the text of it."""
-        text = f"lidar: scans are stamped as they arrive, in bundles of about {self.size}, not as they are taken: "
-        return "stamps-jitter", f"{text}what is driven meanwhile is missing from motions"
-
-    def undone(self, recording: Recording) -> Recording:
-        return recording.replace(lidar=replace(require_lidar(recording), stamps=self.spread))
+    told: tuple[str, str]
+    undone: Callable[[Recording], Recording]
 
 
-def bundles(lidar: LidarStream) -> Bundles | None:
-    """Of scans without odometry of their own, if they come so."""
+def bundles(lidar: LidarStream) -> WrongStamps | None:
+    """Of scans without odometry of their own that are stamped as they arrive, so many at a time.
+
+    Undone they are spread over the time since those before.
+    """
     stamps, steps = lidar.stamps, np.diff(lidar.stamps)
     if len(steps) < FEWEST or np.median(steps) > FASTEST or lidar.odometry is not None or is_coarse(stamps):
         return None
@@ -278,7 +273,10 @@ def bundles(lidar: LidarStream) -> Bundles | None:
     each = np.diff(stamps[ends], prepend=-np.inf) / sizes
     each = np.minimum(each, np.median(each))
     back = np.repeat(ends, sizes) - np.arange(len(stamps))
-    return Bundles(np.repeat(stamps[ends], sizes) - back * np.repeat(each, sizes), int(np.median(sizes)))
+    spread = np.repeat(stamps[ends], sizes) - back * np.repeat(each, sizes)
+    text = f"lidar: scans are stamped as they arrive, in bundles of about {int(np.median(sizes))}, not as they are "
+    told = "stamps-jitter", f"{text}taken: what is driven meanwhile is missing from motions"
+    return WrongStamps(told, lambda whole: whole.replace(lidar=replace(require_lidar(whole), stamps=spread)))
 
 
 def doubtful_stamps(recording: Recording, path: OdometryPath | None) -> list[Issue]:
@@ -286,7 +284,7 @@ def doubtful_stamps(recording: Recording, path: OdometryPath | None) -> list[Iss
     issues, lidar = list[Issue](), require_lidar(recording)
     scans, logged = lidar.stamps, lidar.odometry is not None  # the motion then does not depend on stamps
     if (found := bundles(lidar)) is not None:
-        issues.append(Issue(*found.text))
+        issues.append(Issue(*found.told))
     for name, stamps in recording.stamps().items():
         if name in STREAMS[:4] and is_coarse(stamps):
             equal = int((np.diff(stamps) == 0).sum())

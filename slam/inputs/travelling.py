@@ -43,14 +43,6 @@ right; 0.1 to 0.45 where they are not, and nothing follows from walls that are e
 MEMORY = 4  # Walls that were seen in the latest comparisons, this many, must be seen now
 
 
-class Episode(NamedTuple):
-    """What was seen, ``along``, ``repeated`` or ``spins``, from one scan to another [index]."""
-
-    kind: str
-    first: int
-    last: int
-
-
 def near(ranges: NDArray[Any], held: NDArray[Any]) -> Flags:
     """Which ranges [...] are those at which something travels, ``held`` [...] [m]."""
     return np.asarray(np.abs(ranges - held) <= NEAR + NEAR_SHARE * held)
@@ -103,7 +95,8 @@ class Follower:
         self._compared: _Compared | None = None
         self._begins: list[int] = []  # the scan from which on each of these holds:
         self._epochs: list[Array] = []  # [b] at which range something travels along each beam [m], NaN where nothing
-        self._seen: list[Episode] = []  # what there was, each kind in order
+        # what there was, by its code: from one scan to another, in order
+        self._seen: dict[str, list[tuple[int, int]]] = {}
         self._away: list[float] = []  # at which distances something travels, whenever it was seen to [m]
         self._for = np.zeros(count)  # comparisons that speak for it
         self._range = np.full(count, np.nan)
@@ -138,7 +131,7 @@ class Follower:
             self._last, self._at_last, self._new = ranges, odometry, self._driven
         if self._repeats:
             self._repeated.add(scan)
-            self._see("repeated", scan, scan)
+            self._see("scans-repeat", scan, scan)
         else:
             path = self._driven + FARTHEST * self._unmeasured  # as far apart as is not compared
             place, self._place = self._place, float(np.floor(path / STEP))
@@ -171,26 +164,19 @@ class Follower:
         again = "the lidar gives the same scan again while the odometry moves: odometry alone there"
         stands = "the wheels turn while all that the lidar sees stands still: the robot is taken to stand"
         issues = []
-        for kind, code, text in (
-            ("along", "travels-along", load),
-            ("repeated", "scans-repeat", again),
-            ("spins", "wheels-spin", stands),
-        ):
-            if some := [one for one in self._seen if one.kind == kind]:
-                spans = [(float(stamps[one.first]), float(stamps[one.last])) for one in some]
-                count = sum(one.last - one.first + 1 for one in some)
+        for code, text in (("travels-along", load), ("scans-repeat", again), ("wheels-spin", stands)):
+            if some := self._seen.get(code):
+                spans = [(float(stamps[first]), float(stamps[last])) for first, last in some]
+                count = sum(last - first + 1 for first, last in some)
                 issues.append(Issue(code, f"{when(spans)}: {text}", count))
         return tuple(issues)
 
-    def _see(self, kind: str, first: int, last: int, *, apart: int = 1) -> None:
-        """Note an episode, which goes on with the latest of its kind that ended this many scans before at most."""
-        for k in reversed(range(len(self._seen))):
-            if self._seen[k].kind == kind:
-                if self._seen[k].last + apart >= first:
-                    self._seen[k] = self._seen[k]._replace(last=last)
-                    return
-                break
-        self._seen.append(Episode(kind, first, last))
+    def _see(self, code: str, first: int, last: int, *, apart: int = 1) -> None:
+        """Note what was seen: it goes on with the latest of its kind that ended this many scans before at most."""
+        before = self._seen.setdefault(code, [])
+        if before and before[-1][1] + apart >= first:
+            first, _ = before.pop()
+        before.append((first, last))
 
     def _compare(self, before: _Compared, now: _Compared) -> None:
         # and back: floor behind the robot is where it saw through the place of a wall before
@@ -204,7 +190,7 @@ class Follower:
         new = travel & (self._for < TRAVELS)
         if self._epochs and (known := near(now.ranges, self._epochs[-1])).any():  # of floor new beams, too
             if (known & (self._for >= TRAVELS)).any():
-                self._see("along", now.scan, now.scan, apart=now.scan)
+                self._see("travels-along", now.scan, now.scan, apart=now.scan)
                 self._away.append(float(np.median(now.ranges[known])))
             new &= ~known
         walls = int(stand.sum())
@@ -262,7 +248,7 @@ class Follower:
         if not went_on:  # the motion since the former scan is taken back
             self._stands = self.corrected(before.odometry)
         self._since = now.odometry, self._stands
-        self._see("spins", now.scan if not went_on else before.scan, now.scan, apart=0)
+        self._see("wheels-spin", now.scan if not went_on else before.scan, now.scan, apart=0)
         return True
 
 

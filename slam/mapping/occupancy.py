@@ -93,9 +93,9 @@ class OccupancyGrid:
         self._corner = self._corner - below * CHUNK
 
 
-def draw_map(config: MapConfig, scans: Scans, indices: list[int], poses: NDArray[np.float64]) -> Raster:
-    """The occupancy map, as log-odds, of the scans of these indices [u] from known poses [u, 3] of the robot."""
+def draw_map(config: MapConfig, scans: Scans, indices: list[int], poses: NDArray[np.float64]) -> OccupancyGrid:
+    """The occupancy grid of the scans of these indices [u] from known poses [u, 3] of the robot."""
     grid = OccupancyGrid(config)
     for index, pose in zip(indices, poses, strict=True):
         grid.add_scan(pose, scans.points(index), scans.origin)
-    return grid.snapshot()
+    return grid

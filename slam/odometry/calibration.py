@@ -6,11 +6,22 @@ the log puts it: recorded odometry is off by some percent, always in the same di
 """
 
 import math
+from typing import TypeVar
 
 import numpy as np
 
 from moteslam.robot.se2 import Array, Pose
 from moteslam.robot.values import NotNegative, Positive, Section, Truth
+
+Lengths = TypeVar("Lengths", float, Array)
+
+
+def aside(distance: Lengths, heading: Lengths) -> Lengths:
+    """The standard deviation of a position to the side of a motion [m], by that of the heading at its end [rad].
+
+    An error that grows evenly with the distance [m] turns the end about the beginning by a third of its variance.
+    """
+    return distance * heading / math.sqrt(3)
 
 
 class CalibrationConfig(Section):

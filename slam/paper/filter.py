@@ -20,7 +20,7 @@ from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResul
 from moteslam.slam.filter.resampling import choose_parents
 from moteslam.slam.filter.update_policy import Travelled, magnitude, update_due
 from moteslam.slam.filter.weights import Weights
-from moteslam.slam.mapping.occupancy import OccupancyGrid
+from moteslam.slam.mapping.occupancy import OccupancyGrid, draw_map
 from moteslam.slam.paper.config import MatchConfig, MotionNoise, PaperFilterConfig
 
 UNKNOWN_SPEED = 0.5  # Of a robot of which no motion was measured yet: that of a slow walk [m/s]
@@ -102,9 +102,7 @@ class PaperFilter(FilterDefaults):
         self._misfit.revise(poses)
         last, self._best = self._best, poses[-1].copy()
         self.poses = se2.compose(self._best, se2.between(last, self.poses))
-        self.grid = OccupancyGrid(self._config.map)
-        for pose, update in zip(poses, updates, strict=True):
-            self.grid.add_scan(pose, scans.points(int(update)), scans.origin)
+        self.grid = draw_map(self._config.map, scans, updates.tolist(), poses)
 
     def _resample(self, step: int, n_eff: float) -> bool:
         """Section III.D.3: where few particles carry the weight, draw them anew in proportion to it."""

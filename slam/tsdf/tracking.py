@@ -10,8 +10,7 @@ import numpy as np
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot.se2 import Array, Pose, between_one, compose_one
-from moteslam.slam.odometry.calibration import CalibrationConfig, OdometryCalibration
-from moteslam.slam.odometry.noise import aside
+from moteslam.slam.odometry.calibration import CalibrationConfig, OdometryCalibration, aside
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.localisation import Localiser, Rivals
 from moteslam.slam.registration.registrar import Spread, prior_deviations

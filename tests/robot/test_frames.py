@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -13,7 +14,7 @@ from ucsd_robot import CAMERA
 
 from moteslam.errors import OutputError
 from moteslam.robot import rgbd
-from moteslam.robot.formats.ucsd import DISPARITY, RGB, read_ucsd, write_ucsd
+from moteslam.robot.formats.ucsd import read_ucsd, write_ucsd
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import Recording, RgbdStream
 from moteslam.robot.rgbd import FrameCount, camera_frames, has_images, pairs
@@ -34,13 +35,23 @@ def disparity_image(index: int) -> np.ndarray:
     return np.full((480, 640), 500 + index, np.uint16)
 
 
+def drawn(count: int) -> Any:
+    """So many images of each kind, as a simulation draws them."""
+    shots = SimpleNamespace(stamps=range(count))
+    return SimpleNamespace(
+        rgb=shots,
+        disparity=shots,
+        draw_rgb=lambda chosen: np.stack([rgb_image(int(k)) for k in chosen]),
+        draw_disparity=lambda chosen: np.stack([disparity_image(int(k)) for k in chosen]),
+    )
+
+
 @pytest.fixture(scope="module")
 def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recording")
     recording = Recording("x", UCSD, rgbd=RgbdStream(RGB_STAMPS, DISPARITY_STAMPS))
     write_ucsd(folder, recording, sequence=20)
-    for kind, draw in ((RGB, rgb_image), (DISPARITY, disparity_image)):
-        image_files.write_images(folder, kind, "20", lambda chosen, draw=draw: np.stack([draw(i) for i in chosen]), N)
+    image_files.write_frames(folder, drawn(N), "20")
     return folder
 
 
@@ -161,12 +172,13 @@ def test_reading_holds_few_frames_at_a_time(folder: Path, monkeypatch: pytest.Mo
 
 
 def test_too_little_space_is_told_before_anything_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    wanted = image_files.estimate_bytes(lambda chosen: np.stack([rgb_image(int(i)) for i in chosen]), 1000)
+    frames = drawn(1000)
+    wanted = image_files.estimate_bytes(frames.draw_rgb, 1000)
     assert 1000 * 2048 < wanted < 1000 * 200_000
-    image_files.check_space(tmp_path, wanted)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10, 9, wanted - 1))
     with pytest.raises(OutputError, match=r"[1-9][0-9.]* [MG]B free, expected [1-9][0-9.]* [MG]B for the images"):
-        image_files.check_space(tmp_path, wanted)
+        image_files.write_frames(tmp_path, frames, "20")
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_alignment_is_a_camera_26_mm_to_the_right() -> None:

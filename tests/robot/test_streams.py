@@ -11,7 +11,7 @@ from issues import counted
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.streams import Fan, Sensors, clock_cuts, stamp_order
+from moteslam.robot.formats.streams import Fan, Sensors, clock_cuts, sort_by_stamp
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import SICK_REACH, no_return_limit
 from moteslam.robot.values import Issue
@@ -24,14 +24,12 @@ RUN = np.arange(100) / 5 + 1.4e9
 def test_sorting_is_stable_and_told(stamps: list[float]) -> None:
     values = np.array(stamps)
     assume(not clock_cuts(values))
-    order, warnings = stamp_order(values, file=FILE, field="time_stamps")
-    if order is None:
-        assert (np.diff(values) >= 0).all()
-        assert warnings == ()
-    else:
-        assert order.tolist() == sorted(range(len(stamps)), key=lambda k: (stamps[k], k))
-        back = sum(b < a for a, b in pairwise(stamps))
-        assert counted(warnings) == [("stamps-go-back", back)]
+    issues = list[Issue]()
+    rising, order = sort_by_stamp(FILE, "time_stamps", values, issues)
+    assert order.tolist() == sorted(range(len(stamps)), key=lambda k: (stamps[k], k))
+    assert rising.tolist() == values[order].tolist()
+    back = sum(b < a for a, b in pairwise(stamps))
+    assert counted(issues) == ([("stamps-go-back", back)] if back else [])
 
 
 @pytest.mark.parametrize(
@@ -47,7 +45,7 @@ def test_sorting_is_stable_and_told(stamps: list[float]) -> None:
 )
 def test_absurd_stamps_are_refused_by_name(stamps: list[float]) -> None:
     with pytest.raises(InputError, match=r"^folder/file\.npz: time_stamps: .*expected"):
-        stamp_order(np.array(stamps, float), file=FILE, field="time_stamps")
+        sort_by_stamp(FILE, "time_stamps", np.array(stamps, float), [])
 
 
 LATE = np.concatenate((RUN[:50], RUN[30:35], RUN[50:]))
@@ -71,11 +69,10 @@ LATE = np.concatenate((RUN[:50], RUN[30:35], RUN[50:]))
 def test_a_clock_that_is_set_back_is_no_late_message(stamps: np.ndarray, first: int | None) -> None:
     assert clock_cuts(stamps)[:1] == ([] if first is None else [first])
     if first is None:
-        order, _ = stamp_order(stamps, file=FILE, field="x")
-        assert (np.diff(stamps if order is None else stamps[order]) >= 0).all()
+        assert (np.diff(sort_by_stamp(FILE, "x", stamps, [])[0]) >= 0).all()
     else:
         with pytest.raises(InputError, match=rf"x: the clock goes back by .* at reading {first} and goes on"):
-            stamp_order(stamps, file=FILE, field="x")
+            sort_by_stamp(FILE, "x", stamps, [])
 
 
 EVENLY = np.arange(600) / 5.476 + 1.3e9 + 0.12
@@ -97,7 +94,8 @@ def test_stamps_without_leading_zeros_are_told(stamps: NDArray[np.float64], scal
     words = unpadded(stamps) if scale == 1 else [f"{int(one)}.{round(one % 1 * 1e6)}" for one in stamps.tolist()]
     wrong = np.array([float(word) for word in words])
     for written in (wrong, np.sort(wrong)):
-        _, issues = stamp_order(written, file=FILE, field="x")
+        issues = list[Issue]()
+        sort_by_stamp(FILE, "x", written, issues)
         (message,) = [issue.message for issue in issues if issue.code == "stamps-jitter"]
         assert message.startswith("file.npz: x: no stamp has a fraction below 0.1 s: nano- or")
 
@@ -119,13 +117,17 @@ def test_stamps_without_leading_zeros_are_told(stamps: NDArray[np.float64], scal
 )
 def test_sound_stamps_are_not_taken_for_such(stamps: NDArray[np.float64]) -> None:
     for count in (40, 100, len(stamps)):
-        assert stamp_order(stamps[:count], file=FILE, field="x")[1] == ()
+        issues = list[Issue]()
+        sort_by_stamp(FILE, "x", stamps[:count], issues)
+        assert issues == []
 
 
 @pytest.mark.parametrize("zeros", [1, 3, 8])
 def test_readings_from_before_the_clock_was_set_are_left_out_and_counted(zeros: int) -> None:
     stamps = np.concatenate((np.zeros(zeros), RUN))
-    order, (issue,) = stamp_order(stamps, file=FILE, field="x")
+    issues = list[Issue]()
+    _, order = sort_by_stamp(FILE, "x", stamps, issues)
+    (issue,) = issues
     assert (issue.code, issue.count) == ("unset-stamps", zeros)
     assert order.tolist() == list(range(zeros, zeros + 100))
 

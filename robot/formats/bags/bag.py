@@ -242,8 +242,8 @@ class Bag:
         ):
             if count:
                 self.tell(code, topic, f"{counted(count, 'message')} {what}", count)
-        times, (rows,) = sort_by_stamp(self.path, topic.name, seconds(stamps[~twice]), self.issues, rows[~twice])
-        return rows, times
+        times, order = sort_by_stamp(self.path, topic.name, seconds(stamps[~twice]), self.issues)
+        return rows[~twice][order], times
 
 
 def seconds(nanoseconds: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -190,8 +190,6 @@ def sharpest(graph: BoundGraph, filtered: Array, config: GraphConfig) -> tuple[A
     Returns [n, 3] poses, and whether the graph's measurements led there rather than the filter's path.
     """
     endpoints = Endpoints.of(graph.nodes.scans)
-    if not len(endpoints.points):
-        return filtered, False
     corrected = graph.poses
     graph.solve_as_measured()
     starts = [graph.poses, corrected, filtered]

@@ -22,7 +22,7 @@ from moteslam.robot import se2
 from moteslam.robot.raster import cell_counts
 from moteslam.robot.se2 import Array
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.pose_graph import BlockSystem, Indices, MeasuredChain, relative_jacobians
+from moteslam.slam.backend.graph.pose_graph import BlockSystem, Edges, MeasuredChain
 from moteslam.slam.registration.registrar import FULL, least_bound_turn, least_informed
 
 LEAST_RESIDUAL = 0.003  # Standard deviation of the endpoints' distances to lines, at least [m]; the rest is measured
@@ -67,8 +67,6 @@ class Endpoints(NamedTuple):
 
     def only(self, scans: NDArray[np.intp]) -> Endpoints:
         """Those of some scans [m], which rise; numbered anew."""
-        if len(scans) == len(self.starts) - 1:
-            return self
         counts = np.diff(self.starts)[scans]
         kept = np.isin(self.owners, scans)
         owners = np.repeat(np.arange(len(scans)), counts).astype(np.int32)
@@ -166,14 +164,6 @@ def choose_partners(endpoints: Endpoints, poses: Array, most: int, held: NDArray
     return partners
 
 
-class _Steps(NamedTuple):
-    before: Indices  # [s] the scans that each leads from
-    after: Indices  # [s] and to
-    measured: Array  # [s, 3]
-    information: Array  # [s, 3, 3] of them
-    doubted: NDArray[np.bool_]  # [s] which may be far off: these have heavy tails
-
-
 class _Problem:
     """The normal equations of the scans that are ``moving`` [n]: with their partners int32 [n, k], and the ends of
     their steps.
@@ -205,9 +195,9 @@ class _Problem:
         self._second = self._partners[self._first, self._slots].astype(np.intp)
         measured, covariance, doubted = prior
         information = np.asarray(np.linalg.inv(covariance[steps]))
-        self._steps = _Steps(number[steps], number[steps + 1], measured[steps], information, doubted[steps])
+        self._steps = Edges(number[steps], number[steps + 1], measured[steps], information, doubted[steps])
         self._moving = moving[self._nodes]
-        one, other = np.r_[self._first, self._steps.before], np.r_[self._second, self._steps.after]
+        one, other = np.r_[self._first, self._steps.first], np.r_[self._second, self._steps.second]
         self._inner = self._moving[one] & self._moving[other]
         unknown = np.cumsum(self._moving) - 1
         self._system = BlockSystem(int(self._moving.sum()), unknown[one[self._inner]], unknown[other[self._inner]])
@@ -283,17 +273,13 @@ class _Problem:
         Each scan is before at most one, and after at most one.
         """
         steps = self._steps
-        before, after = poses[steps.before], poses[steps.after]
-        off = se2.between(steps.measured, se2.between(before, after))
-        squares = np.einsum("ni,nij,nj->n", off, steps.information, off)
-        information = steps.information / (1 + steps.doubted * squares / SLIP**2)[:, None, None]
-        first, second = relative_jacobians(before, after, steps.measured[:, 2])
-        weighted_first, weighted_second = information @ first, information @ second
-        blocks[steps.before] += np.swapaxes(first, 1, 2) @ weighted_first
-        blocks[steps.after] += np.swapaxes(second, 1, 2) @ weighted_second
-        right[steps.before] += np.einsum("eki,ek->ei", weighted_first, off)
-        right[steps.after] += np.einsum("eki,ek->ei", weighted_second, off)
-        return np.asarray(np.swapaxes(first, 1, 2) @ weighted_second)
+        off = steps.errors(poses)
+        doubt = 1 + steps.robust * steps.squares(off) / SLIP**2  # those that may be far off have heavy tails
+        own, sides, between = steps.normal_equations(poses, off, steps.information / doubt[:, None, None])
+        for scans, block, side in zip((steps.first, steps.second), own, sides, strict=True):
+            blocks[scans] += block
+            right[scans] += side
+        return np.asarray(between)
 
 
 def _turned(matrices: Array, vectors: Array) -> Array:

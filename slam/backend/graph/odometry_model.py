@@ -6,7 +6,7 @@ import numpy as np
 
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
-from moteslam.slam.odometry.noise import aside
+from moteslam.slam.odometry.calibration import aside
 
 AT_REST = np.array([0.005, 0.005, 0.005])
 """The shape of the noise before it is scaled to what is measured: [m], [m], [rad] ..."""

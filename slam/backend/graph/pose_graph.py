@@ -55,6 +55,20 @@ class Edges:
         """The squares [e] of errors [e, 3], in standard deviations."""
         return np.asarray(np.einsum("ei,eij,ej->e", errors, self.information, errors))
 
+    def normal_equations(
+        self, poses: Array, errors: Array, information: Array
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array], Array]:
+        """A step of Gauss-Newton from poses [n, 3], at errors [e, 3] of an information [e, 3, 3].
+
+        Returns the blocks [e, 3, 3] of the first and of the second nodes, likewise the right sides [e, 3], and the
+        blocks [e, 3, 3] between the two.
+        """
+        first, second = relative_jacobians(poses[self.first], poses[self.second], self.relative[:, 2])
+        weighted = information @ first, information @ second
+        own = np.swapaxes(first, 1, 2) @ weighted[0], np.swapaxes(second, 1, 2) @ weighted[1]
+        right = np.einsum("eki,ek->ei", weighted[0], errors), np.einsum("eki,ek->ei", weighted[1], errors)
+        return own, right, np.swapaxes(first, 1, 2) @ weighted[1]
+
 
 def relative_jacobians(first: Array, second: Array, heading: Array) -> tuple[Array, Array]:
     """Of the poses [e, 3] of ``second`` in the frames of ``first``, turned back by the headings [e] of the measured
@@ -90,15 +104,10 @@ def solve(poses: Array, edges: Edges, *, graduated: bool = True) -> tuple[Array,
             errors = edges.errors(poses)
             if graduated:
                 weights = _weights(errors, edges, scale)
-            first, second = relative_jacobians(poses[edges.first], poses[edges.second], edges.relative[:, 2])
-            information = weights[:, None, None] * edges.information
-            weighted_first, weighted_second = information @ first, information @ second
-            own = system.sums(np.swapaxes(first, 1, 2) @ weighted_first, np.swapaxes(second, 1, 2) @ weighted_second)
-            right = system.sums(
-                np.einsum("eki,ek->ei", weighted_first, errors), np.einsum("eki,ek->ei", weighted_second, errors)
-            )
+            blocks, right, between = edges.normal_equations(poses, errors, weights[:, None, None] * edges.information)
+            own = system.sums(*blocks)
             own[0] += ANCHOR * np.eye(3)
-            step = system.solve(own, np.swapaxes(first, 1, 2) @ weighted_second, -right)
+            step = system.solve(own, between, -system.sums(*right))
             poses += step
             poses[:, 2] = se2.wrap(poses[:, 2])
             if np.abs(step).max() < CONVERGED:

@@ -50,7 +50,7 @@ def test_a_pose_is_wrong_by_its_spread_or_by_its_fit():
     by_spread = math.erfc(1 / math.sqrt(2))  # beyond one standard deviation
     assert certainty_of(large, math.nan, 0.0).wrong == pytest.approx(by_spread, abs=1e-6)
     assert certainty_of(large, math.nan, 0.5).wrong == pytest.approx(1 - 0.5 * (1 - by_spread), abs=1e-6)
-    assert certainty_of(large, math.nan, 0.5).state is LOST
+    assert state_of(certainty_of(large, math.nan, 0.5).wrong) is LOST
 
 
 def test_particles_give_their_covariance_in_the_frame_of_the_pose():
@@ -59,7 +59,7 @@ def test_particles_give_their_covariance_in_the_frame_of_the_pose():
     found = certainty_of_particles(poses, np.full(2, 0.5), np.array([0, 0, np.pi / 2]))
     np.testing.assert_allclose(found.covariance, np.diag([0, 1.0, 0]) + np.diag((FLOOR[0], *FLOOR)), atol=1e-12)
     assert math.isnan(found.degenerate)
-    assert found.state is LOST
+    assert state_of(found.wrong) is LOST
 
 
 @pytest.mark.parametrize("heading", [0.0, 2.0, np.pi])

@@ -221,7 +221,7 @@ def test_scans_that_come_in_bundles_are_spread_over_the_time_since_the_bundle_be
     recording = circle(imu=False)
     lidar = LidarStream(arrived, np.ones((200, 3), np.float32), -1.0, 1.0, 0.1, 30.0)
     found = bundles(lidar)
-    assert found.size == 5
+    assert "in bundles of about 5," in found.told[1]
     undone = found.undone(recording.replace(lidar=lidar)).lidar.stamps
     np.testing.assert_allclose(undone - taken - 7.0 * (taken > 9.95), 0.008, atol=1e-6)
     assert bundles(replace(lidar, stamps=taken)) is None

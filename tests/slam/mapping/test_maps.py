@@ -87,7 +87,7 @@ def test_a_map_is_drawn_of_some_scans_from_where_they_were_seen():
     for index in (0, 2):
         seen = se2.transform_points(poses[index], np.vstack(((0.2, -0.1), scans.points(index))))
         grid.add_scan(se2.IDENTITY, seen[1:], seen[0])
-    drawn, expected = draw_map(MapConfig(), scans, [0, 2], poses[[0, 2]]), grid.snapshot()
+    drawn, expected = draw_map(MapConfig(), scans, [0, 2], poses[[0, 2]]).snapshot(), grid.snapshot()
     np.testing.assert_array_equal(drawn.values, expected.values)
     assert drawn.origin == expected.origin
     assert (drawn.values > 0).sum() > 60
