@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from math import hypot
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -24,6 +25,7 @@ NEEDED = {
 Row = Mapping[str, Any]
 """Of a trajectory: ``estimate``, ``reference`` with ``kind`` and figures, and ``recording`` with ``residuals``."""
 LOOP_COUNTS = ("accepted", "overruled", "overruled_false", "possible", "bound")
+LARGEST = 10.0  # No two points of a robot are farther apart [m]
 WHOSE = "the reference "  # Begins a doubt of it
 STATISTICS = ("rmse", "mean", "median", "std", "max")
 RESIDUALS = (
@@ -128,6 +130,8 @@ def evaluate(
             raise InputError(f"{problem}; expected trajectories, and relations last", file=wrong)
         if not abs(time_offset) < MAX_STAMP:
             raise InputError(f"{time_offset:g}, expected seconds", field="--time-offset")
+        if not hypot(*est_offset[:2]) <= LARGEST:
+            raise InputError(f"{est_offset[:2]}, expected at most {LARGEST:g} m", field="--est-offset")
         trajectories = {str(file): read_trajectory(file) for file in estimates}
         for name, one in trajectories.items():
             one = replace(one, stamps=one.stamps + time_offset) if time_offset else one

@@ -194,6 +194,8 @@ def test_the_nearest_stamps_and_another_point_of_the_robot(folder: Path, capsys:
     write_tum("lidar.tum", on_lidar)
     back = inverse(np.array((0.3, -0.1, 0.5)))
     assert re.search(r"\(--est-offset -0\.2\d+ 0\.2\d+ 0\)", told(capsys, "evaluate", "lidar.tum", "truth.tum"))
+    millimetres = (str(round(1000 * each)) for each in back)
+    assert "--est-offset: " in refused(capsys, "evaluate", "lidar.tum", "truth.tum", "--est-offset", *millimetres)
     found = shown(capsys, "evaluate", "lidar.tum", "truth.tum", "--est-offset", *map(str, back))
     assert found["ate"]["translation_m"]["rmse"] < 1e-8
     assert found["ate"]["rotation_deg"]["max"] < 1e-5
