@@ -1,7 +1,5 @@
 """The result folder of a run: trajectories, map, figures, scores, and all that is needed to run it again."""
 
-from __future__ import annotations
-
 import heapq
 import json
 import os
