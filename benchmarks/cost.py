@@ -71,12 +71,11 @@ def python(*words: str, executable: str = sys.executable, **environment: str) ->
         if child.returncode:
             lines = failed.read().strip().splitlines() or [f"exit code {child.returncode}"]
             raise RuntimeError(f"{' '.join(words[:3])}: {lines[-1]}")
-    most = usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6
-    return {"wall_s": seconds, "cpu_s": usage.ru_utime + usage.ru_stime, "peak_mb": most}
+    spent = usage.ru_utime + usage.ru_stime
+    return {"wall_s": seconds, "cpu_s": spent, "peak_mb": 1024e-6 * usage.ru_maxrss}
 
 
 def replay(log: Path, out: Path, settings: list[str], *flags: str, **more: str) -> dict[str, float]:
-    """What ``moteslam replay`` of a log costs."""
     words = [word for setting in settings for word in ("--set", setting)]
     return python("-m", "moteslam", "replay", str(log), "--out", str(out), *words, *flags, **more)
 
@@ -276,7 +275,6 @@ QUICK = {"log": "freiburg-101", "duration": 25.0}
 
 
 def measure(case: str, seed: int, settings: list[str], quick: bool) -> Row:
-    """The figures of one case."""
     function, given = CASES[case]
     return function(seed, settings, **{key: QUICK.get(key, value) if quick else value for key, value in given.items()})
 
@@ -304,7 +302,6 @@ def against(folder: Path, settings: list[str], pairs: int) -> None:
 
 
 def main() -> int:
-    """Measure, and print a table; 1 where a case crashed or a bar does not hold."""
     parser = arguments(__doc__, settings=True)
     parser.add_argument("--cases", nargs="+", choices=CASES, metavar="CASE", default=list(CASES))
     parser.add_argument("--quick", action="store_true", help="shorter recordings: a trial")

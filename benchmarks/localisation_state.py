@@ -110,7 +110,6 @@ def summary(rows: Sequence[Row]) -> str:
 
 
 def main() -> int:
-    """Run, print a table, and draw; 1 where a run crashed."""
     parser = arguments(__doc__)
     parser.add_argument("--setups", nargs="+", metavar="NAME", choices=SETUPS, default=tuple(SETUPS))
     parser.add_argument("--scenarios", nargs="+", metavar="NAME", help="in place of all")

@@ -78,7 +78,6 @@ def scattered(world: World, occupancy: Raster, scenario: Scenario, seed: int) ->
 
 
 def one_scan(scenario: Scenario, seed: int) -> Row:
-    """Scans searched for alone."""
     from moteslam.slam.inputs.step import thin
     from moteslam.slam.known_map.config import KnownMapConfig
     from moteslam.slam.known_map.maps import KnownMaps
@@ -185,7 +184,6 @@ def visit(simulation: Simulation, seed: int) -> Row:
 
 
 def measure(task: str, scenario: str, platform: str, noise: str, seed: int) -> Row:
-    """One row."""
     from moteslam.kernels import runtime
 
     runtime.init("cpu", 1)
@@ -211,7 +209,6 @@ TASKS = ("one scan", "driving", "carried", "elsewhere", "visit")
 
 
 def summary(rows: Sequence[Row]) -> str:
-    """A line a task and world."""
     keys = ("right", "listed", "said", "sure_wrong", "within_10_m", "found_after", "wrongly_sure", "off", "ms", "area")
     lines: list[tuple[str, ...]] = [("", "rows", *keys)]
     for run, mine in by_run(rows).items():
@@ -225,7 +222,6 @@ def summary(rows: Sequence[Row]) -> str:
 
 
 def main() -> int:
-    """Run and print a table; 1 where a run crashed."""
     parser = arguments(__doc__)
     parser.add_argument("--tasks", nargs="+", metavar="NAME", choices=TASKS, default=TASKS)
     parser.add_argument("--scenarios", nargs="+", metavar="NAME", default=SCENARIOS)

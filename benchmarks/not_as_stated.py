@@ -112,7 +112,6 @@ def final_ate(recording: Recording, drive: Drive, seed: int) -> float:
 
 @lru_cache(maxsize=1)
 def true_ate(world: str, platform: str, seed: int) -> float:
-    """Of the drive without a fault."""
     drive = driven(world, platform, seed)
     return final_ate(drive.recording, drive, seed)
 
@@ -134,7 +133,6 @@ def measure_ate(name: str, share: float, world: str, platform: str, seed: int) -
 
 
 def measure(name: str, share: float, world: str, platform: str, seed: int) -> Row:
-    """What is found of a fault."""
     from moteslam.slam.calibration.findings import WITHIN, checked
 
     fault = FAULTS[name]
@@ -154,7 +152,6 @@ def measure(name: str, share: float, world: str, platform: str, seed: int) -> Ro
 
 
 def main() -> int:
-    """Run, and print a summary; 1 where a run crashed or a bar does not hold."""
     parser = arguments(__doc__)
     parser.add_argument("--worlds", nargs="+", metavar="NAME", default=["office", "loop"])
     parser.add_argument("--platforms", nargs="+", choices=bundled_platforms(), default=list(bundled_platforms()))

@@ -145,7 +145,6 @@ def measure(folder: Path, drives: int, made: int, hours: float, settings: list[s
 
 
 def main() -> int:
-    """Simulate, run, and print; 1 where the run crashed."""
     parser = arguments(__doc__, settings=True)
     parser.add_argument("--hours", type=factor, default=10.0)
     parser.add_argument("--live", action="store_true", help="add the messages one by one")

@@ -65,7 +65,6 @@ class Case:
 
 
 def start_kernels(settings: list[str], threads: int, **more: Any) -> SlamConfig:
-    """Start Taichi and resolve the configuration."""
     from moteslam.kernels import runtime
     from moteslam.slam.config import resolve_config
 
@@ -86,7 +85,6 @@ def log_file(name: str) -> Path:
 
 
 def reference_file(name: str) -> Path:
-    """What it is scored with."""
     return DATA / f"{LOGS[name]}.{'relations' if name == RELATIONS else 'reference.tum'}"
 
 
@@ -159,7 +157,6 @@ def messages(recording: Recording, late: dict[str, float]) -> Iterator[Message]:
 
 
 def add(slam: OnlineSlam, recording: Recording, stream: str, index: int) -> Update | None:
-    """Add one message of a recording."""
     if stream in ("rgb", "disparity"):
         assert recording.rgbd is not None
         image = getattr(recording.rgbd.images, stream)(index)
