@@ -161,9 +161,7 @@ def page(
         expected = ", ".join(map(repr, list(columns)[:8]))
         raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
     first = baseline or next(iter(columns))
-    # with the units that were recorded: a plug-in's metric may not be here
-    measured = {name: unit for run in made for name, one in run.scores.items() if (unit := one.get("unit"))}
-    shown = runs.headings(made, names, measured)
+    shown = runs.headings(made, names)
     keys = runs.apart(made)
     played = [(run, run.folder) for run in made if run.folder is not None]
     players: list[tuple[str, Markup]] = []

@@ -28,7 +28,6 @@ SUCCESS = {"final.ate": 0.5}
 """A run succeeds, where nothing else is said, with a final ATE of at most this [m]."""
 
 Scalar = bool | int | float | str
-RecordingFormat = Literal["carmen", "ucsd"]
 
 
 def _named(text: str) -> str:
@@ -110,7 +109,7 @@ class Configuration(Section):
     """
     version: str | tuple[str, ...] = ""
     """Of the command: a text, or a program and its arguments, the first line of which is recorded."""
-    format: RecordingFormat = "carmen"  # In which the command is given the recording
+    format: Literal["carmen", "ucsd"] = "carmen"  # In which the command is given the recording
     trajectory: Name = "trajectory.tum"  # Which file in `{out}` is the command's trajectory, on the recording's clock
     map: Name = "map.yaml"  # Which file in `{out}` is its map, if it writes one, in the trajectory's frame
     set: Annotated[dict[str, Any], BeforeValidator(_dotted)] = Field(default_factory=dict)

@@ -73,12 +73,12 @@ def simulated_folder(simulation, tmp_path_factory: pytest.TempPathFactory) -> Pa
 @pytest.fixture(scope="session")
 def run(simulation, taichi):
     """SLAM over it, and the map at its stages."""
-    from moteslam.eval.report.maps import Snapshot, keep_map
+    from moteslam.eval.report.maps import keep_map
     from moteslam.slam.config import resolve_config
     from moteslam.slam.online import OnlineSlam
 
     session = OnlineSlam.over(simulation.recording, resolve_config(settings=["particles=10"]), seed=1)
-    snapshots: list[Snapshot] = []
+    snapshots = []
     for update in session:
         keep_map(snapshots, session, update)
     return session.estimate(), snapshots
