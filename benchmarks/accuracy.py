@@ -57,11 +57,14 @@ from parts.runs import (
 )
 
 from moteslam.errors import MoteslamError
+from moteslam.eval.metrics.residuals import scan_residuals
+from moteslam.kernels import runtime
 from moteslam.robot import se2
 from moteslam.sim.scenario import bundled_scenarios, load_scenario
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import PROVED, LoopGraph
 from moteslam.slam.config import resolve_config
+from moteslam.slam.online import run_slam
 
 TEN_HERTZ = {
     "platform": "rplidar_a1",
@@ -273,10 +276,6 @@ def inject(graph: LoopGraph, rng: np.random.Generator) -> None:
 
 
 def measure(this: Runs, name: str, seed: int) -> Row:
-    from moteslam.eval.metrics.residuals import scan_residuals
-    from moteslam.kernels import runtime
-    from moteslam.slam.online import run_slam
-
     runtime.init("cpu", 1)
     config = resolve_config(this.preset, this.settings)
     with tempfile.TemporaryDirectory() as folder:

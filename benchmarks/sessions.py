@@ -25,6 +25,7 @@ from scipy.ndimage import binary_dilation
 from moteslam.eval.cli.simulate import scenario_of
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.map_quality import map_accuracy
+from moteslam.kernels import runtime
 from moteslam.robot import se2
 from moteslam.robot.formats import Cut, cut
 from moteslam.robot.formats.map_server import UNKNOWN, trinary
@@ -130,8 +131,6 @@ TASKS: dict[str, Callable[..., Row]] = {"orders": orders, "twins": twins, "moved
 
 
 def measure(task: str, seed: int, *more: str) -> Row:
-    from moteslam.kernels import runtime
-
     runtime.init("cpu", 1)
     return TASKS[task](seed, *more)
 
