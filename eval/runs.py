@@ -112,9 +112,12 @@ def axis_of(rows: Sequence[Row], given: str | None = None) -> str:
     return given
 
 
-def compared(rows: Iterable[Row], axis: str = CONFIGURATION) -> dict[str, list[Row]]:
-    """Runs by their value of an axis, in the order of the specification."""
-    return grouped(rows, lambda row: str(_value(row, axis)))
+def compared(rows: Iterable[Row], axis: str = CONFIGURATION, baseline: str | None = None) -> dict[str, list[Row]]:
+    """Runs by their value of an axis, in the order of the specification; the baseline, if given, is one of these."""
+    found = grouped(rows, lambda row: str(_value(row, axis)))
+    if baseline is not None and baseline not in found:
+        raise ConfigError(f"{baseline!r}, expected one of {', '.join(map(repr, found))}", field="--baseline")
+    return found
 
 
 def _value(row: Row, axis: str, *but: str) -> Any:
