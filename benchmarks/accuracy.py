@@ -31,13 +31,14 @@ import itertools
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Mapping
-from contextlib import nullcontext
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
-from parts.false_loops import false_loops
+import numpy as np
 from parts.floors import drawn_floor
 from parts.harness import Bar, Case, Row, arguments, benchmark, expect_known, status
 from parts.runs import (
@@ -56,8 +57,14 @@ from parts.runs import (
 )
 
 from moteslam.errors import MoteslamError
+from moteslam.eval.metrics.residuals import scan_residuals
+from moteslam.kernels import runtime
+from moteslam.robot import se2
 from moteslam.sim.scenario import bundled_scenarios, load_scenario
+from moteslam.slam.backend.graph.loop_closing import LoopClosing
+from moteslam.slam.backend.graph.loop_graph import PROVED, LoopGraph
 from moteslam.slam.config import resolve_config
+from moteslam.slam.online import run_slam
 
 TEN_HERTZ = {
     "platform": "rplidar_a1",
@@ -230,12 +237,45 @@ STUDIES: dict[str, list[Runs]] = {
 }
 
 
-def measure(this: Runs, name: str, seed: int) -> Row:
-    """The figures of one run."""
-    from moteslam.eval.metrics.residuals import scan_residuals
-    from moteslam.kernels import runtime
-    from moteslam.slam.online import run_slam
+SHARE, CLUSTER = 0.1, 5  # As many false loops as this share of the accepted ones, in clusters of neighbouring nodes
+NEAREST, FARTHEST, TURN = 1.0, 3.0, 0.1
+"""How far off a cluster is [m], and its heading at most [rad]: as a look-alike along a corridor would be."""
 
+
+@contextmanager
+def false_loops(seed: int) -> Iterator[None]:
+    """Within it every back end ``graph`` is given false loops before its final path is solved."""
+    close = LoopClosing.close
+
+    def close_and_inject(self: LoopClosing[LoopGraph], start: int = 0) -> None:
+        close(self, start)
+        inject(self.graph, np.random.default_rng(seed))
+
+    with patch.object(LoopClosing, "close", close_and_inject):
+        yield
+
+
+def inject(graph: LoopGraph, rng: np.random.Generator) -> None:
+    """Enter clusters of loops beside true ones: all of a cluster agree with each other, and are off alike."""
+    accepted = [pair for pair, loop in graph.loops.items() if loop.candidate.accepted]
+    for _ in range(max(round(SHARE * len(accepted) / CLUSTER), 1) if accepted else 0):
+        first, second = accepted[int(rng.integers(len(accepted)))]
+        like = graph.loops[first, second]
+        angle, distance = rng.uniform(-np.pi, np.pi), rng.uniform(NEAREST, FARTHEST)
+        off = np.array([distance * np.cos(angle), distance * np.sin(angle), rng.uniform(-TURN, TURN)])
+        wrong = np.asarray(se2.compose(like.candidate.found, off))  # the whole passage is somewhere else
+        for later in range(second, min(second + CLUSTER, len(graph.nodes))):
+            if (first, later) in graph.loops:
+                continue
+            found = np.asarray(se2.compose(wrong, se2.between(graph.poses[second], graph.poses[later])))
+            stamps = float(graph.nodes.stamps[first]), float(graph.nodes.stamps[later])
+            which: dict[str, Any] = {"later": int(graph.nodes.indices[later]), "stamps": stamps}
+            candidate = replace(like.candidate, **which, found=found, verdict="accepted")
+            graph.enter((first, later), like._replace(candidate=candidate))
+    graph.solve(PROVED)
+
+
+def measure(this: Runs, name: str, seed: int) -> Row:
     runtime.init("cpu", 1)
     config = resolve_config(this.preset, this.settings)
     with tempfile.TemporaryDirectory() as folder:
@@ -267,7 +307,6 @@ def asked(study: str, name: str) -> tuple[Bar, ...]:
 
 
 def main() -> int:
-    """Run a study, and print median and worst of every figure; 1 where a run crashed or a bar does not hold."""
     parser = arguments(__doc__, settings=True)
     parser.add_argument("study", choices=STUDIES, metavar="STUDY")
     parser.add_argument("--runs", nargs="+", metavar="NAME", help="of the study, by the names of logs and scenarios")

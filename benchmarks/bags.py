@@ -72,7 +72,6 @@ def made_up(hours: float, image_rate: float) -> Any:
 
 
 def measure(path: str, about: Row) -> Row:
-    """Open a bag and read all its scans."""
     import moteslam.robot.formats.bags  # noqa: F401 - imported before the clock starts
     from moteslam import open_recording
     from moteslam.robot.recording import chunks
@@ -94,7 +93,6 @@ def measure(path: str, about: Row) -> Row:
 
 
 def main() -> int:
-    """Measure, and print a table; 1 where a bag cannot be read or a bar does not hold."""
     from moteslam.robot.formats import write_recording
 
     parser = arguments(__doc__)

@@ -25,8 +25,6 @@ the scenarios: a trial. --against runs the same command in this checkout and in 
 Python of its own `.venv`, and prints the ratios of their processor times. Bars are of the filter alone.
 """
 
-from __future__ import annotations
-
 import cProfile
 import os
 import statistics
@@ -38,16 +36,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from parts.back_end_costs import back_end, joint, solver
 from parts.harness import Bar, Row, arguments, benchmark, count, memory, parsed, status
 from parts.runs import add, errors, load_log, log_file, messages, reference_file, simulate_case, start_kernels
 
-if TYPE_CHECKING:
-    from moteslam.robot.recording import Recording
-    from moteslam.slam.config import SlamConfig
+from moteslam.eval.metrics.ate import absolute_trajectory_error
+from moteslam.robot.recording import Recording
+from moteslam.robot.trajectories.text import read_tum
+from moteslam.slam.config import SlamConfig
+from moteslam.slam.online import OnlineSlam, run_slam
 
 FIRST = 30  # Scans that are run before the clock starts, so that the kernels are loaded
 WARM_STARTS = 7
@@ -71,20 +71,17 @@ def python(*words: str, executable: str = sys.executable, **environment: str) ->
         if child.returncode:
             lines = failed.read().strip().splitlines() or [f"exit code {child.returncode}"]
             raise RuntimeError(f"{' '.join(words[:3])}: {lines[-1]}")
-    most = usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6
-    return {"wall_s": seconds, "cpu_s": usage.ru_utime + usage.ru_stime, "peak_mb": most}
+    spent = usage.ru_utime + usage.ru_stime
+    return {"wall_s": seconds, "cpu_s": spent, "peak_mb": 1024e-6 * usage.ru_maxrss}
 
 
 def replay(log: Path, out: Path, settings: list[str], *flags: str, **more: str) -> dict[str, float]:
-    """What ``moteslam replay`` of a log costs."""
     words = [word for setting in settings for word in ("--set", setting)]
     return python("-m", "moteslam", "replay", str(log), "--out", str(out), *words, *flags, **more)
 
 
 def load_kernels(recording: Recording, config: SlamConfig) -> None:
     """Run the first scans, so that all the usual kernels are compiled or loaded."""
-    from moteslam.slam.online import run_slam
-
     lidar = recording.lidar
     assert lidar is not None
     odometry = None if lidar.odometry is None else lidar.odometry[:FIRST]
@@ -97,8 +94,6 @@ def filter_alone(seed: int, settings: list[str], particles: int, log: str = "", 
 
     ``kernels_ms_a_scan`` is of a run of its own, and what is outside the kernels the difference.
     """
-    from moteslam.slam.online import OnlineSlam
-
     config = start_kernels(settings, 1, particles=particles)
     case = load_log(log) if log else simulate_case("corridor", seed, duration=duration)
     loading = time.process_time()
@@ -132,8 +127,6 @@ def filter_alone(seed: int, settings: list[str], particles: int, log: str = "", 
 
 def real_time(seed: int, settings: list[str], particles: int, duration: float | None = None) -> Row:
     """How many times faster than it was recorded `corridor` is worked through, in wall time, kernels loaded."""
-    from moteslam.slam.online import run_slam
-
     config = start_kernels(settings, 2, particles=particles)
     case = simulate_case("corridor", seed, duration=duration)
     load_kernels(case.recording, config)
@@ -156,8 +149,6 @@ def tenths(seed: int, settings: list[str], duration: float | None = None) -> Row
 
     How many scans update the maps depends on how fast the robot drives there.
     """
-    from moteslam.slam.online import OnlineSlam
-
     config = start_kernels(settings, 1, particles=30)
     case = simulate_case("campus", seed, platform="lms200", duration=duration)
     load_kernels(case.recording, config)
@@ -178,9 +169,6 @@ def tenths(seed: int, settings: list[str], duration: float | None = None) -> Row
 
 def process(seed: int, settings: list[str], log: str, threads: int, particles: int) -> Row:
     """Processor time a scan, most memory, and error of the whole command where there is a reference trajectory."""
-    from moteslam.eval.metrics.ate import absolute_trajectory_error
-    from moteslam.robot.trajectories.text import read_tum
-
     flags = ("--no-figures", "--threads", str(threads), "--seed", str(seed))
     with tempfile.TemporaryDirectory() as folder:
         cost = replay(log_file(log), Path(folder) / "out", [f"particles={particles}", *settings], *flags)
@@ -222,8 +210,6 @@ def simulation(seed: int, _settings: list[str], duration: float | None) -> Row:
 
 def live(seed: int, settings: list[str], duration: float | None) -> Row:
     """Seconds of the calls by which a robot's messages are added, from one scan that is taken in to the next."""
-    from moteslam.slam.online import OnlineSlam
-
     config = start_kernels(settings, 1)
     recording = simulate_case("corridor", seed, duration=duration).recording
     load_kernels(recording, config)
@@ -276,7 +262,6 @@ QUICK = {"log": "freiburg-101", "duration": 25.0}
 
 
 def measure(case: str, seed: int, settings: list[str], quick: bool) -> Row:
-    """The figures of one case."""
     function, given = CASES[case]
     return function(seed, settings, **{key: QUICK.get(key, value) if quick else value for key, value in given.items()})
 
@@ -304,7 +289,6 @@ def against(folder: Path, settings: list[str], pairs: int) -> None:
 
 
 def main() -> int:
-    """Measure, and print a table; 1 where a case crashed or a bar does not hold."""
     parser = arguments(__doc__, settings=True)
     parser.add_argument("--cases", nargs="+", choices=CASES, metavar="CASE", default=list(CASES))
     parser.add_argument("--quick", action="store_true", help="shorter recordings: a trial")

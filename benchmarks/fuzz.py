@@ -22,7 +22,7 @@ from types import FrameType
 from typing import NamedTuple
 
 import numpy as np
-from parts.harness import Bar, Row, arguments, benchmark, count, status
+from parts.harness import Bar, Row, arguments, benchmark, count, memory, status
 from parts.mutations import mutated
 from parts.readers import Reader, readers
 
@@ -56,9 +56,7 @@ class TooLong(BaseException):
 
 def limit_memory() -> None:
     """From here on this process gets no more than `MEMORY` beyond what it has; beyond it is a ``MemoryError``."""
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    has = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmData")) * 1024
-    resource.setrlimit(resource.RLIMIT_DATA, (has + MEMORY, resource.RLIM_INFINITY))
+    resource.setrlimit(resource.RLIMIT_DATA, (round(1e6 * memory("VmData")) + MEMORY, resource.RLIM_INFINITY))
 
 
 def fuzz(readers: Sequence[Reader], indices: Sequence[int], *, seed: int = 0) -> Tally:
@@ -108,7 +106,6 @@ def _too_long(_number: int, _frame: FrameType | None) -> None:
 
 
 def measure(name: str, inputs: int, seed: int) -> Row:
-    """What became of the inputs of one reader."""
     chosen = [reader for reader in readers() if reader.name == name]
     fuzz(chosen, range(2), seed=2**40)  # so that modules are loaded
     limit_memory()
@@ -119,7 +116,6 @@ def measure(name: str, inputs: int, seed: int) -> Row:
 
 
 def main() -> int:
-    """Read, and print how many inputs were read, refused and failed; 1 where one failed."""
     known = [reader.name for reader in readers()]
     parser = arguments(__doc__)
     parser.add_argument("--inputs", type=count, default=2000, help="of all readers together")

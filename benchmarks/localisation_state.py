@@ -21,8 +21,13 @@ import numpy as np
 from parts.harness import Row, arguments, benchmark, by_run, draw_reliability, expect_known, status
 from parts.runs import NOISY, simulate_case
 
+from moteslam.eval.metrics.localisation import score_localisation
 from moteslam.eval.tables import aligned
+from moteslam.kernels import runtime
 from moteslam.sim.scenario import bundled_scenarios
+from moteslam.slam.config import resolve_config
+from moteslam.slam.filter.certainty import LocalisationState
+from moteslam.slam.online import run_slam
 
 LONG = ("campus", "mile", "twins", "grid")
 """Left out of the setups of every scan, unless asked for: they take longer than all others together."""
@@ -49,12 +54,6 @@ SETUPS: dict[str, tuple[range, Mapping[str, Any]]] = {
 
 def measure(setup: str, scenario: str, seed: int) -> Row:
     """Shares of the scans, the counts in each bin, and NEES of one run."""
-    from moteslam.eval.metrics.localisation import score_localisation
-    from moteslam.kernels import runtime
-    from moteslam.slam.config import resolve_config
-    from moteslam.slam.filter.certainty import LocalisationState
-    from moteslam.slam.online import run_slam
-
     runtime.init("cpu", 1)
     case = simulate_case(scenario, seed, **SETUPS[setup][1])
     assert case.reference is not None
@@ -110,7 +109,6 @@ def summary(rows: Sequence[Row]) -> str:
 
 
 def main() -> int:
-    """Run, print a table, and draw; 1 where a run crashed."""
     parser = arguments(__doc__)
     parser.add_argument("--setups", nargs="+", metavar="NAME", choices=SETUPS, default=tuple(SETUPS))
     parser.add_argument("--scenarios", nargs="+", metavar="NAME", help="in place of all")

@@ -30,7 +30,9 @@ from parts.harness import Row, arguments, benchmark, by_run, draw_reliability, e
 from parts.runs import is_right, true_poses
 
 from moteslam.eval.cli.simulate import scenario_of
+from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.tables import aligned
+from moteslam.kernels import runtime
 from moteslam.robot.formats import Cut, cut
 from moteslam.robot.formats.map_server import FREE, write_map
 from moteslam.robot.noise import Surroundings
@@ -46,7 +48,14 @@ from moteslam.sim.sensors.lidar import Lidar, LidarErrors
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.sim.world.visit import Visit
 from moteslam.sim.world.world import World, lived_in, true_map
+from moteslam.slam.config import resolve_config
 from moteslam.slam.filter.certainty import LocalisationState
+from moteslam.slam.inputs.scans import Scans
+from moteslam.slam.inputs.step import thin
+from moteslam.slam.known_map.config import KnownMapConfig
+from moteslam.slam.known_map.maps import KnownMaps
+from moteslam.slam.known_map.search import Sight, WholeMapSearch, silent_rays
+from moteslam.slam.online import OnlineSlam, run_slam
 
 STARTS, PLACES = 10, 50
 METRES = 15.0
@@ -60,8 +69,6 @@ Array = NDArray[np.float64]
 
 def scattered(world: World, occupancy: Raster, scenario: Scenario, seed: int) -> tuple[Any, Array, list[int]]:
     """Scans of a scenario's lidar at random free places in random headings: the true poses [n, 3], and which."""
-    from moteslam.slam.inputs.scans import Scans
-
     rng, platform, noise = np.random.default_rng(seed), scenario.platform, scenario.noise.lidar
     places = rng.permutation(occupancy.centres(np.argwhere(occupancy.values == FREE)))[: 4 * PLACES]
     places = places[world.is_free(places, platform.radius)][:PLACES]
@@ -78,12 +85,6 @@ def scattered(world: World, occupancy: Raster, scenario: Scenario, seed: int) ->
 
 
 def one_scan(scenario: Scenario, seed: int) -> Row:
-    """Scans searched for alone."""
-    from moteslam.slam.inputs.step import thin
-    from moteslam.slam.known_map.config import KnownMapConfig
-    from moteslam.slam.known_map.maps import KnownMaps
-    from moteslam.slam.known_map.search import Sight, WholeMapSearch, silent_rays
-
     config = KnownMapConfig()
     world, rng = World.of(scenario.standing), np.random.default_rng(seed)
     if scenario.noise.surroundings != Surroundings() and scenario.route is not None:
@@ -116,9 +117,6 @@ def one_scan(scenario: Scenario, seed: int) -> Row:
 
 def drives(recording: Recording, occupancy: Raster, seed: int) -> Iterator[Any]:
     """The updates of a run in a known map."""
-    from moteslam.slam.config import resolve_config
-    from moteslam.slam.online import OnlineSlam
-
     with tempfile.TemporaryDirectory() as folder:
         write_map(Path(folder) / "map.pgm", occupancy)
         session = OnlineSlam.over(recording, resolve_config("localize", [f"known_map={folder}/map.yaml"]), seed=seed)
@@ -170,9 +168,6 @@ def driving(simulation: Simulation, seed: int) -> Row:
 
 def visit(simulation: Simulation, seed: int) -> Row:
     """A drive in the map of another day, in its own in two cell sizes, and by SLAM: median errors [m]."""
-    from moteslam.eval.metrics.ate import absolute_trajectory_error
-    from moteslam.slam.online import run_slam
-
     before = Visit(building=seed, moved=0.0, shut=0.0)
     other = simulate(simulation.scenario.model_copy(update={"visit": before}), seed + 1)
     maps = other.true_map(0.05), simulation.true_map(0.05), simulation.true_map(0.02)
@@ -185,9 +180,6 @@ def visit(simulation: Simulation, seed: int) -> Row:
 
 
 def measure(task: str, scenario: str, platform: str, noise: str, seed: int) -> Row:
-    """One row."""
-    from moteslam.kernels import runtime
-
     runtime.init("cpu", 1)
     settings = {"carried": (CARRIED,), "visit": (f"visit={{building={seed}, seed={seed}}}",)}.get(task, ())
     asked = scenario_of(scenario, seed, platform=platform, noise=noise, settings=settings)
@@ -211,7 +203,6 @@ TASKS = ("one scan", "driving", "carried", "elsewhere", "visit")
 
 
 def summary(rows: Sequence[Row]) -> str:
-    """A line a task and world."""
     keys = ("right", "listed", "said", "sure_wrong", "within_10_m", "found_after", "wrongly_sure", "off", "ms", "area")
     lines: list[tuple[str, ...]] = [("", "rows", *keys)]
     for run, mine in by_run(rows).items():
@@ -225,7 +216,6 @@ def summary(rows: Sequence[Row]) -> str:
 
 
 def main() -> int:
-    """Run and print a table; 1 where a run crashed."""
     parser = arguments(__doc__)
     parser.add_argument("--tasks", nargs="+", metavar="NAME", choices=TASKS, default=TASKS)
     parser.add_argument("--scenarios", nargs="+", metavar="NAME", default=SCENARIOS)

@@ -21,13 +21,11 @@ without the option), and of the recording without the fault [m]; ``over`` is the
 Asked: right in 9 of 10 runs of every fault, and in 99 of 100 without one; with ``--ate``, at most twice.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from parts.harness import Bar, Case, Row, arguments, benchmark, expect_known, status
@@ -35,10 +33,12 @@ from parts.runs import Case as Drive
 from parts.runs import errors, simulate_case
 
 from moteslam.robot.platforms import bundled_platforms, load_platform
+from moteslam.robot.recording import LidarStream, Recording
 from moteslam.sim.scenario import bundled_scenarios
-
-if TYPE_CHECKING:
-    from moteslam.robot.recording import LidarStream, Recording
+from moteslam.slam.calibration.findings import WITHIN, checked
+from moteslam.slam.calibration.mended import calibrated
+from moteslam.slam.config import resolve_config
+from moteslam.slam.online import run_slam
 
 Change = Callable[["LidarStream", float], Any]  # Gives a field of a stream, changed by a share of the fault
 
@@ -104,24 +104,17 @@ def driven(world: str, platform: str, seed: int) -> Drive:
 
 def final_ate(recording: Recording, drive: Drive, seed: int) -> float:
     """The ATE [m] of the final path of the preset ``default``."""
-    from moteslam.slam.config import resolve_config
-    from moteslam.slam.online import run_slam
-
     return errors(run_slam(recording, resolve_config("default"), seed=seed), drive)["final"]
 
 
 @lru_cache(maxsize=1)
 def true_ate(world: str, platform: str, seed: int) -> float:
-    """Of the drive without a fault."""
     drive = driven(world, platform, seed)
     return final_ate(drive.recording, drive, seed)
 
 
 def measure_ate(name: str, share: float, world: str, platform: str, seed: int) -> Row:
     """What a fault costs, and what is left of that after ``--calibrate lidar``."""
-    from moteslam.slam.calibration.findings import checked
-    from moteslam.slam.calibration.mended import calibrated
-
     drive = driven(world, platform, seed)
     recording = FAULTS[name].put(drive.recording, share)
     calibration, _ = checked(recording)
@@ -134,9 +127,6 @@ def measure_ate(name: str, share: float, world: str, platform: str, seed: int) -
 
 
 def measure(name: str, share: float, world: str, platform: str, seed: int) -> Row:
-    """What is found of a fault."""
-    from moteslam.slam.calibration.findings import WITHIN, checked
-
     fault = FAULTS[name]
     recording = fault.put(driven(world, platform, seed).recording, share)
     calibration, found = checked(recording)
@@ -154,7 +144,6 @@ def measure(name: str, share: float, world: str, platform: str, seed: int) -> Ro
 
 
 def main() -> int:
-    """Run, and print a summary; 1 where a run crashed or a bar does not hold."""
     parser = arguments(__doc__)
     parser.add_argument("--worlds", nargs="+", metavar="NAME", default=["office", "loop"])
     parser.add_argument("--platforms", nargs="+", choices=bundled_platforms(), default=list(bundled_platforms()))

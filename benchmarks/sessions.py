@@ -25,6 +25,7 @@ from scipy.ndimage import binary_dilation
 from moteslam.eval.cli.simulate import scenario_of
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.map_quality import map_accuracy
+from moteslam.kernels import runtime
 from moteslam.robot import se2
 from moteslam.robot.formats import Cut, cut
 from moteslam.robot.formats.map_server import UNKNOWN, trinary
@@ -84,7 +85,6 @@ def f1(occupancy: Raster, path: Trajectory, simulation: Simulation) -> float:
 
 
 def orders(seed: int) -> Row:
-    """One seed in all orders."""
     simulation = simulate(load_scenario("campus"), seed)
     recording, truth = simulation.recording, simulation.truth
     whole = absolute_trajectory_error(run_slam(recording, seed=seed).trajectory_final, truth).rmse
@@ -105,7 +105,6 @@ def orders(seed: int) -> Row:
 
 
 def twins(seed: int) -> Row:
-    """One cut, at a random place."""
     simulation = simulate(load_scenario("twins"), seed)
     share = float(np.random.default_rng(seed).uniform(0.15, 0.85))
     parts = [run_slam(part(simulation.recording, *of), seed=seed) for of in ((0.0, share), (share, 1.0))]
@@ -115,7 +114,6 @@ def twins(seed: int) -> Row:
 
 
 def moved(seed: int, name: str) -> Row:
-    """Two visits to a building."""
     first = scenario_of(name, seed)
     visit = Scenario.model_validate({**first.model_dump(), "visit": {"seed": seed, "building": seed}})
     visits = [simulate(first, seed), simulate(visit, seed + 1)]
@@ -133,15 +131,11 @@ TASKS: dict[str, Callable[..., Row]] = {"orders": orders, "twins": twins, "moved
 
 
 def measure(task: str, seed: int, *more: str) -> Row:
-    """A row."""
-    from moteslam.kernels import runtime
-
     runtime.init("cpu", 1)
     return TASKS[task](seed, *more)
 
 
 def main() -> int:
-    """Run what is asked for."""
     parser = arguments(__doc__)
     parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS), metavar="NAME")
     given = parser.parse_args()

@@ -11,8 +11,6 @@ what of it the trajectory takes (poses, covariances and diagnostics of every sca
 nodes of the graph, and the processor time of a scan.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import tempfile
@@ -21,17 +19,19 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from parts.harness import Row, arguments, benchmark, count, factor, memory, parsed, status
 from parts.runs import fed
 
+from moteslam.kernels.runtime import init
+from moteslam.robot.platforms import load_platform
+from moteslam.robot.recording import ChunkedRanges, EncoderStream, LidarStream, Recording
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import simulate
 from moteslam.slam.config import resolve_config
-
-if TYPE_CHECKING:
-    from moteslam.robot.recording import Recording
-    from moteslam.slam.online import OnlineSlam
+from moteslam.slam.online import OnlineSlam
+from moteslam.slam.tsdf.filter import TsdfFilter
 
 LAPS = 100  # Of a drive, at most
 LAP = 79.0, 90.0  # A lap takes at least, and at most, so long [s]
@@ -40,9 +40,6 @@ PAUSE = 0.1  # Between two drives [s]
 
 def drive(seed: int, laps: int, folder: Path) -> None:
     """Simulate a drive of some laps into a folder: arrays, and the ranges as they are."""
-    from moteslam.sim.scenario import load_scenario
-    from moteslam.sim.simulate import simulate
-
     scenario = load_scenario("loop", platform="lms200", settings=[f"route.laps={laps}", f"duration={LAP[1] * laps}"])
     recording = simulate(scenario, seed=seed).recording
     lidar, encoders = recording.lidar, recording.encoders
@@ -60,9 +57,6 @@ def drive(seed: int, laps: int, folder: Path) -> None:
 
 def recorded(folder: Path, drives: int, made: int, beams: int) -> Recording:
     """The drives one behind the other, of which so many were made, with their ranges in files: every k-th beam."""
-    from moteslam.robot.platforms import load_platform
-    from moteslam.robot.recording import ChunkedRanges, EncoderStream, LidarStream, Recording
-
     parts, shift, starts = [], 0.0, [0]
     for seed in (number % made for number in range(drives)):
         with np.load(folder / f"{seed}.npz") as arrays:
@@ -107,10 +101,6 @@ def trajectory_bytes(session: OnlineSlam, scans: int) -> int:
 
 def measure(folder: Path, drives: int, made: int, hours: float, settings: list[str], beams: int, *, live: bool) -> Row:
     """Run SLAM over the drives: figures of every hour, printed as they come."""
-    from moteslam.kernels.runtime import init
-    from moteslam.slam.online import OnlineSlam
-    from moteslam.slam.tsdf.filter import TsdfFilter
-
     init("cpu", 1)
     recording, config = recorded(folder, drives, made, beams), resolve_config("default", settings)
     lidar = recording.lidar
@@ -145,7 +135,6 @@ def measure(folder: Path, drives: int, made: int, hours: float, settings: list[s
 
 
 def main() -> int:
-    """Simulate, run, and print; 1 where the run crashed."""
     parser = arguments(__doc__, settings=True)
     parser.add_argument("--hours", type=factor, default=10.0)
     parser.add_argument("--live", action="store_true", help="add the messages one by one")

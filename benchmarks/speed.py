@@ -116,7 +116,6 @@ def digits(value: float | None) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, print the table; the exit code."""
     parser = argparse.ArgumentParser(
         description=__doc__,
         epilog="\n".join(["tasks:", *(f"  {name:12}  {task.__doc__}" for name, task in TASKS.items())]),

@@ -105,23 +105,24 @@ def _short(text: str) -> str:
     return short if unit is None or unit[0] in short else f"{short} {unit[0]}"
 
 
+def _fields(model: type) -> Iterator[tuple[str, list[str], str]]:
+    """Of each field in a model's source the name, the comments in the lines above it, and the one beside it."""
+    above: list[str] = []
+    for line in inspect.getsource(model).splitlines():
+        if comment := re.match(r"    # (.*)", line):
+            above.append(comment[1])
+            continue
+        if field := re.match(r"    (\w+): [^#]*(?:# (.*))?$", line):
+            yield field[1], above, field[2] or ""
+        above = []
+
+
 @cache
 def _meanings(model: type) -> dict[str, str]:
-    """What the comments beside a model's fields or above them say of each, and those of its bases."""
-    meanings: dict[str, str] = {}
-    for base in reversed(model.__mro__):
-        if not base.__module__.startswith("moteslam."):
-            continue
-        above: list[str] = []
-        for line in inspect.getsource(base).splitlines():
-            if comment := re.match(r"    # (.*)", line):
-                above.append(comment[1])
-                continue
-            field = re.match(r"    (\w+): [^#]*(?:# (.*))?$", line)
-            if field and (text := field[2] or " ".join(above)):
-                meanings[field[1]] = text
-            above = []
-    return meanings
+    """What the comments say of each field of a model, and of those of its bases."""
+    bases = [base for base in reversed(model.__mro__) if base.__module__.startswith("moteslam.")]
+    fields = (field for base in bases for field in _fields(base))
+    return {name: text for name, above, beside in fields if (text := beside or " ".join(above))}
 
 
 def _allowed(field: FieldInfo) -> str:
@@ -194,15 +195,12 @@ def _commented(sections: dict[str, Any]) -> str:
     lines = []
     for name, part in sections.items():
         lines += ["", f"[{name}]"] if name else [""]
-        for line in inspect.getsource(type(part)).splitlines():
-            comment, field = re.match(r"    (#.*)", line), re.match(r"    (\w+): [^#]*(#.*)?$", line)
-            if comment:
-                lines.append(comment[1])
-            elif field and field[1] in type(part).model_fields:
-                value = getattr(part, field[1])
-                if not isinstance(value, BaseModel):
-                    shown = "false" if value is None else _shown(value)
-                    lines.append(f"{field[1]} = {shown}  {field[2] or ''}".rstrip())
+        for key, above, beside in _fields(type(part)):
+            value = getattr(part, key, None)
+            lines += [f"# {comment}" for comment in above]
+            if key in type(part).model_fields and not isinstance(value, BaseModel):
+                shown = "false" if value is None else _shown(value)
+                lines.append(f"{key} = {shown}" + f"  # {beside}" * bool(beside))
     return "\n".join(("```toml", *lines[1:], "```"))
 
 

@@ -1,7 +1,5 @@
 """The result folder of a run: trajectories, map, figures, scores, and all that is needed to run it again."""
 
-from __future__ import annotations
-
 import heapq
 import json
 import os
@@ -9,7 +7,7 @@ import platform
 import re
 import sqlite3
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -81,7 +79,7 @@ def write_results(
     recording: Recording | None = None,
     true_map: Raster | None = None,
     relations: Relations | None = None,
-    snapshots: Sequence[maps.Snapshot] = (),
+    snapshots: maps.Snapshots = (),
     stages: maps.Stages = (),
     figures: bool = True,
     run: Mapping[str, Any] | None = None,
@@ -150,7 +148,7 @@ def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None 
 
 
 def draw_figures(
-    folder: Path, estimate: Estimate, run: Evidence, *, snapshots: Sequence[maps.Snapshot], stages: maps.Stages
+    folder: Path, estimate: Estimate, run: Evidence, *, snapshots: maps.Snapshots, stages: maps.Stages
 ) -> None:
     """Draw the figures of a run into a folder, with what is known of it."""
 

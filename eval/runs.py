@@ -112,9 +112,12 @@ def axis_of(rows: Sequence[Row], given: str | None = None) -> str:
     return given
 
 
-def compared(rows: Iterable[Row], axis: str = CONFIGURATION) -> dict[str, list[Row]]:
-    """Runs by their value of an axis, in the order of the specification."""
-    return grouped(rows, lambda row: str(_value(row, axis)))
+def compared(rows: Iterable[Row], axis: str = CONFIGURATION, baseline: str | None = None) -> dict[str, list[Row]]:
+    """Runs by their value of an axis, in the order of the specification; the baseline, if given, is one of these."""
+    found = grouped(rows, lambda row: str(_value(row, axis)))
+    if baseline is not None and baseline not in found:
+        raise ConfigError(f"{baseline!r}, expected one of {', '.join(map(repr, found))}", field="--baseline")
+    return found
 
 
 def _value(row: Row, axis: str, *but: str) -> Any:
@@ -189,12 +192,12 @@ class Shown(NamedTuple):
         return middle, interval(low, high)
 
 
-def headings(rows: Sequence[Row], names: Sequence[str], units: Mapping[str, str] | None = None) -> dict[str, Shown]:
-    """How metrics are shown, in every table of the same runs.
+def headings(rows: Sequence[Row], names: Sequence[str]) -> dict[str, Shown]:
+    """How metrics are shown, in every table of the same runs, with the units that were recorded.
 
     It fits the median over the runs; one metric of several trajectories has one, which its median and maximum share.
-    ``units`` are those of metrics of plug-ins that are not here.
     """
+    units = {name: unit for row in rows for name, one in row.scores.items() if (unit := one.get("unit"))}
     groups = list(grouped(rows, lambda row: tuple(row.about.items())).values())
     there, found = dict.fromkeys((*names, *(name for row in rows for name in row.scores))), {}
     for name in names:
@@ -202,7 +205,7 @@ def headings(rows: Sequence[Row], names: Sequence[str], units: Mapping[str, str]
         whole = short.removesuffix("_median").removesuffix("_max")
         alike = [one for one in there if split(one)[1] == whole] or [one for one in there if split(one)[1] == short]
         medians = [summary_of(some, one).median for one in alike for some in groups]
-        unit, factor = fitting((units or {}).get(name) or known_metric(name).unit, medians)
+        unit, factor = fitting(units.get(name) or known_metric(name).unit, medians)
         found[name] = Shown(name, f"{title_of(name)} [{unit}]" if unit else title_of(name), factor)
     return found
 

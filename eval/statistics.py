@@ -1,11 +1,9 @@
 """Statistics of a set of errors; of a figure over many runs; of two configurations on the same runs."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import inf, isclose, isfinite
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,7 +32,7 @@ class Statistics:
     count: int
 
     @classmethod
-    def of(cls, errors: ArrayLike) -> Statistics:
+    def of(cls, errors: ArrayLike) -> Self:
         """The statistics of errors [n], n at least 1."""
         errors = np.asarray(errors, np.float64)
         rmse, median = float(np.sqrt(np.mean(errors**2))), float(np.median(errors))
@@ -66,7 +64,7 @@ class Summary:
     worst: float | None
 
     @classmethod
-    def of(cls, values: Sequence[float | None], failed: int = 0, *, better: Better = "lower") -> Summary:
+    def of(cls, values: Sequence[float | None], failed: int = 0, *, better: Better = "lower") -> Self:
         """Summarise the values of the runs that did not fail (None: absent), and the number of those that did."""
         there = [value for value in values if value is not None]
         worst = inf if better == "lower" else -inf

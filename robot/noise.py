@@ -4,9 +4,7 @@ A figure that is left out is an error that is not there: ``Noise()`` has perfect
 robots stand in ``robot/platforms`` with their sources.
 """
 
-from __future__ import annotations
-
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
@@ -38,7 +36,7 @@ class ClockNoise(Section):
     ends: tuple[Seconds, Seconds] = (0.0, 0.0)
 
     @model_validator(mode="after")
-    def _are_spans(self) -> ClockNoise:
+    def _are_spans(self) -> Self:
         for key, (least, most) in (("begins", self.begins), ("ends", self.ends)):
             if least > most:
                 raise ValueError(f"{key} of {least:g} and {most:g} s, expected the shorter time first")
@@ -108,7 +106,7 @@ class ImuNoise(Section):
     clock: ClockNoise = ClockNoise()
 
     @model_validator(mode="after")
-    def _is_a_correlation(self) -> ImuNoise:
+    def _is_a_correlation(self) -> Self:
         one, two = self.gyro_correlation
         if not (-1 < one < 1 and 2 * one**2 - 1 < two < 1):
             expected = "two numbers between -1 and 1 that some noise has: the second above 2 first^2 - 1"

@@ -5,10 +5,8 @@ is one of the bundled ones (`moteslam.robot.platforms`). Facts and sources: ``do
 a sensor that is None is not known: of a recording the stream itself states it, and nothing can be simulated with it.
 """
 
-from __future__ import annotations
-
 import math
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Annotated, Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field, Strict, WrapSerializer, model_validator
@@ -70,7 +68,7 @@ class LidarSpec(Section):
     no_return: Annotated[tuple[Annotated[float, Strict(), Field(ge=0)], ...], Field(max_length=100)] = ()
 
     @model_validator(mode="after")
-    def _can_be(self) -> LidarSpec:
+    def _can_be(self) -> Self:
         if self.angle_increment == 0:
             raise ValueError("angle_increment of 0, expected an angle between beams, negative if it turns clockwise")
         if self.beams and self.angle_increment and (problem := too_wide(self.beams, self.angle_increment)):
@@ -122,7 +120,7 @@ class CameraSettings(Section):
     clock: ClockNoise = ClockNoise()
 
     @model_validator(mode="after")
-    def _can_measure_something(self) -> CameraSettings:
+    def _can_measure_something(self) -> Self:
         if self.nearest >= self.farthest:
             raise ValueError(f"nearest of {self.nearest:g} m, expected less than farthest, {self.farthest:g} m")
         return self

@@ -4,8 +4,6 @@ Streams are immutable; stamps are float64 seconds and do not decrease. Distinct 
 kept in file order, and nothing may divide by the time between them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
@@ -313,7 +311,7 @@ class Recording(Summarised):
     def __post_init__(self) -> None:
         expect_type(self.platform, Platform, "platform", "Platform() is one of which nothing is known")
 
-    def replace(self, **changes: Any) -> Recording:
+    def replace(self, **changes: Any) -> Self:
         """A copy with some of its attributes changed."""
         return replace(self, **changes)
 
@@ -325,9 +323,7 @@ class Recording(Summarised):
             found |= {"rgb": self.rgbd.rgb_stamps, "disparity": self.rgbd.disparity_stamps}
         return found
 
-    def with_poses(
-        self, change: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
-    ) -> Recording:
+    def with_poses(self, change: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]) -> Self:
         """A copy with the poses of its odometry, and those logged with scans, changed: [n, 3] at stamps [n] [s]."""
         lidar, odometry = self.lidar, self.odometry
         if lidar is not None and lidar.odometry is not None:

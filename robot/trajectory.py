@@ -1,7 +1,5 @@
 """Trajectories and pose graphs; poses in space and what is left of them in the plane."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -44,7 +42,7 @@ class Space(Summarised):
     positions: Array  # [n, 3] x, y, z [m]
     rotations: Array  # [n, 3, 3] of the body in the frame of the positions
 
-    def __getitem__(self, index: NDArray[np.integer | np.bool_]) -> Space:
+    def __getitem__(self, index: NDArray[np.integer | np.bool_]) -> "Space":
         return Space(self.positions[index], self.rotations[index])
 
 
@@ -79,7 +77,7 @@ class Trajectory(Stream):
     def take(self, which: NDArray[np.bool_ | np.intp]) -> Self:
         return replace(super().take(which), space=None if self.space is None else self.space[which])
 
-    def at(self, stamps: Array) -> Trajectory:
+    def at(self, stamps: Array) -> "Trajectory":
         """The trajectory in the plane at other stamps [m] [s], not decreasing, and held beyond its ends."""
         return Trajectory(stamps, se2.interpolate(self.stamps, self.poses, stamps), self.oriented)
 

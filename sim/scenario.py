@@ -1,7 +1,5 @@
 """A scenario: a world, who moves in it, what the robot does, and how noisy its sensors are, as one TOML file."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib
@@ -101,7 +99,7 @@ class Scenario(Section):
         return _within_reach(values, platform)
 
     @model_validator(mode="after")
-    def _is_possible(self) -> Scenario:
+    def _is_possible(self) -> Self:
         """Refuse parts that contradict each other; each of them alone is checked where it is defined."""
         given = [task for task in _TASKS if getattr(self, task) is not None]
         if len(given) != 1:

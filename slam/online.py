@@ -1,10 +1,8 @@
 """SLAM over messages as they come, or over a recording, scan by scan."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from numbers import Real
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -188,7 +186,7 @@ class OnlineSlam(Core):
     @classmethod
     def over(
         cls, recording: Recording, config: SlamConfig | None = None, seed: int = 0, *, method: MakeFilter | None = None
-    ) -> OnlineSlam:
+    ) -> Self:
         """SLAM over a recording: iterated it gives an ``Update`` a scan, and finishes.
 
         Raises:

@@ -1,6 +1,10 @@
 """Command lines that end well, and those that must be refused."""
 
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -44,3 +48,16 @@ def refused(capsys: Capsys, *arguments: object, code: int = 2) -> str:
     assert err.startswith("moteslam: ")
     assert err.count("\n") == 1
     return err
+
+
+def program(*arguments: object, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run ``moteslam`` in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "moteslam", *map(str, arguments)],
+        cwd=cwd,
+        env={**os.environ, "COLUMNS": "100", **environment},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )

@@ -1,9 +1,7 @@
 """Pools of tiles to try the signed-distance kernels on, and scans of a room to integrate into them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,16 +42,16 @@ class Pool:
     free: NDArray[np.int32]
 
     @classmethod
-    def empty(cls, particles: int = 1, *, rows: int = 9, columns: int = 10, tiles: int = 200) -> Pool:
+    def empty(cls, particles: int = 1, *, rows: int = 9, columns: int = 10, tiles: int = 200) -> Self:
         return cls._counted(np.zeros(tiles * CELLS, np.int16), np.zeros((particles, rows, columns), np.int32))
 
     @classmethod
-    def _counted(cls, pool: NDArray[np.int16], tables: NDArray[np.int32]) -> Pool:
+    def _counted(cls, pool: NDArray[np.int16], tables: NDArray[np.int32]) -> Self:
         shares = np.bincount(tables.reshape(-1), minlength=len(pool) // CELLS).astype(np.int32)
         shares[0] = len(tables) + 1
         return cls(pool, tables, shares, np.flatnonzero(shares == 0).astype(np.int32))
 
-    def resampled(self, parents: ArrayLike, *, more_tiles: int = 0) -> Pool:
+    def resampled(self, parents: ArrayLike, *, more_tiles: int = 0) -> Self:
         """The particles' children, the shares counted again, in a pool of their own."""
         pool = np.concatenate((self.pool, np.zeros(more_tiles * CELLS, np.int16)))
         return self._counted(pool, self.tables[np.asarray(parents)])

@@ -9,6 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.slam.backend.graph import backend
+from moteslam.slam.backend.graph import joint as registration
+from moteslam.slam.backend.graph.backend import GraphBackend
+from moteslam.slam.backend.graph.chain import Chain
+from moteslam.slam.backend.graph.joint import Endpoints
+from moteslam.slam.backend.graph.pose_graph import Edges, MeasuredChain, solve
+from moteslam.slam.online import OnlineSlam, run_slam
+from moteslam.slam.tsdf.filter import TsdfFilter
 from parts.harness import Row, memory
 from parts.runs import NOISY, simulate_case, start_kernels
 
@@ -22,8 +30,6 @@ SEED = 200  # Of the simulated drives
 
 def solver(*_: Any) -> Row:
     """A graph of rings driven again and again, its chain skewed by noise, solved with graduated non-convexity."""
-    from moteslam.slam.backend.graph.pose_graph import Edges, solve
-
     random = np.random.default_rng(SEED)
     angle = 2 * np.pi * np.arange(NODES) / LAP
     radius = LAP * 0.5 / (2 * np.pi)
@@ -61,12 +67,6 @@ def solver(*_: Any) -> Row:
 
 def joint(_seed: int, _settings: list[str], scans: int) -> Row:
     """The first nodes of `campus`, registered jointly twice; the second time counts."""
-    from moteslam.slam.backend.graph import joint as registration
-    from moteslam.slam.backend.graph.backend import GraphBackend
-    from moteslam.slam.backend.graph.joint import Endpoints
-    from moteslam.slam.backend.graph.pose_graph import MeasuredChain
-    from moteslam.slam.online import OnlineSlam
-
     config = start_kernels([], 1)
     session = OnlineSlam.over(simulate_case("campus", SEED, **NOISY).recording, config)
     for _ in session:
@@ -86,11 +86,6 @@ def joint(_seed: int, _settings: list[str], scans: int) -> Row:
 
 def back_end(_seed: int, _settings: list[str], *, keys: bool) -> Row:
     """Processor time over `campus`: the filter, the chain, loop search and graph, the joint registrations."""
-    from moteslam.slam.backend.graph import backend
-    from moteslam.slam.backend.graph.chain import Chain
-    from moteslam.slam.online import run_slam
-    from moteslam.slam.tsdf.filter import TsdfFilter
-
     config = start_kernels([], 1)
     case = simulate_case("campus", SEED, **(NOISY if keys else {}))
     with (

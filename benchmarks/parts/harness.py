@@ -8,7 +8,6 @@ import os
 import platform
 import re
 import statistics
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
@@ -60,14 +59,12 @@ def seeds(text: str) -> range:
 
 
 def count(text: str) -> int:
-    """A number of one or more."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r}, expected 1 or more")
     return int(text)
 
 
 def factor(text: str) -> float:
-    """A finite number that is not negative."""
     with suppress(ValueError):
         if 0 <= float(text) < math.inf:
             return float(text)
@@ -135,14 +132,10 @@ def processor() -> str:
     return platform.machine()
 
 
-def memory(field: Literal["VmRSS", "VmHWM"]) -> float:
-    """Of this process [MB]: in use now, or the most it has had; ``ru_maxrss`` would begin with its parent's."""
-    with suppress(OSError):
-        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-        return 1024e-6 * next(int(line.split()[1]) for line in lines if line.startswith(field))
-    import resource
-
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6
+def memory(field: Literal["VmRSS", "VmHWM", "VmData"]) -> float:
+    """Of this process [MB]: in use now, the most so far (``ru_maxrss`` begins with its parent's), or of data."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return 1024e-6 * next(int(line.split()[1]) for line in lines if line.startswith(field))
 
 
 def benchmark(
@@ -207,7 +200,6 @@ def write_rows(path: Path | None, rows: Sequence[Row]) -> None:
 
 
 def by_run(rows: Iterable[Row]) -> dict[str, list[Row]]:
-    """The rows of each run."""
     groups: dict[str, list[Row]] = {}
     for row in rows:
         groups.setdefault(row["run"], []).append(row)

@@ -85,7 +85,6 @@ def _integer(data: bytes, rng: Generator) -> bytes:
 
 
 def _word(data: bytes, rng: Generator) -> bytes:
-    """Another word in place of one."""
     lines = data.split(b"\n")
     row = int(rng.integers(len(lines)))
     separator = b"," if b"," in lines[row] and rng.integers(2) else b" "

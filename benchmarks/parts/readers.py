@@ -10,11 +10,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rosbags.rosbag1 import Writer
 
-from moteslam.robot.platforms import UCSD
-from moteslam.robot.raster import Raster
+from moteslam.eval.metrics.relations import read_relations
+from moteslam.eval.results import BUILDING as NAME
+from moteslam.eval.results import read_building, write_building
+from moteslam.eval.run_tables import LOOP_COLUMNS, VERDICTS, read_loops
+from moteslam.eval.scores import against
+from moteslam.eval.sweep.plan import plan
+from moteslam.eval.sweep.spec import read_spec
+from moteslam.robot.formats import FORMATS, open_recording
+from moteslam.robot.formats.bags.write import Event, header, transform, turned, vector, write_events
+from moteslam.robot.formats.map_server import read_map, write_map
+from moteslam.robot.inspection import inspect_recording
+from moteslam.robot.platforms import UCSD, load_platform
+from moteslam.robot.raster import Raster, read_map_arrays, write_map_arrays
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
+from moteslam.robot.trajectories import WRITERS, read_trajectory
 from moteslam.robot.trajectory import Trajectory
+from moteslam.sim.scenario import load_scenario
+from moteslam.slam.backend.building import Building, Session
+from moteslam.slam.backend.graph.pose_graph import Edges, MeasuredChain
+from moteslam.slam.config import load_preset, resolve_config
 
 
 @dataclass(frozen=True)
@@ -75,9 +92,6 @@ def _made(main: str, write: Callable[..., Any], *given: Any) -> dict[str, bytes]
 
 def _recordings() -> Iterator[Reader]:
     """Every format of recordings that can be written."""
-    from moteslam.robot.formats import FORMATS, open_recording
-    from moteslam.robot.inspection import inspect_recording
-
     for name, known in FORMATS.items():
         if known.write is not None:
             main = "." if known.is_folder else f"log{known.endings[0]}"
@@ -86,10 +100,6 @@ def _recordings() -> Iterator[Reader]:
 
 
 def _trajectories() -> Iterator[Reader]:
-    from moteslam.eval.metrics.relations import read_relations
-    from moteslam.eval.scores import against
-    from moteslam.robot.trajectories import WRITERS, read_trajectory
-
     stamps = np.arange(9) / 2
     path = Trajectory(stamps, np.column_stack((stamps, np.sin(stamps), 0.1 * stamps)))
     for name, (ending, write) in WRITERS.items():
@@ -109,10 +119,6 @@ def _trajectories() -> Iterator[Reader]:
 
 def _write_bag_of_poses(path: Path) -> None:
     """A bag of ROS 1 with poses and transforms."""
-    from rosbags.rosbag1 import Writer
-
-    from moteslam.robot.formats.bags.write import Event, header, transform, turned, vector, write_events
-
     turn, events = turned(1.3), []
     for k in range(9):
         stamp, place = (k + 1) * 10**9, (0.1 * k, 0.0, 0.0)
@@ -125,9 +131,6 @@ def _write_bag_of_poses(path: Path) -> None:
 
 
 def _maps() -> Iterator[Reader]:
-    from moteslam.robot.formats.map_server import read_map, write_map
-    from moteslam.robot.raster import read_map_arrays, write_map_arrays
-
     values = np.random.default_rng(3).integers(-1, 2, (11, 17)).astype(np.int8)
     files = _made("map.pgm", write_map, Raster(values, 0.05, (1.0, -2.0, 0.3)))
     yield Reader("map_server", files, "map.yaml", read_map)
@@ -137,12 +140,6 @@ def _maps() -> Iterator[Reader]:
 
 def _tables() -> Iterator[Reader]:
     """Scenarios, robots, configurations, specifications of sweeps, and loops."""
-    from moteslam.eval.run_tables import LOOP_COLUMNS, VERDICTS, read_loops
-    from moteslam.eval.sweep.plan import plan
-    from moteslam.eval.sweep.spec import read_spec
-    from moteslam.robot.platforms import load_platform
-    from moteslam.sim.scenario import load_scenario
-    from moteslam.slam.config import load_preset, resolve_config
 
     def bundled(package: str, name: str) -> bytes:
         return resources.files(package).joinpath(name).read_bytes()
@@ -161,11 +158,6 @@ def _tables() -> Iterator[Reader]:
 
 def _sessions() -> Iterator[Reader]:
     """What a recording is bound to."""
-    from moteslam.eval.results import BUILDING as NAME
-    from moteslam.eval.results import read_building, write_building
-    from moteslam.slam.backend.building import Building, Session
-    from moteslam.slam.backend.graph.pose_graph import Edges, MeasuredChain
-
     rng, stamps, nodes = np.random.default_rng(4), np.arange(9) / 2, np.arange(0, 9, 2)
     path = np.column_stack((stamps, np.sin(stamps), 0.1 * stamps))
     steps, spread = rng.normal(size=(4, 3)), np.repeat(np.eye(3)[None] * 0.01, 4, axis=0)

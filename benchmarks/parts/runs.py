@@ -1,28 +1,33 @@
 """What the benchmarks run: real logs with their references and simulated scenarios with their truth; and its errors."""
 
-from __future__ import annotations
-
 import heapq
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-
-if TYPE_CHECKING:
-    from moteslam.robot.recording import Recording
-    from moteslam.robot.trajectory import Trajectory
-    from moteslam.sim.simulate import Simulation
-    from moteslam.slam.config import SlamConfig
-    from moteslam.slam.estimate import Estimate
-    from moteslam.slam.online import OnlineSlam
-    from moteslam.slam.scan_records import Update
+from moteslam.eval.metrics.ate import absolute_trajectory_error
+from moteslam.eval.metrics.loops import score_loops
+from moteslam.eval.metrics.relations import evaluate_relations, read_relations
+from moteslam.kernels import runtime
+from moteslam.robot import se2
+from moteslam.robot.formats import open_recording
+from moteslam.robot.recording import Recording
+from moteslam.robot.trajectories.text import read_tum
+from moteslam.robot.trajectory import Trajectory
+from moteslam.sim.logged import Logging, logged
+from moteslam.sim.scenario import load_scenario, with_camera
+from moteslam.sim.simulate import Simulation, simulate
+from moteslam.slam.config import SlamConfig, resolve_config
+from moteslam.slam.estimate import Estimate
+from moteslam.slam.online import OnlineSlam
+from moteslam.slam.scan_records import Update
 
 Array = NDArray[np.float64]
 DATA = Path(os.environ.get("MOTESLAM_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -65,10 +70,6 @@ class Case:
 
 
 def start_kernels(settings: list[str], threads: int, **more: Any) -> SlamConfig:
-    """Start Taichi and resolve the configuration."""
-    from moteslam.kernels import runtime
-    from moteslam.slam.config import resolve_config
-
     runtime.init("cpu", threads)
     return resolve_config("default", [*settings, *(f"{key}={value}" for key, value in more.items())])
 
@@ -86,15 +87,11 @@ def log_file(name: str) -> Path:
 
 
 def reference_file(name: str) -> Path:
-    """What it is scored with."""
     return DATA / f"{LOGS[name]}.{'relations' if name == RELATIONS else 'reference.tum'}"
 
 
 def load_log(name: str) -> Case:
     """A real log and its reference trajectory, if that is what it has."""
-    from moteslam.robot.formats import open_recording
-    from moteslam.robot.trajectories.text import read_tum
-
     return Case(open_recording(log_file(name)), None if name == RELATIONS else read_tum(reference_file(name)))
 
 
@@ -122,10 +119,6 @@ def simulate_case(
         duration: ends it after this time [s].
         camera: with a camera at its full rate, whose images are drawn when they are asked for.
     """
-    from moteslam.sim.logged import Logging, logged
-    from moteslam.sim.scenario import load_scenario, with_camera
-    from moteslam.sim.simulate import simulate
-
     scenario = load_scenario(name, platform=platform, noise=noise_class, settings=settings)
     scenario = with_camera(scenario) if camera else scenario.model_copy(update={"camera": None})
     if duration is not None:
@@ -159,7 +152,6 @@ def messages(recording: Recording, late: dict[str, float]) -> Iterator[Message]:
 
 
 def add(slam: OnlineSlam, recording: Recording, stream: str, index: int) -> Update | None:
-    """Add one message of a recording."""
     if stream in ("rgb", "disparity"):
         assert recording.rgbd is not None
         image = getattr(recording.rgbd.images, stream)(index)
@@ -192,16 +184,12 @@ def true_poses(truth: Trajectory, stamps: Array) -> Array:
 
 def is_right(true: Array, poses: Array) -> NDArray[np.bool_]:
     """Which poses [..., 3] are within 0.3 m and 5 degrees of the true one."""
-    from moteslam.robot import se2
-
     off = se2.between(true, poses)
     return np.asarray((np.hypot(off[..., 0], off[..., 1]) < 0.3) & (np.abs(off[..., 2]) < np.radians(5)))
 
 
 def errors(estimate: Estimate, case: Case) -> dict[str, float]:
     """The figures of an estimate: ATE RMSE or errors of relations [m], [deg], online, final and of dead reckoning."""
-    from moteslam.eval.metrics.ate import absolute_trajectory_error
-
     trajectories = {
         "final": estimate.trajectory_final,
         "online": estimate.trajectory,
@@ -223,11 +211,6 @@ def loop_figures(estimate: Estimate, case: Case) -> dict[str, float]:
 
     And the RMSE [m] of the last quarter of the online poses, laid on the truth as the final trajectory is.
     """
-    from moteslam.eval.metrics.ate import absolute_trajectory_error
-    from moteslam.eval.metrics.loops import score_loops
-    from moteslam.robot import se2
-    from moteslam.robot.trajectory import Trajectory
-
     assert case.reference is not None
     loops = score_loops(estimate.loops, case.reference, case.recording).as_dict()
     names = ("accepted", "false", "overruled", "overruled_false", "recall")
@@ -244,8 +227,6 @@ def relation_figures(trajectories: dict[str, Trajectory]) -> dict[str, float]:
 
     At a stamp of several scans the first counts.
     """
-    from moteslam.eval.metrics.relations import evaluate_relations, read_relations
-
     figures: dict[str, float] = {}
     for which, file in (("clear", reference_file(RELATIONS)), ("all", DATA / "intel" / "intel.relations")):
         relations = read_relations(file)
@@ -260,8 +241,6 @@ def relation_figures(trajectories: dict[str, Trajectory]) -> dict[str, float]:
 
 def hall_figures(trajectories: dict[str, Trajectory], simulation: Simulation) -> dict[str, float]:
     """RMSE along and across the line from the first waypoint to the last [m], aligned."""
-    from moteslam.eval.metrics.ate import absolute_trajectory_error
-
     route = simulation.scenario.route
     assert route is not None
     line = route.corners[-1] - route.corners[0]

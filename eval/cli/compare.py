@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import arg, opt
 from moteslam.eval.cli.text import answer, note, progress_bar
@@ -47,12 +47,10 @@ def compare(
     rows = [row for row in runs.read_runs(paths) if row.status]
     names = runs.metric_names(metrics, rows)
     axis = runs.axis_of(rows, by)
-    found = runs.compared(rows, axis)
+    found = runs.compared(rows, axis, baseline)
     if len(found) < 2:
         raise InputError(f"{len(found)} {axis}, expected two or more to compare", file=paths[0])
-    first = next(iter(found)) if baseline is None else baseline
-    if first not in found:
-        raise ConfigError(f"{first!r}, expected one of {', '.join(map(repr, found))}", field="--baseline")
+    first = baseline or next(iter(found))
     for other in (other for other in found if other != first and axis == runs.CONFIGURATION):
         both = (*found[first], *found[other])
         if len({row.about["platform"] for row in both}) > 1 or any(row.run.command for row in both):

@@ -11,7 +11,7 @@ import typer
 from moteslam.errors import InputError, in_file
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import arg, flag, opt
-from moteslam.eval.cli.text import answer, note, warn
+from moteslam.eval.cli.text import answer, warn
 from moteslam.eval.tables import BETWEEN, FORMATS, Column, Rows, fitting, literal, number, rows_of
 
 NEEDED = {
@@ -179,8 +179,7 @@ def evaluate(
             assert reference is not None  # or --plot was refused
             draw_comparison(plot, results, title=f"against {reference.name}")
     if not as_json:
-        for doubt in _doubts(rows):
-            note(f"warning: {doubt}")
+        warn(_doubts(rows))
     one_or_all = rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}
     parts = [part for part in _parts(rows, found) if BETWEEN[form] or not isinstance(part, str)]
     lines = (BETWEEN[form].format(part) if isinstance(part, str) else FORMATS[form](part) for part in parts)

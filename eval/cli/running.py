@@ -18,7 +18,7 @@ from moteslam.eval.cli.text import note, progress_bar, say, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.metrics.residuals import unfit_scans
-from moteslam.eval.report.maps import Snapshot, keep_floor, keep_map
+from moteslam.eval.report.maps import keep_floor, keep_map
 from moteslam.eval.results import read_building, write_result_bag, write_results
 from moteslam.eval.run_tables import loop_counts
 from moteslam.eval.scores import Figures, doubted, number
@@ -83,7 +83,7 @@ def run_into(
     session = OnlineSlam.over(recording, config, seed=options.seed)
     issues = (*issues, *recording.warnings)
     warn(issues)  # a run that they make useless is long
-    snapshots: list[Snapshot] = []
+    snapshots: list[tuple[int, Raster]] = []
     with progress_bar("SLAM", len(session), "scans") as progress:
         for update in session:
             if not options.no_figures:

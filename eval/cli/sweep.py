@@ -13,7 +13,7 @@ from moteslam.eval.cli import options
 from moteslam.eval.cli.compare import summary_lines, summed_up, total
 from moteslam.eval.cli.interrupt import Interrupted
 from moteslam.eval.cli.options import arg, flag, opt
-from moteslam.eval.cli.text import answer, note, progress_bar, say
+from moteslam.eval.cli.text import answer, note, progress_bar, say, warn
 from moteslam.eval.tables import Column, aligned, literal, rows_of
 
 
@@ -169,8 +169,7 @@ def show(
 
 def _tell(found: dict[str, Any], lines: Iterable[str], *, as_json: bool) -> None:
     """The summary, and what is doubtful in the runs."""
-    for warning in () if as_json else found["warnings"]:
-        note(f"warning: {warning}")
+    warn(() if as_json else found["warnings"])
     answer(found, lines, as_json=as_json)
 
 

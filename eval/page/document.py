@@ -19,7 +19,7 @@ from jinja2 import Environment, StrictUndefined
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import InputError
 from moteslam.eval import runs
 from moteslam.eval.metrics.registry import title_of
 from moteslam.eval.page import charts
@@ -156,14 +156,9 @@ def page(
     """
     made, names = material.runs, _metrics(material, metrics)
     axis = runs.axis_of(made, by)
-    columns = runs.compared(made, axis)
-    if baseline is not None and baseline not in columns:
-        expected = ", ".join(map(repr, list(columns)[:8]))
-        raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
+    columns = runs.compared(made, axis, baseline)
     first = baseline or next(iter(columns))
-    # with the units that were recorded: a plug-in's metric may not be here
-    measured = {name: unit for run in made for name, one in run.scores.items() if (unit := one.get("unit"))}
-    shown = runs.headings(made, names, measured)
+    shown = runs.headings(made, names)
     keys = runs.apart(made)
     played = [(run, run.folder) for run in made if run.folder is not None]
     players: list[tuple[str, Markup]] = []

@@ -101,9 +101,8 @@ def _errors(trajectory: Trajectory, truth: Trajectory, stamps: Array) -> list[in
     """The largest error [0.1 mm] up to each stamp, from the one before on."""
     ate = absolute_trajectory_error(trajectory, truth)
     ends = np.searchsorted(ate.stamps, stamps, side="right")
-    begins = np.concatenate(([0], ends[:-1]))
-    known = np.flatnonzero(ends > begins)  # steps with errors; others get what lies between
-    largest = [ate.errors[begin:end].max() for begin, end in zip(begins[known], ends[known], strict=True)]
+    known = np.flatnonzero(np.diff(ends, prepend=0))  # steps with errors; others get what lies between
+    largest = np.maximum.reduceat(ate.errors[: ends[-1]], np.append(0, ends)[known])
     return _deltas(1e4 * np.interp(np.arange(len(stamps)), known, largest))
 
 

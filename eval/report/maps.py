@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,7 @@ from moteslam.slam.scan_records import Update
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 Way = Trajectory | None
+Snapshots = Sequence[tuple[int, Raster]]  # The map after scans of these indices
 Stages = Sequence[tuple[float, TextureMap]]  # The coloured floor at stamps [s]
 
 SCANS_DRAWN, BEAMS_DRAWN = 400, 180
@@ -158,21 +158,11 @@ SCANS = 250
 """At most this many scans are drawn into the map of a stage but the last: its panel is small."""
 
 
-@dataclass(frozen=True, eq=False)
-class Snapshot:
-    """The map after the scan of this index and stamp [s]."""
-
-    index: int
-    stamp: float
-    map: Raster
-
-
-def keep_map(kept: list[Snapshot], session: OnlineSlam, update: Update) -> None:
-    """Add the map of a session if this scan ends a sixth of it."""
+def keep_map(kept: list[tuple[int, Raster]], session: OnlineSlam, update: Update) -> None:
+    """Add the map of a session, with the index of the scan, if this ends a sixth of it."""
     total = len(session)
     if update.index in np.arange(1, STAGES + 1) * total // STAGES - 1:
-        occupancy = session.map if update.index == total - 1 else session.preview(SCANS)
-        kept.append(Snapshot(update.index, update.stamp, occupancy))
+        kept.append((update.index, session.map if update.index == total - 1 else session.preview(SCANS)))
 
 
 def keep_floor(kept: list[tuple[float, TextureMap]], stamp: float, mapper: TextureMapper, span: Array) -> None:
@@ -190,17 +180,17 @@ def with_opacity(texture: TextureMap) -> NDArray[np.uint8]:
     return np.concatenate((np.where(known, texture.values, 255), np.where(known, 255, 0)), axis=-1).astype(np.uint8)
 
 
-def draw_over_time(path: File, snapshots: Sequence[Snapshot], *, trajectory: Trajectory, title: str = "") -> None:
+def draw_over_time(path: File, snapshots: Snapshots, *, trajectory: Trajectory, title: str = "") -> None:
     """The map at stages of the run, one at least, and the trajectory, as it was known at each scan, until then.
 
     All at one scale: figures 1 and 2 of the paper.
     """
-    points = np.concatenate([trajectory.poses[:, :2], map_corners(snapshots[-1].map)])
+    points = np.concatenate([trajectory.poses[:, :2], map_corners(snapshots[-1][1])])
     with _panels(path, len(snapshots), points, width=11.0, columns=(6, 3), title=title) as panels:
-        for axes, snapshot in zip(panels, snapshots, strict=True):
-            draw_map(axes, snapshot.map)
-            _draw_path(axes, trajectory.poses[: snapshot.index + 1], style.ONLINE, "robot")
-            axes.set_title(f"{snapshot.stamp - trajectory.stamps[0]:.0f} s")
+        for axes, (index, occupancy) in zip(panels, snapshots, strict=True):
+            draw_map(axes, occupancy)
+            _draw_path(axes, trajectory.poses[: index + 1], style.ONLINE, "robot")
+            axes.set_title(f"{trajectory.stamps[index] - trajectory.stamps[0]:.0f} s")
 
 
 def draw_texture_over_time(

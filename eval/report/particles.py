@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import File
-from moteslam.eval.metrics.association import travelled
+from moteslam.eval.metrics.association import evenly, travelled
 from moteslam.eval.report import style
 from moteslam.eval.report.style import STEPS, broken
 from moteslam.robot.se2 import Array, between, compose
@@ -75,7 +75,7 @@ def draw_particles(path: File, cloud: Cloud, *, title: str = "") -> None:
     """The particles' deviations, magnified on the plan and over time, and their ancestors (figure 8 of the paper)."""
     expect_type(cloud, Cloud, "cloud", "Cloud.of(estimate) makes one")
     count = len(cloud.paths)
-    drawn = np.unique(np.linspace(0, count - 1, min(count, PARTICLES_DRAWN)).round().astype(np.int64))
+    drawn = evenly(np.arange(count), PARTICLES_DRAWN)
     with style.saved_figure(path, size=(14.0, 8.5), title=title) as figure:
         grid = figure.add_gridspec(4, 2, width_ratios=(1.0, 1.15))
         plan = figure.add_subplot(grid[:, 0])

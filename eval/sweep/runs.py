@@ -14,6 +14,7 @@ from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.scores import doubted, evidence_of, relations_beside, true_map_beside, truth_file
 from moteslam.eval.sweep.plan import COMMAND, PlannedRun
 from moteslam.eval.sweep.spec import Configuration, run_program
+from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.formats.ucsd import write_ucsd
 from moteslam.robot.formats.written import write_carmen
@@ -25,6 +26,8 @@ from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue
 from moteslam.sim.logged import with_odometry
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import simulate
 from moteslam.slam.config import resolve_config
 from moteslam.slam.online import OnlineSlam
 
@@ -45,10 +48,6 @@ _latest: dict[Any, Case] = {}
 
 def load_case(run: PlannedRun) -> Case:
     """Simulate the scenario of a run, or read its recording."""
-    from moteslam.robot.formats import open_recording
-    from moteslam.sim.scenario import load_scenario
-    from moteslam.sim.simulate import simulate
-
     if run.scenario:
         platform, noise = run.platform or None, run.noise or None
         scenario = load_scenario(run.scenario, platform=platform, noise=noise, settings=run.for_scenario())

@@ -1,14 +1,12 @@
 """The specification of a sweep: which runs there are to make, as a TOML file says it."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
@@ -30,7 +28,6 @@ SUCCESS = {"final.ate": 0.5}
 """A run succeeds, where nothing else is said, with a final ATE of at most this [m]."""
 
 Scalar = bool | int | float | str
-RecordingFormat = Literal["carmen", "ucsd"]
 
 
 def _named(text: str) -> str:
@@ -60,7 +57,7 @@ class Range(Section):
     spacing: Literal["even", "factor"] = "even"
 
     @model_validator(mode="after")
-    def _fits(self) -> Range:
+    def _fits(self) -> Self:
         if self.spacing == "factor" and not (self.first > 0 and self.last > 0):
             raise ValueError("first and last, expected above 0 where spacing is factor")
         return self
@@ -112,14 +109,14 @@ class Configuration(Section):
     """
     version: str | tuple[str, ...] = ""
     """Of the command: a text, or a program and its arguments, the first line of which is recorded."""
-    format: RecordingFormat = "carmen"  # In which the command is given the recording
+    format: Literal["carmen", "ucsd"] = "carmen"  # In which the command is given the recording
     trajectory: Name = "trajectory.tum"  # Which file in `{out}` is the command's trajectory, on the recording's clock
     map: Name = "map.yaml"  # Which file in `{out}` is its map, if it writes one, in the trajectory's frame
     set: Annotated[dict[str, Any], BeforeValidator(_dotted)] = Field(default_factory=dict)
     """Keys over it: `slam.` of the preset, `scenario.` of the scenario, `platform.` of its robot."""
 
     @model_validator(mode="after")
-    def _either(self) -> Configuration:
+    def _either(self) -> Self:
         given = self.model_fields_set
         if self.command and "preset" in given:
             raise ValueError("preset and command, expected one of the two")
@@ -171,7 +168,7 @@ class SweepSpec(Section):
     timeout: Positive = 1800.0  # A run that takes longer has failed [s]
 
     @model_validator(mode="after")
-    def _cases(self) -> SweepSpec:
+    def _cases(self) -> Self:
         if not self.scenarios and not self.recordings:
             raise ValueError("neither scenarios nor recordings, expected some of either")
         if not self.scenarios and (given := [name for name in OVER if getattr(self, name)]):

@@ -1,7 +1,5 @@
 """The runs of a sweep and what became of them, in one SQLite file that one process writes; and tables of them all."""
 
-from __future__ import annotations
-
 import csv
 import fcntl
 import json
@@ -11,7 +9,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from urllib.parse import quote
 
 from moteslam.errors import ConfigError, InputError, OutputError, in_file
@@ -95,7 +93,7 @@ class Row:
         place = filter(None, (str(self.about[key]) for key in ("scenario", "platform", "noise")))
         return ", ".join((*place, f"seed {self.run.seed}"))
 
-    def renamed(self, configuration: str) -> Row:
+    def renamed(self, configuration: str) -> Self:
         return replace(self, run=self.run.model_copy(update={"configuration": configuration}))
 
 
@@ -156,7 +154,7 @@ class Store:
             about = (spec, "spec"), (digest(runs), "digest")
             connection.executemany("UPDATE about SET value = ? WHERE key = ?", about)
 
-    def take(self, other: Store) -> None:
+    def take(self, other: Self) -> None:
         """Take over what another part of the same sweep has and this one has not."""
         if (other.spec, other.digest) != (self.spec, self.digest):
             raise InputError("of another sweep, expected parts of one", file=other.path)

@@ -1,12 +1,10 @@
 """Recordings of one's own: CSV files, and a TOML that names their columns and units (``docs/guide/own-logs.md``)."""
 
-from __future__ import annotations
-
 import math
 from array import array
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,7 +127,7 @@ class EncoderTable(CsvTable):
     running: bool = True
 
     @model_validator(mode="after")
-    def _two_or_four(self) -> EncoderTable:
+    def _two_or_four(self) -> Self:
         if tuple(self.columns) not in (TWO_WHEELS, FOUR_WHEELS):
             expected = f"expected {' and '.join(TWO_WHEELS)}, or {', '.join(FOUR_WHEELS)}"
             raise ValueError(f"columns of some wheels, {expected}")
@@ -158,7 +156,7 @@ class CsvDescription(Section):
     imu: ImuTable | None = None
 
     @model_validator(mode="after")
-    def _has_a_stream(self) -> CsvDescription:
+    def _has_a_stream(self) -> Self:
         if not any(getattr(self, name) for name in STREAMS):
             raise ValueError(f"no stream, expected a table [{'], ['.join(STREAMS)}]")
         return self

@@ -3,11 +3,9 @@
 Stamps that go back a little are sorted; absurd ones and those of several clocks are refused.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -57,7 +55,7 @@ class Fan(NamedTuple):
     beams: int = 0
     time_increment: float = 0.0  # [s]
 
-    def over(self, given: dict[str, Any], beams: int, *, file: Path, field: str) -> Fan:
+    def over(self, given: dict[str, Any], beams: int, *, file: Path, field: str) -> Self:
         """The same with what a caller's ``platform.toml`` puts in place of angles and limits; refused where it goes
         round more than once or its limits do not fit together.
         """
@@ -71,7 +69,7 @@ class Fan(NamedTuple):
             raise InputError(problem, file=file, field="platform.lidar.range_min")
         return fan
 
-    def within(self, ranges: NDArray[np.float32], issues: list[Issue], head: str, *, given: object = None) -> Fan:
+    def within(self, ranges: NDArray[np.float32], issues: list[Issue], head: str, *, given: object = None) -> Self:
         """The same with the limits that some scans [n, beams] [m] show, where many ranges are alike, at changing beams;
         told, and so is much that is beyond a limit not ``given`` and no code: it may be walls.
         """
@@ -99,11 +97,11 @@ class Fan(NamedTuple):
         """Of the beams [beams] [rad]."""
         return self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
 
-    def flipped(self) -> Fan:
+    def flipped(self) -> Self:
         """The fan seen from the other side: of a lidar that hangs upside down."""
         return self._replace(angle_min=-self.angle_min, angle_increment=-self.angle_increment)
 
-    def reversed(self) -> Fan:
+    def reversed(self) -> Self:
         """The fan with its last beam first."""
         last, step = self.angle_min + (self.beams - 1) * self.angle_increment, -self.angle_increment
         return self._replace(angle_min=last, angle_increment=step, time_increment=-self.time_increment)

@@ -1,11 +1,10 @@
 """Robots in TOML: the bundled ones beside this, and those of files, alone or over what a recording states."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 from os import PathLike
 from pathlib import Path
+from typing import Self
 
 import tomli_w
 
@@ -121,13 +120,13 @@ class GivenRobot:
     table: Table
 
     @classmethod
-    def read(cls, given: Platform | str | PathLike[str] | None) -> GivenRobot:
+    def read(cls, given: Platform | str | PathLike[str] | None) -> Self:
         """What is given; a file is read here, and not again."""
         if given is None or isinstance(given, Platform):
             return cls(given, None, {})
         return cls(None, Path(given), read_toml(given, "a platform.toml"))
 
-    def lidars(self) -> tuple[GivenRobot, dict[str, LidarSpec]]:
+    def lidars(self) -> tuple[Self, dict[str, LidarSpec]]:
         """The same without the tables ``[lidars."/topic"]`` of a file, and the mounts that these give, by topic."""
         rest, mounts = dict(self.table), {}
         found = rest.pop("lidars", {})

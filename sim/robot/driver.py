@@ -3,10 +3,8 @@
 The driver of the real robot saw where it was, and so does a simulated one. SLAM is given the sensors' readings.
 """
 
-from __future__ import annotations
-
 import math
-from typing import Annotated, Protocol
+from typing import Annotated, Protocol, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -152,7 +150,7 @@ class Route(Section):
     laps: Annotated[Number, Field(gt=0, le=100)] = 1.0  # how many times round a closed route, parts of a lap included
 
     @model_validator(mode="after")
-    def _makes_sense(self) -> Route:
+    def _makes_sense(self) -> Self:
         if self.laps != 1.0 and not self.closed:
             raise ValueError("laps of an open route, expected closed = true or no laps")
         if (np.hypot(*np.diff(self.corners, axis=0).T) == 0).any():
@@ -197,7 +195,7 @@ class Wander(Section):
     clearance: Positive = 0.6  # from the walls [m]
 
     @model_validator(mode="after")
-    def _makes_sense(self) -> Wander:
+    def _makes_sense(self) -> Self:
         if self.leg[0] >= self.leg[1]:
             raise ValueError(f"leg from {self.leg[0]:g} to {self.leg[1]:g} m, expected the first to be smaller")
         return self

@@ -1,10 +1,8 @@
 """Intervals of a drive, and what happens to a robot in them: its wheels spin while it stands, or it is carried off."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +69,7 @@ class Carried(Interval):
     lidar: Literal["on", "off"] = "on"  # whether scans are recorded meanwhile
 
     @model_validator(mode="after")
-    def _goes_to_one_place(self) -> Carried:
+    def _goes_to_one_place(self) -> Self:
         if self.to is not None and self.along is not None:
             raise ValueError("both to and along, expected one of them at most")
         return self

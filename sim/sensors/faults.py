@@ -3,11 +3,9 @@
 Faults of the log are apart from the sensors, since none of them changes what is measured, only what is written down.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +38,7 @@ class Cart(Interval):
     leg: Annotated[Number, Field(ge=0, le=1)] = 0.0
 
     @model_validator(mode="after")
-    def _stands_on_its_legs(self) -> Cart:
+    def _stands_on_its_legs(self) -> Self:
         if self.leg > min(self.width, self.depth) / 2:
             raise ValueError(f"leg of {self.leg:g} m, expected at most half of width and depth")
         return self
@@ -71,7 +69,7 @@ class Tilt(Interval):
     grazing: Annotated[Number, Field(ge=0, le=0.5)] = 0.02
 
     @model_validator(mode="after")
-    def _is_aslant(self) -> Tilt:
+    def _is_aslant(self) -> Self:
         if not self.pitch and not self.roll:
             raise ValueError("pitch and roll of 0, expected one of them other than 0")
         return self
@@ -145,7 +143,7 @@ class OdometryJump(Section):
     reset: Truth = False  # it begins anew at the origin, which counters that reset when read do not show
 
     @model_validator(mode="after")
-    def _goes_somewhere(self) -> OdometryJump:
+    def _goes_somewhere(self) -> Self:
         moves = bool(self.x or self.y or self.theta)
         if moves == self.reset:
             found = "both a step and a reset" if self.reset else "no step"

@@ -1,9 +1,8 @@
 """A planar scanning lidar, its beams cast one after the other while the robot moves."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +32,7 @@ class LidarErrors:
     pitch: float = 0.0  # [rad]
 
     @classmethod
-    def drawn(cls, noise: LidarNoise, rng: np.random.Generator) -> LidarErrors:
+    def drawn(cls, noise: LidarNoise, rng: np.random.Generator) -> Self:
         x, yaw, tilt = noise.mount_error, noise.mount_yaw_error, noise.mount_tilt_error
         spread = np.array((noise.range_bias, noise.range_scale_error, x, x, yaw, tilt, tilt))
         return cls(*(rng.standard_normal(len(spread)) * spread).tolist())

@@ -4,12 +4,10 @@ Two minutes of frames are gigabytes, so nothing is drawn until it is asked for: 
 every frame is taken, and `CameraFrames` draws the images of some of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +46,7 @@ class Shots(Summarised):
     numbers: NDArray[np.intp]  # [n] of each among all that reached the host, whose noise it has
     scene: Scene  # that is seen
 
-    def __getitem__(self, chosen: NDArray[Any]) -> Shots:
+    def __getitem__(self, chosen: NDArray[Any]) -> "Shots":
         return Shots(self.stamps[chosen], self.poses[chosen], self.times[chosen], self.numbers[chosen], self.scene)
 
 
@@ -172,7 +170,7 @@ class CameraFrames(Summarised):
     disparity: Shots
     renderer: Callable[[], Renderer]  # draws them; made when it is first called
 
-    def without(self, gap: Interval) -> CameraFrames:
+    def without(self, gap: Interval) -> Self:
         """The frames whose stamps are not in an interval; they look as they did."""
         rgb, disparity = (shots[~gap.covers(shots.stamps - EPOCH)] for shots in (self.rgb, self.disparity))
         return replace(self, rgb=rgb, disparity=disparity)

@@ -4,12 +4,10 @@ The colour at a point depends on the point and the floor's seed alone (a hash of
 a floor agree wherever they overlap.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -130,7 +128,7 @@ class FloorSettings(Section):
     image_width: Positive = 4.0  # how wide it lies on the floor [m]; its lower left corner lies at (0, 0)
 
     @model_validator(mode="after")
-    def _has_an_image_if_it_needs_one(self) -> FloorSettings:
+    def _has_an_image_if_it_needs_one(self) -> Self:
         if (self.material == "image") != (self.image is not None):
             raise ValueError('material "image" and an image belong together, expected both or neither')
         return self

@@ -1,14 +1,12 @@
 """Everything that stands in a world, as it is written in a scenario's TOML file, floor plans included."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,7 +130,7 @@ class Recess(Section):
     depth: Number
 
     @model_validator(mode="after")
-    def _is_deep(self) -> Recess:
+    def _is_deep(self) -> Self:
         if self.depth == 0:
             raise ValueError("a depth of 0 m, expected one to the left (positive) or to the right (negative)")
         return self
@@ -160,7 +158,7 @@ class Wall(Section):
         return sorted(cuts, key=lambda cut: cut.at)
 
     @model_validator(mode="after")
-    def _fits(self) -> Wall:
+    def _fits(self) -> Self:
         lengths = np.hypot(*np.diff(self.corners, axis=0).T)
         if (lengths == 0).any():
             raise ValueError("two successive points are the same, expected them apart")
@@ -238,7 +236,7 @@ class Room(Section):
     material: str = PLAIN
 
     @model_validator(mode="after")
-    def _fits(self) -> Room:
+    def _fits(self) -> Self:
         self.segments()
         return self
 
@@ -298,7 +296,7 @@ class Layout(Section):
         return {**MATERIALS, **self.materials}
 
     @model_validator(mode="after")
-    def _materials_are_known(self) -> Layout:
+    def _materials_are_known(self) -> Self:
         known = self.palette
         for kind, pieces in self.pieces.items():
             for i, piece in enumerate(pieces):

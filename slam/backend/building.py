@@ -1,10 +1,8 @@
 """Sessions of one building: what is kept of each, so that others can be bound to it, and the map of all of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +54,7 @@ class Session(Summarised):
         """[n] the first endpoint of each node's scan."""
         return np.asarray(np.cumsum(self.counts, dtype=np.int32) - self.counts)
 
-    def at(self, poses: Array) -> Session:
+    def at(self, poses: Array) -> Self:
         """The session with its nodes at poses [n, 3]; the scans between them move with these."""
         return replace(self, path=between_known(poses, self.nodes, self.path))
 
@@ -79,7 +77,7 @@ class Building(Summarised):
     loops: Edges  # that were accepted, within and between them, of nodes that are numbered through all sessions
 
     @classmethod
-    def of(cls, measured: Measured, path: Trajectory, scans: Scans, drawn: NDArray[np.bool_]) -> Building:
+    def of(cls, measured: Measured, path: Trajectory, scans: Scans, drawn: NDArray[np.bool_]) -> Self:
         """One session of n nodes, with a pose at every scan; ``drawn`` [n] as of ``Session``."""
         seen = [scans.points(int(node)) for node in measured.nodes]
         counts = np.array([len(points) for points in seen], np.int32)
@@ -125,12 +123,12 @@ class Building(Summarised):
             fixed=np.zeros(1, np.int64),
         )
 
-    def at(self, poses: Array) -> Building:
+    def at(self, poses: Array) -> Self:
         """The building with all nodes at poses [n, 3]."""
         each = zip(self.sessions, np.split(poses, self.firsts[1:-1]), strict=True)
         return replace(self, sessions=tuple(one.at(part) for one, part in each))
 
-    def plus(self, other: Building) -> Building:
+    def plus(self, other: "Building") -> "Building":
         """The building with the sessions of another one, in its frame; nothing binds the two yet."""
         first, second = (ends + self.firsts[-1] for ends in (other.loops.first, other.loops.second))
         return Building(

@@ -1,9 +1,8 @@
 """Pairs of scans all over a recording, registered, and the scale of the angles at which they fit best."""
 
-from __future__ import annotations
-
 from copy import copy
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +81,7 @@ class RegisteredPairs:
         """[k] Of all pairs the logarithm of what they cost: the less, the better they fit."""
         return np.asarray(np.log(np.maximum(cost(self._found), LEAST_COST)))
 
-    def fits_better(self, other: RegisteredPairs) -> bool | None:
+    def fits_better(self, other: Self) -> bool | None:
         """Whether the pairs clearly fit better than they do in another reading, or clearly worse; None if neither."""
         return _clearly_above_zero(other.costs - self.costs)
 
@@ -107,7 +106,7 @@ class RegisteredPairs:
         sides = [known[:, np.abs(se2.wrap(bearings - side)) < BESIDE] for side in (np.pi / 2, -np.pi / 2)]
         return all(side.shape[1] and side.any(axis=1).mean() > MOSTLY for side in sides)
 
-    def stated(self) -> RegisteredPairs:
+    def stated(self) -> Self:
         """The same with the angles as they were before ``scale_angles``."""
         other = copy(self)
         other._beams = self._stated

@@ -4,11 +4,9 @@ Endpoints are held to the lines through the other scan's endpoints (point to lin
 is found by bearing, as in polar scan matching, so that every step is an operation on arrays [pairs, beams].
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +60,7 @@ class Motions:
     gradients: Array
     about_warps: Array  # [k, w, w] the information of these, for residuals of unit variance
 
-    def take(self, at: NDArray[Any], other: Motions, where: NDArray[Any]) -> None:
+    def take(self, at: NDArray[Any], other: Self, where: NDArray[Any]) -> None:
         """At pairs what another registration found where."""
         for mine, others in zip(vars(self).values(), vars(other).values(), strict=True):
             mine[at] = others[where]

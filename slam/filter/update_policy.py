@@ -1,7 +1,5 @@
 """Which scans a filter updates its particles with: those that the robot has moved, turned or waited enough for."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -26,7 +24,7 @@ class Travelled(NamedTuple):
     rotation: float = 0.0  # sum of their absolute turns [rad]
     elapsed: float = 0.0  # time [s]
 
-    def plus(self, distance: float, rotation: float, dt: float) -> Travelled:
+    def plus(self, distance: float, rotation: float, dt: float) -> "Travelled":
         """After one more step: its distance [m], its absolute turn [rad] and its time [s]."""
         return Travelled(self.distance + distance, self.rotation + rotation, self.elapsed + dt)
 

@@ -1,9 +1,8 @@
 """The particles' weights as one immutable value."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +15,7 @@ class Weights:
     log: NDArray[np.float64]  # [N] float64, log of weights that sum to 1
 
     @classmethod
-    def uniform(cls, n: int) -> Weights:
+    def uniform(cls, n: int) -> Self:
         """N equal weights (section III.D of the paper)."""
         return cls(np.full(n, -np.log(n)))
 
@@ -37,13 +36,13 @@ class Weights:
         """The index of the largest weight, the first of equal ones (section II.B)."""
         return int(np.argmax(self.log))
 
-    def times_log(self, log_likelihood: NDArray[np.float64]) -> Weights:
+    def times_log(self, log_likelihood: NDArray[np.float64]) -> "Weights":
         """Multiplied by a likelihood given as its logarithm [N], and normalised (II.7)."""
         log = self.log + log_likelihood
         log = log - log.max()
         return Weights(log - np.log(np.exp(log).sum()))
 
-    def times(self, likelihood: ArrayLike) -> Weights:
+    def times(self, likelihood: ArrayLike) -> "Weights":
         """Multiplied by a likelihood [N] >= 0 and normalised (II.7); zeros alone leave the weights as they are."""
         with np.errstate(divide="ignore"):
             log = np.log(np.asarray(likelihood, np.float64))

@@ -3,15 +3,13 @@
 And images as they come: the latest ones, and a file of those that the floor is coloured by.
 """
 
-from __future__ import annotations
-
 import os
 import weakref
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from tempfile import TemporaryFile
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,7 +44,7 @@ class FloorView:
     place: NDArray[np.float64]  # [3] of the robot at the frame, in its frame at the scan, by the odometry
     age: float  # from frame to scan [s]
 
-    def corrected(self, odometry: NDArray[np.float64], motion: NDArray[np.float64], seconds: float) -> FloorView:
+    def corrected(self, odometry: NDArray[np.float64], motion: NDArray[np.float64], seconds: float) -> Self:
         """The same view with its place corrected by the odometry's error, which is taken to be even over a motion.
 
         That is up to the scan: [3] as the odometry measured it, and [3] as registration found it.

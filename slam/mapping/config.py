@@ -1,9 +1,7 @@
 """Parameters of the maps: the occupancy grid, and the TSDF of each particle."""
 
-from __future__ import annotations
-
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -37,7 +35,7 @@ class MapConfig(Section):
     memory: NotNegative = 4.0
 
     @model_validator(mode="after")
-    def _can_reach_the_threshold(self) -> MapConfig:
+    def _can_reach_the_threshold(self) -> Self:
         if abs(self.occupied_threshold) >= self.limit:
             raise ValueError(
                 f"occupied_threshold of {self.occupied_threshold:g}, expected within the limit, {self.limit:g}: beyond "
@@ -71,7 +69,7 @@ class TsdfConfig(Section):
     max_weight: Annotated[Whole, Field(ge=1, le=31)] = 31
 
     @model_validator(mode="after")
-    def _truncations_reach_the_cells_beside_a_surface(self) -> TsdfConfig:
+    def _truncations_reach_the_cells_beside_a_surface(self) -> Self:
         for name, cell, truncation in (
             ("", self.cell_size, self.truncation),
             ("coarse_", 2 * self.cell_size, self.coarse_truncation),

@@ -3,13 +3,13 @@
 import json
 import os
 import subprocess
-import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from command_lines import program
 
 from moteslam.errors import ConfigError
 from moteslam.plugins import Plugins, PluginWarning
@@ -40,15 +40,7 @@ def installed(folder: Path, entries: str, name: str = "toys") -> str:
 def moteslam(path: list[str], *arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     """The command line of a user who has installed the packages of these folders."""
     search = os.pathsep.join([*path, os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
-    return subprocess.run(
-        [sys.executable, "-m", "moteslam", *map(str, arguments)],
-        cwd=cwd,
-        env={**os.environ, "PYTHONPATH": search},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    return program(*arguments, cwd=cwd, PYTHONPATH=search)
 
 
 def plug_in_lines(said: str) -> list[str]:

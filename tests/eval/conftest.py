@@ -1,16 +1,9 @@
-"""A small simulated recording, a run over it, and the program run as a user runs it."""
+"""A small simulated recording, and a run over it."""
 
-import os
-import subprocess
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
-
-Program = Callable[..., subprocess.CompletedProcess[str]]
-
 
 ROOM = """
 description = "one room with a box in it"
@@ -31,24 +24,6 @@ def scenario_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("scenario") / "room.toml"
     file.write_text(ROOM)
     return file
-
-
-@pytest.fixture(scope="session")
-def program() -> Program:
-    """Run ``moteslam`` in a process of its own."""
-
-    def run(*arguments: object, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "moteslam", *map(str, arguments)],
-            cwd=cwd,
-            env={**os.environ, "COLUMNS": "100", **environment},
-            capture_output=True,
-            text=True,
-            timeout=600,
-            check=False,
-        )
-
-    return run
 
 
 @pytest.fixture(scope="session")
@@ -73,12 +48,12 @@ def simulated_folder(simulation, tmp_path_factory: pytest.TempPathFactory) -> Pa
 @pytest.fixture(scope="session")
 def run(simulation, taichi):
     """SLAM over it, and the map at its stages."""
-    from moteslam.eval.report.maps import Snapshot, keep_map
+    from moteslam.eval.report.maps import keep_map
     from moteslam.slam.config import resolve_config
     from moteslam.slam.online import OnlineSlam
 
     session = OnlineSlam.over(simulation.recording, resolve_config(settings=["particles=10"]), seed=1)
-    snapshots: list[Snapshot] = []
+    snapshots = []
     for update in session:
         keep_map(snapshots, session, update)
     return session.estimate(), snapshots

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_lines import Capsys, printed, refused, shown, told
+from command_lines import Capsys, printed, program, refused, shown, told
 from converted import WRITTEN, assert_held, name_of, to, with_every_stream
 
 from moteslam.eval.cli import main
@@ -56,7 +56,7 @@ def test_print_config_reads_back(tmp_path: Path, capsys: Capsys) -> None:
 
 
 @pytest.mark.slow
-def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_path: Path, capsys) -> None:
+def test_simulate_then_replay_then_evaluate(scenario_file: Path, tmp_path: Path, capsys) -> None:
     done = program("simulate", scenario_file, "--out", "robot", "--seed", 3, "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["seed"] == 3

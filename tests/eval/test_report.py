@@ -48,7 +48,7 @@ def opened(path: Path) -> np.ndarray:
 
 def test_figures_are_white_outside_and_drawn_inside(run, simulation, tmp_path: Path) -> None:
     estimate, snapshots = run
-    assert [snapshot.index + 1 for snapshot in snapshots] == [len(estimate.trajectory) * k // 6 for k in range(1, 7)]
+    assert [index + 1 for index, _ in snapshots] == [len(estimate.trajectory) * k // 6 for k in range(1, 7)]
     truth = simulation.truth
     ate = absolute_trajectory_error(estimate.trajectory, truth)
     name = r"[bold]$\frac{1}$ 東京" * 10 + "\udce9"  # a recording may be called anything

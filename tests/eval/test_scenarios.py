@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from command_lines import Capsys, printed, refused, shown
+from command_lines import Capsys, printed, program, refused, shown
 from figures import legend_of
 from matplotlib.figure import Figure
 from PIL import Image
@@ -113,7 +113,7 @@ def simulated(scenario: Path, out: Path, *options: object) -> Recording:
 
 
 @pytest.mark.slow
-def test_a_batch_with_options_is_what_its_parts_are(program, scenario_file: Path, tmp_path: Path) -> None:
+def test_a_batch_with_options_is_what_its_parts_are(scenario_file: Path, tmp_path: Path) -> None:
     options = (*CLASSIC, "--log-every", 0.3, "--odometry-noise", 0.1, 0.1, "--set", "noise.lidar.dropout=0.1")
     batch = ("--batch", 2, "--seed", 5, "--jobs", 2, "--true-map", 0.1, "--json")
     done = program("simulate", scenario_file, "--out", "many", *options, *batch, cwd=tmp_path)

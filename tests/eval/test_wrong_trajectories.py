@@ -218,6 +218,7 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
         (put(slice(100, 101), 1, 100.0), same, ["implausible-speed"]),
         (same, aside(1.0), ["implausible-speed"]),
         (same, aside(0.3), ["implausible-speed"]),
+        (same, aside(0.15), ["implausible-speed"]),  # too short for a jump
         (aside(0.3), same, []),  # of an estimate it is an error
         (same, flipped, ["implausible-speed"]),
         (flipped, same, []),  # an estimate may find itself elsewhere

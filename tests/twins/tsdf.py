@@ -3,11 +3,10 @@
 A map is a ``Tsdf``: what its cells hold, [H, W], distances in steps of 1/1023 truncation.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import cos, exp, floor, hypot, sin
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,7 +33,7 @@ class Tsdf:
         self.doubtful = np.zeros(self.steps.shape, bool)
 
     @classmethod
-    def empty(cls, rows: int, columns: int) -> Tsdf:
+    def empty(cls, rows: int, columns: int) -> Self:
         return cls(np.zeros((rows, columns), np.int64), np.zeros((rows, columns), np.int64))
 
 

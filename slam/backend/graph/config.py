@@ -1,8 +1,6 @@
 """The configuration of the back end ``graph``."""
 
-from __future__ import annotations
-
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -57,7 +55,7 @@ class JointConfig(Section):
     rounds: Annotated[Whole, Field(ge=1, le=1000)] = 40
 
     @model_validator(mode="after")
-    def _shrinks(self) -> JointConfig:
+    def _shrinks(self) -> Self:
         if self.last_reach > self.first_reach:
             raise ValueError(f"last_reach {self.last_reach:g}, expected at most first_reach, {self.first_reach:g}")
         return self

@@ -5,11 +5,9 @@ held to the nearest lines of endpoints of other scans, within a reach that shrin
 system a round. The chain is the prior: along a corridor endpoints slide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +48,7 @@ class Endpoints(NamedTuple):
     owners: NDArray[np.int32]  # int32 [p] the scan of each
 
     @classmethod
-    def of(cls, scans: Sequence[ThinnedScan]) -> Endpoints:
+    def of(cls, scans: Sequence[ThinnedScan]) -> Self:
         """Of thinned scans, with their normals."""
         counts = [len(scan.points) for scan in scans]
         points = np.vstack([scan.points for scan in scans])
@@ -59,13 +57,13 @@ class Endpoints(NamedTuple):
         normals = scan_normals(points, joined, starts, reach=NORMAL_REACH, noise=NORMAL_NOISE, largest=NORMAL_LARGEST)
         return cls(points, normals, starts, np.repeat(np.arange(len(scans)), counts).astype(np.int32))
 
-    def thinned(self, every: int) -> Endpoints:
+    def thinned(self, every: int) -> "Endpoints":
         """The first endpoint of each scan, and each ``every``-th after it."""
         kept = (np.arange(len(self.points)) - self.starts[self.owners]) % every == 0
         starts = np.r_[0, np.cumsum(kept)][self.starts].astype(np.int32)
         return Endpoints(self.points[kept], self.normals[kept], starts, self.owners[kept])
 
-    def only(self, scans: NDArray[np.intp]) -> Endpoints:
+    def only(self, scans: NDArray[np.intp]) -> "Endpoints":
         """Those of some scans [m], which rise; numbered anew."""
         counts = np.diff(self.starts)[scans]
         kept = np.isin(self.owners, scans)

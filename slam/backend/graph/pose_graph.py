@@ -6,11 +6,9 @@ loop counts in full, then less and less those that the others contradict. With t
 would be thrown out, since the skewed estimate contradicts them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +42,7 @@ class Edges:
     def __len__(self) -> int:
         return len(self.first)
 
-    def plus(self, others: Edges) -> Edges:
+    def plus(self, others: "Edges") -> "Edges":
         return Edges(*(np.concatenate(pair) for pair in zip(vars(self).values(), vars(others).values(), strict=True)))
 
     def errors(self, poses: Array) -> Array:
@@ -212,7 +210,7 @@ class MeasuredChain(NamedTuple):
         return off, np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
     @classmethod
-    def of_sessions(cls, chains: Sequence[MeasuredChain], gaps: Array) -> MeasuredChain:
+    def of_sessions(cls, chains: Sequence[Self], gaps: Array) -> Self:
         """The chains of k sessions in a row, with the steps [k - 1, 3] between them, which nothing measured."""
         unknown = np.eye(3)[None] * UNKNOWN
         parts = [chains[0]]
