@@ -206,9 +206,9 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text += f"{1000 * (-drift.value + WITHIN * drift.deviation):+.2f}"
         told.append(("clock-drift", text))
     if c.uneven:
-        text = f"lidar: its stamps run about {1000 * -c.uneven:+.0f} ms a second against the odometry's, as no clock does, "
-        text += "or not steadily: were they counted, or scans lost? Motions, and with them the map, are wrong by as much"
-        told.append(("other-clock", text))
+        text = f"lidar: its stamps run about {1000 * -c.uneven:+.0f} ms a second against the odometry's, as no clock "
+        text += "does, or not steadily: were they counted, or scans lost? Motions, and with them the map, are wrong by "
+        told.append(("other-clock", f"{text}as much"))
     if c.step is not None:
         told.append(c.step.told)
     if not c.gyro:
