@@ -66,8 +66,7 @@ LATE, LATE_WHEELS = 0.16, 0.25
 """Clocks that differ by less are taken for one [s]: wheels without a gyro turn before the robot does, by 0.1 s."""
 WHEELS_LEAD = 0.1
 """Wheels turn so long before the robot does [s]: along a ring it else passes for a lidar aside."""
-DRIFT = 1e-3
-"""Likewise [s/s]."""
+DRIFT = 1e-3  # Likewise [s/s]
 RATE = 0.1
 """The rate of a turn is taken over this time [s]."""
 SPARSE = 0.5
@@ -242,10 +241,10 @@ def _calibrate(
         turned = in_form(path, form, quarter)
         *began, _ = clock(scans.pairs, turned.stamps, np.unwrap(turned.poses[:, 2]), shared=False)
         clocks = fit(scans.pairs, at, (began[0], began[1]), shared=False)
-    leaps = abs(clocks.values[Parameter.DRIFT]) > max(MOST_DRIFT, SIGMAS * clocks.deviations[Parameter.DRIFT])
-    uneven = float(clocks.values[Parameter.DRIFT])
+    uneven, duration = float(clocks.values[Parameter.DRIFT]), float(np.ptp(lidar.stamps))
+    leaps = abs(uneven) > max(MOST_DRIFT, SIGMAS * clocks.deviations[Parameter.DRIFT])
     clocks = one if leaps else clocks  # no clock drifts so
-    differ = _clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
+    differ = _clocks_differ(clocks, duration, wheels_alone=wheels_alone)
     shared = not (differ and clocks.cost < EXPLAINED * one.cost)
     if shared and logged:
         clocks, lead = one, fit(scans.pairs, at, (0.0, 0.0), shared=True, lead=WHEELS_LEAD)
@@ -283,7 +282,7 @@ def _calibrate(
         correlation=correlation,
         clocks=None if logged and shared else clocks,
         shared_clock=shared,
-        uneven=uneven if leaps or (differ and shared) else 0.0,
+        uneven=uneven if (abs(uneven) * duration > 2 * LATE_WHEELS if leaps else differ and shared) else 0.0,
         late=late,
         fits=fits,
         reversed=is_reversed,
