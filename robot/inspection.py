@@ -190,6 +190,11 @@ def other_units(recording: Recording) -> list[Issue]:
         if (speed := _speeds(encoders.stamps, way[:, None] * (1.0, 0.0, 0.0))[0] or 0.0) > SPEEDS[1]:
             text = f"encoders: move at {speed:.3g} m/s, expected a robot's speed: are counts since the reading before?"
             issues.append(Issue("odometry-units", text))
+        names = "front right", "front left", "rear right", "rear left"
+        dead = [name for name, counts in zip(names, encoders.counts.any(axis=0), strict=True) if not counts]
+        if 0 < len(dead) < len(names):
+            text = f"encoders: {', '.join(dead)}: no count at all, while others count: lengths and turns are wrong"
+            issues.append(Issue("implausible-speed", text))
     if imu is not None and len(imu):
         rate = float(np.quantile(np.abs(imu.angular_velocity[:, 2]), 0.99))
         text = f"imu: turns at {rate:.3g} rad/s, expected at most {MOST_RATE:g}: is its rate in rad/s?"

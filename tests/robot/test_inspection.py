@@ -135,6 +135,14 @@ def test_running_totals_in_place_of_counts_are_no_speed_of_a_robot() -> None:
         OnlineSlam.over(recording)
 
 
+@pytest.mark.parametrize(("counts", "dead"), [((20, 0, 20, 0), ["front left, rear left"]), ((20, 20, 20, 20), [])])
+def test_wheels_that_never_count_are_told(counts: tuple[int, ...], dead: list[str]) -> None:
+    encoders = EncoderStream(np.arange(1000) / 40, np.tile(counts, (1000, 1)))
+    recording = Recording("x", UCSD, lidar=scans(np.arange(50) / 2), encoders=encoders)
+    problems = [problem.message for problem in inspect_recording(recording).problems]
+    assert [text.split(": ")[1] for text in problems if "no count at all" in text] == dead
+
+
 RNG = np.random.default_rng(1)
 
 
