@@ -191,7 +191,7 @@ def other_units(recording: Recording) -> list[Issue]:
             text = f"encoders: move at {speed:.3g} m/s, expected a robot's speed: are counts since the reading before?"
             issues.append(Issue("odometry-units", text))
         names = "front right", "front left", "rear right", "rear left"
-        dead = [name for name, counts in zip(names, encoders.counts.any(axis=0), strict=True) if not counts]
+        dead = [name for name, counts in zip(names, encoders.counts.T, strict=True) if not counts.any()]
         if 0 < len(dead) < len(names):
             text = f"encoders: {', '.join(dead)}: no count at all, while others count: lengths and turns are wrong"
             issues.append(Issue("implausible-speed", text))
