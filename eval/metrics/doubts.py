@@ -132,7 +132,9 @@ def _stepping(ate: AteResult) -> Iterator[Issue]:
     for steps in (own, goal):  # against the steps beside it
         around = np.vstack((steps[1:2], (steps[:-2] + steps[2:]) / 2, steps[-2:-1]))
         bent.append(np.hypot(*(steps - around).T))
+    seconds = np.diff(ate.stamps)
     aside = off > max(SMALL, ASIDE * float(np.median(off)))
+    aside &= seconds < 2 * np.median(seconds)  # over a gap either may have stepped
     at = np.flatnonzero(aside & (bent[1] > off / 2) & (bent[0] < SHAPE * off)).tolist()
     if at:
         times = when([(float(ate.stamps[k]), float(ate.stamps[k + 1])) for k in at])

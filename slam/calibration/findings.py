@@ -101,7 +101,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     elif not c.fits and c.fit.stands:
         text = "lidar: by its scans it turns as the odometry does, but does not move: it sees the floor, or the robot"
         told.append(("lidar-tilted", text))
-    elif not c.fits:
+    elif not c.fits and not c.uneven:
         text = f"odometry: it turns as the scans do (correlation {c.correlation:.2f}), but the motions do not fit: "
         text += "stamps of either are rounded or out of order, its lengths or turns are in other units, or wheels slip"
         told.append(("odometry-unfit", text))
@@ -225,7 +225,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
 
 def trusting(sync: SyncConfig, issues: Iterable[Issue]) -> SyncConfig:
     """How streams are synchronised: what travels along is known only where angles and odometry are as stated."""
-    wrong = any(issue.code in ("lidar-angles", "odometry-unfit") for issue in issues)
+    wrong = any(issue.code in ("lidar-angles", "odometry-unfit", "other-clock") for issue in issues)
     return sync.model_copy(update={"travelling": False}) if wrong else sync
 
 

@@ -1,8 +1,8 @@
 """A lost robot: it draws a map of its own from there on, and is looked for in the whole of the one that it had.
 
 The scans of the latest metres together are searched for on a lattice over all places where the robot has been and all
-headings, and registered from the best of them; a place counts that has no rival, and only if a second search, of other
-scans, finds the robot at the same place.
+headings, and registered from the best of them; a place counts that has no rival and that the scans do not contradict as
+they do where a robot is lost, and only if a second search, of other scans, finds the robot at the same place.
 """
 
 import numpy as np

@@ -159,7 +159,17 @@ def increments(table: Table) -> Table:
 
 
 def aside(far: float) -> Change:
-    return changed(lambda t: t.__setitem__((slice(2200, 2600), 1), t[2200:2600, 1] + far))
+    def moved(table: Table) -> None:
+        table[np.abs(table[:, 0] - T0 - 48.0) < 4.0, 1] += far
+
+    return changed(moved)
+
+
+def without_a_gap(table: Table) -> Table:
+    """The robot drives on while nothing is estimated, and the path goes on where it ended."""
+    table, (first, last) = table.copy(), np.searchsorted(table[:, 0], (T0 + 60.0, T0 + 65.0))
+    table[last:, 1:3] -= table[last, 1:3] - table[first - 1, 1:3]
+    return np.delete(table, np.s_[first:last], axis=0)
 
 
 @pytest.mark.parametrize(("estimate", "words"), [(at_another_time, "another drive"), (increments, "increments")])
@@ -220,6 +230,7 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
         (same, aside(0.3), ["implausible-speed"]),
         (same, aside(0.15), ["implausible-speed"]),  # too short for a jump
         (aside(0.3), same, []),  # of an estimate it is an error
+        (without_a_gap, same, []),  # likewise
         (same, flipped, ["implausible-speed"]),
         (flipped, same, []),  # an estimate may find itself elsewhere
         (scaled(slice(1, 4), 1e-5), scaled(slice(1, 4), 1e-5), ["sizes-differ", "no-relative-error"]),
