@@ -2,7 +2,7 @@
 
 The scans of the latest metres together are searched for on a lattice over all places where the robot has been and all
 headings, and registered from the best of them; a place counts that has no rival and that the scans do not contradict as
-they do where a robot is lost, and only if a second search, of other scans, finds the robot at the same place.
+they do where a robot is lost, and only if later searches, after a gap one of other scans, find it at the same place.
 """
 
 import numpy as np
@@ -60,6 +60,7 @@ class Relocation:
         self._driven = 0.0
         self._next, self._next_whole = FIRST_LOOK, FIRST_LOOK
         self._found: Array | None = None  # by the search before: where the new map's frame lies in the old one's
+        self._since = 0.0  # the path at the first of the searches that found that place
 
     def search(self, pose: Array, points: Points) -> Array | None:
         """Take in an update since, at a pose [3] in the new map with endpoints [k, 2], and search if it is time.
@@ -85,12 +86,15 @@ class Relocation:
                 return None
             self._next_whole = self._driven + metres
             place, _ = self._search(pose, np.array([*(low + high) / 2, 0.0]), half) if half[:2].all() else (None, 0.0)
-        before, self._found = self._found, None
-        if place is not None:
-            self._found = se2.compose(place, se2.between(pose, np.zeros(3)))
-            if before is not None and not is_elsewhere(se2.between(se2.compose(before, pose), place)):
-                return self._found
-        return None
+        if place is None:
+            self._found = None
+            return None
+        if self._found is None or is_elsewhere(se2.between(se2.compose(self._found, pose), place)):
+            self._since = self._driven
+        self._found = se2.compose(place, se2.between(pose, np.zeros(3)))
+        # after a gap it may well be where it never was, and look-alike places fit the same scans again and again
+        enough = self._driven - self._since >= (APART if self.reach == np.inf else QUERY)
+        return self._found if enough else None
 
     def revise(self, drawn: TsdfMaps) -> None:
         """Look in the old map as it was drawn anew."""
