@@ -97,8 +97,9 @@ def run_into(
     seconds = time.perf_counter() - clock
     estimate, stages = _coloured(estimate, recording)
     final, driven = estimate.trajectory_final, estimate.dead_reckoning
+    # a path without a back end may zigzag by as much
     unfit = unfit_scans(recording, final, driven) if config.backend.method != "none" else ()
-    noticed = [*estimate.warnings, *unfit]  # a path without a back end may zigzag by as much
+    noticed = [*estimate.warnings, *unfit]
     noticed += [Issue(**one) for one in doubted(Evidence({FINAL: final}, truth=truth, relations=relations))]
     warn(noticed)
     issues = (*issues, *noticed)

@@ -246,7 +246,7 @@ def _calibrate(
     clocks = one if leaps else clocks  # no clock drifts so
     differ = _clocks_differ(clocks, duration, wheels_alone=wheels_alone)
     shared = not (differ and clocks.cost < EXPLAINED * one.cost)
-    told = abs(uneven) * duration > 2 * LATE_WHEELS if leaps else differ and shared
+    steady = abs(uneven) * duration <= 2 * LATE_WHEELS if leaps else not (differ and shared)
     if shared and logged:
         clocks, lead = one, fit(scans.pairs, at, (0.0, 0.0), shared=True, lead=WHEELS_LEAD)
         for values, known in ((one.values, lead.values), (one.deviations, lead.deviations)):
@@ -283,7 +283,7 @@ def _calibrate(
         correlation=correlation,
         clocks=None if logged and shared else clocks,
         shared_clock=shared,
-        uneven=uneven if told and not logged else 0.0,
+        uneven=0.0 if steady or logged else uneven,
         late=late,
         fits=fits,
         reversed=is_reversed,

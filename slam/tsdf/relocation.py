@@ -118,9 +118,9 @@ class Relocation:
         near = (np.hypot(off[:, 0], off[:, 1]) < NEAR_DISTANCE) & (np.abs(off[:, 2]) < NEAR_ROTATION)
         places = shares(found, len(points)) - np.where(near | self._carried, 0.0, LEAST_MARGIN)
         best = int(places.argmax())
-        if places[best] < LEAST_SHARE or places[best] - runner_up(found, places, len(points)) < LEAST_MARGIN:
-            return None, 0.0
-        if log_ratio(found.far[best], found.known[best], FAR_WHERE_LOST, LEAST_FAR) > 0:  # it would be lost there, too
+        unlike = log_ratio(found.far[best], found.known[best], FAR_WHERE_LOST, LEAST_FAR) > 0  # lost there, too
+        rivalled = places[best] - runner_up(found, places, len(points)) < LEAST_MARGIN
+        if places[best] < LEAST_SHARE or rivalled or unlike:
             return None, 0.0
         return se2.compose(middle, found.offsets[best]), float(places[best])
 
