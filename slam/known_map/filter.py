@@ -78,7 +78,7 @@ class KnownMapFilter(TsdfFilter):
         self._unweighed = 0.0  # path since the hypotheses were weighed [m]
         self._own: Particles | None = None  # with the map of what it has seen since it is searched for
         self._begin = 0  # the first update since which the robot is searched for
-        self._was_sure = False  # that the robot is in the map
+        self._was_sure = self._was_there = False  # that the robot is in the map; over ``WINDOW``, too
         self._scale, self._tears = MapScale(maps), MapTears()
         self._led: Array | None = None  # where the start that was given and the odometry lead, until the robot is found
         self._start_off = 0.0, 0.0  # how far that start is off [m], [rad]
@@ -104,15 +104,20 @@ class KnownMapFilter(TsdfFilter):
         return self._search is None and super().settled
 
     @property
+    def _is_sure(self) -> bool:
+        return self._doubt.state is LocalisationState.SURE and self._doubt.proved
+
+    @property
     def issues(self) -> tuple[Issue, ...]:
         """When it was not known where the robot is."""
-        driven, open_ = self._doubt.driven, bool(self._losses) and not self._was_sure
+        driven, is_sure = self._doubt.driven, self._search is None and self._is_sure
+        open_ = bool(self._losses) and not (self._was_there or is_sure)
         if open_ and self._search is None and driven < WINDOW and not self._most_given_up:
             text = f"the robot was found, but has driven {driven:.1f} m since, too little to prove that it is there"
             return (Issue("searched-for", text),)
         if open_:
-            text = "nowhere in the map do the scans fit for long: the robot is not in this map, or the map is not of "
-            text += "this place or scale; the poses mean nothing in it"
+            text = f"nowhere in the map do the scans fit for {WINDOW:g} m: the robot is not in this map, or the map is "
+            text += f"not of this place or scale; the poses mean nothing in it{', even the sure ones' * self._was_sure}"
             return (Issue("not-in-this-map", text),)
         issues = []
         if self._most_given_up > 1:
@@ -155,8 +160,9 @@ class KnownMapFilter(TsdfFilter):
 
     def step(self, step: Step) -> StepResult:
         if self._search is None:
-            sure = self._doubt.state is LocalisationState.SURE and self._doubt.proved
+            sure = self._is_sure
             self._was_sure |= sure
+            self._was_there |= sure and self._doubt.driven > WINDOW
             first = not len(self.history)
             result = super().step(step)
             if self._led is not None:

@@ -484,6 +484,17 @@ def test_places_that_were_given_up_one_after_the_other_are_told(tmp_path: Path) 
         assert {issue.code for issue in made.issues} == codes
 
 
+def test_who_was_sure_for_a_few_metres_alone_is_not_in_this_map(tmp_path: Path) -> None:
+    write_map(tmp_path / "map.pgm", drawn([*WALLS, *BOX]))
+    made = KnownMapFilter(KnownMapConfig(known_map=str(tmp_path / "map.yaml")), 0)
+    made._losses, made._most_given_up, made._was_sure = [(0.0, 5.0, 0.0), (9.0, None, 0.0)], 2, True
+    (issue,) = made.issues
+    assert issue.code == "not-in-this-map"
+    assert "even the sure ones" in issue.message
+    made._was_there = True
+    assert {issue.code for issue in made.issues} == {"places-given-up", "searched-for"}
+
+
 def test_a_missing_map_is_refused() -> None:
     with refusal(ConfigError, field="known_map"):
         run_slam(circled_room(scans=5)[0], resolve_config("localize"))
