@@ -163,9 +163,10 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
             again, count = int((np.diff(recording.encoders.stamps) == 0).sum()), len(recording.encoders)
             if again > TWICE * count:
                 text += f"{again} of {count} readings of the wheels share a stamp: are they given twice? "
-            metres, track = (value * scale.value for value in (wheels.metres_per_count, wheels.effective_track))
-            text += f"If ranges are, in platform.toml: [wheels] metres_per_count = {metres:.6g}, "
-            text += f"effective_track = {track:.4g}"
+            right = c.fit.wheels(wheels, gyro=recording.imu is not None and c.gyro)
+            text += f"If ranges are, in platform.toml: [wheels] metres_per_count = {right['metres_per_count']:.6g}"
+            if right["effective_track"] != wheels.effective_track:
+                text += f", effective_track = {right['effective_track']:.4g}"
         else:
             text += "If ranges are, the odometry's x and y are to be multiplied by it; if not, the ranges divided"
         told.append(("range-scale", text))
@@ -182,7 +183,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     if (turns := certain.get("turns")) is not None:
         text = f"odometry: robot turns {_percent(turns)} odometry does: "
         by_gyro = recording.imu is not None and recording.encoders is not None and c.gyro
-        text += "the gyro's rates are no rad/s" if by_gyro else "its track is wrong, or its angles no radians"
+        as_long = " (mended with its lengths)" if scale and recording.encoders is not None else ""
+        text += "the gyro's rates are no rad/s" if by_gyro else f"its track is wrong{as_long}, or its angles no radians"
         told.append(("odometry-turn-scale", text))
     if (late := certain.get("offset")) is not None:
         side = ("later", "earlier")[int((late.value > 0) != (c.late == "gyro"))]

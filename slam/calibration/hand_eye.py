@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from moteslam.robot import se2
+from moteslam.robot.platform import Wheels
 from moteslam.robot.se2 import Array
 from moteslam.robot.sensor_reports import agreement
 
@@ -55,6 +56,8 @@ LONGEST, STEP = 8.0, 0.05
 """Offsets of clocks up to this are looked for, in steps [s]."""
 MOST_DRIFT = 0.012
 """Likewise their drift [s/s]."""
+SKID = 0.15
+"""Turns by wheels are off by less where a robot is steered by skidding: that is no other track."""
 
 
 class Parameter(IntEnum):
@@ -134,6 +137,14 @@ class Fit(NamedTuple):
         lengths, about, floor = (float(of[Parameter.LENGTHS]) for of in (self.values, self.deviations, FLOOR))
         about = float(np.sqrt(max(about * about - floor * floor, 0.0)))
         return lengths < about / STANDS and about < STANDS / 2  # odometry in millimetres has a scale
+
+    def wheels(self, stated: Wheels, *, gyro: bool) -> dict[str, float]:
+        """What lengths by the scans make of wheels: where a ``gyro`` turns, or turns are as wrong, of their size alone."""
+        scale = float(self.values[Parameter.LENGTHS])
+        right = 1.0 if gyro else scale * float(self.values[Parameter.TURNS])  # of the track, over the stated
+        wider = min((1.0, scale), key=lambda each: abs(np.log(each / right)))
+        wider = wider if abs(wider / right - 1) < SKID else right
+        return {"metres_per_count": scale * stated.metres_per_count, "effective_track": wider * stated.effective_track}
 
 
 def covariances(information: Array, deviation: Array) -> Array:

@@ -11,7 +11,7 @@ from moteslam.robot.se2 import Array
 from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.calibrate import Calibration
 from moteslam.slam.calibration.findings import changed_ranges, figures_of, lidar_of, mount_of, stamped_at_end
-from moteslam.slam.calibration.hand_eye import CLOCKS, Parameter
+from moteslam.slam.calibration.hand_eye import CLOCKS, Fit, Parameter
 from moteslam.slam.calibration.readings import in_form, with_stamps
 from moteslam.slam.inputs.odometry_path import OdometryPath
 from moteslam.slam.inputs.synchronise import require_lidar
@@ -74,7 +74,7 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
         ranges = lidar.ranges if scale == 1 else changed_ranges(lidar, lambda ranges: ranges * factor)
         limit = lidar.range_max / scale
         return mended.replace(lidar=replace(lidar, stamps=stamps, ranges=ranges, range_max=limit))
-    return _other_odometry(mended, scale, offset, drift, c.fit.middle)
+    return _other_odometry(mended, c.fit, scale, offset, drift)
 
 
 def _mirror_image(recording: Recording, *, gyro: bool, poses: bool) -> Recording:
@@ -89,16 +89,16 @@ def _mirror_image(recording: Recording, *, gyro: bool, poses: bool) -> Recording
     return recording.with_poses(lambda _, poses: poses * (1, -1, -1))
 
 
-def _other_odometry(recording: Recording, scale: float, offset: float, drift: float, middle: float) -> Recording:
+def _other_odometry(recording: Recording, fit: Fit, scale: float, offset: float, drift: float) -> Recording:
     """With the odometry on the lidar's clock, and as long as its ranges."""
     wheels = recording.platform.wheels
     recording = recording.with_poses(lambda _, poses: poses * (scale, scale, 1.0))
     if scale != 1 and recording.encoders is not None and wheels is not None:
-        changed = {name: getattr(wheels, name) * scale for name in ("metres_per_count", "effective_track")}
+        changed = fit.wheels(wheels, gyro=recording.imu is not None)
         platform = recording.platform.model_copy(update={"wheels": wheels.model_copy(update=changed)})
         recording = recording.replace(platform=platform)
 
     def on_the_lidars_clock(stamps: Array) -> Array:
-        return middle + (stamps - offset - middle) / (1 + drift)
+        return fit.middle + (stamps - offset - fit.middle) / (1 + drift)
 
     return with_stamps(recording, ("odometry", "encoders", "imu"), on_the_lidars_clock)

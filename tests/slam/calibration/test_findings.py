@@ -50,7 +50,7 @@ def calibration(of_fit: dict[str, Any] | None = None, **changes: Any) -> Calibra
         ({"change": Change(40.0, np.log(1.1), 0.005)}, {}, "range-change", ("40 s on", "10.0 % more")),
         ({"turned": Change(30.0, 0.1745, 0.005)}, {}, "mount-moves", ("30 s on", "10.0 degrees to the left")),
         ({"curl": (0.2, 0.01)}, {}, "odometry-turn-scale", ("0.20 rad to the left",)),
-        ({"lengths": 1.1}, {}, "range-scale", ("10.0 % (95 %: 8.0 to 12.0 %) more", f"= {1.1 * 0.0022:.6g}, ")),
+        ({"lengths": 1.1}, {}, "range-scale", ("10.0 % (95 %: 8.0 to 12.0 %) more", f"= {1.1 * 0.0022:.6g}")),
         ({"turns": 0.8}, {}, "odometry-turn-scale", ("25.0 % (95 %: 21.9 to 28.1 %) more",)),
         (
             {"x": 0.5, "y": -0.3},
@@ -88,7 +88,28 @@ def test_clocks_and_lengths_are_mended_on_the_side_that_is_asked_for() -> None:
     assert mended.lidar.ranges is lidar.ranges
     wheels, stated = mended.platform.wheels, UCSD.wheels
     assert wheels.metres_per_count == pytest.approx(1.1 * stated.metres_per_count)
-    assert wheels.effective_track == pytest.approx(1.1 * stated.effective_track)
+
+
+@pytest.mark.parametrize(
+    ("gyro", "turns", "wider"),
+    [
+        (True, 1.0, 1.0),  # those of the gyro
+        (False, 1.0, 1.2),  # turns are right, and must remain so
+        (False, 1 / 1.25, 1.0),  # turns are short, too: the wheels are larger, nothing else is wrong
+        (False, 1 / 1.6, 1.2 / 1.6),
+    ],
+)
+def test_the_track_of_wheels_that_are_larger_than_stated_is_what_their_turns_say(
+    gyro: bool, turns: float, wider: float
+) -> None:
+    """Turns by the odometry over those by the scans."""
+    recording = RECORDING if gyro else RECORDING.replace(imu=None)
+    found = calibration({"lengths": 1.2, "turns": turns})
+    wheels, stated = calibrated(recording, found, "odometry").platform.wheels, UCSD.wheels
+    assert wheels.metres_per_count == pytest.approx(1.2 * stated.metres_per_count)
+    assert wheels.effective_track == pytest.approx(wider * stated.effective_track)
+    (said,) = [one.message for one in findings(found, recording).issues if one.code == "range-scale"]
+    assert ("effective_track" in said) == (wider != 1)
 
 
 @pytest.mark.parametrize(
