@@ -157,11 +157,12 @@ def draw_figures(
 
     online, final, odometry = estimate.trajectory, estimate.trajectory_final, estimate.dead_reckoning
     truth, diagnostics = run.truth, estimate.diagnostics
-    text = f"the map and the final path, {'from one start' if truth is None else 'laid on the reference, rigidly'}"
+    text = f"the map and the final path, the others {'from one start' if truth is None else 'laid on it, rigidly'}"
     paths = {"slam": final, "dead_reckoning": odometry, "truth": truth}
     drawn(maps.draw_trajectories, "trajectories", text, estimate.map, **paths)
     if snapshots:
-        drawn(maps.draw_over_time, "over_time", "trajectory and map over time", snapshots, trajectory=online)
+        text, known = "trajectory and map over time", {"trajectory": online, "placed": estimate.placed}
+        drawn(maps.draw_over_time, "over_time", text, snapshots, **known)
     if stages:
         text, given = "map and coloured floor over time", (stages, estimate.map)
         drawn(maps.draw_texture_over_time, "texture_over_time", text, *given, trajectory=final)
@@ -177,9 +178,9 @@ def draw_figures(
         share = getattr(estimate.config, "resample_below", 0.0)
         drawn(curves.draw_effective_particles, "effective_particles", text, *values, particles=count, below=share)
     if truth is not None:
-        slam, last, first = (run.track(name).ate for name in (ONLINE, FINAL, DEAD_RECKONING))
-        text, errors = "error over time, after alignment", {"slam": slam, "final": last, "dead_reckoning": first}
-        drawn(curves.draw_error, "error", text, **errors)
+        names = {"slam": ONLINE, "final": FINAL} if ONLINE in run.trajectories else {"slam": FINAL}
+        errors = {name: run.track(of).ate for name, of in (names | {"dead_reckoning": DEAD_RECKONING}).items()}
+        drawn(curves.draw_error, "error", "error over time, after alignment", **errors)
 
 
 def write_json(path: Path, value: Mapping[str, Any]) -> None:

@@ -15,7 +15,7 @@ from moteslam.eval.metrics.association import MAX_DIFFERENCE, in_plane, match, o
 from moteslam.eval.metrics.ate import AteResult, PoseErrors, absolute_trajectory_error
 from moteslam.eval.metrics.clocks import clock_offset
 from moteslam.eval.metrics.doubts import doubts, few_matched
-from moteslam.eval.metrics.evidence import FINAL, TRACKS, Certainty, Evidence
+from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, TRACKS, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import (
@@ -62,20 +62,28 @@ def evidence_of(
     true_map: Raster | None = None,
     relations: Relations | None = None,
 ) -> Evidence:
-    """What is known of a run of ours when it is scored; arguments as of ``score_estimate``."""
-    tracks = estimate.trajectory_final, estimate.trajectory, estimate.dead_reckoning
-    states, updated, n_eff = (estimate.diagnostics[name] for name in ("state", "updated", "n_eff"))
-    known = (estimate.covariances, states, updated, n_eff, estimate.particle_spread, estimate.corrections)
+    """What is known of a run of ours when it is scored; arguments as of ``score_estimate``.
+
+    Online poses of a robot that is lost in a known map are none, and not scored.
+    """
+    tracks = {FINAL: estimate.trajectory_final, DEAD_RECKONING: estimate.dead_reckoning}
+    placed, certainty = estimate.placed, None
+    if placed.any():
+        tracks[ONLINE] = estimate.trajectory if placed.all() else estimate.trajectory.take(placed)
+        states, updated, n_eff = (estimate.diagnostics[name][placed] for name in ("state", "updated", "n_eff"))
+        spread = estimate.particle_spread[placed[estimate.diagnostics["updated"] > 0]]
+        corrections = estimate.corrections if placed.all() else ()
+        certainty = Certainty(estimate.covariances[placed], states, updated, n_eff, spread, corrections)
     backend = estimate.config.backend  # looks for loops, unless they are switched off
     looks = backend.method != "none" and getattr(getattr(backend, "loops", None), "enabled", True)
     return Evidence(
-        trajectories=dict(zip(TRACKS, tracks, strict=True)),
+        trajectories={name: tracks[name] for name in TRACKS if name in tracks},
         truth=truth,
         relations=relations,
         occupancy=replace(estimate.map, values=trinary(estimate.map.values)),
         true_map=true_map,
         recording=recording,
-        certainty=Certainty(*known),
+        certainty=certainty,
         loops=estimate.loops if looks else None,
     )
 

@@ -4,7 +4,7 @@ import json
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -15,6 +15,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli.interrupt import check_interrupt
 from moteslam.eval.cli.options import SlamOptions, named
 from moteslam.eval.cli.text import note, progress_bar, say, warn
+from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.metrics.residuals import unfit_scans
@@ -25,6 +26,7 @@ from moteslam.eval.scores import Figures, doubted, number
 from moteslam.eval.tables import Column, aligned, length, literal, rows_of
 from moteslam.files import result_folder
 from moteslam.kernels import runtime
+from moteslam.robot import se2
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import load_platform, platform_of, read_platform
 from moteslam.robot.raster import Raster
@@ -33,6 +35,7 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, counted, shortened
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate, with_texture
+from moteslam.slam.mapping.config import LOST_DISTANCE
 from moteslam.slam.online import OnlineSlam
 from moteslam.slam.scan_records import Update
 from moteslam.slam.sessions import expect_graph, go_on
@@ -101,6 +104,8 @@ def run_into(
     unfit = unfit_scans(recording, final, driven) if config.backend.method != "none" else ()
     noticed = [*estimate.warnings, *unfit]
     noticed += [Issue(**one) for one in doubted(Evidence({FINAL: final}, truth=truth, relations=relations))]
+    if truth is not None and config.method == "known_map" and estimate.placed.any():
+        noticed += about_frame(final, truth)
     warn(noticed)
     issues = (*issues, *noticed)
     found = write_results(
@@ -127,6 +132,17 @@ def run_into(
     if options.mcap:
         write_result_bag(folder / "result.mcap", estimate, recording)
     return described(estimate, found, issues)
+
+
+def about_frame(path: Trajectory, truth: Trajectory) -> Iterator[Issue]:
+    """Where a known map does not lie in the frame of the truth: scores of a path that is laid on it do not show it."""
+    with suppress(InputError):
+        ate = absolute_trajectory_error(path, truth)
+        there = se2.compose(se2.inverse(ate.transform), ate.aligned)
+        off, turned = (float(np.hypot(*(ate.aligned - there)[:, :2].T).mean()), abs(np.rad2deg(ate.transform[2])))
+        if off > LOST_DISTANCE:
+            text = f"scores are of the path laid on the truth, which moves it by {off:.1f} m and {turned:.0f} degrees: "
+            yield Issue("map-frame", f"{text}if map and truth have one frame, the robot was found at a wrong place")
 
 
 def described(estimate: Estimate, figures: Figures, issues: tuple[Issue, ...] = ()) -> Figures:

@@ -18,6 +18,8 @@ from moteslam.robot.raster import decode_picture, picture_size
 from moteslam.robot.se2 import Array, between, compose, inverse, transform_points
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.values import read_toml
+from moteslam.slam.filter.certainty import LocalisationState
 
 SHOWN = {"accepted": 1, "overruled": 2, "contradicted": 3, "ambiguous": 4}
 """Verdicts of the loops that are drawn, by the number that stands for each."""
@@ -66,15 +68,19 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
         "online": _path(online.at(stamps).poses),
         "odometry": _path(compose(final.poses[0], between(odometry.poses[0], odometry.at(stamps).poses))),
     }
+    diagnostics = read_diagnostics(folder / "diagnostics.csv")
+    known = len(diagnostics.stamps) == len(final)
     if (folder / "truth.tum").is_file():
         truth = read_tum(folder / "truth.tum")
         ate = absolute_trajectory_error(final, truth)
         there = compose(inverse(ate.transform), ate.reference)
         found["truth"] = _path(Trajectory(ate.stamps, there).at(stamps).poses)
+        if known and read_toml(folder / "config.toml", "a config.toml").get("method") == "known_map":
+            placed = diagnostics.values["state"] < LocalisationState.LOST  # as of ``Estimate.placed``
+            online = online.take(placed) if placed.any() else final
         paths = {"final": final, "online": online, "odometry": odometry}
         found["errors"] = {name: _errors(trajectory, truth, stamps) for name, trajectory in paths.items()}
-    diagnostics = read_diagnostics(folder / "diagnostics.csv")
-    if len(diagnostics.stamps) == len(final):
+    if known:
         found["state"] = np.maximum.reduceat(diagnostics.values["state"], steps).astype(int).tolist()
         found["effective"] = [round(value, 1) for value in diagnostics.values["n_eff"][steps].tolist()]
     found["states"] = list(STATES)

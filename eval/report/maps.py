@@ -180,16 +180,25 @@ def with_opacity(texture: TextureMap) -> NDArray[np.uint8]:
     return np.concatenate((np.where(known, texture.values, 255), np.where(known, 255, 0)), axis=-1).astype(np.uint8)
 
 
-def draw_over_time(path: File, snapshots: Snapshots, *, trajectory: Trajectory, title: str = "") -> None:
+def draw_over_time(
+    path: File,
+    snapshots: Snapshots,
+    *,
+    trajectory: Trajectory,
+    placed: NDArray[np.bool_] | None = None,
+    title: str = "",
+) -> None:
     """The map at stages of the run, one at least, and the trajectory, as it was known at each scan, until then.
 
-    All at one scale: figures 1 and 2 of the paper.
+    All at one scale: figures 1 and 2 of the paper. Poses that are not ``placed`` [n] in the map are left out.
     """
-    points = np.concatenate([trajectory.poses[:, :2], map_corners(snapshots[-1][1])])
+    poses = trajectory.poses if placed is None else np.where(placed[:, None], trajectory.poses, np.nan)
+    first = 0 if placed is None else int(placed.argmax())
+    points = np.concatenate([poses[np.isfinite(poses).all(axis=1), :2], map_corners(snapshots[-1][1])])
     with _panels(path, len(snapshots), points, width=11.0, columns=(6, 3), title=title) as panels:
         for axes, (index, occupancy) in zip(panels, snapshots, strict=True):
             draw_map(axes, occupancy)
-            _draw_path(axes, trajectory.poses[: index + 1], style.ONLINE, "robot")
+            _draw_path(axes, poses[min(first, index) : index + 1], style.ONLINE, "robot")
             axes.set_title(f"{trajectory.stamps[index] - trajectory.stamps[0]:.0f} s")
 
 

@@ -139,7 +139,7 @@ class Fit(NamedTuple):
         return lengths < about / STANDS and about < STANDS / 2  # odometry in millimetres has a scale
 
     def wheels(self, stated: Wheels, *, gyro: bool) -> dict[str, float]:
-        """What lengths by the scans make of wheels: where a ``gyro`` turns, or turns are as wrong, of their size alone."""
+        """Wheels whose lengths scans measure: where a ``gyro`` turns, or turns are as wrong, their size alone is."""
         scale = float(self.values[Parameter.LENGTHS])
         right = 1.0 if gyro else scale * float(self.values[Parameter.TURNS])  # of the track, over the stated
         wider = min((1.0, scale), key=lambda each: abs(np.log(each / right)))

@@ -91,8 +91,8 @@ class RegisteredPairs:
         if good < FEWEST or good < share * total:
             text = f"lidar: {good} of {total} pairs of scans fit each other, and no more with other angles between "
             text += "beams: angles, unit of ranges or what stands for no return are other ones, or scans are too far "
-            text += "apart, or show thin things or glass alone. They cannot be held against the odometry, and a map of "
-            text += "them may be wrong"
+            text += "apart, or show thin things, glass or next to nothing. They cannot be held against the odometry, "
+            text += "and a map of them may be wrong"
             raise UnfitScansError("scans-unfit", text, float((self._found.fit > LEAST_FIT).mean()))
 
     @property

@@ -315,8 +315,10 @@ class KnownMapFilter(TsdfFilter):
 
     def _certainty(self) -> Certainty:
         """How sure the online pose is: while several places are open, by the weight of the others, too."""
-        if self._search is not None:
-            return certainty_of(self._covariance.value, self._covariance.degenerate, WRONG_WHILE_LOST)
+        if self._search is not None:  # it is anywhere in the map
+            left, right, bottom, top = self._maps.occupancy.extent
+            place = ((right - left) ** 2 + (top - bottom) ** 2) / 24  # of a uniform distribution, along either axis
+            return Certainty(np.diag((place, place, np.pi**2 / 3)), np.nan, WRONG_WHILE_LOST)
         new = 0.0 if self._doubt.proved else NEW
         others = self._particles.hypotheses != self._particles.hypotheses[self.best_particle]
         wrong = max(self._doubt.probability, float(self.weights.values[others].sum()), new)

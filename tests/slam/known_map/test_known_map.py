@@ -10,11 +10,16 @@ from scipy.ndimage import binary_dilation
 from slam_rooms import OTHER_ROOM, carried_into_another_room, circled_room, endpoints
 
 from moteslam.errors import ConfigError, InputError
+from moteslam.eval.cli.running import about_frame
+from moteslam.eval.page.player import budget_of, playable
+from moteslam.eval.results import write_results
+from moteslam.eval.scores import number
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
+from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
@@ -436,6 +441,34 @@ def test_a_robot_elsewhere_is_lost_to_the_end_and_told(tmp_path: Path) -> None:
     estimate = localized(tmp_path, recording, drawn(walls, low=(-10, -2), high=(10, 7)))
     assert (estimate.diagnostics["state"] == LocalisationState.LOST).all()
     assert "not-in-this-map" in {issue.code for issue in estimate.warnings}
+    deviations = np.sqrt(estimate.covariances[-1].diagonal())
+    assert (deviations > (3.0, 3.0, 1.5)).all()  # it is anywhere in the map
+
+
+def test_online_poses_of_a_robot_that_is_lost_are_not_scored(tmp_path: Path) -> None:
+    recording, true = circled_room(scans=30)
+    found, truth = localized(tmp_path, recording, drawn([*WALLS, *BOX])), Trajectory(recording.lidar.stamps, true)
+    poses, state = found.trajectory.poses.copy(), found.diagnostics["state"].copy()
+    poses[:10] += 5.0
+    state[:10] = LocalisationState.LOST
+    lost = replace(found, trajectory=Trajectory(truth.stamps, poses), diagnostics={**found.diagnostics, "state": state})
+    figures = write_results(tmp_path / "out", lost, truth)
+    assert number(figures, "online.ate") < CELL
+    assert figures["localisation"]["compared"]["scans"] <= 20
+    assert max(np.cumsum(playable(tmp_path / "out", budget_of(1))["errors"]["online"])) < 1e4 * CELL
+    state[:] = LocalisationState.LOST
+    figures = write_results(tmp_path / "out", lost, truth)
+    assert number(figures, "online.ate") is None
+    assert number(figures, "final.ate") < CELL
+    assert playable(tmp_path / "out", budget_of(1))["errors"]
+
+
+def test_a_truth_in_another_frame_than_the_map_is_told() -> None:
+    way = np.column_stack((np.arange(20.0), np.sin(np.arange(20.0)), np.zeros(20)))
+    truth, path = (Trajectory(np.arange(20.0), poses) for poses in (way, way + np.array((3.0, 0.0, 0.0))))
+    assert not [*about_frame(truth, truth)]
+    (issue,) = about_frame(path, truth)
+    assert "by 3.0 m and 0 degrees" in issue.message
 
 
 def test_a_robot_that_is_carried_out_of_the_map_is_lost(tmp_path: Path) -> None:
