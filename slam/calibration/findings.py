@@ -158,15 +158,15 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         told.append(("lidar-mount", text))
     if (scale := certain.get("lengths")) is not None:
         wheels = recording.platform.wheels
-        text = f"ranges measure {_percent(scale)} odometry does; which of them is right scans cannot say. "
+        text = f"ranges measure {_percent(scale)} odometry does; which of them is sized scans cannot say. "
         if recording.encoders is not None and wheels is not None:
             again, count = int((np.diff(recording.encoders.stamps) == 0).sum()), len(recording.encoders)
             if again > TWICE * count:
                 text += f"{again} of {count} readings of the wheels share a stamp: are they given twice? "
-            right = c.fit.wheels(wheels, gyro=recording.imu is not None and c.gyro)
-            text += f"If ranges are, in platform.toml: [wheels] metres_per_count = {right['metres_per_count']:.6g}"
-            if right["effective_track"] != wheels.effective_track:
-                text += f", effective_track = {right['effective_track']:.4g}"
+            sized = c.fit.wheels(wheels, gyro=recording.imu is not None and c.gyro)
+            text += f"If ranges are, in platform.toml: [wheels] metres_per_count = {sized['metres_per_count']:.6g}"
+            if sized["effective_track"] != wheels.effective_track:
+                text += f", effective_track = {sized['effective_track']:.4g}"
         else:
             text += "If ranges are, the odometry's x and y are to be multiplied by it; if not, the ranges divided"
         told.append(("range-scale", text))
