@@ -42,6 +42,9 @@ class Rows:
         """[n, columns]; they hold until the next row is added."""
         return self._table[self._first : self._last]
 
+    def forget_latest(self) -> None:
+        self._last -= 1
+
     def keep(self, count: int) -> None:
         """Forget all but the latest."""
         self._first = max(self._first, self._last - count)

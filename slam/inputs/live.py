@@ -34,6 +34,10 @@ FAR_AHEAD = 3600.0
 scans after it would be out of order. After a pause as long the other streams go on too, and the next scan is taken. So
 is any message this much older than the newest. Of the first two, so far apart, the first is."""
 
+STRAY = 5.0
+"""A scan that comes so long before the latest one [s], to which no other message has come, says that this was stamped
+wrongly: it is left out."""
+
 FIRST, FIRST_MESSAGES = 2000, 100_000
 """So many scans, and as many messages of the other streams, are kept to be held against each other: three minutes at
 ten scans a second, in which a robot turns, and some ten megabytes however long it drives."""
@@ -99,6 +103,12 @@ class Beginning:
         else:
             self._ranges.add(ranges[None])
         self._rows.setdefault(stream, Rows(len(message))).add(np.array([message]))
+
+    def forget_latest(self) -> None:
+        """Forget the latest scan."""
+        if not self.full:
+            self._ranges.forget_latest()
+            self._rows["lidar"].forget_latest()
 
     def is_due(self) -> bool:
         """Whether units are to be looked at: now and then, each time with twice as many scans."""
@@ -184,6 +194,13 @@ class LiveInputs(Inputs):
             self.odometry_in, self._latest = OdometryReadings(self._platform, self._config), {}
             self.beginning = Beginning(self._platform, self._lidar)
             self._newest, self.messages = -np.inf, 0
+        if stream == "lidar" and self.waiting and self._newest == self.waiting[-1].stamp > stamp + STRAY:
+            stray = self.waiting.pop().stamp
+            self.beginning.forget_latest()
+            del self._latest["lidar"]
+            self._newest = max(self._latest.values(), default=-np.inf)
+            text = f"a scan at {stray} s is left out: the next is at {stamp} s"
+            self._other_clock = (*self._other_clock, Issue("other-clock", text))
         if stamp < self._latest.get(stream, -np.inf):
             text = f"{stamp} s after {self._latest[stream]} s, expected rising seconds"
             raise InputError(text, field=f"{stream}.stamp")

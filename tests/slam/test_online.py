@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from parts.runs import fed
+from parts.runs import add, fed, messages
 from refusals import refusal
 from slam_messages import cut, first, jumping, logged, platform_of, sparse_corridor
 from slam_rooms import circled_room
@@ -359,6 +359,23 @@ def test_scans_and_odometry_by_clocks_far_apart_are_refused_again_and_again(orde
     assert len(refused) > 30
     assert all("expected one clock" in str(error) for error in refused)
     assert {error.field for error in refused} <= {"lidar.stamp", "odometry.stamp"}
+
+
+def test_a_scan_of_a_wrong_stamp_does_not_end_a_run(corridor: Recording):
+    """That of one scan in mid drive is a quarter of an hour ahead; it is left out, and the next ones go on."""
+    config, lidar = resolve_config("default", PRESETS["default"]), corridor.lidar
+    slam = OnlineSlam(platform_of(corridor), config, seed=3)
+    for _, _, stream, index in messages(corridor, {}):
+        if (stream, index) == ("lidar", len(lidar) // 2):
+            slam.add_scan(lidar.ranges[index], lidar.stamps[index] + 900.0)
+        else:
+            add(slam, corridor, stream, index)
+    slam.finish()
+    found, whole = slam.estimate(), run_slam(corridor, config, seed=3)
+    assert len(found.trajectory) == len(lidar) - 1
+    assert np.hypot(*(found.trajectory_final.poses[-1, :2] - whole.trajectory_final.poses[-1, :2])) < 0.01
+    (told,) = [issue.message for issue in found.warnings if issue.code == "other-clock"]
+    assert "is left out" in told
 
 
 @pytest.mark.parametrize(("late", "told"), [(0.0, False), (1000.0, True), (-1000.0, True)])
