@@ -21,7 +21,7 @@ from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Eviden
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.report import curves, maps, particles
 from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops
-from moteslam.eval.scores import Figures, evidence_of, figures_of
+from moteslam.eval.scores import Figures, evidence_of, figures_of, placed_in_map
 from moteslam.files import Shape, cleared, mark, read_arrays, write_atomically
 from moteslam.robot import se2
 from moteslam.robot.formats.bags import write as bags
@@ -161,7 +161,7 @@ def draw_figures(
     paths = {"slam": final, "dead_reckoning": odometry, "truth": truth}
     drawn(maps.draw_trajectories, "trajectories", text, estimate.map, **paths)
     if snapshots:
-        text, known = "trajectory and map over time", {"trajectory": online, "placed": estimate.placed}
+        text, known = "trajectory and map over time", {"trajectory": online, "placed": placed_in_map(estimate)}
         drawn(maps.draw_over_time, "over_time", text, snapshots, **known)
     if stages:
         text, given = "map and coloured floor over time", (stages, estimate.map)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from moteslam.errors import InputError, MoteslamWarning
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, in_plane, match, oriented, spatial
@@ -54,6 +55,11 @@ OUTSIDE, ASTRAY, ALIKE = 2, 10.0, 0.5
 more are known; and of two maps of one place more than the third of one's walls are at those of the other."""
 
 
+def placed_in_map(estimate: Estimate) -> NDArray[np.bool_]:
+    """[n] whether the online pose is a place in the map: in a known one not while the robot is lost in it."""
+    return (estimate.diagnostics["state"] < LocalisationState.LOST) | (estimate.config.method != "known_map")
+
+
 def evidence_of(
     estimate: Estimate,
     truth: Truth = None,
@@ -67,7 +73,7 @@ def evidence_of(
     Online poses of a robot that is lost in a known map are none, and not scored.
     """
     tracks = {FINAL: estimate.trajectory_final, DEAD_RECKONING: estimate.dead_reckoning}
-    placed, certainty = estimate.placed, None
+    placed, certainty = placed_in_map(estimate), None
     if placed.any():
         tracks[ONLINE] = estimate.trajectory if placed.all() else estimate.trajectory.take(placed)
         states, updated, n_eff = (estimate.diagnostics[name][placed] for name in ("state", "updated", "n_eff"))

@@ -31,11 +31,12 @@ def main(folder: Path = Path()) -> float:
     """Drive, draw, and return how far the robot came [m]."""
     folder.mkdir(parents=True, exist_ok=True)
     simulator = moteslam.Simulator(moteslam.load_scenario("corridor"), seed=0)
-    readings, command = simulator.reset(), (0.0, 0.0)
+    readings, command = [simulator.reset()], (0.0, 0.0)
     while simulator.seconds < 60:
-        if len(readings.lidar):
-            command = controller(readings)
-        readings = simulator.step(*command)
+        if len(readings[-1].lidar):
+            command = controller(readings[-1])
+        readings.append(simulator.step(*command))
+    # moteslam.write_recording("drive.toml", simulator.recording(readings)) keeps it, for `moteslam replay`
 
     truth = simulator.truth
     figure, axes = plt.subplots(figsize=(6, 6), layout="constrained")

@@ -1,8 +1,10 @@
 """The simulated robot in your hands: it is told how to drive, and reports what its sensors saw since."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
 from moteslam.robot.noise import Surroundings
-from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, RgbdStream
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import expect_type, shortened
 from moteslam.sim.actors.actors import TRUTH_RATE
@@ -97,6 +99,12 @@ class Simulator:
             self._run.step()
         return self._readings()
 
+    def recording(self, readings: Sequence[Readings]) -> Recording:
+        """All that was read since the reset, in order, as one recording without images: to be written, or run."""
+        name, platform = self.scenario.name, self.scenario.platform
+        joined = {of: _joined([getattr(each, of) for each in readings]) for of in ("lidar", "encoders", "imu")}
+        return Recording(name, platform, **joined)
+
     @property
     def seconds(self) -> float:
         """How long it has driven [s]."""
@@ -133,3 +141,11 @@ class Simulator:
         assert base.lidar is not None
         drawn = None if frames is None else frames.drawn
         return Readings(EPOCH + self.seconds, base.lidar, new, base.imu, drawn)
+
+
+def _joined(parts: Sequence[Any]) -> Any:
+    """One stream of several, one after the other; None of none."""
+    if not parts or parts[0] is None:
+        return None
+    arrays = [name for name, value in vars(parts[0]).items() if isinstance(value, np.ndarray)]
+    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in arrays})

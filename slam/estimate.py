@@ -16,7 +16,6 @@ from moteslam.robot.values import Issue, Summarised
 from moteslam.slam.backend.building import Building
 from moteslam.slam.backend.protocol import LoopCandidate
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map, map_texture
 
 
@@ -88,11 +87,6 @@ class Estimate(Summarised):
         As these were measured; None without one.
         """
         return None if self.building is None else self.building.graph
-
-    @property
-    def placed(self) -> NDArray[np.bool_]:
-        """[n] whether the online pose is a place in the map: in a known one not while the robot is lost in it."""
-        return (self.diagnostics["state"] < LocalisationState.LOST) | (self.config.method != "known_map")
 
     def _repr_png_(self) -> bytes:
         """What a notebook shows: the map, and the path as known at the end."""

@@ -22,7 +22,7 @@ from moteslam.eval.metrics.residuals import unfit_scans
 from moteslam.eval.report.maps import keep_floor, keep_map
 from moteslam.eval.results import read_building, write_result_bag, write_results
 from moteslam.eval.run_tables import loop_counts
-from moteslam.eval.scores import Figures, doubted, number
+from moteslam.eval.scores import Figures, doubted, number, placed_in_map
 from moteslam.eval.tables import Column, aligned, length, literal, rows_of
 from moteslam.files import result_folder
 from moteslam.kernels import runtime
@@ -104,7 +104,7 @@ def run_into(
     unfit = unfit_scans(recording, final, driven) if config.backend.method != "none" else ()
     noticed = [*estimate.warnings, *unfit]
     noticed += [Issue(**one) for one in doubted(Evidence({FINAL: final}, truth=truth, relations=relations))]
-    if truth is not None and config.method == "known_map" and estimate.placed.any():
+    if truth is not None and config.method == "known_map" and placed_in_map(estimate).any():
         noticed += about_frame(final, truth)
     warn(noticed)
     issues = (*issues, *noticed)

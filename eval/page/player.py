@@ -76,7 +76,7 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
         there = compose(inverse(ate.transform), ate.reference)
         found["truth"] = _path(Trajectory(ate.stamps, there).at(stamps).poses)
         if known and read_toml(folder / "config.toml", "a config.toml").get("method") == "known_map":
-            placed = diagnostics.values["state"] < LocalisationState.LOST  # as of ``Estimate.placed``
+            placed = diagnostics.values["state"] < LocalisationState.LOST  # as of ``placed_in_map``
             online = online.take(placed) if placed.any() else final
         paths = {"final": final, "online": online, "odometry": odometry}
         found["errors"] = {name: _errors(trajectory, truth, stamps) for name, trajectory in paths.items()}

@@ -12,6 +12,7 @@ from sim_drives import room_table
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
+from moteslam.robot.formats import open_recording, write_recording
 from moteslam.robot.formats.ucsd import read_ucsd
 from moteslam.robot.recording import EncoderStream, LidarStream, Recording
 from moteslam.robot.trajectories.text import read_tum
@@ -95,6 +96,20 @@ def test_readings_come_at_each_sensors_own_rate_and_no_earlier_than_they_are_tak
     assert not any(len(getattr(begun, name)) for name in counts)
     assert begun.stamp == EPOCH
     np.testing.assert_array_equal(simulator.pose, simulator.scenario.start)
+
+
+def test_a_drive_in_closed_loop_is_written_as_a_recording_and_read_back(tmp_path: Path):
+    simulator = Simulator(short(8.0), seed=1)
+    readings = [simulator.reset()]
+    while not simulator.done:
+        readings.append(simulator.step(0.4, 0.1))
+    recording = simulator.recording(readings)
+    assert len(recording.lidar) == sum(len(each.lidar) for each in readings)
+    assert (np.diff(recording.lidar.stamps) > 0).all()
+    write_recording(tmp_path / "drive", recording, to="ucsd")
+    back = open_recording(tmp_path / "drive")
+    for (name, one), (_, other) in zip(values_of(back), values_of(recording), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6, err_msg=name)
 
 
 DEAD = [{"sensor": sensor, "start": 3.0 + k, "duration": 2.5} for k, sensor in enumerate(("lidar", "encoders", "imu"))]
