@@ -17,8 +17,7 @@ import moteslam
 from moteslam.eval.cli.main import script
 from moteslam.slam.estimate import with_texture
 
-STAGES = (0.25, 0.5, 0.75, 1.0)
-NO_SEARCH = ("search.offsets_xy=[0.0]", "search.offsets_theta=[0.0]")
+STAGES, NO_SEARCH = (0.25, 0.5, 0.75, 1.0), ("search.offsets_xy=[0.0]", "search.offsets_theta=[0.0]")
 
 
 def simulated(folder: Path) -> Path:
@@ -91,7 +90,7 @@ def main(folder: Path = Path(), ucsd: Path | None = None) -> float:
             for axes in picture(folder, 6 - row):
                 axes.plot(*endpoints(recording, found.dead_reckoning).T, ".", ms=0.8, mew=0, c="0.6", label="endpoints")
                 show(axes, None, found.dead_reckoning.poses, color="tab:orange", label="path")
-                axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, markerscale=10, frameon=False)
+                axes.legend(title=f"sequence {sequence}, odometry", loc=(0, 1), ncols=2, markerscale=10, frameon=False)
             if sequence == 20:
                 begin = moteslam.cut(recording, moteslam.Cut(end=50.0))
                 spoilt, bad, _ = run(begin, *NO_SEARCH, "motion.yaw_rate=3.0")
@@ -101,8 +100,9 @@ def main(folder: Path = Path(), ucsd: Path | None = None) -> float:
                 apart, *_ = run(begin, *NO_SEARCH, "resample_below=0.0")
                 for axes in picture(folder, 8):
                     show(axes, None, *apart.particle_paths[::10])
+                    axes.set_title(f"sequence 20, every tenth of {len(apart.particle_paths)} particles")
     most = float(pdist(apart.particle_paths[::10, -1, :2]).max())
-    print(f"eight pictures; figure 8 draws 10 of 100 particles, two of which end {most:.1f} m apart")
+    print(f"eight pictures; figure 8 draws every tenth particle, two of which end {most:.1f} m apart")
     return most
 
 
