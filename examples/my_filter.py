@@ -35,7 +35,9 @@ class Icp(FilterDefaults):
         self.pose, self.cells = np.zeros(3), {}
 
     def step(self, step: Step) -> StepResult:
-        """Take in a scan and the motion since the scan before."""
+        """Take in a scan's endpoints, ``step.points`` [k, 2] in the robot's frame [m], and the motion since the scan
+        before, ``step.motion`` [3] in the robot's frame there: x, y [m], theta [rad].
+        """
         self.pose = se2.compose(self.pose, step.motion)
         moved = se2.between(self.poses[0], self.pose)
         update = not self.cells or np.hypot(*moved[:2]) > 0.2 or abs(moved[2]) > 0.2

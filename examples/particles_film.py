@@ -60,12 +60,13 @@ def main(folder: Path = Path()) -> float:
     slam = moteslam.OnlineSlam.over(drive.recording, config)
     figure, (plan, near) = plt.subplots(1, 2, figsize=(7, 3.6), layout="constrained")
     film, fewest = PillowWriter(fps=4), []
-    with film.saving(figure, folder / "particles_film.gif", dpi=60):
+    with film.saving(figure, folder / "particles_film.gif", dpi=120):
         for update in slam:
             if update.updated:
                 fewest.append(update.n_eff)
                 if len(fewest) % EVERY == 0:
                     draw(plan, near, slam.map, update, endpoints(lidar, mount, update))
+                    figure.suptitle(f"{update.stamp - lidar.stamps[0]:.1f} s")
                     film.grab_frame()
     plt.close(figure)
     print(f"down to {min(fewest):.0f} effective particles of 100")

@@ -2,11 +2,12 @@
 
     ros2 run, or: python examples/ros2_node.py
 
-It needs rclpy, tf2_ros and the messages of a sourced ROS 2, and is not run by the tests. The lidar's mount is that of
-the robot file you name; its angles and reach are taken from the first scan.
+It needs rclpy, tf2_ros and the messages of a sourced ROS 2; the tests have only stand-ins for these. The lidar's mount
+is that of the robot file you name; its angles and reach are taken from the first scan.
 """
 
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -29,10 +30,21 @@ class Slam(Node):
     def __init__(self, platform: moteslam.Platform) -> None:
         super().__init__("moteslam")
         self.platform, self.slam, self.odometry, self.told = platform, None, {}, set()
-        self.create_subscription(LaserScan, "scan", self.on_scan, 10)
-        self.create_subscription(Odometry, "odom", self.on_odometry, 50)
+        self.create_subscription(LaserScan, "scan", self.logged(self.on_scan), 10)
+        self.create_subscription(Odometry, "odom", self.logged(self.on_odometry), 50)
         self.maps, self.transforms = self.create_publisher(OccupancyGrid, "map", 1), TransformBroadcaster(self)
         self.create_timer(2.0, self.publish_map)
+
+    def logged(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
+        """A message that cannot be used is logged, and left out."""
+
+        def told(message: Any) -> None:
+            try:
+                take(message)
+            except moteslam.MoteslamError as error:
+                self.get_logger().warning(str(error))
+
+        return told
 
     def on_scan(self, scan: LaserScan) -> None:
         if self.slam is None:
