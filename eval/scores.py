@@ -1,7 +1,7 @@
 """Scores: of a run of ours as one dict of figures; of anyone's trajectory by another one, relations, or its scans."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from math import isnan
@@ -287,22 +287,28 @@ def measured(
         assert motion is not None  # in space
         estimate, truth = in_plane(estimate, truth, *motion)
     maps = [None if file is None else read_map(file) for file in (occupancy, true_map)]
-    for raster, file, one in zip(maps, (occupancy, true_map), (estimate, truth), strict=True):
-        if raster is not None and file is not None and one is not None:
+    relations = reference if isinstance(reference, Relations) else None
+    evidence = Evidence({FINAL: estimate}, truth, relations, maps[0], maps[1], recording, loops=loops)
+    asked = [*(ACCURACY_OF_MAPS if true_map is not None else ()), *(() if loops is None else OF_LOOPS), *(names or ())]
+    found = measure(evidence, dict.fromkeys(asked))
+    for issue in doubted_maps(evidence, found, str(occupancy), str(true_map)):
+        warnings.warn(MoteslamWarning(issue.message), stacklevel=2)
+    return found
+
+
+def doubted_maps(
+    run: Evidence, found: Mapping[str, Value], name: str = "its map", of_truth: str = "the true map"
+) -> Iterator[Issue]:
+    """What is doubtful in a map of any SLAM, and in the true one, by the paths in them and by what was measured."""
+    for raster, file, one in (run.occupancy, name, run.trajectories[FINAL]), (run.true_map, of_truth, run.truth):
+        if run.occupancy is not None and raster is not None and one is not None:
             there = raster.values_at(one.poses[:, :2], outside=OUTSIDE)
             walls, unknown, outside = (100 * float((there == value).mean()) for value in (OCCUPIED, UNKNOWN, OUTSIDE))
             if walls + outside > ASTRAY or unknown > 100 - ASTRAY:
                 shares = f"{walls:.0f} % in its walls, {unknown:.0f} % where it is unknown, {outside:.0f} % outside"
                 why = "of another building, or its resolution, origin, turn, rows or sign of greys are other ones"
-                text = f"{file}: of the path {shares}: {why}; its scores mean nothing"
-                warnings.warn(MoteslamWarning(text), stacklevel=2)
-    relations = reference if isinstance(reference, Relations) else None
-    evidence = Evidence({FINAL: estimate}, truth, relations, maps[0], maps[1], recording, loops=loops)
-    asked = [*(ACCURACY_OF_MAPS if true_map is not None else ()), *(() if loops is None else OF_LOOPS), *(names or ())]
-    found = measure(evidence, dict.fromkeys(asked))
-    precise = found.get("map_precision")
-    if precise is not None and precise.number is not None and (alike := evidence.map_accuracy.alike) < ALIKE:
-        text = f"{true_map}: {100 * alike:.0f} % of the walls of {occupancy} are at its walls: "
-        why = "another building or frame, a flipped image, or a map that is wrong"
-        warnings.warn(MoteslamWarning(text + why), stacklevel=2)
-    return found
+                yield Issue("unlike", f"{file}: of the path {shares}: {why}; its scores mean nothing")
+    compared = any(name in found and found[name].number is not None for name in ACCURACY_OF_MAPS)
+    if compared and (alike := run.map_accuracy.alike) < ALIKE:
+        text = f"{of_truth}: {100 * alike:.0f} % of the walls of {name} are at its walls: "
+        yield Issue("unlike", f"{text}another building or frame, a flipped image, or a map that is wrong")

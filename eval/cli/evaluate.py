@@ -231,6 +231,8 @@ def _parts(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str | Rows]
         for name, values in metrics.items():
             yield f"metrics of {literal(name)}"
             yield [["metric", "value"], *([title_of(metric), _value(value)] for metric, value in values.items())]
+            if "value" in values.get("map_recall", {}) and "residuals" not in first:
+                yield "recall, F1 and distance count walls, too, that the robot never saw: --recording leaves them out"
     elif metrics and kind != "trajectory":
         yield "metrics"
         yield [*zip(["estimate", *metrics], *_side_by_side(metrics), strict=True)]

@@ -11,7 +11,7 @@ from moteslam.errors import InputError, MoteslamError
 from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
 from moteslam.eval.metrics.registry import COSTS, Value, measure
 from moteslam.eval.metrics.relations import Relations
-from moteslam.eval.scores import doubted, evidence_of, relations_beside, true_map_beside, truth_file
+from moteslam.eval.scores import doubted, doubted_maps, evidence_of, relations_beside, true_map_beside, truth_file
 from moteslam.eval.sweep.plan import COMMAND, PlannedRun
 from moteslam.eval.sweep.spec import Configuration, run_program
 from moteslam.robot.formats import open_recording
@@ -81,6 +81,7 @@ def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
     values |= measure(evidence, (*run.metrics, *costs) if run.metrics else None)
     told = [issue.as_dict() for issue in (*case.recording.warnings, *issues)]
     told += [issue for issue in doubted(evidence) if issue not in told]
+    told += [issue.as_dict() for issue in doubted_maps(evidence, values)] if run.command else []
     if run.command and (part := next((one for one in told if one["code"] in ("few-matched", "not-scored")), None)):
         raise InputError(f"its trajectory: {part['message']}", file=run.command[0][0])
     return {"values": {name: value.as_dict() for name, value in values.items()}, "issues": told}

@@ -232,6 +232,7 @@ def test_the_map_of_any_slam_is_scored_by_the_true_one(folder: Path, capsys: Cap
     assert off["map_f1"]["value"] < 0.9
     lines = said(capsys, "truth.tum", "truth.tum", *maps, "mine.yaml", "--metric", "rpe_2m", "--metric", "nees")
     assert "IoU of free space" in lines
+    assert "recall, F1 and distance count walls, too, that the robot never saw" in lines
     assert re.search("NEES +- no covariances", lines)
     assert "final RPE over 2 m" in lines
 

@@ -14,6 +14,7 @@ from contextlib import nullcontext
 from importlib.metadata import entry_points
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command_lines import Capsys, printed, refused, shown, told
 from made_sweeps import Values, recorded, swept
@@ -28,6 +29,8 @@ from moteslam.eval.sweep.plan import PLATFORMS, SCENARIOS, PlannedRun, digest, p
 from moteslam.eval.sweep.spec import bundled_specs, numbers, read_spec
 from moteslam.eval.sweep.store import WHOLE, Row, as_csv, begin, create, merge, opened, read_table
 from moteslam.eval.sweep.workers import Outcome, make_all, make_all_on
+from moteslam.robot.formats.map_server import OCCUPIED, write_map
+from moteslam.robot.raster import Raster
 
 SPEC = """
 scenarios = ["corridor"]
@@ -469,19 +472,23 @@ def test_anyones_slam_is_a_configuration_like_ours_and_where_it_fails_a_row_with
 def test_what_is_doubtful_of_a_commands_path_is_told_and_the_way_driven_is_the_truths(
     tmp_path: Path, capsys: Capsys
 ) -> None:
-    """One that writes millimetres, and two that fail: on another clock, and with a few poses."""
+    """One that writes millimetres, two that fail: on another clock, and with a few poses; and a map that is elsewhere."""
     wrong = {
         "mm": ANYONES["works"].replace("$(NF-10), $(NF-9)", "1000 * $(NF-10), 1000 * $(NF-9)"),
         "clock": ANYONES["works"].replace("print $(NF-2)", "print $(NF-2) + 1000"),
         "few": ANYONES["works"].replace(" > ", " | head -5 > "),
+        "map": ANYONES["works"] + f"; cp {tmp_path}/map.* {{out}}",
     }
-    text = 'scenarios = ["corridor"]\nduration = 14\nseeds = "0"\nplatforms = ["lms200"]\nmetrics = ["final.ate"]\n'
+    write_map(tmp_path / "map.pgm", Raster(np.full((9, 9), OCCUPIED, np.int8), 0.05, (50.0, 50.0, 0.0)))
+    text = 'scenarios = ["corridor"]\nduration = 14\nseeds = "0"\nplatforms = ["lms200"]\n'
+    text += 'metrics = ["final.ate", "map_f1"]\n'
     for mode, words in wrong.items():
         text += f"[configurations.{mode}]\ncommand = {json.dumps(['sh', '-c', words])}\ntrajectory = 'path.tum'\n"
     spec = written(tmp_path, text)
     said = told(capsys, "sweep", spec, "--workers", "1")
     rows = rows_of(tmp_path / "spec.sweep")
-    assert [row.status for row in rows] == ["ok", "failed", "failed"]
+    assert [row.status for row in rows] == ["ok", "failed", "failed", "ok"]
+    assert [name in str(rows[3].issues) for name in ("100 % outside", "0 % of the walls of its map")] == [True, True]
     assert rows[0].scores["distance"]["by"] == "truth"
     assert rows[0].known["distance"] < 10
     assert {issue["code"] for issue in rows[0].issues} == {"implausible-speed", "sizes-differ"}
