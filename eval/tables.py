@@ -50,12 +50,14 @@ def length(metres: float) -> str:
 
 
 def number(value: float | None, *, sign: bool = False) -> str:
-    """Three significant digits, never as a power of ten; a dash for none, ``failed`` for one that is infinite."""
+    """Three significant digits, of at most four decimals and of a difference (``sign``) nine, never as a power of ten; a
+    dash for none, ``failed`` for one that is infinite.
+    """
     if value is None or isnan(value):
         return "-"
     if isinf(value):
         return "failed"
-    decimals = min(max(2 - floor(log10(abs(value))), 0), 4) if value else 0
+    decimals = min(max(2 - floor(log10(abs(value))), 0), 9 if sign else 4) if value else 0
     text = f"{value:{'+' if sign else ''}.{decimals}f}"
     return text if float(text) else "0"
 

@@ -97,15 +97,14 @@ def _lines(
             cells.append((other, *([place] if several else []), *figures))
     if form != "text":
         yield FORMATS[form]([("metric", *head), *((title, *cell) for title, cells in tables.items() for cell in cells)])
-        return
-    for title, cells in tables.items():
+    for title, cells in tables.items() if form == "text" else ():
         yield f"{title}, against {literal(first)}"
         empty = [k for k in (-1, -2, -4) if all(cell[k] in ("0", "-") for cell in cells)]
         yield aligned([[one for k, one in enumerate(row, -len(row)) if k not in empty] for row in (head, *cells)])
+    said = [] if form == "text" else [f"against {literal(first)}; p is of the sign test"]
     if any(one["pairs"] < FEWEST for pairs in compared.values() for each in pairs.values() for one in each.values()):
-        yield f"fewer than {FEWEST} pairs have no 95 % interval"
-    if also:
-        yield also
+        said.append(f"fewer than {FEWEST} pairs have no 95 % interval")
+    yield from (BETWEEN[form].format(one) for one in (*said, also) if one and BETWEEN[form])
 
 
 def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], dict[str, Shown]]:
@@ -133,7 +132,7 @@ def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], d
 
 
 def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str) -> Iterator[str]:
-    """A row a group: of each metric the median with its interval."""
+    """A row a group: of each metric the median with its interval, and the worst run."""
     from moteslam.eval.runs import grouped, success_words, unlike, varying
     from moteslam.eval.statistics import FEWEST, Proportion
 
@@ -151,15 +150,18 @@ def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str)
             by = " or ".join(sorted({each["driven_by"] for each in groups}))
             columns.append([f"driven by {by} [m]", *(number(each["driven_m"]) for each in groups)])
         few = form != "csv" and all(each["runs"] < FEWEST for each in groups)
+        several = any(each["runs"] > 1 for each in groups)
         for name, shown in titles.items():
             medians, ranges = zip(*(shown.median(each["metrics"][name]) for each in groups), strict=True)
             columns.append([shown.title, *medians])
             columns += [] if few else [[f"{shown.title} 95 %" if form == "csv" else "95 %", *ranges]]
+            worst = (shown.text(each["metrics"][name]["worst"]) for each in groups)
+            columns += [[f"{shown.title} worst" if form == "csv" else "worst", *worst]] * several
         yield FORMATS[form]([*zip(*columns, strict=True)])
         yield from (BETWEEN[form].format(f"{key} {literal(groups[0]['group'][key])} throughout") for key in alike)
-        if form == "text" and any(each["runs"] < FEWEST for each in groups):
-            yield f"medians; fewer than {FEWEST} runs have no 95 % interval"
         if form != "csv":
+            fewer = f"; fewer than {FEWEST} runs have no 95 % interval"
+            yield BETWEEN[form].format("medians" + fewer * any(each["runs"] < FEWEST for each in groups))
             missing = ", not measured" * any(each["success"] is None for each in groups)
             yield BETWEEN[form].format(f"success: {success_words(found['success'])}{missing}")
     if form == "text":

@@ -148,7 +148,7 @@ def list_specs(
 def show(
     file: File, metrics: options.Metrics = None, form: options.Format = "text", as_json: options.Json = False
 ) -> None:
-    """Sum up the runs recorded so far: successes, and medians with their 95 % intervals; quartiles in --json.
+    """Sum up the runs recorded so far: successes, medians with their 95 % intervals, worst; quartiles in --json.
 
     \b
     Examples:
@@ -177,7 +177,9 @@ def _tell(found: dict[str, Any], lines: Iterable[str], *, as_json: bool) -> None
 def plot(
     file: File,
     out: Annotated[Path, opt("A new file.", "FILE.png|pdf|svg")],
-    metrics: options.Metrics = None,
+    metrics: Annotated[
+        list[str] | None, opt("Metric to draw [the first that the sweep names]; repeatable.", "NAME", "--metric")
+    ] = None,
     along: Annotated[str | None, opt("Column on the x axis [the varied key].", "COLUMN", "--x")] = None,
     label: Annotated[str | None, opt("Label of that axis [the key].", "TEXT")] = None,
     force: options.ForceFile = False,

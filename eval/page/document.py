@@ -186,6 +186,7 @@ def page(
     asked = made[0].name if len(made) == 1 else f"{title_of(names[0])} of {len(made)} runs"
     if len(columns) > 1:
         asked = f"{title_of(names[0])} by {', '.join(over)}: {', '.join(each)}"
+    pairs = {name: runs.comparisons(made, name, axis, first) for name in names}
     return _render(
         {
             "title": shortened(asked, 160) if title is None else title,
@@ -203,7 +204,7 @@ def page(
             "several": {**several, "seed": len({run.run.seed for run in made})},
             "baseline": first,
             "also": runs.also_of(columns, axis),
-            "pairs": {name: runs.comparisons(made, name, axis, first) for name in names} if len(columns) > 1 else {},
+            "pairs": pairs if any(each for some in pairs.values() for each in some.values()) else {},
             "fewest": FEWEST,
             "limits": runs.success_words(material.success or SUCCESS),
             "failures": [run for run in made if run.status != "ok"],

@@ -44,7 +44,7 @@
         const block = document.createElement("figure"), place = document.createElement("div"), caption = document.createElement("figcaption");
         const more = document.createElement("span");
         place.className = "chart"; more.className = "more";
-        caption.append("Medians over the runs with their 95 % intervals. ", more);
+        caption.append("Medians over the runs, of enough of them with 95 % intervals. ", more);
         block.append(place, caption); curves.append(block);
       }
       chart(curves.children[k].firstElementChild, figure);

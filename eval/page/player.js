@@ -170,8 +170,8 @@ function makePlayer(parts) {
 
   function say(now) {
     const words = [`${now.toFixed(1)} s of ${run.t[run.t.length - 1].toFixed(1)} s`];
-    for (const [name, title] of [["final", "error"], ["online", "online"]]) {
-      if (run.errors[name]) words.push(`${title} ${(run.unit[1] * run.errors[name][step]).toPrecision(3)} ${run.unit[0]}`);
+    for (const name of ["final", "online"]) {
+      if (run.errors[name]) words.push(`${name} error ${(run.unit[1] * run.errors[name][step]).toPrecision(3)} ${run.unit[0]}`);
     }
     if (run.state) words.push(run.states[run.state[step]]);
     if (run.effective) words.push(`N_eff ${run.effective[step]}`);

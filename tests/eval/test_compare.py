@@ -1,6 +1,7 @@
 """Runs summed up and compared: statistics, pairs of configurations, where sweeps differ, tables in every format."""
 
 import json
+import re
 from math import inf
 from pathlib import Path
 
@@ -20,7 +21,9 @@ TWO = 'scenarios = ["corridor"]\n[configurations.plain]\n[configurations.better]
 OTHER = 'scenarios = ["corridor"]\n[vary]\nslam.particles = [1, 10]\n'
 
 
-def paired(folder: Path, name: str, factor: float = 1.0, *, failed: tuple[int, ...] = ()) -> Path:
+def paired(
+    folder: Path, name: str, factor: float = 1.0, *, failed: tuple[int, ...] = (), seeds: int = 10
+) -> Path:
     """Two configurations on ten seeds; the second is off by nine tenths of the first one's error."""
 
     def result(run: PlannedRun) -> Values | str:
@@ -30,7 +33,7 @@ def paired(folder: Path, name: str, factor: float = 1.0, *, failed: tuple[int, .
         return {"final.ate": (error, "m"), "map_f1": "no map"}
 
     folder.mkdir(exist_ok=True)
-    return recorded(folder / f"{name}.sweep", TWO, result)
+    return recorded(folder / f"{name}.sweep", f"seeds = '0-{seeds - 1}'\n{TWO}", result)
 
 
 def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: Capsys) -> None:
@@ -44,6 +47,19 @@ def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: Capsys) -> None:
     text = printed(capsys, "compare", file, "--baseline", "better")
     assert text.startswith("final ATE [m], against better\n")
     assert text.splitlines()[2].split()[:4] == ["plain", "10", "1", "9"]
+    for form, mark in (("latex", "% "), ("markdown", "")):
+        lines = printed(capsys, "compare", file, "--baseline", "better", "--format", form).splitlines()
+        assert f"{mark}against better; p is of the sign test" in lines
+    few = paired(tmp_path, "few", seeds=2)
+    assert "fewer than 6 pairs" in printed(capsys, "compare", few, "--format", "latex")
+
+
+def test_a_median_has_its_worst_run_beside_it_in_every_format(tmp_path: Path, capsys: Capsys) -> None:
+    file = paired(tmp_path, "a", failed=(3,))
+    for form, cells in (("text", " 5.85  2.70 to 8.10  failed"), ("csv", "failed"), ("latex", r" & failed \\")):
+        better = printed(capsys, "sweep", "show", file, "--metric", "final.ate", "--format", form).splitlines()
+        assert any(line.endswith(cells) for line in better)
+        assert any(line.endswith("medians") for line in better) == (form != "csv")
 
 
 def test_two_sweeps_are_matched_by_scenario_platform_and_seed(tmp_path: Path, capsys: Capsys) -> None:
@@ -264,6 +280,10 @@ def test_numbers_have_a_unit_that_fits(unit: str, values: list[float | None], sh
     assert [unit, *(number(None if value is None else factor * value) for value in values)] == shown
 
 
+def test_a_difference_that_is_there_is_not_shown_as_none() -> None:
+    assert [number(value, sign=True) for value in (-3e-5, 0.5, 0.0)] == ["-0.0000300", "+0.500", "0"]
+
+
 def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: Capsys) -> None:
     def made(name: str, metres: float) -> Path:
         driven = {"ucsd": 10.0, "turtlebot3": metres}
@@ -276,7 +296,7 @@ def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: Caps
     assert "driven by SLAM's path: ucsd 10.0 m, turtlebot3 4.00 m" in printed(capsys, "compare", far)
     head, *lines = printed(capsys, "sweep", "show", far).splitlines()
     assert "driven by SLAM's path [m]" in head
-    assert [line.split()[-2] for line in lines[:4]] == ["10.0", "4.00"] * 2
+    assert [line.split()[-3] for line in lines[:4]] == ["10.0", "4.00"] * 2
     assert "driven" not in printed(capsys, "sweep", "show", alike)
     last = printed(capsys, "compare", alike).splitlines()[-1]
     assert last == "wheels, gyro and speed of a platform may differ, too"
@@ -285,6 +305,17 @@ def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: Caps
     text = page(gather([far]))
     assert "driven by SLAM&#39;s path: ucsd 10.0 m, turtlebot3 4.00 m. The" in text
     assert "all else the same" not in text
+
+
+def test_a_report_has_signed_differences_and_no_pairs_where_nothing_is_in_common(tmp_path: Path) -> None:
+    def one(_: PlannedRun) -> Values:
+        return {"final.ate": (1.0, "m")}
+
+    worse = paired(tmp_path, "a"), paired(tmp_path, "b", 2.0)
+    assert re.search(">[+]5.50</td><td[^>]*>[+]3.00 to [+]8.00</td>", page(gather(worse)))
+    alone = (recorded(tmp_path / f"{name}.sweep", f'scenarios = ["{name}"]', one) for name in ("corridor", "office"))
+    apart = tuple(alone)
+    assert [name in page(gather(apart)) for name in ("<h2>Pairs", "#pairs", "<h2>Runs")] == [False, False, True]
 
 
 def test_runs_without_a_result_are_counted_on_stderr(tmp_path: Path, capsys: Capsys) -> None:
