@@ -50,7 +50,7 @@ def length(metres: float) -> str:
 
 
 def number(value: float | None, *, sign: bool = False) -> str:
-    """Three significant digits, of at most four decimals and of a difference (``sign``) nine, never as a power of ten; a
+    """Three significant digits, in at most four decimals, of a difference (``sign``) nine, never as a power of ten; a
     dash for none, ``failed`` for one that is infinite.
     """
     if value is None or isnan(value):

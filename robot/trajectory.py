@@ -234,14 +234,14 @@ def _doubts(
     held = repeats & (jumps > max(STANDS, JUMP * float(np.median(usual)) if len(usual) else 0.0))
     if held.any():
         number, first = int(counts[held].sum()), stamps[kept][begins[np.argmax(held)]]
-        text = f"{path}: {number} of {n} poses, from {first:.3f} s on, repeat others to the last bit or are 0 0 0, and"
-        text += f" the next is up to {jumps[held].max():.2f} m away: tracking lost, or poses held? Errors hold that"
+        text = f"{path}: {number} of {n} poses, from {first:.3f} s on, repeat others to the last bit or are 0 0 0, the"
+        text += f" next is up to {jumps[held].max():.2f} m away: tracking lost, or poses held? Errors are wrong by it"
         yield Issue("poses-held", text, number)
     fast = lone & (moves > FASTEST * np.maximum(times[~still], times.sum() / n))  # stamps of a burst are closer
     if 0 < speed <= FASTEST and fast.any():
         first = stamps[kept][begins[1:][np.argmax(fast)]]
         text = f"{path}: goes up to {moves[fast].max():.1f} m from a pose to the next, first at {first:.3f} s, beyond"
-        text += f" {FASTEST:g} m/s: poses that are off, or a jump? Errors hold that"
+        text += f" {FASTEST:g} m/s: poses that are off, or a jump? Errors are wrong by it"
         yield Issue("implausible-speed", text, int(fast.sum()))
     if quaternions is None or (off := _across(positions, quaternions)) < ACROSS:
         return

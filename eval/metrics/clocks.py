@@ -49,10 +49,15 @@ def clock_offset(estimate: Trajectory, reference: Trajectory, before: float | No
     if slow:
         rate = f"{100 * abs(slow):.2f} % {'slow' if slow > 0 else 'fast'}"
         return rmse, f"{fits} if its clock runs {rate}: its stamps, or those of the reference, are to be scaled"
-    option = f"(--time-offset {seconds:.3f})"
+    option = shifting(f"{seconds:.3f}")
     if before is not None and not (estimate.oriented or reference.oriented):
         option += ", or this is a point of the robot ahead of the other's or behind it: no orientations tell"
     return rmse, f"moved by {seconds:+.3f} s {fits}: its clock seems to be another one {option}"
+
+
+def shifting(seconds: str) -> str:
+    """What to do where the clock of an estimate is another one."""
+    return f"(shift the estimate's stamps, in its file or by evaluate --time-offset {seconds})"
 
 
 def _offset(search: _Search) -> tuple[float, float, float] | None:

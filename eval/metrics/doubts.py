@@ -9,7 +9,7 @@ import numpy as np
 from moteslam.eval.metrics import association, clocks
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, spatial
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.clocks import ALIKE, FINE, FITS, GAIN, GAIN_METRES, LEAST, ROUNDS, SHAPE, STEP
+from moteslam.eval.metrics.clocks import ALIKE, FINE, FITS, GAIN, GAIN_METRES, LEAST, ROUNDS, SHAPE, STEP, shifting
 from moteslam.eval.tables import length
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
@@ -39,6 +39,8 @@ EVENLY, FILLED = 2e-4, 2.0  # Velocities that differ by less [m/s] for so long [
 STRIDE, DEGREES = 1.0, 180 / np.pi  # Directions are compared over so much path, or less [m]; a radian [degrees]
 ASIDE = 8.0  # A step of a reference that differs from the estimate's by so many medians is no noise of either
 STEPS = {"implausible-speed", "poses-held", "equal-stamps", "positions-rounded"}  # Codes that explain steps
+UNITS, ROUGHLY = {"mm": 0.001, "cm": 0.01, "feet": 0.3048}, 0.02
+"""Units of lengths [m] that may be taken for metres, and the share by which a scale may be off one."""
 LATEST, APART = 2.0, 0.02  # Offsets of a clock that are tried on relations, and on headings alone: up to [s], every [s]
 
 
@@ -117,7 +119,7 @@ def _of_path(reference: Trajectory) -> Iterator[Issue]:
         far, turned = np.hypot(steps[:, 0], steps[:, 1]).max(), np.rad2deg(np.abs(steps[:, 2]).max())
         text = f"the reference jumps {counted(len(at), 'time')}, by up to {length(far)} and {turned:.0f} degrees, "
         text += f"{when([(float(stamps[k - 1]), float(stamps[k])) for k in at])}: tracking lost, or angles taken "
-        yield Issue("implausible-speed", f"{text}halfway between -180 and 180 degrees? Errors hold that", len(at))
+        yield Issue("implausible-speed", f"{text}halfway between -180 and 180 degrees? Errors are wrong by it", len(at))
     if reference.length < SMALL and np.abs(np.diff(np.unwrap(poses[:, 2]))).sum() > TURNED:
         text = f"the reference turns, but moves by {length(reference.length)} in all: are its positions in metres?"
         yield Issue("sizes-differ", f"{text} Degrees of latitude and longitude are none", len(reference))
@@ -139,7 +141,7 @@ def _stepping(ate: AteResult) -> Iterator[Issue]:
     if at:
         times = when([(float(ate.stamps[k]), float(ate.stamps[k + 1])) for k in at])
         text = f"the reference steps aside by up to {length(float(off[at].max()))}, {counted(len(at), 'time')}, {times}"
-        text += ", where the estimate goes on: a fix that was lost, or markers exchanged? Errors hold that"
+        text += ", where the estimate goes on: a fix that was lost, or markers exchanged? Errors are wrong by it"
         yield Issue("implausible-speed", text, len(at))
 
 
@@ -227,13 +229,14 @@ def _shapes(ate: AteResult) -> Reasons:
     if rigid <= SMALL or own == 0:
         return
     left, least = float(np.sqrt(max(0.0, spread**2 - straight**2 / own))), SHAPE * min(rigid, spread)
-    how, why = f"scaled by {straight / own:.4g}", "another unit, ranges or wheels that are off, a clock along a line?"
+    how, shown = rescaled(straight / own, left)
+    why = ": ranges or wheels that are off, another unit, a clock along a line?" * (how[0] != "m")
     if left >= least and (found := _stretched(there, true, ate)) is not None and found[0] < GAIN * least:
-        left, how = found
-        why = "a plan or projection of another scale in one direction, or a way along bare walls?"
+        (left, how), shown = found, found[0]
+        why = ": a plan or projection of another scale in one direction, or a way along bare walls?"
     if left < least:  # else it shrinks to the middle of a path that it has nothing to do with
-        fits = f"the estimate fits with an ATE of {length(left)} in place of {length(rigid)}"
-        yield left, Issue("sizes-differ", f"{how} {fits}: {why}")
+        fits = f"the estimate fits with an ATE of {length(shown)} in place of {length(rigid)}"
+        yield left, Issue("sizes-differ", f"{how} {fits}{why}")
     if ate.motion is None and mirrored < SHAPE * rigid:
         text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
         yield mirrored, Issue("mirrored", text)
@@ -251,6 +254,17 @@ def _shapes(ate: AteResult) -> Reasons:
         if turns.sum() >= LEAST and count > OTHERWISE * turns.sum():
             text = f"turns otherwise than the reference in {count} of the {turns.sum()} seconds in which that turns: "
             yield inf, Issue("unlike", f"{text}lost, another drive, or a clock that runs unevenly?", count)
+
+
+def rescaled(factor: float, left: float) -> tuple[str, float]:
+    """Whose positions are to be multiplied by what, where those of the estimate by a factor are the reference's; and
+    the error that this leaves [m], of one in the reference's unit.
+    """
+    for unit, size in UNITS.items():
+        for whose, off, error in ("estimate", factor / size, left), ("reference", factor * size, size * left):
+            if abs(off - 1) < ROUGHLY:
+                return f"multiply the {whose}'s positions by {size:g} ({unit} as m):", error
+    return f"with the estimate's positions multiplied by {factor:.4g}", left
 
 
 def _stretched(there: Array, true: Array, ate: AteResult) -> tuple[float, str] | None:
@@ -283,10 +297,10 @@ def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
             moved = [np.interp(ate.stamps + late, ate.stamps, column) for column in ate.reference[:, :2].T]
             behind = f"{abs(late):.2f} s {'late' if late > 0 else 'early'}"
             if ALIKE * np.hypot(*(ate.aligned[:, :2] - np.transpose(moved)).T).mean() < ate.errors.mean():
-                text = f"stamps of the reference are {behind}: its clock seems another one (--time-offset {late:.2f})"
+                text = f"stamps of the reference are {behind}: its clock seems another one {shifting(f'{late:.2f}')}"
             else:
                 text = f"headings of the reference are {behind}, its positions not: errors of rotation, "
-                text += f"{np.rad2deg(as_is):.2g} degrees about their mean, hold that"
+                text += f"{np.rad2deg(as_is):.2g} degrees about their mean, are wrong by it"
             yield Issue("clocks-differ", text, len(turns))
             return
     path, _ = association.travelled(ate.reference)
@@ -313,12 +327,13 @@ def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
     left, factor = min((_spread_of(wrong - by * one), by) for by, one in tries)
     alike, why = _spread_of(wrong - right), "where positions agree: lost, another order, unit or sign, a mirrored path"
     if alike <= 0.2 * min(angle, AXES):
-        why = "throughout: other axes of the body, unit or sign, or a mirrored path"
+        why = "throughout: other axes of the body, as a camera's (turn them to x ahead, y left, z up), unit or sign, "
+        why += "or a mirrored path"
     elif left < SHAPE * alike and len(some) > LEAST and abs(factor) > TURNS:
         as_if = "in degrees, taken for radians" if abs(factor / DEGREES - 1) < TURNS else f"multiplied by {factor:.3g}"
         why = f"where positions agree: those of the {whose} are as if {as_if}"
     text = f"orientations differ by {np.rad2deg(angle if seen else middle):.2g} degrees{seen} {why}; errors of rotation"
-    yield Issue("body-axes", f"{text} and relative errors hold that", len(turns))
+    yield Issue("body-axes", f"{text} and relative errors are wrong by it, the ATE of positions is not", len(turns))
 
 
 def contradicted(turns: Array, own: Array, goal: Array) -> tuple[float, str]:

@@ -9,8 +9,8 @@ import numpy as np
 from moteslam.errors import File, InputError
 from moteslam.eval.metrics.association import covered, from_to, laid, nearest_rotation
 from moteslam.eval.metrics.ate import PoseErrors
-from moteslam.eval.metrics.clocks import ALIKE, GAIN_METRES, SHAPE
-from moteslam.eval.metrics.doubts import APART, AXES, DEGREES, LATEST, SAME, UNLIKE, contradicted
+from moteslam.eval.metrics.clocks import ALIKE, GAIN_METRES, SHAPE, shifting
+from moteslam.eval.metrics.doubts import APART, AXES, DEGREES, LATEST, SAME, UNLIKE, contradicted, rescaled
 from moteslam.eval.tables import length
 from moteslam.files import open_regular
 from moteslam.robot import se2
@@ -178,9 +178,9 @@ def relation_doubts(estimate: Trajectory, missed: RelationResult) -> tuple[Issue
         if places or headings:
             reasons.append((min(left, mean), turns, "relations-inverted", text))
 
-    def explains(off: Array, code: str, text: str) -> None:
+    def explains(off: Array, code: str, text: str, size: float = 1.0) -> None:
         if (left := float(np.linalg.norm(off, axis=1).mean())) < most and many:
-            explained = f"{text} relations are missed by {length(left)} in place of {length(mean)}"
+            explained = f"{text} relations are missed by {length(size * left)} in place of {length(mean)}"
             reasons.append((left, turned, code, explained))
 
     moved = other[:, :2] - one[:, :2]
@@ -194,8 +194,8 @@ def relation_doubts(estimate: Trajectory, missed: RelationResult) -> tuple[Issue
     text = f"with x and y turned by {degrees:.0f} degrees, in other axes of the robot,"
     explains(given[:, :2] @ turn_to.T - there[:, :2], "body-axes", text)
     factor = float((given[:, :2] * there[:, :2]).sum() / max(np.square(given[:, :2]).sum(), SAME**2))
-    text = f"with lengths multiplied by {factor:.4g}, of another unit or scale,"
-    explains(factor * given[:, :2] - there[:, :2], "sizes-differ", text)
+    text, size = rescaled(1 / max(factor, SAME), 1 / max(factor, SAME))
+    explains(factor * given[:, :2] - there[:, :2], "sizes-differ", text, size)
     c, s = np.cos(turn) - 1, np.sin(turn)
     design = np.concatenate((np.stack((c, -s), axis=1), np.stack((s, c), axis=1)))
     off = np.concatenate((x - there[:, 0], y - there[:, 1]))
@@ -204,13 +204,14 @@ def relation_doubts(estimate: Trajectory, missed: RelationResult) -> tuple[Issue
     explains((off - design @ arm).reshape(2, -1).T, "lever-arm", text)
     for seconds in np.arange(-LATEST, LATEST + APART / 2, APART):
         late = interpolated(estimate.stamps, estimate.poses, (missed.stamps + seconds).ravel()).reshape(-1, 2, 3)
-        text = f"with stamps moved by {seconds:+.2f} s, of another clock (--time-offset {-seconds:.2f}),"
+        text = f"with stamps moved by {seconds:+.2f} s, of another clock {shifting(f'{-seconds:.2f}')},"
         explains((between(late[:, 0], late[:, 1]) - given)[:, :2], "clocks-differ", text)
         text = f"with t2 alone moved by {seconds:+.2f} s"
         explains((between(one, late[:, 1]) - given)[:, :2], "clocks-differ", text)
     if seen and not reasons:
         text = f"angles of relations are missed by {np.rad2deg(angle):.2g} degrees{seen} where places agree: of another"
-        reasons.append((mean, turned, "body-axes", f"{text} order or unit, or not known? Errors of rotation hold that"))
+        text += " order or unit, or not known? Errors of rotation are wrong by it"
+        reasons.append((mean, turned, "body-axes", text))
     if not reasons and many and mean > UNLIKE * (size := float(np.hypot(*there[:, :2].T).mean())):
         text = f"relations of {length(size)} in the estimate's mean are missed by {length(mean)}: an estimate that is "
         reasons.append((mean, turned, "unlike", f"{text}lost, of another drive, or distances without x and y?"))

@@ -129,7 +129,7 @@ def _shaking(trajectory: Trajectory, odometry: Trajectory) -> Iterator[Issue]:
     shaking = float(np.sqrt(max(-both, 0.0) / max(len(before), 1)))
     if len(before) >= GLANCED and shaking > SHAKES and both < ALTERNATE * own:
         text = f"headings shake by {np.rad2deg(shaking):.1f} degrees from scan to scan where the odometry goes straight"
-        text += ": the angle at which scans begin seems to vary, and headings and relative errors hold that"
+        text += ": the angle at which scans begin seems to vary, and headings and relative errors are wrong by it"
         yield Issue("scans-unfit", text, len(before))
 
 

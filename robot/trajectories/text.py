@@ -125,9 +125,9 @@ def read_tum(path: str | PathLike[str]) -> Trajectory:
         quaternions = np.column_stack([table[name] for name in ("qx", "qy", "qz", "qw")])
         if not columns.names:
             read, other = ("qx qy qz qw", "qw qx qy qz")[:: 1 if is_tum else -1]
-            else_turned[f"{other} (a header would say so)"] = np.roll(quaternions, -1 if is_tum else 1, axis=1)
+            else_turned[f"{other} (put # t x y z {other} first)"] = np.roll(quaternions, -1 if is_tum else 1, axis=1)
             if not is_tum:
-                text = f"{path}: no names of columns: its orientations are taken for {read}; a header would say so"
+                text = f"{path}: no names of columns: its orientations are taken for {read}; put # t x y z {read} first"
                 issues += (Issue("orientation-order", text, len(lines)),)
     elif "yaw" in table:
         if "yaw" not in columns.scale and np.abs(table["yaw"]).max() > MAX_TURN:

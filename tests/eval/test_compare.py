@@ -21,9 +21,7 @@ TWO = 'scenarios = ["corridor"]\n[configurations.plain]\n[configurations.better]
 OTHER = 'scenarios = ["corridor"]\n[vary]\nslam.particles = [1, 10]\n'
 
 
-def paired(
-    folder: Path, name: str, factor: float = 1.0, *, failed: tuple[int, ...] = (), seeds: int = 10
-) -> Path:
+def paired(folder: Path, name: str, factor: float = 1.0, *, failed: tuple[int, ...] = (), seeds: int = 10) -> Path:
     """Two configurations on ten seeds; the second is off by nine tenths of the first one's error."""
 
     def result(run: PlannedRun) -> Values | str:

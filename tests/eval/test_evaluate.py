@@ -127,6 +127,9 @@ def test_relations_in_another_form_are_told(
     )
     found = shown(capsys, "evaluate", "fine.tum", "some.relations")
     assert [issue["code"] for issue in found["warnings"]] == codes
+    if codes == ["sizes-differ"]:
+        mend = "multiply the reference's positions by 0.01 (cm as m): relations are missed by "
+        assert re.fullmatch(rf"{re.escape(mend)}\S+ mm in place of \S+ m", found["warnings"][0]["message"])
 
 
 @pytest.mark.parametrize(

@@ -472,7 +472,7 @@ def test_anyones_slam_is_a_configuration_like_ours_and_where_it_fails_a_row_with
 def test_what_is_doubtful_of_a_commands_path_is_told_and_the_way_driven_is_the_truths(
     tmp_path: Path, capsys: Capsys
 ) -> None:
-    """One that writes millimetres, two that fail: on another clock, and with a few poses; and a map that is elsewhere."""
+    """One that writes millimetres, two that fail: on another clock, and with few poses; and a map that is elsewhere."""
     wrong = {
         "mm": ANYONES["works"].replace("$(NF-10), $(NF-9)", "1000 * $(NF-10), 1000 * $(NF-9)"),
         "clock": ANYONES["works"].replace("print $(NF-2)", "print $(NF-2) + 1000"),

@@ -317,7 +317,7 @@ def test_another_point_of_the_robot_is_told(
 @pytest.mark.parametrize(
     ("estimate", "reference", "expected", "words"),
     [
-        (clocked(1.0, 0.7), same, ["clocks-differ"], ("--time-offset -0.7",)),
+        (clocked(1.0, 0.7), same, ["clocks-differ"], ("in its file or by evaluate --time-offset -0.7",)),
         (lambda _: clocked(1.0, 0.3)(drive(0.2, 0.03)), same, ["clocks-differ"], ("--time-offset -0.3",)),
         (chain(between(45, 120), clocked(1.0, 0.3)), between(45, 120), ["lever-arm"], ("--est-offset 0.0", "or else")),
         (chain(positions_only, clocked(1.0, 0.7)), positions_only, [*ARM[:1] * 2, "clocks-differ"], ("or this is",)),
@@ -401,6 +401,12 @@ def turned(factor: float, offset: float = 0.0) -> Change:
         (same, scaled(2, 1.05), "sizes-differ", "stretched by 1.05 along 90 degrees of the reference's axes"),
         (chain(scaled(1, 1.04), sideways), same, "sizes-differ", "stretched by 0.96"),
         (x_late(15), same, "unlike", "where headings agree: x and y of other rows"),
+        (scaled(slice(1, 4), 100.0), same, "sizes-differ", "the estimate's positions by 0.01 (cm as m): the estimate fits"),
+        (same, scaled(slice(1, 4), 3.28), "sizes-differ", "multiply the reference's positions by 0.3048 (feet as m):"),
+        (scaled(slice(1, 4), 0.95), same, "sizes-differ", "with the estimate's positions multiplied by 1.053 the"),
+        (sideways, same, "body-axes", "as a camera's (turn them to x ahead, y left, z up)"),
+        (sideways, same, "body-axes", "relative errors are wrong by it, the ATE of positions is not"),
+        (wxyz, same, "orientation-order", "as qw qx qy qz (put # t x y z qw qx qy qz first):"),
     ],
 )
 def test_headings_and_one_direction_that_all_else_contradicts(
