@@ -109,8 +109,8 @@ def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Ite
     if found.odometry_distance is not None:
         yield f"odometry: {found.odometry_distance:.1f} m driven"
     for clock in found.clocks:
-        after = f"{1000 * clock.offset:+.0f} ms after those by the {clock.reference}"
-        yield f"clock: turns by the {clock.name} {after}, correlation {clock.correlation:.2f}"
+        late = f"{1000 * abs(clock.offset):.0f} ms {'after' if clock.offset >= 0 else 'before'} those by"
+        yield f"clock: turns by the {clock.name} {late} the {clock.reference}, correlation {clock.correlation:.2f}"
     for problem in found.problems:
         yield f"problem: {literal(problem)}"
     if about is not None and about.issues:

@@ -15,7 +15,7 @@ from moteslam.errors import ConfigError, in_file
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import arg, flag, opt
 from moteslam.eval.cli.text import answer, simulation_bar, warn
-from moteslam.eval.tables import literal
+from moteslam.eval.tables import length, literal
 
 if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
@@ -229,21 +229,24 @@ def _checked(recording: Recording, side: Side) -> tuple[Recording, tuple[Issue, 
 def _dead_reckon(
     path: Path, recording: Recording, config: SlamConfig, out: Path | None, run: options.SlamOptions
 ) -> None:
+    from moteslam.eval.metrics.ate import absolute_trajectory_error
+    from moteslam.eval.scores import truth_beside
     from moteslam.files import result_folder, write_atomically
     from moteslam.robot.trajectories.text import write_tum
     from moteslam.slam.inputs.synchronise import dead_reckon
 
     trajectory = dead_reckon(recording, config.sync)
-    warn(recording.warnings)
+    truth, issues = truth_beside(path, trajectory.stamps)
+    ate = None if truth is None else absolute_trajectory_error(trajectory, truth).rmse
+    issues = (*recording.warnings, *issues)
+    warn(issues)
     if out is not None:
         with result_folder(out, force=run.force, keep=path) as folder:
             write_tum(folder / "dead_reckoning.tum", trajectory)
             write_atomically(folder / "config.toml", config.to_toml())
             if not run.no_figures:
                 from moteslam.eval.report.maps import draw_dead_reckoning
-                from moteslam.eval.scores import truth_beside
 
-                truth, _ = truth_beside(path, trajectory.stamps)
                 file, title = folder / "dead_reckoning.png", f"{recording.name}: dead reckoning"
                 draw_dead_reckoning(file, trajectory, recording=recording, truth=truth, title=title)
     x, y, theta = trajectory.poses[-1].tolist()
@@ -251,10 +254,12 @@ def _dead_reckon(
     found: dict[str, object] = {"out": None if out is None else str(out), "recording": recording.name}
     found |= {"poses": len(trajectory), "distance_m": trajectory.length, "duration_s": duration}
     found |= {"end": {"x_m": x, "y_m": y, "heading_deg": degrees(theta)}}
-    found |= {"warnings": [issue.as_dict() for issue in recording.warnings]}
+    found |= {} if ate is None else {"ate_m": ate}
+    found |= {"warnings": [issue.as_dict() for issue in issues]}
     lines = [
         f"{literal(recording.name)}: dead reckoning over {trajectory.length:.1f} m in {duration:.1f} s",
         f"ends at x {x:.2f} m, y {y:.2f} m, heading {degrees(theta):.1f} deg",
+        *([] if ate is None else [f"ATE {length(ate)}, by the truth beside the recording"]),
         *([] if out is None else [f"result in {literal(out)}"]),
     ]
     answer(found, lines, as_json=run.as_json)

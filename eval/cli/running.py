@@ -54,6 +54,7 @@ SHOWN = 10
 """Of the lines that are left out so many are told, each in a line; then how many there were."""
 KEYS = {"odometry": {"stamp", "pose", "counts"}, "imu": {"stamp", "yaw_rate"}, "scan": {"stamp", "ranges", "odometry"}}
 """What a message of each type may have."""
+NEEDED = {"imu": "yaw_rate", "scan": "ranges"}
 TRACKS = {"dead reckoning": DEAD_RECKONING, "SLAM (online)": ONLINE, "SLAM (final)": FINAL}
 
 
@@ -291,15 +292,17 @@ def _message(line: bytes) -> dict[str, Any]:
     stamp = message.get("stamp")
     if isinstance(stamp, bool) or not isinstance(stamp, int | float):
         raise InputError(f"{shortened(stamp)}, expected seconds", field=f"{kind}.stamp")
+    if (needed := NEEDED.get(kind)) is not None and needed not in message:
+        raise InputError("missing, expected numbers", field=f"{kind}.{needed}")
     return message
 
 
 def _add(slam: OnlineSlam, kind: str, message: dict[str, Any]) -> Update | None:
-    stamp, ranges = float(message["stamp"]), message.get("ranges", "none")
+    stamp, ranges = float(message["stamp"]), message.get("ranges")
     if kind == "odometry":
         return slam.add_odometry(stamp, message.get("pose"), counts=message.get("counts"))
     if kind == "imu":
-        return slam.add_imu(stamp, message.get("yaw_rate", "none"))
+        return slam.add_imu(stamp, message["yaw_rate"])
     if isinstance(ranges, list):  # JSON has no word for a number that is none
         ranges = [float("nan") if one is None else one for one in ranges]
     return slam.add_scan(ranges, stamp, odometry=message.get("odometry"))

@@ -145,7 +145,7 @@ def scenario_of(
         stated = dict(one.partition("=")[::2] for one in settings).get("duration")
         if error.field != "duration" or stated is None:
             raise
-        why = f"duration={stated} is longer in proportion for a slower robot, --duration {stated} ends the drive"
+        why = f"to stop earlier use --duration {stated} (duration={stated} is longer for a slower robot)"
         raise ConfigError(f"{error.problem}; {why}", file=error.file, field=error.field) from error
     return loaded.model_copy(update={"duration": min(inf if duration is None else duration, loaded.duration)})
 

@@ -249,8 +249,10 @@ def _of_levels(counts: NDArray[np.int64], read: Percent, about: MapFile) -> Iter
     if counts[grey] and of_map_saver and known.sum() > MANY * counts[near].sum():
         which = int(known.argmax())
         shade = f"grey {which}{'' if which == grey else f', next to {grey}'}, which map_saver writes for unknown"
+        unsure = np.floor(1000 * abs(which - 255 * (grey == UNKNOWN_GREY)) / 255) / 1000  # of this shade
+        mend = f": set free_thresh {unsure:g}, occupied_thresh {OCCUPIED_THRESHOLD:g}, negate {grey != UNKNOWN_GREY:d}"
         why = f"is read as {'occupied' if read[which] else 'free'} by {thresholds} and negate {about.negate:d}"
-        yield f"{shade}, {why}; {known.sum()} of {counts.sum()} cells count as known, so map_known is too high"
+        yield f"{shade}, {why}; {known.sum()} of {counts.sum()} cells count as known{mend}"
 
 
 def _write_yaml(image: Path, raster: Raster, before: dict[str, Any], after: Mapping[str, Any]) -> None:

@@ -298,7 +298,7 @@ def check_duration(task: Task, limits: Limits, duration: float) -> None:
         distance = task.distance
     rests, driving = limits.rest_start + limits.rest_end, distance / limits.speed
     if duration <= rests or duration < rests + driving:
-        problem = f"{duration:g} s, expected more than {rests:g} s of rests and {driving:.0f} s for {distance:.0f} m"
+        problem = f"{duration:g} s, expected more: {distance:.0f} m take {driving:.0f} s, and rests {rests:g} s"
         raise ConfigError(problem, field="duration")
 
 

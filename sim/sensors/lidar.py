@@ -234,6 +234,7 @@ def check_sensors(platform: Platform) -> None:
     sweep = platform.lidar.time_increment * (scan.beams - 1)
     if sweep > 1 / scan.rate:
         raise ConfigError(
-            f"{scan.beams} beams take {sweep:g} s, expected at most the {1 / scan.rate:g} s between two scans",
+            f"{platform.lidar.time_increment:g} s: {scan.beams} beams take {sweep:g} s, expected at most the "
+            f"{1 / scan.rate:g} s between two scans by rate",
             field="platform.lidar.time_increment",
         )

@@ -5,12 +5,19 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from moteslam.robot.values import Angle, Number, Positive, Section, Share, Whole
 
+
+def _x_y(value: object) -> object:
+    if isinstance(value, list | tuple) and len(value) != 2:
+        raise ValueError(f"{len(value)} numbers, expected x, y")
+    return value
+
+
 Coordinate = Annotated[Number, Field(ge=-1000, le=1000)]
-Point = tuple[Coordinate, Coordinate]
+Point = Annotated[tuple[Coordinate, Coordinate], BeforeValidator(_x_y)]
 Size = Annotated[Number, Field(gt=0, le=1000)]
 Polygon = NDArray[np.float64]  # float64, shape [k, 2]: corners [m]
 Segments = NDArray[np.float64]  # float64, shape [m, 4]: x0, y0, x1, y1 [m]

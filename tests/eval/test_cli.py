@@ -2,9 +2,11 @@
 
 import json
 import math
+import re
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,10 +16,13 @@ from command_lines import Capsys, printed, program, refused, shown, told
 from converted import WRITTEN, assert_held, name_of, to, with_every_stream
 
 from moteslam.eval.cli import main
+from moteslam.eval.cli.recordings import _lines as inspection_lines
 from moteslam.robot.formats import open_recording, write_recording
 from moteslam.robot.formats.written import write_carmen
+from moteslam.robot.inspection import inspect_recording
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import between
+from moteslam.robot.sensor_reports import ClockReport
 from moteslam.robot.trajectories import WRITERS, read_trajectory, write_trajectory
 from moteslam.robot.trajectories.text import read_tum, write_g2o, write_tum
 from moteslam.robot.trajectory import PoseGraph, Trajectory
@@ -134,7 +139,18 @@ def test_dead_reckoning_of_the_real_encoders(
 def test_a_stated_duration_that_is_too_short_is_named(tmp_path: Path, capsys: Capsys) -> None:
     slow = ("--platform", "turtlebot3", "--set", "duration=60")
     said = refused(capsys, "simulate", "corridor", *slow, "--out", tmp_path / "x")
-    assert all(words in said for words in ("corridor: duration: 259.091 s", "duration=60", "--duration 60"))
+    words = "corridor: duration: 259.091 s", "duration=60", "101 m take ", "to stop earlier use --duration 60"
+    assert all(each in said for each in words)
+
+
+def test_dead_reckoning_is_scored_by_the_truth_beside_it(
+    simulated_folder: Path, tmp_path: Path, capsys: Capsys
+) -> None:
+    replay = ("replay", simulated_folder, "--dead-reckoning")
+    assert re.search(r"^ATE \S+ cm, by the truth beside the recording$", printed(capsys, *replay), re.M)
+    printed(capsys, *replay, "--out", tmp_path / "out")
+    scored = shown(capsys, "evaluate", tmp_path / "out/dead_reckoning.tum", simulated_folder / "truth.tum")
+    assert shown(capsys, *replay)["ate_m"] == pytest.approx(scored["ate"]["translation_m"]["rmse"])
 
 
 def test_inspect(simulated_folder: Path, tmp_path: Path, capsys: Capsys) -> None:
@@ -153,6 +169,14 @@ def test_inspect(simulated_folder: Path, tmp_path: Path, capsys: Capsys) -> None
     assert (tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
     assert lidar["resolution"] == pytest.approx(0.001)
     assert lidar["noise_at_rest"]["deviation"] == pytest.approx(0.009, abs=0.002)
+
+
+def test_a_clock_is_before_or_after_another(simulation) -> None:
+    found = inspect_recording(simulation.recording)
+    for offset, words in ((-0.05, "50 ms before those by the imu"), (0.05, "50 ms after those by the imu")):
+        clock = ClockReport("encoders", "imu", offset, 0.9, 0.01)
+        lines = inspection_lines(replace(found, clocks=(clock,)), simulation.recording.platform, None)
+        assert f"clock: turns by the encoders {words}, correlation 0.90" in lines
 
 
 @pytest.fixture(scope="session")

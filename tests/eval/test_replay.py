@@ -86,6 +86,7 @@ BAD = {
     '{"type": "imu", "stamp": NaN, "yaw_rate": 1}': "imu.stamp",
     '{"type": "imu", "stamp": 9e9, "yaw_rate": null}': "imu.yaw_rate",
     '{"type": "imu", "stamp": 1, "rate": 1}': "imu.rate",
+    '{"type": "scan", "stamp": 9e9}': "scan.ranges: missing",
     '{"type": "scan", "stamp": 9e9, "ranges": [1, 2]}': "ranges",
     json.dumps({"type": "scan", "stamp": 1.7e9, "ranges": [1] * 271}): "lidar.stamp",
     '{"type": "odometry", "stamp": 9e9, "counts": [1]}': "odometry.counts",

@@ -401,7 +401,12 @@ def turned(factor: float, offset: float = 0.0) -> Change:
         (same, scaled(2, 1.05), "sizes-differ", "stretched by 1.05 along 90 degrees of the reference's axes"),
         (chain(scaled(1, 1.04), sideways), same, "sizes-differ", "stretched by 0.96"),
         (x_late(15), same, "unlike", "where headings agree: x and y of other rows"),
-        (scaled(slice(1, 4), 100.0), same, "sizes-differ", "the estimate's positions by 0.01 (cm as m): the estimate fits"),
+        (
+            scaled(slice(1, 4), 100.0),
+            same,
+            "sizes-differ",
+            "multiply the estimate's positions by 0.01 (cm as m):",
+        ),
         (same, scaled(slice(1, 4), 3.28), "sizes-differ", "multiply the reference's positions by 0.3048 (feet as m):"),
         (scaled(slice(1, 4), 0.95), same, "sizes-differ", "with the estimate's positions multiplied by 1.053 the"),
         (sideways, same, "body-axes", "as a camera's (turn them to x ahead, y left, z up)"),

@@ -102,6 +102,12 @@ def test_refused(table: dict[str, Any], key: str, value: Any, field: str) -> Non
         parse_scenario(changed({**table, "camera": {}}, key, value), file="my.toml")
 
 
+@pytest.mark.parametrize("start", [[2.0, 2.0, 0.5], [2.0]])
+def test_a_point_is_x_and_y(table: dict[str, Any], start: list[float]) -> None:
+    with refusal(ConfigError, f"{len(start)} numbers, expected x, y", field="wander.start"):
+        parse_scenario(changed(changed(table, "route", None), "wander", {"start": start, "distance": 9.0}))
+
+
 @pytest.mark.parametrize("name", ["nowhere", "full.txt", "", "broken.toml", "huge.toml"])
 def test_unreadable_files_are_refused(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
