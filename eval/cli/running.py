@@ -298,12 +298,12 @@ def _message(line: bytes) -> dict[str, Any]:
 
 
 def _add(slam: OnlineSlam, kind: str, message: dict[str, Any]) -> Update | None:
-    stamp, ranges = float(message["stamp"]), message.get("ranges")
+    stamp = float(message["stamp"])
     if kind == "odometry":
         return slam.add_odometry(stamp, message.get("pose"), counts=message.get("counts"))
     if kind == "imu":
         return slam.add_imu(stamp, message["yaw_rate"])
-    if isinstance(ranges, list):  # JSON has no word for a number that is none
+    if isinstance(ranges := message["ranges"], list):  # JSON has no word for a number that is none
         ranges = [float("nan") if one is None else one for one in ranges]
     return slam.add_scan(ranges, stamp, odometry=message.get("odometry"))
 

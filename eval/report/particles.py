@@ -124,8 +124,8 @@ def _draw_deviations(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64], c
     values = unit * cloud.deviations(drawn)[..., column]
     best = unit * cloud.deviations(np.array([cloud.best]))[0, :, column]
     time, sigma = broken(cloud.time, unit * cloud.spread[:, column])
-    band = {"facecolor": "0.85", "edgecolor": "0.3", "lw": 0.6}
-    axes.fill_between(time, -sigma, sigma, **band, label="standard deviation of all particles (ellipses: twice)")
+    label_of_band = "standard deviation of all particles (ellipses: twice)"
+    axes.fill_between(time, -sigma, sigma, facecolor="0.85", edgecolor="0.3", lw=0.6, label=label_of_band)
     for side in (-sigma, sigma):  # over the paths, which may hide the band
         axes.plot(time, side, color="0.3", lw=0.6, zorder=3)
     lines = [np.stack(broken(cloud.time, line), axis=-1) for line in values]

@@ -124,12 +124,14 @@ def test_a_path_is_that_of_slam_and_its_file_a_picture(run, tmp_path: Path, draw
         maps.draw_trajectories(tmp_path / "x.xyz", run[0].map, slam=run[0].trajectory)
 
 
-def test_a_robot_that_never_moved_can_be_drawn(occupancy: Raster, tmp_path: Path) -> None:
+def test_a_robot_that_never_moved_can_be_drawn(occupancy: Raster, tmp_path: Path, drawn: list[Figure]) -> None:
     still = Trajectory(np.array([1.0, 1.0]), np.zeros((2, 3)))
     maps.draw_trajectories(tmp_path / "a.png", occupancy, slam=still)
     maps.draw_dead_reckoning(tmp_path / "b.png", still)
     ancestors = np.arange(3)[:, None]
     draw_particles(tmp_path / "c.png", Cloud(still.stamps[:1], np.zeros((3, 1, 3)), ancestors, np.zeros((1, 3))))
+    (legend,) = drawn[-1].legends
+    assert "standard deviation of all particles (ellipses: twice)" in [text.get_text() for text in legend.get_texts()]
     curves.draw_error(tmp_path / "d.png", slam=absolute_trajectory_error(still, still))
     curves.draw_effective_particles(tmp_path / "e.png", still.stamps, np.ones(2), np.zeros(2), particles=np.ones(2))
     assert len(list(tmp_path.glob("*.png"))) == 5
