@@ -308,7 +308,9 @@ def _numbers(values: Any, dtype: type, count: int | None, field: str) -> NDArray
         given = np.empty((0, 0))
     sound = given.ndim == 1 and count in (None, len(given))
     if not sound or (count and not (np.isfinite(given).all() and (given.astype(dtype) == given).all())):
-        shown, whole = shortened(given.tolist() if given.ndim == 1 else values), "whole " * (dtype is np.int64)
+        whole = "whole " * (dtype is np.int64)
+        shown = shortened(given.tolist() if given.ndim == 1 else values)
+        shown = str(list(given.shape)) if given.ndim > 1 and given.size else shown
         raise InputError(f"{shown}, expected [{count or 'beams'}] {whole}numbers", field=field)
     return given.astype(dtype)
 

@@ -202,7 +202,7 @@ class LiveInputs(Inputs):
             text = f"a scan at {stray} s is left out: the next is at {stamp} s"
             self._other_clock = (*self._other_clock, Issue("other-clock", text))
         if stamp < self._latest.get(stream, -np.inf):
-            text = f"{stamp} s after {self._latest[stream]} s, expected rising seconds"
+            text = f"{stamp} s, before the one before it, {self._latest[stream]} s, expected rising seconds"
             raise InputError(text, field=f"{stream}.stamp")
         far = off < -FAR_AHEAD or (stream == "lidar" and off > FAR_AHEAD)
         if far and (others := ", ".join(sorted(self._latest.keys() - {stream}))):
