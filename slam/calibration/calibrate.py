@@ -24,7 +24,15 @@ from moteslam.slam.calibration.hand_eye import (
     expected_motions,
     fit,
 )
-from moteslam.slam.calibration.readings import FORMS, clock_steps, in_form, quarter_turn, with_stamps
+from moteslam.slam.calibration.readings import (
+    FORMS,
+    at_times,
+    clock_steps,
+    in_form,
+    lag_of_wheels,
+    quarter_turn,
+    without_lag,
+)
 from moteslam.slam.calibration.registered import GOOD, TURNING, RegisteredPairs, best_scale, choose_pairs
 from moteslam.slam.calibration.unmeasured import (
     FEWEST,
@@ -67,8 +75,7 @@ LATE, LATE_WHEELS = 0.16, 0.25
 WHEELS_LEAD = 0.1
 """Wheels turn so long before the robot does [s]: along a ring it else passes for a lidar aside."""
 DRIFT = 1e-3  # Likewise [s/s]
-RATE = 0.1
-"""The rate of a turn is taken over this time [s]."""
+RATE = 0.1  # The rate of a turn is taken over this time [s]
 SPARSE = 0.5
 """Scans laid on one fan whose beams are to a larger share of others, as each begins at another angle, are not held
 against each other."""
@@ -96,7 +103,7 @@ class Calibration:
     correlation: float  # of the turns of scans and odometry
     clocks: Fit | None  # a fit with the difference of the clocks; None if the odometry is logged with the scans
     shared_clock: bool  # the clocks do not differ clearly, or the scans fit no better with two
-    late: Literal["", "gyro"]  # ``gyro`` where its stamps alone are off, and not those of the wheels; else empty
+    late: Literal["", "gyro", "encoders"]  # the one of both whose stamps alone are off
     fits: bool  # the odometry measures the motion of the scans; else nothing but the angles is known
     reversed: bool | None  # mirrored beams are in the wrong order in time, too; None where scans do not show it
     sweep: float | None  # how long a sweep takes [s] where it clearly is not as stated, or none is stated
@@ -212,7 +219,7 @@ def _calibrate(
         return None
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
     form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
-    at = _at(in_form(path, form))
+    at = at_times(in_form(path, form))
     wrong = _wrong(recording, scans.pairs) if mirrored else ""
     is_reversed = scans.mirror(lidar, _rates(scans, at, offset, drift)) if mirrored else False
     angle_scale, deviation, excess = scans.scale_angles()
@@ -222,7 +229,7 @@ def _calibrate(
     if not mirrored and recording.encoders is None:
         aside = float(se2.wrap(best.values[Parameter.YAW] - recording.platform.lidar.yaw))
         quarter = quarter_turn(in_form(path, form).poses, aside)
-        at = _at(in_form(path, form, quarter))
+        at = at_times(in_form(path, form, quarter))
     scans.refine(expected_motions(best.values, scans.first, scans.last, best.middle, at))
     scans.expect(GOOD)
     clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
@@ -251,7 +258,7 @@ def _calibrate(
         clocks, lead = one, fit(scans.pairs, at, (0.0, 0.0), shared=True, lead=WHEELS_LEAD)
         for values, known in ((one.values, lead.values), (one.deviations, lead.deviations)):
             values[MOUNT] = known[MOUNT]
-    late: Literal["", "gyro"] = ""
+    late: Literal["", "gyro", "encoders"] = ""
     start = clocks.values[Parameter.OFFSET] + clocks.values[Parameter.DRIFT] * (scans.first.min() - clocks.middle)
     began_as_one = abs(start) < (LATE_WHEELS if wheels_alone else LATE)
     if wheels_alone and began_as_one and not leaps:
@@ -260,14 +267,13 @@ def _calibrate(
     best = one if shared and not (logged or wheels_alone) else clocks._replace(values=clocks.values.copy())
     if not shared and began_as_one:
         best.values[Parameter.OFFSET] -= start
-    if differ and not logged and recording.imu is not None and recording.encoders is not None:
-        offset = float(clocks.values[Parameter.OFFSET])
-        moved = odometry_path(with_stamps(recording, ("imu",), lambda stamps: stamps - offset), SyncConfig())
-        assert moved is not None
-        alone = fit(scans.pairs, _at(moved), (0.0, 0.0), shared=True)
-        if alone.cost < EXPLAINED * min(one.cost, clocks.cost):
-            shared, late, best = False, "gyro", alone
-            best.values[Parameter.OFFSET] = offset
+    if not logged and recording.imu is not None and recording.encoders is not None:
+        lag = float(clocks.values[Parameter.OFFSET]) if differ else lag_of_wheels(recording, scans.pairs)
+        if differ or abs(lag) > LATE:
+            alone = without_lag(recording, scans.pairs, "imu" if differ else "encoders", lag)
+            if alone.cost < EXPLAINED * min(one.cost, clocks.cost):
+                shared, late, best = False, "gyro" if differ else "encoders", alone
+                clocks = clocks if differ else best
     fits = read is not None and min(best.cost, clocks.cost) < UNFIT and not best.stands
     rates = _rates(scans, at, *best.values[CLOCKS], turns=best.values[Parameter.TURNS])
     return Calibration(
@@ -312,12 +318,6 @@ def _wrong(recording: Recording, pairs: Pairs) -> Literal["", "lidar", "odometry
     return "lidar" if correlation < 0 else other
 
 
-def _at(path: OdometryPath) -> Path:
-    """The poses at times, as ``path.at`` gives them, made for many calls."""
-    columns = path.poses[:, 0], path.poses[:, 1], np.unwrap(path.poses[:, 2])
-    return lambda times: np.stack([np.interp(times, path.stamps, column) for column in columns], axis=-1)
-
-
 def _rates(scans: RegisteredPairs, at: Path, offset: float, drift: float, *, turns: float = 1) -> tuple[Array, Array]:
     """The odometry's turns, over a scale, while former scans of pairs [k] were taken, and the latter ones [rad/s]."""
     middle = scans.pairs.middle
@@ -342,7 +342,7 @@ def _read(
         if mirrored:
             covariances = pairs.covariances * np.outer(signs, signs)
             pairs = pairs._replace(motions=pairs.motions * signs, covariances=covariances)
-        cost = fit(pairs, _at(read), (offset, drift), shared=logged).cost
+        cost = fit(pairs, at_times(read), (offset, drift), shared=logged).cost
         if cost < BETTER * least and (least - cost) * len(pairs.first) > EVIDENCE:
             best, least = (form, mirrored, correlation, (offset, drift)), cost
     if best is not None and best[1] and best[0] in ("turns", "y"):  # one wrong sign in place of two

@@ -187,16 +187,17 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text += "the gyro's rates are no rad/s" if by_gyro else f"its track is wrong{as_long}, or its angles no radians"
         told.append(("odometry-turn-scale", text))
     if (late := certain.get("offset")) is not None:
-        side = ("later", "earlier")[int((late.value > 0) != (c.late == "gyro"))]
+        side = ("later", "earlier")[int((late.value > 0) != bool(c.late))]
         by = f"{abs(late.value):.2f} s ({_interval(abs(late.value), late.deviation)}) {side}"
         text = f"lidar: scans are stamped {by} than the odometry of them"
         if lidar.odometry is not None:
             text = f"odometry: what is logged with scans is of {by} than they"
-        if c.late == "gyro":
-            text = f"imu: stamped {by} than scans and wheels"
+        if c.late:
+            stream, others = ("imu", "wheels") if c.late == "gyro" else ("encoders", "gyro")
+            text = f"{stream}: stamped {by} than scans and {others}"
         if stamped_at_end(c, recording):
             text += f", by about the {sweep_seconds(recording, lidar):.2f} s of a sweep, as if stamped at its end"
-        text += ": every turn is smeared"
+        text += ": it drives and turns at other times" if c.late == "encoders" else ": every turn is smeared"
         runs, about = (float(values[Parameter.DRIFT]) for values in (c.fit.values, c.fit.deviations))
         if SIGMAS * about * np.ptp(lidar.stamps) > LATE:
             text += f". It may drift, by {-1000 * runs:+.1f} +-{1000 * SIGMAS * about:.1f} ms a second: turns are too "

@@ -60,8 +60,9 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
     mended = mended.replace(lidar=lidar)
     if mirror in ("odometry", "gyro"):
         mended = _mirror_image(mended, gyro=mirror == "gyro" or not c.wrong, poses=mirror == "odometry")
-    if c.late == "gyro":
-        mended, offset, drift = with_stamps(mended, ("imu",), lambda stamps: stamps - offset), 0.0, 0.0
+    if c.late:
+        stream = "imu" if c.late == "gyro" else c.late
+        mended, offset, drift = with_stamps(mended, (stream,), lambda stamps: stamps - offset), 0.0, 0.0
     lidar = require_lidar(mended)
     if lidar.odometry is not None and (offset or drift):
         at = lidar.stamps + offset + drift * (lidar.stamps - c.fit.middle)

@@ -8,7 +8,10 @@ import numpy as np
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Array
-from moteslam.slam.inputs.odometry_path import OdometryPath
+from moteslam.robot.sensor_reports import clock_reports, turns
+from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, Path, clock, fit
+from moteslam.slam.inputs.config import SyncConfig
+from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
 from moteslam.slam.inputs.synchronise import WrongStamps
 
 FORMS = ("stated", "turns", "y", "path")
@@ -79,3 +82,27 @@ def with_stamps(recording: Recording, names: Sequence[str], change: Callable[[Ar
         name: replace(stream, stamps=change(stream.stamps)) for name, stream in streams.items() if stream is not None
     }
     return recording.replace(**changed)
+
+
+def at_times(path: OdometryPath) -> Path:
+    """The poses at times, as ``path.at`` gives them, made for many calls."""
+    columns = path.poses[:, 0], path.poses[:, 1], np.unwrap(path.poses[:, 2])
+    return lambda times: np.stack([np.interp(times, path.stamps, column) for column in columns], axis=-1)
+
+
+def lag_of_wheels(recording: Recording, pairs: Pairs) -> float:
+    """By how much the wheels' stamps are late against those of the gyro [s]: coarsely by the scans of pairs, which are
+    compared over more time, then by the gyro's turns. 0 where these are not the same.
+    """
+    lag, *_ = clock(pairs, *turns(recording)["encoders"], shared=False)
+    near = with_stamps(recording, ("encoders",), lambda stamps: stamps - lag)
+    return next((lag + report.offset for report in clock_reports(near) if report.name == "encoders"), 0.0)
+
+
+def without_lag(recording: Recording, pairs: Pairs, stream: str, lag: float) -> Fit:
+    """A fit on one clock once the stamps of a stream, ``imu`` or ``encoders``, are earlier by a lag [s]."""
+    path = odometry_path(with_stamps(recording, (stream,), lambda stamps: stamps - lag), SyncConfig())
+    assert path is not None
+    found = fit(pairs, at_times(path), (0.0, 0.0), shared=True)
+    found.values[Parameter.OFFSET] = lag
+    return found

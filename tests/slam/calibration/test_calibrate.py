@@ -442,6 +442,10 @@ def gyro(by: float | tuple[float, ...]) -> Fault:
     return lambda r: r.replace(imu=replace(r.imu, angular_velocity=r.imu.angular_velocity * by))
 
 
+def wheels(by: float) -> Fault:
+    return lambda r: r.replace(encoders=replace(r.encoders, stamps=r.encoders.stamps + by))
+
+
 MIRRORED, SCALED = poses(lambda p: p * (1, -1, -1)), poses(lambda p: p * (1.1, 1.1, 1))
 SIDES: dict[str, tuple[Fault, str, str, str]] = {
     "turns": (poses(lambda p: p * (1, 1, -1)), "turns", "odometry-signs", "odometry"),
@@ -458,6 +462,8 @@ SIDES: dict[str, tuple[Fault, str, str, str]] = {
         "imu",
     ),
     "late gyro": (lambda r: r.replace(imu=replace(r.imu, stamps=r.imu.stamps + 0.3)), "stated", "clock-offset", "imu"),
+    "late wheels": (wheels(1.3), "stated", "clock-offset", "encoders"),
+    "early wheels": (wheels(-0.4), "stated", "clock-offset", "encoders"),
     "late": (late(0.3), "stated", "clock-offset", "lidar"),
     "mirrored": (MIRRORED, "stated", "mirrored", ""),
     "scaled": (SCALED, "stated", "range-scale", ""),
