@@ -204,17 +204,22 @@ def _of_space(estimate: Trajectory, reference: Trajectory) -> Iterator[Issue]:
 
 
 def _inverted(estimate: Trajectory, reference: Trajectory, ate: AteResult, apart: float) -> Reasons:
-    """Whether it is the inverse of the estimate's poses that fits the reference: the world in the body."""
+    """Whether they fit where the poses of one of them are taken for their inverse: the world in the body."""
     if ate.rotation_errors is None or ate.rmse < SMALL:
         return
-    other = replace(estimate, poses=se2.inverse(estimate.poses))
-    if (there := estimate.space) is not None:
+    for whose, pair in ("estimate", (_inverse(estimate), reference)), ("reference", (estimate, _inverse(reference))):
+        found = absolute_trajectory_error(*pair, max_difference=apart)
+        if found.rmse < min(SHAPE * ate.rmse, FITS * float(np.linalg.norm(found.reference[:, :2].std(axis=0)))):
+            text = f"inverted the {whose}'s poses fit with an ATE of {length(found.rmse)} in place of {length(ate.rmse)}"
+            yield found.rmse, Issue("poses-inverted", f"{text}: are they those of the world in the body?")
+
+
+def _inverse(trajectory: Trajectory) -> Trajectory:
+    other = replace(trajectory, poses=se2.inverse(trajectory.poses))
+    if (there := trajectory.space) is not None:
         turns = np.swapaxes(there.rotations, 1, 2)
         other = replace(other, space=Space(-(turns @ there.positions[:, :, None])[:, :, 0], turns))
-    rmse = absolute_trajectory_error(other, reference, max_difference=apart).rmse
-    if rmse < min(SHAPE * ate.rmse, FITS * float(np.linalg.norm(ate.reference[:, :2].std(axis=0)))):
-        text = f"inverted the estimate's poses fit with an ATE of {length(rmse)} in place of {length(ate.rmse)}"
-        yield rmse, Issue("poses-inverted", f"{text}: are they those of the world in the body?")
+    return other
 
 
 def _shapes(ate: AteResult) -> Reasons:

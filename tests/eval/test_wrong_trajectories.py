@@ -138,6 +138,13 @@ def inverted(table: Table) -> Table:
     return np.column_stack((table[:, 0], -body.inv().apply(table[:, 1:4]), body.inv().as_quat()))
 
 
+def elsewhere(table: Table) -> Table:
+    """In a frame of its own, as SLAM's."""
+    turn = Rotation.from_euler("z", 2.0)
+    poses = turn.apply(table[:, 1:4] + (5.0, -3.0, 0.0)), (turn * Rotation(table[:, 4:])).as_quat()
+    return np.column_stack((table[:, 0], *poses))
+
+
 def tilted(table: Table) -> Table:
     """The same drive on a slope."""
     slope = Rotation.from_rotvec((0.5, 0.0, 0.0))
@@ -204,6 +211,7 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
         (lambda t: scaled(1, 0.995)(along_a_line(t)), along_a_line, []),  # nothing tells a scale from a rate
         (lambda t: scaled(1, 0.95)(along_a_line(t)), along_a_line, ["sizes-differ"]),
         (inverted, same, ["poses-inverted"]),
+        (elsewhere, inverted, ["poses-inverted"]),
         (lambda t: inverted(tilted(t)), tilted, ["in-space", "poses-inverted"]),
         (twice, twice, []),
         (scaled(2, -1.0), scaled(2, -1.0), ["orientation-order"] * 2),  # mirrored alike, but for the headings
