@@ -210,8 +210,9 @@ def _inverted(estimate: Trajectory, reference: Trajectory, ate: AteResult, apart
     for whose, pair in ("estimate", (_inverse(estimate), reference)), ("reference", (estimate, _inverse(reference))):
         found = absolute_trajectory_error(*pair, max_difference=apart)
         if found.rmse < min(SHAPE * ate.rmse, FITS * float(np.linalg.norm(found.reference[:, :2].std(axis=0)))):
-            text = f"inverted the {whose}'s poses fit with an ATE of {length(found.rmse)} in place of {length(ate.rmse)}"
-            yield found.rmse, Issue("poses-inverted", f"{text}: are they those of the world in the body?")
+            text = f"inverted the {whose}'s poses fit with an ATE of {length(found.rmse)} in place of "
+            text += f"{length(ate.rmse)}: are they those of the world in the body?"
+            yield found.rmse, Issue("poses-inverted", text)
 
 
 def _inverse(trajectory: Trajectory) -> Trajectory:
