@@ -220,8 +220,8 @@ def _checked(recording: Recording, side: Side) -> tuple[Recording, tuple[Issue, 
             ends |= dict.fromkeys(of_clocks, "; odometry corrected: the path has the stamps of the scans")
         moves = tuple(Issue(one.code, one.message + ends.get(one.code, "; see --calibrate")) for one in about.moves)
         return (calibrated(recording, found, None) if about.decided else recording), moves
-    ends = dict.fromkeys(NOT_MENDED, "")
-    issues = [Issue(one.code, one.message + ends.get(one.code, f"; mended by the {side}")) for one in about.issues]
+    ends, mended = dict.fromkeys(NOT_MENDED, ""), f"; mended in the {side}'s figures"
+    issues = [Issue(one.code, one.message + ends.get(one.code, mended)) for one in about.issues]
     text = "calibration: nothing differs certainly from what is stated: nothing is mended (inspect shows the figures)"
     return calibrated(recording, found, side), tuple(issues) or (Issue("not-calibrated", text),)
 

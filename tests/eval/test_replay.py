@@ -263,7 +263,7 @@ def test_replay_warns_and_mends(reversed_beams: Path, tmp_path: Path, capsys: Ca
         cheap = ("--no-figures", "--set", "particles=5")
         warnings = shown(capsys, "replay", reversed_beams, "--out", out, *cheap, *options)["warnings"]
         (mirrored,) = [issue["message"] for issue in warnings if issue["code"] == "mirrored"]
-        assert mirrored.endswith("; mended by the lidar") == bool(options)
+        assert mirrored.endswith("; mended in the lidar's figures") == bool(options)
     truth = read_tum(reversed_beams.with_suffix(".tum"))
     as_is, mended = (
         absolute_trajectory_error(read_tum(tmp_path / name / "trajectory_final.tum"), truth).rmse
