@@ -178,8 +178,8 @@ def draw_figures(
         share = getattr(estimate.config, "resample_below", 0.0)
         drawn(curves.draw_effective_particles, "effective_particles", text, *values, particles=count, below=share)
     if truth is not None:
-        names = {"slam": ONLINE, "final": FINAL} if ONLINE in run.trajectories else {"slam": FINAL}
-        errors = {name: run.track(of).ate for name, of in (names | {"dead_reckoning": DEAD_RECKONING}).items()}
+        names = {"slam": ONLINE, "final": FINAL, "dead_reckoning": DEAD_RECKONING}
+        errors = {name: run.track(of).ate for name, of in names.items()}
         drawn(curves.draw_error, "error", "error over time, after alignment", **errors)
 
 

@@ -70,7 +70,7 @@ def evidence_of(
 ) -> Evidence:
     """What is known of a run of ours when it is scored; arguments as of ``score_estimate``.
 
-    Online poses of a robot that is lost in a known map are none, and not scored.
+    Online poses of a robot that is lost in a known map are none, and not scored; nor is one that is found nowhere.
     """
     tracks = {FINAL: estimate.trajectory_final, DEAD_RECKONING: estimate.dead_reckoning}
     placed, certainty = placed_in_map(estimate), None
@@ -84,8 +84,8 @@ def evidence_of(
     looks = backend.method != "none" and getattr(getattr(backend, "loops", None), "enabled", True)
     return Evidence(
         trajectories={name: tracks[name] for name in TRACKS if name in tracks},
-        truth=truth,
-        relations=relations,
+        truth=truth if placed.any() else None,
+        relations=relations if placed.any() else None,
         occupancy=replace(estimate.map, values=trinary(estimate.map.values)),
         true_map=true_map,
         recording=recording,

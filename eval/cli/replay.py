@@ -116,7 +116,7 @@ def replay(
     if path is None:
         raise typer.BadParameter("missing, expected a recording", param_hint="'PATH'")
     if dead_reckoning:
-        _dead_reckon(path, part.open(path), config, out, run)
+        _dead_reckon(path, *_checked(part.open(path), calibrate), config, out, run)
         return
     if out is None:
         raise typer.BadParameter("missing, expected a folder for the result", param_hint="'--out'")
@@ -227,7 +227,12 @@ def _checked(recording: Recording, side: Side) -> tuple[Recording, tuple[Issue, 
 
 
 def _dead_reckon(
-    path: Path, recording: Recording, config: SlamConfig, out: Path | None, run: options.SlamOptions
+    path: Path,
+    recording: Recording,
+    not_as_stated: tuple[Issue, ...],
+    config: SlamConfig,
+    out: Path | None,
+    run: options.SlamOptions,
 ) -> None:
     from moteslam.eval.metrics.ate import absolute_trajectory_error
     from moteslam.eval.scores import truth_beside
@@ -238,7 +243,7 @@ def _dead_reckon(
     trajectory = dead_reckon(recording, config.sync)
     truth, issues = truth_beside(path, trajectory.stamps)
     ate = None if truth is None else absolute_trajectory_error(trajectory, truth).rmse
-    issues = (*recording.warnings, *issues)
+    issues = (*not_as_stated, *recording.warnings, *issues)
     warn(issues)
     if out is not None:
         with result_folder(out, force=run.force, keep=path) as folder:

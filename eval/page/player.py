@@ -70,15 +70,15 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
     }
     diagnostics = read_diagnostics(folder / "diagnostics.csv")
     known = len(diagnostics.stamps) == len(final)
-    if (folder / "truth.tum").is_file():
+    placed = np.ones(len(final), np.bool_)
+    if known and read_toml(folder / "config.toml", "a config.toml").get("method") == "known_map":
+        placed = diagnostics.values["state"] < LocalisationState.LOST  # as of ``placed_in_map``
+    if (folder / "truth.tum").is_file() and placed.any():
         truth = read_tum(folder / "truth.tum")
         ate = absolute_trajectory_error(final, truth)
         there = compose(inverse(ate.transform), ate.reference)
         found["truth"] = _path(Trajectory(ate.stamps, there).at(stamps).poses)
-        if known and read_toml(folder / "config.toml", "a config.toml").get("method") == "known_map":
-            placed = diagnostics.values["state"] < LocalisationState.LOST  # as of ``placed_in_map``
-            online = online.take(placed) if placed.any() else final
-        paths = {"final": final, "online": online, "odometry": odometry}
+        paths = {"final": final, "online": online if placed.all() else online.take(placed), "odometry": odometry}
         found["errors"] = {name: _errors(trajectory, truth, stamps) for name, trajectory in paths.items()}
     if known:
         found["state"] = np.maximum.reduceat(diagnostics.values["state"], steps).astype(int).tolist()

@@ -289,7 +289,7 @@ def _calibrate(
         correlation=correlation,
         clocks=None if logged and shared else clocks,
         shared_clock=shared,
-        uneven=0.0 if steady or logged else uneven,
+        uneven=0.0 if steady or logged or late else uneven,
         late=late,
         fits=fits,
         reversed=is_reversed,

@@ -183,8 +183,9 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     if (turns := certain.get("turns")) is not None:
         text = f"odometry: robot turns {_percent(turns)} odometry does: "
         by_gyro = recording.imu is not None and recording.encoders is not None and c.gyro
-        as_long = " (mended with its lengths)" if scale and recording.encoders is not None else ""
-        text += "the gyro's rates are no rad/s" if by_gyro else f"its track is wrong{as_long}, or its angles no radians"
+        as_long = scale is not None and recording.encoders is not None
+        why = "it is mended with its lengths" if as_long else "its track is wrong, or its angles no radians"
+        text += "the gyro's rates are no rad/s" if by_gyro else why
         told.append(("odometry-turn-scale", text))
     if (late := certain.get("offset")) is not None:
         side = ("later", "earlier")[int((late.value > 0) != bool(c.late))]

@@ -34,7 +34,7 @@ FAR_AHEAD = 3600.0
 scans after it would be out of order. After a pause as long the other streams go on too, and the next scan is taken. So
 is any message this much older than the newest. Of the first two, so far apart, the first is."""
 
-STRAY = 5.0
+STRAY = 0.5
 """A scan that comes so long before the latest one [s], to which no other message has come, says that this was stamped
 wrongly: it is left out."""
 

@@ -458,9 +458,8 @@ def test_online_poses_of_a_robot_that_is_lost_are_not_scored(tmp_path: Path) -> 
     assert max(np.cumsum(playable(tmp_path / "out", budget_of(1))["errors"]["online"])) < 1e4 * CELL
     state[:] = LocalisationState.LOST
     figures = write_results(tmp_path / "out", lost, truth)
-    assert number(figures, "online.ate") is None
-    assert number(figures, "final.ate") < CELL
-    assert playable(tmp_path / "out", budget_of(1))["errors"]
+    assert number(figures, "online.ate") is number(figures, "final.ate") is None
+    assert "errors" not in playable(tmp_path / "out", budget_of(1))
 
 
 def test_a_truth_in_another_frame_than_the_map_is_told() -> None:
