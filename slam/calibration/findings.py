@@ -158,7 +158,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         told.append(("lidar-mount", text))
     if (scale := certain.get("lengths")) is not None:
         wheels = recording.platform.wheels
-        text = f"ranges measure {_percent(scale)} odometry does; which of them is sized scans cannot say. "
+        text = f"ranges measure {_percent(scale)} odometry does; which of them is right scans cannot say. "
         if recording.encoders is not None and wheels is not None:
             again, count = int((np.diff(recording.encoders.stamps) == 0).sum()), len(recording.encoders)
             if again > TWICE * count:

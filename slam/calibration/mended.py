@@ -18,10 +18,10 @@ from moteslam.slam.inputs.synchronise import require_lidar
 
 Side = Literal["lidar", "odometry"]
 
-NOT_MENDED = (
+NOT_MENDED = {
     *("odometry-unfit", "odometry-turn-scale", "scans-unfit", "lidar-tilted", "range-change", "range-max"),
     *("mount-moves", "no-gyro"),
-)
+}
 """What is told and not mended; what is left out says so."""
 
 

@@ -94,7 +94,9 @@ def lag_of_wheels(recording: Recording, pairs: Pairs) -> float:
     """By how much the wheels' stamps are late against those of the gyro [s]: coarsely by the scans of pairs, which are
     compared over more time, then by the gyro's turns. 0 where these are not the same.
     """
-    lag, *_ = clock(pairs, *turns(recording)["encoders"], shared=False)
+    if "encoders" not in (found := turns(recording)):  # a single reading
+        return 0.0
+    lag, *_ = clock(pairs, *found["encoders"], shared=False)
     near = with_stamps(recording, ("encoders",), lambda stamps: stamps - lag)
     return next((lag + report.offset for report in clock_reports(near) if report.name == "encoders"), 0.0)
 
