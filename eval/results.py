@@ -161,7 +161,8 @@ def draw_figures(
     paths = {"slam": final, "dead_reckoning": odometry, "truth": truth}
     drawn(maps.draw_trajectories, "trajectories", text, estimate.map, **paths)
     if snapshots:
-        text, known = "trajectory and map over time", {"trajectory": online, "placed": placed_in_map(estimate)}
+        placed = placed_in_map(diagnostics["state"], estimate.config.method)
+        text, known = "trajectory and map over time", {"trajectory": online, "placed": placed}
         drawn(maps.draw_over_time, "over_time", text, snapshots, **known)
     if stages:
         text, given = "map and coloured floor over time", (stages, estimate.map)

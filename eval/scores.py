@@ -55,9 +55,9 @@ OUTSIDE, ASTRAY, ALIKE = 2, 10.0, 0.5
 more are known; and of two maps of one place more than the third of one's walls are at those of the other."""
 
 
-def placed_in_map(estimate: Estimate) -> NDArray[np.bool_]:
-    """[n] whether the online pose is a place in the map: in a known one not while the robot is lost in it."""
-    return (estimate.diagnostics["state"] < LocalisationState.LOST) | (estimate.config.method != "known_map")
+def placed_in_map(states: NDArray[Any], method: str) -> NDArray[np.bool_]:
+    """[n] whether online poses of these states are places in the map: in a known one not while the robot is lost."""
+    return np.asarray((states < LocalisationState.LOST) | (method != "known_map"))
 
 
 def evidence_of(
@@ -73,7 +73,7 @@ def evidence_of(
     Online poses of a robot that is lost in a known map are none, and not scored; nor is one that is found nowhere.
     """
     tracks = {FINAL: estimate.trajectory_final, DEAD_RECKONING: estimate.dead_reckoning}
-    placed, certainty = placed_in_map(estimate), None
+    placed, certainty = placed_in_map(estimate.diagnostics["state"], estimate.config.method), None
     if placed.any():
         tracks[ONLINE] = estimate.trajectory if placed.all() else estimate.trajectory.take(placed)
         states, updated, n_eff = (estimate.diagnostics[name][placed] for name in ("state", "updated", "n_eff"))

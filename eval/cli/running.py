@@ -105,7 +105,8 @@ def run_into(
     unfit = unfit_scans(recording, final, driven) if config.backend.method != "none" else ()
     noticed = [*estimate.warnings, *unfit]
     noticed += [Issue(**one) for one in doubted(Evidence({FINAL: final}, truth=truth, relations=relations))]
-    if truth is not None and config.method == "known_map" and placed_in_map(estimate).any():
+    placed = placed_in_map(estimate.diagnostics["state"], config.method)
+    if truth is not None and config.method == "known_map" and placed.any():
         noticed += about_frame(final, truth)
     warn(noticed)
     issues = (*issues, *noticed)

@@ -35,6 +35,8 @@ Flags = NDArray[np.bool_]
 
 MAX_DIFFERENCE, MAX_GAP = 0.01, 1.0
 """Stamps further apart than this [s] do not belong together, as evo has it; no pose is interpolated in a longer gap."""
+UNITS, ROUGHLY = {"mm": 0.001, "cm": 0.01, "feet": 0.3048}, 0.02
+"""Units of lengths [m] that may be taken for metres, and the share by which a scale may be off one."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -275,3 +277,14 @@ def in_plane(
 
     laid_on = Space(there.positions @ rotation.T + translation, rotation @ there.rotations)
     return turned(estimate, laid_on), turned(reference, on)
+
+
+def rescaled(factor: float, left: float) -> tuple[str, float]:
+    """Whose positions are to be multiplied by what, where those of the estimate by a factor are the reference's; and
+    the error that this leaves [m], of one in the reference's unit.
+    """
+    for unit, size in UNITS.items():
+        for whose, off, error in ("estimate", factor / size, left), ("reference", factor * size, size * left):
+            if abs(off - 1) < ROUGHLY:
+                return f"multiply the {whose}'s positions by {size:g} ({unit} as m):", error
+    return f"with the estimate's positions multiplied by {factor:.4g}", left

@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 
 from moteslam.eval.metrics import association, clocks
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, spatial
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, rescaled, spatial
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.metrics.clocks import ALIKE, FINE, FITS, GAIN, GAIN_METRES, LEAST, ROUNDS, SHAPE, STEP, shifting
 from moteslam.eval.tables import length
@@ -39,8 +39,6 @@ EVENLY, FILLED = 2e-4, 2.0  # Velocities that differ by less [m/s] for so long [
 STRIDE, DEGREES = 1.0, 180 / np.pi  # Directions are compared over so much path, or less [m]; a radian [degrees]
 ASIDE = 8.0  # A step of a reference that differs from the estimate's by so many medians is no noise of either
 STEPS = {"implausible-speed", "poses-held", "equal-stamps", "positions-rounded"}  # Codes that explain steps
-UNITS, ROUGHLY = {"mm": 0.001, "cm": 0.01, "feet": 0.3048}, 0.02
-"""Units of lengths [m] that may be taken for metres, and the share by which a scale may be off one."""
 LATEST, APART = 2.0, 0.02  # Offsets of a clock that are tried on relations, and on headings alone: up to [s], every [s]
 
 
@@ -260,17 +258,6 @@ def _shapes(ate: AteResult) -> Reasons:
         if turns.sum() >= LEAST and count > OTHERWISE * turns.sum():
             text = f"turns otherwise than the reference in {count} of the {turns.sum()} seconds in which that turns: "
             yield inf, Issue("unlike", f"{text}lost, another drive, or a clock that runs unevenly?", count)
-
-
-def rescaled(factor: float, left: float) -> tuple[str, float]:
-    """Whose positions are to be multiplied by what, where those of the estimate by a factor are the reference's; and
-    the error that this leaves [m], of one in the reference's unit.
-    """
-    for unit, size in UNITS.items():
-        for whose, off, error in ("estimate", factor / size, left), ("reference", factor * size, size * left):
-            if abs(off - 1) < ROUGHLY:
-                return f"multiply the {whose}'s positions by {size:g} ({unit} as m):", error
-    return f"with the estimate's positions multiplied by {factor:.4g}", left
 
 
 def _stretched(there: Array, true: Array, ate: AteResult) -> tuple[float, str] | None:

@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from moteslam.errors import File, InputError
-from moteslam.eval.metrics.association import covered, from_to, laid, nearest_rotation
+from moteslam.eval.metrics.association import covered, from_to, laid, nearest_rotation, rescaled
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.eval.metrics.clocks import ALIKE, GAIN_METRES, SHAPE, shifting
-from moteslam.eval.metrics.doubts import APART, AXES, DEGREES, LATEST, SAME, UNLIKE, contradicted, rescaled
+from moteslam.eval.metrics.doubts import APART, AXES, DEGREES, LATEST, SAME, UNLIKE, contradicted
 from moteslam.eval.tables import length
 from moteslam.files import open_regular
 from moteslam.robot import se2

@@ -18,8 +18,8 @@ function makePlayer(parts) {
   function load(raw) {
     run = { t: sums(raw.t, 1e-3), states: raw.states, state: raw.state, effective: raw.effective, errors: {} };
     for (const name of ["final", "online", "odometry", "truth"]) run[name] = path(raw[name]);
-    for (const name in raw.errors || {}) run.errors[name] = sums(raw.errors[name], 1e-4);
-    run.largest = Math.max(...Object.values(run.errors).map((each) => Math.max(...each)));
+    for (const name in raw.errors || {}) run.errors[name] = sums(raw.errors[name], 1e-4).map((v) => (v < 0 ? NaN : v));
+    run.largest = Math.max(...Object.values(run.errors).map((each) => Math.max(...each.filter((v) => v >= 0))));
     run.unit = run.largest < 0.02 ? ["mm", 1000] : run.largest < 1 ? ["cm", 100] : ["m", 1];
     run.loops = (raw.loops || []).map((l) => ({ t: l[0] / 1e3, ends: l.slice(1, 5).map((v) => v / 1e3), verdict: l[5] }));
     run.particles = raw.particles && {
@@ -171,7 +171,7 @@ function makePlayer(parts) {
   function say(now) {
     const words = [`${now.toFixed(1)} s of ${run.t[run.t.length - 1].toFixed(1)} s`];
     for (const name of ["final", "online"]) {
-      if (run.errors[name]) words.push(`${name} error ${(run.unit[1] * run.errors[name][step]).toPrecision(3)} ${run.unit[0]}`);
+      if (run.errors[name]?.[step] >= 0) words.push(`${name} error ${(run.unit[1] * run.errors[name][step]).toPrecision(3)} ${run.unit[0]}`);
     }
     if (run.state) words.push(run.states[run.state[step]]);
     if (run.effective) words.push(`N_eff ${run.effective[step]}`);

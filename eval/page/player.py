@@ -12,6 +12,7 @@ from moteslam.eval.metrics.association import evenly
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.results import BUILDING, read_building
 from moteslam.eval.run_tables import STATES, read_diagnostics, read_loops, read_particles
+from moteslam.eval.scores import placed_in_map
 from moteslam.files import read_bytes, read_yaml
 from moteslam.robot.formats.map_server import MAX_IMAGE_BYTES, MAX_PIXELS, MAX_YAML_BYTES
 from moteslam.robot.raster import decode_picture, picture_size
@@ -19,7 +20,6 @@ from moteslam.robot.se2 import Array, between, compose, inverse, transform_point
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import read_toml
-from moteslam.slam.filter.certainty import LocalisationState
 
 SHOWN = {"accepted": 1, "overruled": 2, "contradicted": 3, "ambiguous": 4}
 """Verdicts of the loops that are drawn, by the number that stands for each."""
@@ -31,6 +31,7 @@ PARTICLES, FEWEST_PARTICLES, UPDATES = 30, 5, 150
 CLOUDS, LARGEST_CLOUD = 400_000, 60_000
 """Numbers for the particles of all runs together, and of each; scans have as many."""
 ENDPOINTS = 60  # Of a scan
+NO_ERROR = -1.0  # Of a pose that is none
 
 
 class Budget(NamedTuple):
@@ -70,16 +71,17 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
     }
     diagnostics = read_diagnostics(folder / "diagnostics.csv")
     known = len(diagnostics.stamps) == len(final)
-    placed = np.ones(len(final), np.bool_)
-    if known and read_toml(folder / "config.toml", "a config.toml").get("method") == "known_map":
-        placed = diagnostics.values["state"] < LocalisationState.LOST  # as of ``placed_in_map``
+    states = diagnostics.values["state"] if known else np.zeros(len(final))
+    placed = placed_in_map(states, read_toml(folder / "config.toml", "a config.toml").get("method", ""))
     if (folder / "truth.tum").is_file() and placed.any():
         truth = read_tum(folder / "truth.tum")
         ate = absolute_trajectory_error(final, truth)
         there = compose(inverse(ate.transform), ate.reference)
         found["truth"] = _path(Trajectory(ate.stamps, there).at(stamps).poses)
         paths = {"final": final, "online": online if placed.all() else online.take(placed), "odometry": odometry}
-        found["errors"] = {name: _errors(trajectory, truth, stamps) for name, trajectory in paths.items()}
+        errors = {name: _errors(trajectory, truth, stamps) for name, trajectory in paths.items()}
+        errors["online"][~placed[steps]] = NO_ERROR
+        found["errors"] = {name: _deltas(each) for name, each in errors.items()}
     if known:
         found["state"] = np.maximum.reduceat(diagnostics.values["state"], steps).astype(int).tolist()
         found["effective"] = [round(value, 1) for value in diagnostics.values["n_eff"][steps].tolist()]
@@ -103,13 +105,13 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
     return found
 
 
-def _errors(trajectory: Trajectory, truth: Trajectory, stamps: Array) -> list[int]:
+def _errors(trajectory: Trajectory, truth: Trajectory, stamps: Array) -> Array:
     """The largest error [0.1 mm] up to each stamp, from the one before on."""
     ate = absolute_trajectory_error(trajectory, truth)
     ends = np.searchsorted(ate.stamps, stamps, side="right")
     known = np.flatnonzero(np.diff(ends, prepend=0))  # steps with errors; others get what lies between
     largest = np.maximum.reduceat(ate.errors[: ends[-1]], np.append(0, ends)[known])
-    return _deltas(1e4 * np.interp(np.arange(len(stamps)), known, largest))
+    return np.asarray(1e4 * np.interp(np.arange(len(stamps)), known, largest))
 
 
 def _particles(file: Path, start: float, budget: Budget) -> dict[str, Any]:
