@@ -22,9 +22,9 @@ SAME_WALL, FARTHEST = 0.1, 1.0
 
 @dataclass(frozen=True)
 class MapAccuracy:
-    """A map against the true map: the metrics ``map_precision`` to ``map_known``, how many wall cells the map has, how
-    many cells of the true surface were seen, and as ``alike`` the share of the edges of the map's walls, where the true
-    map is known, that are at an edge of a true wall: also of two maps with thick walls, and of more than was seen.
+    """A map against the true map: the metrics ``map_precision`` to ``map_known``, how many cells are edges of the map's
+    walls, how many cells of the true surface were seen, and as ``alike`` the share of these edges, where the true map
+    is known, that are at an edge of a true wall: also of two maps with thick walls, and of more than was seen.
     """
 
     precision: float
@@ -43,9 +43,10 @@ def map_accuracy(
 ) -> MapAccuracy:
     """Score a map by the true one, values [H, W] of ``FREE``, ``OCCUPIED`` or ``UNKNOWN``, of any cell size each.
 
-    The true surface are the true wall cells beside free ones: nobody sees the inside of a wall. ``transform`` [3] is
-    the pose of the estimate's frame in the true one, as ``absolute_trajectory_error`` finds it. With what the lidar
-    saw, ``seen`` [p, 2] in the true frame, recall is over the surface within ``SAME_WALL`` of a point of it.
+    The map's walls are the edges of its occupied areas, the true surface are the true wall cells beside free ones:
+    nobody sees the inside of a wall. ``transform`` [3] is the pose of the estimate's frame in the true one, as
+    ``absolute_trajectory_error`` finds it. With what the lidar saw, ``seen`` [p, 2] in the true frame, recall is over
+    the surface within ``SAME_WALL`` of a point of it.
     """
     from scipy.ndimage import binary_dilation, binary_erosion
 
@@ -55,19 +56,18 @@ def map_accuracy(
             raise InputError("values beside free, occupied and unknown, expected a trinary map", field=name)
     everywhere = truth.centres(np.argwhere((truth.values == OCCUPIED) & binary_dilation(truth.values == FREE)))
     surface = everywhere if seen is None else everywhere[_distances(everywhere, seen) <= SAME_WALL]
-    walls = se2.transform_points(transform, estimate.centres(np.argwhere(estimate.values == OCCUPIED)))
+    edges, true_edges = (
+        one.centres(np.argwhere((one.values == OCCUPIED) & ~binary_erosion(one.values == OCCUPIED)))
+        for one in (estimate, truth)
+    )
+    walls = se2.transform_points(transform, edges)
     for points, name in ((walls, "estimate"), (surface, "truth")):
         if not len(points):
             raise InputError("no wall that was seen" if name == "truth" else "no wall", field=name)
     to_truth, to_map = _distances(walls, everywhere), _distances(surface, walls)
     precision, recall = float((to_truth <= SAME_WALL).mean()), float((to_map <= SAME_WALL).mean())
-    edges, true_edges = (
-        one.centres(np.argwhere((one.values == OCCUPIED) & ~binary_erosion(one.values == OCCUPIED)))
-        for one in (estimate, truth)
-    )
-    edges = se2.transform_points(transform, edges)
-    at_edges = _distances(edges, true_edges) <= SAME_WALL
-    is_known = at_edges | (truth.values_at(edges, outside=UNKNOWN) != UNKNOWN)
+    at_edges = _distances(walls, true_edges) <= SAME_WALL
+    is_known = at_edges | (truth.values_at(walls, outside=UNKNOWN) != UNKNOWN)
     there = np.argwhere(truth.values != UNKNOWN)
     true = truth.values[there[:, 0], there[:, 1]]
     back = se2.transform_points(se2.inverse(transform), truth.centres(there))

@@ -157,8 +157,8 @@ def true_map(world: World, resolution: float, *, seen_from: ArrayLike, margin: f
     """Rasterise a world into `FREE`, `OCCUPIED` or `UNKNOWN` cells int8 [H, W] of a side ``resolution`` [m].
 
     A cell is occupied if a wall crosses it or its centre lies in a solid; free if it can be reached, from cell to
-    cell across their sides, from where the robot was (``seen_from`` [n, 2] [m]); all others are unknown. Cell [0, 0]
-    begins at a multiple of the resolution, so that maps of one world lie on one another.
+    cell across their sides, from where the robot was (``seen_from`` [n, 2] [m]); all others are unknown. The middles
+    of cells are at multiples of the resolution, as walls of round lengths are; maps of one world lie on one another.
     """
     from scipy.ndimage import label
 
@@ -168,20 +168,20 @@ def true_map(world: World, resolution: float, *, seen_from: ArrayLike, margin: f
     x0, y0, x1, y1 = world.bounds
     low = np.minimum((x0, y0), points.min(0)) - margin
     high = np.maximum((x1, y1), points.max(0)) + margin
-    first = np.floor(low / resolution)
-    cols, rows = (int(n) for n in np.ceil(high / resolution) - first)
+    first = np.rint(low / resolution).astype(np.int64)
+    cols, rows = (np.rint(high / resolution).astype(np.int64) - first + 1).tolist()
     if cols * rows > MAX_CELLS:
         raise ConfigError(
             f"{cols} x {rows} cells of {resolution:g} m, expected at most {MAX_CELLS} in all", field="resolution"
         )
-    origin = first * resolution
+    origin = (first - 0.5) * resolution
     occupied = np.zeros((rows, cols), bool)
     for line in world.segments:
-        cell = _crossed(line, resolution) - first.astype(np.int64)
+        cell = _crossed(line, resolution) - first
         occupied[cell[:, 1], cell[:, 0]] = True
     _fill_solids(world, occupied, origin, resolution)
     regions, _ = label(~occupied)
-    at = np.floor(points / resolution).astype(np.int64) - first.astype(np.int64)
+    at = np.rint(points / resolution).astype(np.int64) - first
     reached = np.unique(regions[at[:, 1], at[:, 0]])
     free = np.isin(regions, reached[reached > 0])
     values = np.where(occupied, OCCUPIED, np.where(free, FREE, UNKNOWN)).astype(np.int8)
@@ -190,7 +190,7 @@ def true_map(world: World, resolution: float, *, seen_from: ArrayLike, margin: f
 
 def _crossed(line: Array, size: float) -> NDArray[np.int64]:
     """Every cell (col, row) [n, 2] that a segment crosses: the middle of each piece between two cell sides."""
-    a, b = line[:2] / size, line[2:] / size
+    a, b = line[:2] / size + 0.5, line[2:] / size + 0.5
     cuts = [np.array((0.0, 1.0))]
     for axis in (0, 1):
         low, high = sorted((a[axis], b[axis]))

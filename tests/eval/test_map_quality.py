@@ -71,8 +71,14 @@ def test_a_shifted_map_falls_monotonically() -> None:
 
 
 def test_walls_drawn_twice_or_inside_of_a_wall_are_noticed() -> None:
-    """The true walls are thick: what lies inside of them is not on their surface."""
+    """The true walls are thick: a line inside of them is not on their surface. A filled pillar is right."""
     values = mapped().values.copy()
+    pillar = slice(40, 50), slice(60, 80)
+    assert (room().values[pillar] == OCCUPIED).all()
+    assert (values[pillar] == UNKNOWN).any()
+    filled = values.copy()
+    filled[pillar] = OCCUPIED
+    assert map_accuracy(Raster(filled, CELL, room().origin), room()).precision == 1
     values[20, 20:150] = OCCUPIED
     twice = map_accuracy(Raster(values, CELL, room().origin), room())
     assert twice.precision < 0.9
