@@ -29,9 +29,10 @@ HEIGHTS, AXIS = 0.05, np.deg2rad(5.0)  # Heights spread by less pass [m]; a dire
 OTHERWISE, STANDS = 0.15, 0.2
 """In more than the first share of the seconds in which the reference turns, estimates of it do not turn otherwise, nor
 odometry (0.11 at most), by half of that; an estimate spread by less than the second share of it hardly moves."""
-UNLIKE, FEW, ALL_FIT = 0.5, 0.5, 3
+UNLIKE, FEW, MOST, ALL_FIT = 0.5, 0.5, 0.9, 3
 """Two paths have nothing in common where the error is more than this share of the spread of the reference; errors are
-of a part where less than the second share is compared; fewer poses than the third always fit each other."""
+of a part where less than the second share is compared, or the third while both last; fewer poses than the fourth always
+fit each other."""
 
 LAGS, NOISE = np.deg2rad((1.5, 4.0))
 """Errors of the heading that are less show no lag, and that are mostly less may be noise [rad]."""
@@ -179,10 +180,13 @@ def _parts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> Seque
         gap = max(MAX_GAP, 3 * float(np.median(np.diff(other.stamps)))) if len(other) > 1 else MAX_GAP
         there = covered(one.stamps, other.stamps, gap=gap)
         steps = np.linalg.norm(np.diff(spatial(one).positions, axis=0), axis=1)
-        seen, length = float(steps[there[1:] & there[:-1]].sum()), float(steps.sum())
-        if seen < FEW * length and len(ate.stamps) >= ALL_FIT:
-            text = f"the {what} covers {seen:.1f} m of the {length:.1f} m of the {whose}"
-            found.append(Issue("few-matched", f"{text}: errors are those of this part alone", len(ate.stamps)))
+        both = (one.stamps[:-1] >= other.stamps[0]) & (one.stamps[1:] <= other.stamps[-1])
+        for least, part, where in ((FEW, both | True, ""), (MOST, both, ", from its start to its end,")):
+            seen, length = (float(steps[some & part].sum()) for some in (there[1:] & there[:-1], part))
+            if seen < least * length and len(ate.stamps) >= ALL_FIT:
+                text = f"the {what}{where} covers {seen:.1f} m of the {length:.1f} m of the {whose}"
+                found.append(Issue("few-matched", f"{text}: errors are those of this part alone", len(ate.stamps)))
+                break
     question = "are these the same drive, on the same clock?"
     return found or few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
 

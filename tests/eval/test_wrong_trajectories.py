@@ -124,6 +124,10 @@ def between(begin: float, end: float) -> Change:
     return changed(lambda table: table[(table[:, 0] >= T0 + begin) & (table[:, 0] < T0 + end)])
 
 
+def without(begin: float, end: float) -> Change:
+    return changed(lambda table: table[(table[:, 0] < T0 + begin) | (table[:, 0] >= T0 + end)])
+
+
 def along_a_line(table: Table) -> Table:
     """The same stamps at an even speed."""
     line = np.zeros_like(table)
@@ -247,6 +251,10 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
         (clocked(1.0, 18.0), same, ["clocks-differ"]),
         (same, between(40, 48), ["few-matched"]),
         (between(0, 50), same, ["few-matched"]),
+        (without(60, 80), same, ["few-matched"]),
+        (same, without(60, 80), ["few-matched"]),
+        (without(20, 22), same, []),
+        (between(5, 100), same, []),
         (between(40, 40.4), same, ["few-matched", "no-relative-error"]),
     ],
 )
