@@ -1,5 +1,6 @@
 """The result folder of a run: trajectories, map, figures, scores, and all that is needed to run it again."""
 
+import gc
 import heapq
 import json
 import os
@@ -154,6 +155,7 @@ def draw_figures(
 
     def drawn(draw: Callable[..., None], name: str, text: str, *given: Any, **more: Any) -> None:
         draw(folder / f"{name}.png", *given, title=f"{estimate.name}: {text}", **more)
+        gc.collect()  # artists refer to each other: those of large maps would pile up
 
     online, final, odometry = estimate.trajectory, estimate.trajectory_final, estimate.dead_reckoning
     truth, diagnostics = run.truth, estimate.diagnostics

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError, MoteslamWarning
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, in_plane, match, oriented, spatial
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, few_matched, in_plane, match, oriented, spatial
 from moteslam.eval.metrics.ate import AteResult, PoseErrors, absolute_trajectory_error
 from moteslam.eval.metrics.clocks import clock_offset
-from moteslam.eval.metrics.doubts import doubts, few_matched
+from moteslam.eval.metrics.doubts import doubts
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, TRACKS, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
 from moteslam.eval.metrics.registry import Value, measure

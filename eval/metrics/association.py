@@ -23,7 +23,7 @@ from moteslam.robot.trajectory import (
     rotations_of,
     tilt_of,
 )
-from moteslam.robot.values import Summarised, counted, expect_type
+from moteslam.robot.values import Issue, Summarised, counted, expect_type
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import require_lidar, synchronise
 
@@ -35,6 +35,8 @@ Flags = NDArray[np.bool_]
 
 MAX_DIFFERENCE, MAX_GAP = 0.01, 1.0
 """Stamps further apart than this [s] do not belong together, as evo has it; no pose is interpolated in a longer gap."""
+FEW, ALL_FIT = 0.5, 3
+"""Errors are of a part where less than this share is compared; fewer poses than the second always fit each other."""
 UNITS, ROUGHLY = {"mm": 0.001, "cm": 0.01, "feet": 0.3048}, 0.02
 """Units of lengths [m] that may be taken for metres, and the share by which a scale may be off one."""
 
@@ -132,6 +134,14 @@ def within(stamps: Array, among: Array, max_difference: float) -> tuple[Indices,
     nearest = nearest_stamp(among, stamps, side="right")
     near = np.flatnonzero(np.abs(among[nearest] - stamps) <= max_difference)
     return near, nearest[near]
+
+
+def few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:
+    """The issue that few of the shorter one's stamps have a partner, if they are few."""
+    if matched >= max(FEW * shorter, ALL_FIT):
+        return ()
+    means = "errors are those of these alone" if matched >= ALL_FIT else "so few always fit, and errors mean nothing"
+    return (Issue("few-matched", f"{matched} of {shorter} {what} have a partner: {means}: {question}", matched),)
 
 
 def covered(stamps: Array, reference: Array, max_difference: float = MAX_DIFFERENCE, *, gap: float = MAX_GAP) -> Flags:

@@ -29,10 +29,9 @@ HEIGHTS, AXIS = 0.05, np.deg2rad(5.0)  # Heights spread by less pass [m]; a dire
 OTHERWISE, STANDS = 0.15, 0.2
 """In more than the first share of the seconds in which the reference turns, estimates of it do not turn otherwise, nor
 odometry (0.11 at most), by half of that; an estimate spread by less than the second share of it hardly moves."""
-UNLIKE, FEW, MOST, ALL_FIT = 0.5, 0.5, 0.9, 3
-"""Two paths have nothing in common where the error is more than this share of the spread of the reference; errors are
-of a part where less than the second share is compared, or the third while both last; fewer poses than the fourth always
-fit each other."""
+UNLIKE, MOST = 0.5, 0.9
+"""Two paths have nothing in common where the error is more than the first share of the spread of the reference; errors
+are of a part where less than the second share is compared of what there is while both last."""
 
 LAGS, NOISE = np.deg2rad((1.5, 4.0))
 """Errors of the heading that are less show no lag, and that are mostly less may be noise [rad]."""
@@ -164,14 +163,6 @@ def _filled(reference: Trajectory, ate: AteResult) -> Iterator[Issue]:
             yield Issue("poses-held", f"{text}are {length(there)} there (median), {length(elsewhere)} elsewhere")
 
 
-def few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:
-    """The issue that few of the shorter one's stamps have a partner, if they are few."""
-    if matched >= max(FEW * shorter, ALL_FIT):
-        return ()
-    means = "errors are those of these alone" if matched >= ALL_FIT else "so few always fit, and errors mean nothing"
-    return (Issue("few-matched", f"{matched} of {shorter} {what} have a partner: {means}: {question}", matched),)
-
-
 def _parts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> Sequence[Issue]:
     """Whether much of the path of one is not covered by the other, or few poses have a partner."""
     found: list[Issue] = []
@@ -181,14 +172,14 @@ def _parts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> Seque
         there = covered(one.stamps, other.stamps, gap=gap)
         steps = np.linalg.norm(np.diff(spatial(one).positions, axis=0), axis=1)
         both = (one.stamps[:-1] >= other.stamps[0]) & (one.stamps[1:] <= other.stamps[-1])
-        for least, part, where in ((FEW, both | True, ""), (MOST, both, ", from its start to its end,")):
+        for least, part, where in ((association.FEW, both | True, ""), (MOST, both, ", from its start to its end,")):
             seen, length = (float(steps[some & part].sum()) for some in (there[1:] & there[:-1], part))
-            if seen < least * length and len(ate.stamps) >= ALL_FIT:
+            if seen < least * length and len(ate.stamps) >= association.ALL_FIT:
                 text = f"the {what}{where} covers {seen:.1f} m of the {length:.1f} m of the {whose}"
                 found.append(Issue("few-matched", f"{text}: errors are those of this part alone", len(ate.stamps)))
                 break
     question = "are these the same drive, on the same clock?"
-    return found or few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
+    return found or association.few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
 
 
 def _of_space(estimate: Trajectory, reference: Trajectory) -> Iterator[Issue]:
@@ -231,7 +222,8 @@ def _shapes(ate: AteResult) -> Reasons:
     own, spread = float(np.square(np.abs(there)).mean()), float(np.sqrt(np.square(np.abs(true)).mean()))
     straight, mirror = (float(np.abs((one * true).mean())) for one in (there.conj(), there))
     rigid, mirrored = (float(np.sqrt(max(0.0, own + spread**2 - 2 * cross))) for cross in (straight, mirror))
-    if max(rigid, 0.0 if ate.motion is None else ate.rmse) < SAME and spread > SMALL and len(there) >= ALL_FIT:
+    same = max(rigid, 0.0 if ate.motion is None else ate.rmse) < SAME
+    if same and spread > SMALL and len(there) >= association.ALL_FIT:
         text = f"agrees with the reference to {1000 * SAME:g} mm, as no measurement does: is it the reference itself,"
         yield rigid, Issue("same-path", f"{text} or made from it? Then its errors say nothing", len(there))
     if rigid <= SMALL or own == 0:
@@ -285,6 +277,13 @@ def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
         return
     own, goal = (np.unwrap(poses[:, 2]) for poses in (ate.aligned, ate.reference))
     if (middle := float(np.median(turns))) < AXES:
+        there = np.flatnonzero(turns > AXES)
+        true = np.abs(se2.wrap(np.stack((goal - ate.transform[2], own)))[:, there])  # in the frame of either file
+        if len(there) and (true > np.pi * 3 / 4).all(axis=1).any():
+            text = f"headings of {len(there)} of {len(turns)} poses differ, by up to {np.rad2deg(turns.max()):.0f} "
+            text += "degrees, all where one passes 180 degrees: angles taken halfway from there to -180? Errors of "
+            yield Issue("implausible-speed", f"{text}rotation are wrong by it", len(there))
+            return
         offsets, some = np.arange(-LATEST, LATEST + APART / 2, APART), evenly(np.arange(len(own)), FINE)
         off = own[some] - [np.interp(ate.stamps[some] + seconds, ate.stamps, goal) for seconds in offsets]
         left = off.std(axis=1)

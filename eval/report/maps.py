@@ -210,8 +210,8 @@ def draw_texture_over_time(
     Over the colours are the walls of the map, and the trajectory along which the floor was coloured until then.
     """
     belief = np.tanh(occupancy.values / 2)
-    dark = np.zeros((*belief.shape, 4))
-    dark[..., 3] = np.where(belief > 0, 0.8 * belief, 0.0)
+    dark = np.zeros((*belief.shape, 4), np.uint8)
+    dark[..., 3] = 255 * np.where(belief > 0, 0.8 * belief, 0.0)
     corners = [np.reshape(texture.extent, (2, 2)).T for _, texture in stages]
     points = np.concatenate((trajectory.poses[:, :2], *corners))
     with _panels(path, len(stages) + 1, points, width=13.0, columns=(7, 4), title=title) as panels:

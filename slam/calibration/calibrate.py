@@ -107,7 +107,7 @@ class Calibration:
     fits: bool  # the odometry measures the motion of the scans; else nothing but the angles is known
     reversed: bool | None  # mirrored beams are in the wrong order in time, too; None where scans do not show it
     sweep: float | None  # how long a sweep takes [s] where it clearly is not as stated, or none is stated
-    no_surfaces: float | None  # from which range on [m] endpoints are none
+    no_surfaces: float | None  # from which range on [m] endpoints are none; negative if on a line, as of floor
     uneven: float = 0.0  # drift [s/s] of clocks that clearly are not one, of which no steady drift explains much
     step: WrongStamps | None = None  # of a clock, or bundles of scans; all else is of the recording without it
     gyro: bool = True  # the odometry fits with the gyro's turns, or without as little; else all is of wheels alone
@@ -228,7 +228,7 @@ def _calibrate(
     quarter = 0.0
     if not mirrored and recording.encoders is None:
         aside = float(se2.wrap(best.values[Parameter.YAW] - recording.platform.lidar.yaw))
-        quarter = quarter_turn(in_form(path, form).poses, aside)
+        quarter = quarter_turn(in_form(path, form).poses, aside, form)
         at = at_times(in_form(path, form, quarter))
     scans.refine(expected_motions(best.values, scans.first, scans.last, best.middle, at))
     scans.expect(GOOD)

@@ -13,6 +13,7 @@ from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recordi
 from moteslam.robot.values import Issue, expect_type
 from moteslam.slam.calibration.calibrate import ANGLES, LATE, PAIRS, SIGMAS, Calibration, estimate
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
+from moteslam.slam.calibration.readings import WRONG
 from moteslam.slam.calibration.unmeasured import UnmeasuredError
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.synchronise import require_lidar, sweep_seconds
@@ -36,21 +37,6 @@ NEAR_SWEEP = 0.02
 """A lag of the scans is that of a sweep where it is as near [s], besides its interval: drivers take so long."""
 WITHIN = 1.96
 """Standard deviations to either side of a value that it lies within, in 95 of 100 cases."""
-WRONG = {
-    ("turns", False): ("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
-    ("y", False): ("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
-    ("path", False): (
-        "odometry-headings",
-        "odometry: its headings do not follow the way that it drives, and are of no use: are they in radians?",
-    ),
-    ("stated", True): ("odometry-headings", "odometry: its headings are a quarter turn off the way that it drives"),
-    ("turns", True): (
-        "odometry-headings",
-        "odometry: its headings turn clockwise, and count from a quarter turn off its own path, as a compass's do",
-    ),
-    ("y", True): ("odometry-signs", "odometry: its x and y are swapped against its own headings"),
-}
-"""The code and the text of the forms of odometry poses that are not as stated, without and with a quarter turn."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +104,11 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         by, side = _interval(abs(excess.value), excess.deviation), "long" if excess.value > 0 else "short"
         text = f"lidar: all ranges are {abs(excess.value):.2f} m ({by}) too {side}, by scans from other places: "
         told.append(("range-offset", f"{text}subtract {excess.value:.3f} m from them"))
-    if c.no_surfaces is not None:
+    if c.no_surfaces is not None and c.no_surfaces < 0:
+        text = f"lidar: most endpoints on a line {-c.no_surfaces:.1f} m before it are no walls: from nearer it sees "
+        text += "on. It is tilted, and sees the floor: walls there stand in the map, and poses may be "
+        told.append(("lidar-tilted", f"{text}wrong by them. Mount it level"))
+    elif c.no_surfaces is not None:
         limit = floor(100 * c.no_surfaces) / 100
         text = f"lidar: most endpoints from {limit:g} m on are no walls, but no return written as a range: from nearer "
         text += "it sees through them, and the map has walls that are not there. In platform.toml: [lidar] "
@@ -142,7 +132,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         told.append(("odometry-unfit", f"{text}wheels slip aside"))
     if c.correlation and abs(curl) > max(CURL, SIGMAS * about_curl):
         text = f"odometry: it turns {abs(curl):.2f} rad to the {'left' if curl > 0 else 'right'} on every metre, and "
-        told.append(("odometry-turn-scale", f"{text}scans do not: a wheel is smaller than stated, and its path curls"))
+        why = "a wheel is smaller than stated" if recording.imu is None or not c.gyro else "its gyro turns at rest, too"
+        told.append(("odometry-turn-scale", f"{text}scans do not: {why}, and its path curls"))
     if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
         backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4
         parts = [

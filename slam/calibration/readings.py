@@ -21,6 +21,22 @@ MOVES = 0.05
 QUARTER, AHEAD = 0.15, 0.8
 """A mount is a quarter turn off within the first [rad]; a path goes one way as seen by its headings where this share of
 it does."""
+WRONG = {
+    ("turns", False): ("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
+    ("y", False): ("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
+    ("path", False): (
+        "odometry-headings",
+        "odometry: its headings do not follow the way that it drives, and are of no use: are they in radians?",
+    ),
+    ("stated", True): ("odometry-headings", "odometry: its headings are a quarter turn off the way that it drives"),
+    ("turns", True): (
+        "odometry-headings",
+        "odometry: its headings turn clockwise, and count from another direction than its own path, as a compass's do, "
+        "or as if z and w of a quaternion were exchanged",
+    ),
+    ("y", True): ("odometry-signs", "odometry: its x and y are swapped against its own headings"),
+}
+"""The code and the text of the forms of odometry poses that are not as stated, without and with a quarter turn."""
 
 
 def in_form(path: OdometryPath, form: str, quarter: float = 0.0) -> OdometryPath:
@@ -35,13 +51,17 @@ def in_form(path: OdometryPath, form: str, quarter: float = 0.0) -> OdometryPath
     return OdometryPath(path.stamps, np.stack((x, y, heading + quarter), axis=1))
 
 
-def quarter_turn(poses: Array, aside: float) -> float:
-    """The quarter turn by which headings of a path [n, 3] are off, 0 if the lidar may be: it is aside by an angle."""
-    quarter = float(np.copysign(np.pi / 2, aside))
+def quarter_turn(poses: Array, aside: float, form: str) -> float:
+    """The quarter turn by which headings of a path [n, 3] are off, 0 if the lidar may be: it is aside by an angle.
+
+    Headings that are wrong in their ``form``, too, may be off by a half turn, as of a quaternion's z and w exchanged.
+    """
+    half = form != "stated" and abs(aside) > np.pi * 3 / 4
+    quarter = np.pi if half else float(np.copysign(np.pi / 2, aside))
     steps = np.diff(poses[:, 0] + 1j * poses[:, 1]) * np.exp(-1j * poses[:-1, 2])
     way, total = complex(steps.sum()), float(np.abs(steps).sum())
     one_way = abs(way) > AHEAD * total and abs(float(se2.wrap(np.angle(way) - quarter))) < np.pi / 4
-    return quarter if abs(aside - quarter) < QUARTER and one_way else 0.0
+    return quarter if abs(float(se2.wrap(aside - quarter))) < QUARTER and one_way else 0.0
 
 
 def _along(poses: Array) -> Array:

@@ -59,6 +59,9 @@ TURNING = 0.05
 BESIDE, MOSTLY = 0.26, 0.5
 """A side of the robot is seen within this angle of the side on [rad], as a fan of 180 degrees may be wrong by as much,
 in more than this share of the scans."""
+LINE, BENT = 0.03, 1.2
+"""Endpoints lie on a line that is as near as the nearest, by this share of that, at angles of which so many [rad] apart
+are tried; and on no arc if they do more often by the second factor."""
 
 
 class RegisteredPairs:
@@ -121,14 +124,16 @@ class RegisteredPairs:
     def no_surfaces_beyond(self) -> float | None:
         """From which range on [m] endpoints clearly are no surfaces: from nearer the lidar sees through them.
 
-        It does through people who have gone on, and panes, but hardly through those that are farthest off.
+        It does through people who have gone on, and panes, but hardly through those that are farthest off. Negative
+        where these mostly lie on one straight line in the lidar's frame, as floor before one that is tilted.
         """
         there = self._found.motions
-        ranges, through, pairs = list[Array](), list[Array](), list[Indices]()
+        ranges, bearings, through, pairs = list[Array](), list[Array](), list[Array](), list[Indices]()
         for scans, motions in ((self._ranges, there), (self._ranges[::-1], np.asarray(se2.inverse(there)))):
             nearer, passed = seen_through(*scans, self._beams, self._seconds, motions)
             nearer &= self._found.good[:, None]
             ranges.append(scans[1][nearer])
+            bearings.append(np.broadcast_to(self._beams.angles, nearer.shape)[nearer])
             through.append(np.where(passed[nearer], 1 - THROUGH, -THROUGH))
             pairs.append(np.nonzero(nearer)[0])
         order = np.argsort(-(all_ranges := np.concatenate(ranges)))
@@ -138,7 +143,12 @@ class RegisteredPairs:
         of_pairs = np.bincount(np.concatenate(pairs)[far], np.concatenate(through)[far], minlength=len(there))
         chance = MANY_PARTS * float(np.linalg.norm(parts_of(np.asarray(of_pairs, np.float64))))
         clear = len(beyond) and beyond[most] > max(LEAST_THROUGH * len(beyond), chance)
-        return float(all_ranges[far[-1]]) if clear else None
+        if not clear:
+            return None
+        limit, none = float(all_ranges[far[-1]]), far[np.concatenate(through)[far] > 0]
+        before = all_ranges[none] * np.cos(np.concatenate(bearings)[none] - np.arange(0, 2 * np.pi, LINE)[:, None])
+        line, arc = ((np.abs(off - limit) < LINE * limit).mean(axis=-1).max() for off in (before, all_ranges[none]))
+        return -limit if line > max(MOSTLY, BENT * arc) else limit
 
     def mirror(self, lidar: LidarStream, rates: tuple[Array, Array]) -> bool | None:
         """Take the beams the other way round; whether they are measured in the other order, too.

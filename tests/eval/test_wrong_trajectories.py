@@ -128,6 +128,18 @@ def without(begin: float, end: float) -> Change:
     return changed(lambda table: table[(table[:, 0] < T0 + begin) | (table[:, 0] >= T0 + end)])
 
 
+def halfway(table: Table) -> Table:
+    """With headings between two poses where they pass 180 degrees."""
+    heading = 2 * np.arctan2(table[:, 6], table[:, 7])
+    wrapped = np.mod(heading + np.pi, 2 * np.pi) - np.pi
+    at = np.flatnonzero(np.abs(np.diff(wrapped)) > np.pi)
+    assert len(at)
+    table = table.copy()
+    half = (wrapped[at] + wrapped[at + 1]) / 4
+    table[at, 6:] = np.column_stack((np.sin(half), np.cos(half)))
+    return table
+
+
 def along_a_line(table: Table) -> Table:
     """The same stamps at an even speed."""
     line = np.zeros_like(table)
@@ -244,6 +256,7 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
         (aside(0.3), same, []),  # of an estimate it is an error
         (without_a_gap, same, []),  # likewise
         (same, flipped, ["implausible-speed"]),
+        (halfway, same, ["implausible-speed"]),
         (flipped, same, []),  # an estimate may find itself elsewhere
         (scaled(slice(1, 4), 1e-5), scaled(slice(1, 4), 1e-5), ["sizes-differ", "no-relative-error"]),
         (scaled(slice(1, 4), 0.95), same, ["sizes-differ"]),

@@ -390,6 +390,18 @@ def test_a_lidar_that_sees_the_floor_has_no_scale() -> None:
 
 
 @pytest.mark.slow
+def test_floor_before_a_tilted_lidar_is_no_limit_of_its_ranges() -> None:
+    def tilted(s: LidarStream) -> np.ndarray:
+        floor = 0.2 / np.maximum(0.0523 * np.cos(s.angles), 1e-3)
+        floor = floor * np.random.default_rng(0).normal(1, 0.003, s.ranges.shape)
+        return np.minimum(s.ranges, floor).astype(np.float32)
+
+    found, about = found_in(lidar(ranges=tilted)(driven("rplidar_a1", "loop", 12)), FEW_PAIRS)
+    assert codes(about.moves) == ["lidar-tilted"]
+    assert found.no_surfaces == pytest.approx(-3.8, abs=0.1)
+
+
+@pytest.mark.slow
 def test_a_clock_that_drifts_is_known_to_some_milliseconds_over_the_drive() -> None:
     settings = [f"platform.noise.{name}.clock.rate_error=0" for name in ("lidar", "encoders")]
     true = simulate(load_scenario("office", platform="lms200", settings=settings), 100).recording
@@ -452,6 +464,7 @@ SIDES: dict[str, tuple[Fault, str, str, str]] = {
     "x and y": (poses(lambda p: p[:, [1, 0, 2]]), "y", "odometry-signs", "odometry"),
     "none": (poses(lambda p: p * (1, 1, 0)), "path", "odometry-headings", "odometry"),
     "quarter": (poses(lambda p: p + np.array((0, 0, np.pi / 2))), "stated", "odometry-headings", "odometry"),
+    "z and w": (poses(lambda p: (0, 0, np.pi) + p * (1, 1, -1)), "turns", "odometry-headings", "odometry"),
     "mirrored, gyro": (lambda r: MIRRORED(r).replace(imu=r.imu), "stated", "mirrored", "odometry"),
     "beams": (REVERSED, "stated", "mirrored", "lidar"),
     "gyro": (gyro((1, 1, -1)), "stated", "mirrored", "imu"),

@@ -46,6 +46,7 @@ def calibration(of_fit: dict[str, Any] | None = None, **changes: Any) -> Calibra
         ({}, {"longer": Change(50.0, -0.3, 0.01)}, "range-change", ("0.30 m shorter",)),
         ({}, {"angle_scale": 0.95}, "lidar-angles", ("5.0 % (95 %: 4.8 to 5.2 %) less than", "= 0.0165806")),
         ({}, {"no_surfaces": 3.419}, "range-max", ("from 3.41 m on", "range_max = 3.41")),
+        ({}, {"no_surfaces": -3.82}, "lidar-tilted", ("a line 3.8 m before it",)),
         ({}, {"sweep": 0.018}, "time-increment", ("takes 0.018 s", "time_increment = 0.0001")),
         ({"change": Change(40.0, np.log(1.1), 0.005)}, {}, "range-change", ("40 s on", "10.0 % more")),
         ({"turned": Change(30.0, 0.1745, 0.005)}, {}, "mount-moves", ("30 s on", "10.0 degrees to the left")),
