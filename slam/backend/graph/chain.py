@@ -24,6 +24,9 @@ LATEST, MADE_UP = 3, 0.5
 """A late pose of the odometry has come after so many steps, and then no more than this share is left of what the first
 of them lacked: a filter that a door has fooled by a metre is still off by it."""
 OPEN = 0.5  # A step is the filter's where the odometry leaves so much open [m]: it has searched for the robot
+MAPPED = np.array((0.05, 0.05, 0.01))
+"""Standard deviations of the filter's step over places that it knows: its map is corrected where a loop is off by as
+much [m], [rad]."""
 LEAST_INFORMATION = 1e-2  # That every step has besides [1/m^2], [1/rad^2]: one that was not registered has no other
 FITS = (16, 64, 256)  # The odometry's errors are fitted at so many steps; of a run of fewer than the last, at the end
 SAME_STEP, SAME_SPREAD = 0.5, 1.5
@@ -148,6 +151,8 @@ class Chain:
         if any(left):  # a lapse, after which the filter has searched
             spread = np.hypot(spread, (left.place, left.place, left.heading))
             return Prediction(filtered, spread, False, filtered, bool(spread[:2].max() > OPEN))
+        if self._nodes.through[k]:  # the filter's map holds both ends
+            return Prediction(filtered, MAPPED, False, filtered, True)
         if spread[:2].max() > OPEN:
             return Prediction(filtered, turned_aside(filtered, error), False, filtered, True)
         return Prediction(step, spread, measured, filtered)

@@ -33,12 +33,13 @@ class Nodes:
         self.odometry: list[Array] = []  # [3] each: motion since the node before by odometry alone, in the frame there
         self.filtered: list[Array] = []  # [3] each: the same as the filter estimates it
         self.measured: list[bool] = []  # whether odometry measured all of it
+        self.through: list[bool] = []  # whether since the node before there were enough nodes already
         self.left_open: list[Open] = []  # what a lapse of the odometry leaves open of that motion; nothing, of others
         self._keys = 0  # key scans so far
         self._last: KeyScan | None = None  # the latest, while it is no node
         # since the latest node
         self._odometry, self._filtered, self._known = np.zeros(3), np.zeros(3), True
-        self._far, self._turn, self._open = 0.0, 0.0, CLOSED
+        self._far, self._turn, self._open, self._through = 0.0, 0.0, CLOSED, False
 
     def __len__(self) -> int:
         return len(self.updates)
@@ -50,7 +51,9 @@ class Nodes:
         """
         distance, rotation = float(np.hypot(*key.motion[:2])), abs(float(key.motion[2]))
         too_far = self._far + distance > self._config.distance or self._turn + rotation > self._config.rotation
-        added = too_far and not crowded() and self.close()
+        through = too_far and crowded()
+        added = too_far and not through and self.close()
+        self._through |= through
         self._odometry = se2.compose(self._odometry, key.odometry)
         self._filtered = se2.compose(self._filtered, key.motion)
         self._known &= key.measured and self._far + distance < LONGEST
@@ -63,7 +66,7 @@ class Nodes:
         """Place the nodes at poses [n, 3] of the filter; a step that this changes was not measured by odometry."""
         for k, step in enumerate(se2.between(poses[:-1], poses[1:]), start=1):
             off = se2.between(self.filtered[k], step)
-            if np.hypot(*off[:2]) > self._config.distance or abs(off[2]) > self._config.rotation:
+            if self.through[k] or np.hypot(*off[:2]) > self._config.distance or abs(off[2]) > self._config.rotation:
                 self.filtered[k], self.measured[k] = np.asarray(step), False
 
     def close(self) -> bool:
@@ -82,8 +85,9 @@ class Nodes:
         self.odometry.append(self._odometry)
         self.filtered.append(self._filtered)
         self.measured.append(self._known)
+        self.through.append(self._through)
         self.left_open.append(self._open)
         self.origin = key.origin
         self._odometry, self._filtered, self._known = np.zeros(3), np.zeros(3), True
-        self._far, self._turn, self._last, self._open = 0.0, 0.0, None, CLOSED
+        self._far, self._turn, self._last, self._open, self._through = 0.0, 0.0, None, CLOSED, False
         return True

@@ -57,6 +57,11 @@ def test_no_node_where_there_are_enough_and_the_next_one_elsewhere():
     assert not nodes.measured[after]  # by 35 m of odometry and more
     np.testing.assert_allclose(nodes.odometry[after][0], 0.4 * (nodes.updates[after] - nodes.updates[after - 1]))
     assert all(nodes.measured[after + 1 :])
+    chain = Chain(nodes, CONFIG)
+    for _ in range(after):
+        chain.add()
+    np.testing.assert_allclose(chain.steps[-1], nodes.filtered[after], atol=1e-6)
+    assert np.sqrt(np.diag(chain.covariance[-1]))[:2].max() < 0.1  # the filter knows both ends in its map
 
 
 def test_systematic_errors_are_taken_out_and_the_rest_is_measured():
@@ -225,6 +230,7 @@ def test_a_pose_came_late_where_odometry_and_filter_agree_again_soon_after(
     nodes.scans = [ThinnedScan(*(field[::3].copy() for field in scan(np.array((0.6 * k - 3, 0, 0))))) for k in range(7)]
     nodes.odometry, nodes.filtered = ([np.array((x, 0.0, 0.0)) for x in (0.0, *way)] for way in (odometry, filtered))
     nodes.updates, nodes.measured, nodes.left_open = list(range(7)), [True] * 7, [CLOSED] * 7
+    nodes.through = [False] * 7
     chain = Chain(nodes, CONFIG)
     for _ in odometry:
         chain.add()
