@@ -95,6 +95,7 @@ def run_into(
             progress(update.index + 1)
     with progress_bar("final path and map", 1.0):
         estimate = session.estimate()
+    del session  # the filter's maps and the graph take memory that figures need
     if building is not None:
         with progress_bar("place among the sessions before", 1.0):
             estimate = go_on(estimate, building)

@@ -217,6 +217,7 @@ def _calibrate(
     scans.expect(GOOD / 2)
     if scans.pairs.motions[:, 2].std() < TURNING:
         return None
+    scans.expect_one_way(path)
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
     form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
     at = at_times(in_form(path, form))
@@ -224,8 +225,7 @@ def _calibrate(
     is_reversed = scans.mirror(lidar, _rates(scans, at, offset, drift)) if mirrored else False
     angle_scale, deviation, excess = scans.scale_angles()
     longer = scans.change_of_offset(excess[1])
-    best = fit(scans.pairs, at, (offset, drift), shared=logged)
-    quarter = 0.0
+    best, quarter = fit(scans.pairs, at, (offset, drift), shared=logged), 0.0
     if not mirrored and recording.encoders is None:
         aside = float(se2.wrap(best.values[Parameter.YAW] - recording.platform.lidar.yaw))
         quarter = quarter_turn(in_form(path, form).poses, aside, form)

@@ -26,6 +26,7 @@ SCALE, LENGTHS_SIGMAS = 0.03, 4.0
 """and of ranges over the odometry's lengths: sound simulated drives show at most 0.018, of 2.5 deviations."""
 TURNS = 0.15
 """Likewise of turns by scans over the odometry's."""
+TURNED_SIGMAS = 4.0  # A lidar is turned in mid drive by as many deviations: sound drives and logs have 1.2
 CHANGE, CHANGE_SIGMAS = 0.03, 6.0
 """Lengths over the odometry's change by less in mid drive where wheels slip a little, or with so few deviations."""
 TWICE = 0.4
@@ -122,7 +123,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"lidar: scans fit best if a sweep takes {c.sweep:.2g} s and not the {stated:.3g} s stated: turns are "
         told.append(("time-increment", f"{text}smeared; by --platform give [lidar] time_increment = {increment:.2g}"))
     turned, (curl, about_curl) = c.fit.turned, c.fit.curl
-    if c.fits and turned.exceeds(YAW, CHANGE_SIGMAS):
+    if c.fits and turned.exceeds(YAW, TURNED_SIGMAS):
         text = f"lidar: from about {turned.time:.0f} s on it looks {abs(degrees(turned.amount)):.1f} degrees to the "
         text += f"{'left' if turned.amount > 0 else 'right'} of where it did, by the odometry: it was turned on the "
         told.append(("mount-moves", f"{text}robot, or this drives aside there. Headings are wrong by as much"))
@@ -260,7 +261,7 @@ def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
     angles_differ = abs(c.angle_scale - 1) > max(ANGLES, SIGMAS * c.angle_deviation)
     span = abs(lidar.angle_increment) * (lidar.ranges.shape[1] - 1)
     least = [PLACE, PLACE, YAW + (abs(c.angle_scale - 1) * span if angles_differ else 0.0)]
-    far = np.full(3, c.fits and not c.fit.turned.exceeds(YAW, CHANGE_SIGMAS))  # else it is of neither part
+    far = np.full(3, c.fits and not c.fit.turned.exceeds(YAW, TURNED_SIGMAS))  # else it is of neither part
     scaled = c.fits and c.sweep is None and abs(lengths - 1) > max(SCALE, LENGTHS_SIGMAS * about_lengths)
     for each, scale in product((c.fit, clocks), (1.0, lengths) if scaled else (1.0,)):  # with one clock, and with two
         apart = each.values[MOUNT] / (scale, scale, 1.0) - mount.pose  # by ranges, and by the odometry's lengths

@@ -12,7 +12,8 @@ from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Array
 from moteslam.slam.calibration.hand_eye import Change, Pairs, clearest_change, covariances, parts_of
 from moteslam.slam.calibration.scan_pairs import LEAST_FIT, Beams, cost, refine, register, seen_through
-from moteslam.slam.calibration.unmeasured import FEWEST, UnfitScansError
+from moteslam.slam.calibration.unmeasured import FEWEST, UnfitScansError, UnmeasuredError
+from moteslam.slam.inputs.odometry_path import OdometryPath
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
 Indices = NDArray[np.intp]
@@ -59,6 +60,9 @@ TURNING = 0.05
 BESIDE, MOSTLY = 0.26, 0.5
 """A side of the robot is seen within this angle of the side on [rad], as a fan of 180 degrees may be wrong by as much,
 in more than this share of the scans."""
+OPPOSITE = 0.8
+"""Turns by scans times those by the odometry are of opposite signs in two parts, by this share of all, and either part
+has half of the rest."""
 LINE, BENT = 0.03, 1.2
 """Endpoints lie on a line that is as near as the nearest, by this share of that, at angles of which so many [rad] apart
 are tried; and on no arc if they do more often by the second factor."""
@@ -97,6 +101,22 @@ class RegisteredPairs:
             text += "apart, or show thin things, glass or next to nothing. They cannot be held against the odometry, "
             text += "and a map of them may be wrong"
             raise UnfitScansError("scans-unfit", text, float((self._found.fit > LEAST_FIT).mean()))
+
+    def expect_one_way(self, path: OdometryPath) -> None:
+        """Raise ``UnmeasuredError`` where scans turn with the odometry until a time, and against it from there on, or
+        the other way round.
+        """
+        pairs, headings = self.pairs, np.unwrap(path.poses[:, 2])
+        order = np.argsort(pairs.first)
+        first, last = (np.interp(stamps[order], path.stamps, headings) for stamps in (pairs.first, pairs.last))
+        alike = pairs.motions[order, 2] * (last - first)
+        until = np.cumsum(alike)
+        at = int(np.abs(2 * until - until[-1]).argmax())
+        before, after, total = until[at], until[-1] - until[at], np.abs(alike).sum()
+        if abs(before - after) > OPPOSITE * total and min(abs(before), abs(after)) > (1 - OPPOSITE) / 2 * total:
+            text = f"lidar: from about {pairs.last[order[at]]:.0f} s on its scans turn the other way, by the odometry: "
+            text += "its beams are in the other order from there on, or it hangs upside down. A map of both parts is "
+            raise UnmeasuredError("scans-unfit", f"{text}wrong: take one")
 
     @property
     def pairs(self) -> Pairs:

@@ -394,7 +394,7 @@ def test_floor_before_a_tilted_lidar_is_no_limit_of_its_ranges() -> None:
     def tilted(s: LidarStream) -> np.ndarray:
         floor = 0.2 / np.maximum(0.0523 * np.cos(s.angles), 1e-3)
         floor = floor * np.random.default_rng(0).normal(1, 0.003, s.ranges.shape)
-        return np.minimum(s.ranges, floor).astype(np.float32)
+        return np.where(floor < s.range_max, np.minimum(s.ranges, floor), s.ranges).astype(np.float32)
 
     found, about = found_in(lidar(ranges=tilted)(driven("rplidar_a1", "loop", 12)), FEW_PAIRS)
     assert codes(about.moves) == ["lidar-tilted"]
@@ -511,6 +511,20 @@ def test_which_side_is_wrong_is_known_or_else_nothing_is_corrected(name: str) ->
         assert mended.lidar.angle_increment == recording.lidar.angle_increment
         assert mended.lidar.ranges is recording.lidar.ranges
         assert mended.platform.lidar.yaw == pytest.approx(0, abs=0.02)
+
+
+@pytest.mark.slow
+def test_beams_that_go_the_other_way_from_a_time_on_are_told() -> None:
+    def turned(s: LidarStream) -> np.ndarray:
+        late = s.stamps > s.stamps[0] + 0.6 * np.ptp(s.stamps)
+        return np.where(late[:, None], s.ranges[:, ::-1], s.ranges)
+
+    true = driven("ucsd")
+    found, about = checked(lidar(ranges=turned)(true), FEW_PAIRS)
+    assert found is None
+    assert codes(about.moves) == ["scans-unfit"]
+    at = re.search(r"from about (\d+) s on its scans turn the other way", about.moves[0].message)
+    assert float(at[1]) == pytest.approx(true.lidar.stamps[0] + 0.6 * np.ptp(true.lidar.stamps), abs=6)
 
 
 @pytest.mark.slow
