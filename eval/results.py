@@ -25,15 +25,8 @@ from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops
 from moteslam.eval.scores import Figures, evidence_of, figures_of, placed_in_map
 from moteslam.files import Shape, cleared, mark, read_arrays, write_atomically
 from moteslam.robot import se2
+from moteslam.robot.formats import map_server
 from moteslam.robot.formats.bags import write as bags
-from moteslam.robot.formats.map_server import (
-    OCCUPIED,
-    OCCUPIED_PERCENT,
-    map_image,
-    trinary,
-    write_map,
-    write_picture,
-)
 from moteslam.robot.formats.written import odometry_of
 from moteslam.robot.raster import Raster, encode_png, write_map_arrays
 from moteslam.robot.recording import Recording
@@ -138,12 +131,12 @@ def write_results(
 
 def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None = None) -> None:
     """Write a map, and the coloured floor, as pictures, as map_server and nav2 read them (trinary), and as arrays."""
-    write_atomically(folder / "map.png", encode_png(map_image(occupancy.values)))
-    write_map(folder / "map.pgm", replace(occupancy, values=trinary(occupancy.values)))
+    write_atomically(folder / "map.png", encode_png(map_server.map_image(occupancy.values)))
+    map_server.write_map(folder / "map.pgm", replace(occupancy, values=map_server.trinary(occupancy.values)))
     write_map_arrays(folder / "map.npz", {"log_odds": occupancy})
     if texture is not None:
         floor = replace(texture, values=maps.with_opacity(texture))
-        write_picture(folder / "texture.png", floor, {"frames": texture.frames})
+        map_server.write_picture(folder / "texture.png", floor, {"frames": texture.frames})
         arrays = {"colours": texture, "points": replace(texture, values=texture.points)}
         write_map_arrays(folder / "texture.npz", arrays)
 
@@ -245,8 +238,8 @@ def _drawn(estimate: Estimate) -> Iterator[bags.Event]:
     head, raster = bags.header(time, MAP), estimate.map
     x, y, yaw = raster.origin
     figures = {"resolution": raster.cell_size, "height": raster.shape[0], "width": raster.shape[1]}
-    cells = trinary(raster.values).ravel()
-    cells[cells == OCCUPIED] = OCCUPIED_PERCENT
+    cells = map_server.trinary(raster.values).ravel()
+    cells[cells == map_server.OCCUPIED] = map_server.OCCUPIED_PERCENT
     grid = {"header": head, "info": {**figures, "origin": _pose(x, y, yaw)}, "data": cells}
     yield bags.Event(time, "/map", "nav_msgs/OccupancyGrid", grid, latched=True)
     paths = {"final": estimate.trajectory_final, "online": estimate.trajectory}

@@ -59,12 +59,9 @@ class RelationResult(PoseErrors):
     clear: PoseErrors | None
     _what: ClassVar[str] = "relation"
 
-    @property
-    def matched(self) -> int:
-        return 0 if self.at_stamps is None else self.at_stamps.pairs
-
     def as_dict(self) -> dict[str, Any]:
-        counts = {"total": self.total, "used": self.pairs, "interpolated": self.pairs - self.matched}
+        matched = 0 if self.at_stamps is None else self.at_stamps.pairs
+        counts = {"total": self.total, "used": self.pairs, "interpolated": self.pairs - matched}
         some = {"at_stamps": self.at_stamps, "clear": self.clear}
         some_or_none = {name: None if errors is None else errors.as_dict() for name, errors in some.items()}
         return {**counts, "all": super().as_dict(), **some_or_none}

@@ -23,9 +23,9 @@ from moteslam.errors import InputError
 from moteslam.eval import runs
 from moteslam.eval.metrics.registry import title_of
 from moteslam.eval.page import charts
-from moteslam.eval.page.player import budget_of, playable
+from moteslam.eval.page.player import playable
 from moteslam.eval.statistics import FEWEST
-from moteslam.eval.sweep.spec import SUCCESS
+from moteslam.eval.sweep.spec import SUCCESS, flat
 from moteslam.eval.sweep.store import Row, opened
 from moteslam.eval.tables import literal, shortened
 from moteslam.files import read_text
@@ -108,7 +108,7 @@ def _within(top: Path) -> Iterator[Path]:
 
 def _names(texts: dict[str, list[Path]]) -> dict[str, str]:
     """A name for each configuration: what it sets otherwise than the first one, else the folder of its runs."""
-    tables = {text: _flat(read_toml(folders[0] / CONFIG, "a config.toml")) for text, folders in texts.items()}
+    tables = {text: flat(read_toml(folders[0] / CONFIG, "a config.toml")) for text, folders in texts.items()}
     keys = dict.fromkeys(key for table in tables.values() for key in table)
     changed = [key for key in keys if len({repr(table.get(key)) for table in tables.values()}) > 1]
     names: dict[str, str] = {}
@@ -120,13 +120,6 @@ def _names(texts: dict[str, list[Path]]) -> dict[str, str]:
         same = sum(name == other or other.startswith(f"{name} (") for other in names.values())
         names[text] = f"{name} ({same + 1})" if same else name
     return names
-
-
-def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in table.items():
-        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return flat
 
 
 USUAL = (
@@ -164,7 +157,7 @@ def page(
     players: list[tuple[str, Markup]] = []
     for run, folder in played:
         name = f"{runs.name_of(run, keys or runs.SETTINGS)}, seed {run.run.seed}"
-        players.append((name, data_block(playable(folder, budget_of(len(played))))))
+        players.append((name, data_block(playable(folder, len(played)))))
         progress(len(players))
 
     def grouped(some: Sequence[str]) -> dict[str, list[Row]]:

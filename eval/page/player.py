@@ -2,7 +2,7 @@
 
 import base64
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -34,22 +34,8 @@ ENDPOINTS = 60  # Of a scan
 NO_ERROR = -1.0  # Of a pose that is none
 
 
-class Budget(NamedTuple):
-    """How much of each run the page holds: poses, bytes of its map and its texture each, numbers for its particles."""
-
-    steps: int
-    picture: int
-    particles: int
-
-
-def budget_of(runs: int) -> Budget:
-    """For each of this many runs: some 10 MB for 300 of them."""
-    steps = int(np.clip(STEPS // runs, FEWEST_STEPS, MOST_STEPS))
-    return Budget(steps, min(LARGEST_PICTURE, PICTURES // runs), min(LARGEST_CLOUD, CLOUDS // runs))
-
-
-def playable(folder: Path, budget: Budget) -> dict[str, Any]:
-    """A result folder as plain values, in the frame of its map.
+def playable(folder: Path, runs: int = 1) -> dict[str, Any]:
+    """A result folder as plain values, in the frame of its map; one of so many on a page: some 10 MB for 300 of them.
 
     Lengths are whole millimetres (errors tenths), angles milliradians, times milliseconds from the first scan; each
     number but the first of a list is the difference from the one before. Of errors each is the largest since the last.
@@ -60,7 +46,8 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
         if len(other) != len(final):
             problem = f"{len(other)} poses, expected {len(final)} as in trajectory_final.tum"
             raise InputError(problem, file=folder / f"{name}.tum")
-    steps = evenly(np.arange(len(final)), budget.steps)
+    most, numbers = int(np.clip(STEPS // runs, FEWEST_STEPS, MOST_STEPS)), min(LARGEST_CLOUD, CLOUDS // runs)
+    steps = evenly(np.arange(len(final)), most)
     stamps = final.stamps[steps]
     start = float(stamps[0])
     found: dict[str, Any] = {
@@ -96,12 +83,12 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
             rows.append([time, *ends.ravel().tolist(), SHOWN[loop.verdict]])
         found["loops"] = sorted(rows)
     if (folder / "particles.npz").is_file():
-        found["particles"] = _particles(folder / "particles.npz", start, budget)
+        found["particles"] = _particles(folder / "particles.npz", start, most, numbers)
     if (folder / BUILDING).is_file():
-        found["scans"] = _scans(folder, final, start, budget)
+        found["scans"] = _scans(folder, final, start, numbers)
     for name in ("map", "texture"):
         if (folder / f"{name}.yaml").is_file() and (folder / f"{name}.png").is_file():
-            found[name] = _picture(folder, name, budget.picture)
+            found[name] = _picture(folder, name, min(LARGEST_PICTURE, PICTURES // runs))
     return found
 
 
@@ -114,24 +101,24 @@ def _errors(trajectory: Trajectory, truth: Trajectory, stamps: Array) -> Array:
     return np.asarray(1e4 * np.interp(np.arange(len(stamps)), known, largest))
 
 
-def _particles(file: Path, start: float, budget: Budget) -> dict[str, Any]:
+def _particles(file: Path, start: float, steps: int, numbers: int) -> dict[str, Any]:
     """Times of updates, and of some paths x and y at these."""
     stamps, paths = read_particles(file)
-    most = int(np.clip(budget.particles // (2 * UPDATES), FEWEST_PARTICLES, PARTICLES))
+    most = int(np.clip(numbers // (2 * UPDATES), FEWEST_PARTICLES, PARTICLES))
     paths = paths[evenly(np.arange(len(paths)), most)]
-    updates = evenly(np.arange(len(stamps)), max(2, min(budget.steps, budget.particles // (2 * len(paths)))))
+    updates = evenly(np.arange(len(stamps)), max(2, min(steps, numbers // (2 * len(paths)))))
     return {
         "t": _deltas(1e3 * (stamps[updates] - start)),
         "paths": [[_deltas(1e3 * path[updates, k]) for k in (0, 1)] for path in paths],
     }
 
 
-def _scans(folder: Path, final: Trajectory, start: float, budget: Budget) -> dict[str, Any]:
+def _scans(folder: Path, final: Trajectory, start: float, numbers: int) -> dict[str, Any]:
     """Times of some key scans, and the places [cm] of some endpoints of each."""
     session = read_building(folder).sessions[-1]
     if len(session.stamps) != len(final):
         raise InputError(f"{len(session.stamps)} scans, expected {len(final)}", file=folder / BUILDING, field="stamps")
-    keys = evenly(np.arange(len(session)), max(2, budget.particles // (2 * ENDPOINTS)))
+    keys = evenly(np.arange(len(session)), max(2, numbers // (2 * ENDPOINTS)))
     nodes, rows = session.nodes[keys], [slice(b, b + n) for b, n in zip(session.begins, session.counts, strict=True)]
     seen = [session.points[rows[key]][evenly(np.arange(session.counts[key]), ENDPOINTS)] for key in keys]
     places = [transform_points(pose, points) for pose, points in zip(final.poses[nodes], seen, strict=True)]

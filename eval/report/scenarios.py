@@ -9,7 +9,7 @@ import numpy as np
 from moteslam.errors import File
 from moteslam.eval.report import style
 from moteslam.robot.formats.map_server import FREE
-from moteslam.robot.se2 import Array
+from moteslam.robot.se2 import Array, transform_points
 from moteslam.sim.actors.actors import Door
 from moteslam.sim.scenario import Scenario
 from moteslam.sim.world.world import World, true_map
@@ -121,7 +121,5 @@ def _opening(door: Door) -> Array:
     hinge, end = np.array(door.hinge), np.array(door.end)
     if door.kind == "slide":
         return np.stack((hinge, 2 * hinge - end))
-    angles = np.linspace(0.0, door.opening, 16)
-    x, y = end - hinge
-    arc = np.stack((x * np.cos(angles) - y * np.sin(angles), x * np.sin(angles) + y * np.cos(angles)), axis=-1)
-    return np.concatenate((hinge + arc, hinge[None]))
+    arc = [transform_points((*hinge, angle), end - hinge) for angle in np.linspace(0.0, door.opening, 16)]
+    return np.array([*arc, hinge])

@@ -3,7 +3,7 @@
 import os
 import re
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -77,20 +77,22 @@ Values = Annotated[
 """What a key takes: a list of values, or a range."""
 
 
-def _dotted(table: Any, prefix: str = "") -> Any:
-    """A table within tables as one of dotted keys; that of a range is a value."""
+def flat(table: dict[str, Any], prefix: str = "", *, whole: Collection[str] = ()) -> dict[str, Any]:
+    """A table within tables as one of dotted keys; one with any of the keys ``whole`` is a value."""
+    found: dict[str, Any] = {}
+    for name, value in table.items():
+        within = isinstance(value, dict) and value.keys().isdisjoint(whole)
+        found |= flat(value, f"{prefix}{name}.", whole=whole) if within else {f"{prefix}{name}": value}
+    return found
+
+
+def _dotted(table: Any) -> Any:
     if not isinstance(table, dict):
         return table
-    flat: dict[str, Any] = {}
-    for name, value in table.items():
-        key = f"{prefix}{name}"
-        if isinstance(value, dict) and value.keys().isdisjoint(Range.model_fields):
-            flat |= _dotted(value, f"{key}.")
-        elif key.startswith(PREFIXES) and not key.endswith("."):
-            flat[key] = value
-        else:
-            raise ValueError(f"{key!r}, expected slam.{key}, say: keys begin with {', '.join(PREFIXES)}")
-    return flat
+    found = flat(table, whole=Range.model_fields)
+    if wrong := [key for key in found if not key.startswith(PREFIXES) or key.endswith(".")]:
+        raise ValueError(f"{wrong[0]!r}, expected slam.{wrong[0]}, say: keys begin with {', '.join(PREFIXES)}")
+    return found
 
 
 OVER = {"platforms": "scenario.platform", "noise": "scenario.noise_class", "duration": "scenario.duration"}

@@ -15,7 +15,7 @@ from report_material import HOSTILE, sweep
 from moteslam.errors import InputError
 from moteslam.eval.cli import main
 from moteslam.eval.page.document import data_block, gather, page
-from moteslam.eval.page.player import Budget, budget_of, playable
+from moteslam.eval.page.player import CLOUDS, playable
 from moteslam.eval.results import write_results
 from moteslam.eval.run_tables import read_particles
 from moteslam.eval.runs import compared
@@ -39,7 +39,7 @@ def decoded(deltas: list[int], unit: float = 1e-3) -> np.ndarray:
 
 
 def test_a_player_has_the_paths_of_the_folder(result: Path) -> None:
-    found = playable(result, budget_of(1))
+    found = playable(result)
     final = read_tum(result / "trajectory_final.tum")
     assert len(found["t"]) == len(final)
     np.testing.assert_allclose(decoded(found["t"]), final.stamps - final.stamps[0], atol=6e-4)
@@ -52,7 +52,7 @@ def test_a_player_has_the_paths_of_the_folder(result: Path) -> None:
 
 
 def test_errors_are_those_of_the_metrics(result: Path) -> None:
-    found = playable(result, budget_of(1))
+    found = playable(result)
     scores = json.loads((result / "metrics.json").read_text())["metrics"]
     assert decoded(found["errors"]["final"], 1e-4).max() == pytest.approx(scores["final.ate_max"]["value"], abs=1e-4)
 
@@ -61,14 +61,14 @@ def test_the_coloured_floor_is_a_layer_of_its_own(result: Path, tmp_path: Path) 
     shutil.copytree(result, tmp_path / "result")
     floor = np.zeros((80, 120, 4), np.uint8)
     write_picture(tmp_path / "result" / "texture.png", Raster(floor, 0.05, (-1.0, -2.0, 0.5)))
-    found = playable(tmp_path / "result", budget_of(1))["texture"]
+    found = playable(tmp_path / "result")["texture"]
     assert {name: found[name] for name in ("x", "y", "yaw", "width", "height")} == {
         **{"x": -1.0, "y": -2.0, "yaw": 0.5, "width": 6.0, "height": 4.0}
     }
     assert found["source"].startswith("data:image/webp;base64,")
     (tmp_path / "result" / "texture.yaml").write_text("resolution: 0.05\n")
     with pytest.raises(InputError, match=r"texture\.yaml: expected resolution and origin"):
-        playable(tmp_path / "result", budget_of(1))
+        playable(tmp_path / "result")
 
 
 def test_particles_are_written_and_read(result: Path, run) -> None:
@@ -76,20 +76,20 @@ def test_particles_are_written_and_read(result: Path, run) -> None:
     stamps, paths = read_particles(result / "particles.npz")
     np.testing.assert_array_equal(stamps, estimate.particle_stamps)
     np.testing.assert_allclose(paths, estimate.particle_paths, atol=1e-5)
-    shown = playable(result, budget_of(1))["particles"]
+    shown = playable(result)["particles"]
     assert len(shown["paths"]) == len(estimate.particle_paths)
     np.testing.assert_allclose(decoded(shown["paths"][0][0])[-1], estimate.particle_paths[0, -1, 0], atol=1e-3)
 
 
 def test_the_player_has_the_key_scans_where_they_were_taken(result: Path, run) -> None:
-    found, session = playable(result, budget_of(1))["scans"], run[0].building.sessions[-1]
+    found, session = playable(result)["scans"], run[0].building.sessions[-1]
     assert len(found["t"]) == len(found["places"]) == len(session)
     stamps = run[0].trajectory_final.stamps
     np.testing.assert_allclose(decoded(found["t"]), stamps[session.nodes] - stamps[0], atol=6e-4)
     pose, points = run[0].trajectory_final.poses[session.nodes[-1]], session.points[-session.counts[-1] :]
     ends = np.stack([decoded(axis, 1e-2) for axis in found["places"][-1]], axis=-1)
     np.testing.assert_allclose(ends[[0, -1]], transform_points(pose, points)[[0, -1]], atol=0.01)
-    few = playable(result, Budget(20, 500, 360))["scans"]
+    few = playable(result, CLOUDS // 360)["scans"]
     assert len(few["places"]) == 3
     assert sum(few["t"]) == sum(found["t"])
 

@@ -11,7 +11,7 @@ from slam_rooms import OTHER_ROOM, carried_into_another_room, circled_room, endp
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli.running import about_frame
-from moteslam.eval.page.player import budget_of, playable
+from moteslam.eval.page.player import playable
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import number
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
@@ -455,13 +455,13 @@ def test_online_poses_of_a_robot_that_is_lost_are_not_scored(tmp_path: Path) -> 
     figures = write_results(tmp_path / "out", lost, truth)
     assert number(figures, "online.ate") < CELL
     assert figures["localisation"]["compared"]["scans"] <= 20
-    errors = np.cumsum(playable(tmp_path / "out", budget_of(1))["errors"]["online"])
+    errors = np.cumsum(playable(tmp_path / "out")["errors"]["online"])
     assert (errors[:10] < 0).all()  # none
     assert ((errors[10:] >= 0) & (errors[10:] < 1e4 * CELL)).all()
     state[:] = LocalisationState.LOST
     figures = write_results(tmp_path / "out", lost, truth)
     assert number(figures, "online.ate") is number(figures, "final.ate") is None
-    assert "errors" not in playable(tmp_path / "out", budget_of(1))
+    assert "errors" not in playable(tmp_path / "out")
 
 
 def test_a_truth_in_another_frame_than_the_map_is_told() -> None:
