@@ -4,9 +4,8 @@ Numbers are written with the fewest digits that read back the same.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from math import isfinite, isnan
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import File, InputError
+from moteslam.eval.tables import comma_separated
 from moteslam.files import Shape, read_arrays, read_text, write_atomically
 from moteslam.robot.values import Summarised
 from moteslam.slam.backend.protocol import LoopCandidate, Verdict
@@ -79,7 +79,8 @@ def write_diagnostics(path: Path, estimate: Estimate) -> None:
     numbers = [estimate.covariances[:, i, j] for i, j in ELEMENTS.values()]
     numbers += [estimate.diagnostics[name] for name in VALUES]
     rows = zip(estimate.trajectory.stamps.tolist(), states, np.column_stack(numbers), strict=True)
-    _write(path, DIAGNOSTICS_COLUMNS, ([repr(stamp), state, *map(_shown, row.tolist())] for stamp, state, row in rows))
+    cells = ([stamp, state, *map(_shown, row.tolist())] for stamp, state, row in rows)
+    write_atomically(path, comma_separated([[*DIAGNOSTICS_COLUMNS], *cells]) + "\n")
 
 
 def read_diagnostics(path: File) -> Diagnostics:
@@ -100,11 +101,11 @@ def loop_counts(loops: Sequence[LoopCandidate]) -> dict[str, int]:
 
 def write_loops(path: File, loops: Sequence[LoopCandidate]) -> None:
     """Write ``loops.csv``."""
-    rows = []
+    rows: list[list[Any]] = [[*LOOP_COLUMNS]]
     for loop in loops:
         numbers = (*loop.stamps, *loop.predicted, *loop.found, *loop.window, *(getattr(loop, name) for name in SCORES))
-        rows.append([str(loop.earlier), str(loop.later), *(repr(float(one)) for one in numbers), loop.verdict])
-    _write(path, LOOP_COLUMNS, rows)
+        rows.append([loop.earlier, loop.later, *map(float, numbers), loop.verdict])
+    write_atomically(path, comma_separated(rows) + "\n")
 
 
 def read_loops(path: File) -> tuple[LoopCandidate, ...]:
@@ -164,10 +165,6 @@ def _value(word: str, kind: Kind) -> float | None:
     return value if isfinite(value) or (kind == "number or nan" and isnan(value)) else None
 
 
-def _write(path: File, columns: Iterable[str], rows: Iterable[Sequence[str]]) -> None:
-    write_atomically(path, "".join(",".join(row) + "\n" for row in chain((columns,), rows)))
-
-
-def _shown(number: float) -> str:
-    """A whole number without a point, any other with the fewest digits that read back the same."""
-    return str(int(number)) if number.is_integer() else repr(number)
+def _shown(number: float) -> float:
+    """A whole number without a point."""
+    return int(number) if number.is_integer() else number

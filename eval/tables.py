@@ -176,8 +176,8 @@ def latex(rows: Rows) -> str:
     return "\n".join(["% \\usepackage{booktabs}", begin, "\\toprule", head, "\\midrule", *lines, "\\bottomrule", end])
 
 
-def comma_separated(rows: Rows) -> str:
-    """CSV as RFC 4180 has it, but for line feeds alone."""
+def comma_separated(rows: Sequence[Sequence[Any]]) -> str:
+    """CSV as RFC 4180 has it, but for line feeds alone; cells may be numbers, and empty for None."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue().removesuffix("\n")

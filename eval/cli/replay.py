@@ -13,7 +13,7 @@ import typer
 
 from moteslam.errors import ConfigError, in_file
 from moteslam.eval.cli import options
-from moteslam.eval.cli.options import arg, flag, opt
+from moteslam.eval.cli.options import RecordingOptions, SlamOptions, arg, flag, opt
 from moteslam.eval.cli.text import answer, simulation_bar, warn
 from moteslam.eval.tables import length, literal
 
@@ -27,7 +27,7 @@ MEND = "Mend what is certainly stated wrongly; where lidar and odometry contradi
 Calibrate = Annotated[Side, opt(MEND, "lidar|odometry")]
 
 
-@options.with_options(run=options.SlamOptions)
+@options.with_options(run=SlamOptions)
 def demo(
     out: Annotated[Path, opt(options.OUT)] = Path("demo"),
     scenario: Annotated[str, opt("Scenario to drive.", "NAME")] = "corridor",
@@ -35,7 +35,7 @@ def demo(
     noise: options.NoiseClass = None,
     duration: Annotated[float | None, opt("Stop the drive after S seconds.", "S", min=12)] = None,
     *,
-    run: options.SlamOptions,
+    run: SlamOptions,
 ) -> None:
     """Simulate a corridor, run SLAM, score and draw it.
 
@@ -69,7 +69,7 @@ def demo(
     answer(found, lines, as_json=run.as_json)
 
 
-@options.with_options(part=options.RecordingOptions, run=options.SlamOptions)
+@options.with_options(part=RecordingOptions, run=SlamOptions)
 def replay(
     path: Annotated[Path | None, arg("A log file, or a folder of arrays.", "PATH", show_default=False)] = None,
     out: Annotated[Path | None, opt(options.OUT)] = None,
@@ -82,8 +82,8 @@ def replay(
         bool, flag("--stdin", "Read messages (no images) from stdin as lines of JSON; --out optional.")
     ] = False,
     *,
-    part: options.RecordingOptions,
-    run: options.SlamOptions,
+    part: RecordingOptions,
+    run: SlamOptions,
 ) -> None:
     """Run SLAM over a recording and fill a result folder.
 
@@ -116,7 +116,7 @@ def replay(
     if path is None:
         raise typer.BadParameter("missing, expected a recording", param_hint="'PATH'")
     if dead_reckoning:
-        _dead_reckon(path, *_checked(part.open(path), calibrate), config, out, run)
+        _dead_reckon(path, config, out, part, run, calibrate)
         return
     if out is None:
         raise typer.BadParameter("missing, expected a folder for the result", param_hint="'--out'")
@@ -124,7 +124,7 @@ def replay(
     _run_over(path, config, out, part, run, calibrate=calibrate, onto=onto)
 
 
-@options.with_options(part=options.RecordingOptions, run=options.SlamOptions)
+@options.with_options(part=RecordingOptions, run=SlamOptions)
 def localize(
     path: Annotated[Path, arg("A log file, or a folder of arrays.", "PATH")],
     known: Annotated[Path, opt("A map_server .yaml file, or a result folder.", "MAP", "--map")],
@@ -135,8 +135,8 @@ def localize(
     ] = None,
     calibrate: Calibrate = None,
     *,
-    part: options.RecordingOptions,
-    run: options.SlamOptions,
+    part: RecordingOptions,
+    run: SlamOptions,
 ) -> None:
     """Find the robot in a known map and track it there; the map never changes.
 
@@ -165,8 +165,8 @@ def _run_over(
     path: Path,
     config: SlamConfig,
     out: Path,
-    part: options.RecordingOptions,
-    run: options.SlamOptions,
+    part: RecordingOptions,
+    run: SlamOptions,
     *,
     calibrate: Side,
     onto: Path | None = None,
@@ -227,12 +227,7 @@ def _checked(recording: Recording, side: Side) -> tuple[Recording, tuple[Issue, 
 
 
 def _dead_reckon(
-    path: Path,
-    recording: Recording,
-    not_as_stated: tuple[Issue, ...],
-    config: SlamConfig,
-    out: Path | None,
-    run: options.SlamOptions,
+    path: Path, config: SlamConfig, out: Path | None, part: RecordingOptions, run: SlamOptions, side: Side
 ) -> None:
     from moteslam.eval.metrics.ate import absolute_trajectory_error
     from moteslam.eval.scores import truth_beside
@@ -240,6 +235,7 @@ def _dead_reckon(
     from moteslam.robot.trajectories.text import write_tum
     from moteslam.slam.inputs.synchronise import dead_reckon
 
+    recording, not_as_stated = _checked(part.open(path), side)
     trajectory = dead_reckon(recording, config.sync)
     truth, issues = truth_beside(path, trajectory.stamps)
     ate = None if truth is None else absolute_trajectory_error(trajectory, truth).rmse

@@ -88,17 +88,13 @@ def drift(estimate: Trajectory, reference: Trajectory) -> DriftResult:
     """
     matched = match(*oriented(estimate, reference))
     path, _ = travelled(matched.reference)
-    parts = []
-    for length in LENGTHS:
-        last = np.searchsorted(path, path + length)
-        first = np.flatnonzero(last < len(path))
-        if not len(first):
-            break
-        shift, turn = planar_errors(matched.reference, matched.estimate, first, last[first])
-        parts.append((np.full(len(first), length), shift / length, turn / length))
-    if not parts:
+    ends = np.searchsorted(path, path + np.array(LENGTHS)[:, None])  # [LENGTHS, n]
+    which, first = np.nonzero(ends < len(path))
+    if not len(first):
         raise InputError(f"{path[-1]:.2f} m driven, expected at least {LENGTHS[0]:g} m", field="path")
-    return DriftResult(*map(np.concatenate, zip(*parts, strict=True)))
+    shift, turn = planar_errors(matched.reference, matched.estimate, first, ends[which, first])
+    lengths = np.array(LENGTHS)[which]
+    return DriftResult(lengths, shift / lengths, turn / lengths)
 
 
 def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> PoseErrors:

@@ -181,19 +181,13 @@ def with_opacity(texture: TextureMap) -> NDArray[np.uint8]:
 
 
 def draw_over_time(
-    path: File,
-    snapshots: Snapshots,
-    *,
-    trajectory: Trajectory,
-    placed: NDArray[np.bool_] | None = None,
-    title: str = "",
+    path: File, snapshots: Snapshots, *, trajectory: Trajectory, placed: NDArray[np.bool_], title: str = ""
 ) -> None:
     """The map at stages of the run, one at least, and the trajectory, as it was known at each scan, until then.
 
     All at one scale: figures 1 and 2 of the paper. Poses that are not ``placed`` [n] in the map are left out.
     """
-    poses = trajectory.poses if placed is None else np.where(placed[:, None], trajectory.poses, np.nan)
-    first = 0 if placed is None else int(placed.argmax())
+    poses, first = np.where(placed[:, None], trajectory.poses, np.nan), int(placed.argmax())
     points = np.concatenate([poses[np.isfinite(poses).all(axis=1), :2], map_corners(snapshots[-1][1])])
     with _panels(path, len(snapshots), points, width=11.0, columns=(6, 3), title=title) as panels:
         for axes, (index, occupancy) in zip(panels, snapshots, strict=True):

@@ -311,9 +311,7 @@ def columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
 def as_csv(rows: Sequence[Row]) -> str:
     """The columns as CSV: numbers with the fewest digits that read back the same, empty for None."""
     table = columns(rows)
-    made = zip(*table.values(), strict=True)
-    cells = ([repr(one) if isinstance(one, float) else "" if one is None else str(one) for one in row] for row in made)
-    return comma_separated([list(table), *cells]) + "\n"
+    return comma_separated([list(table), *zip(*table.values(), strict=True)]) + "\n"
 
 
 def write_parquet(path: Path, rows: Sequence[Row]) -> None:

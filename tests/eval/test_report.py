@@ -59,7 +59,10 @@ def test_figures_are_white_outside_and_drawn_inside(run, simulation, tmp_path: P
         truth=truth,
         title=name,
     )
-    draw_over_time(tmp_path / "over_time.png", snapshots, trajectory=estimate.trajectory, title=name)
+    draw_over_time(
+        *(tmp_path / "over_time.png", snapshots),
+        **{"trajectory": estimate.trajectory, "placed": np.ones(len(estimate.trajectory), bool), "title": name},
+    )
     maps.draw_dead_reckoning(
         tmp_path / "dead_reckoning.png", estimate.dead_reckoning, recording=simulation.recording, title=name
     )
