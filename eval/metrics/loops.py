@@ -154,8 +154,7 @@ def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | No
     lidar, index, poses, scans = placed_scans(recording, truth, scans)
     path, turned = travelled(poses)
     keys = evenly(np.unique(np.floor((path + turned) / SPACING), return_index=True)[1], MAX_KEY_SCANS)
-    pairs = tree_of(poses[keys, :2]).query_pairs(MAX_DISTANCE, output_type="ndarray")
-    pairs = keys[np.sort(pairs, axis=1)].reshape(-1, 2)
+    pairs = keys[tree_of(poses[keys, :2]).query_pairs(MAX_DISTANCE, output_type="ndarray")]
     pairs = pairs[path[pairs[:, 1]] - path[pairs[:, 0]] > MIN_PATH]
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     seen = ((scan, scans.points(int(index[scan]))) for scan in np.unique(pairs).tolist())

@@ -112,22 +112,19 @@ def _medians(points: Sequence[tuple[Any, str, Summary]], metric: Shown, *, mode:
     """Medians with their 95 % intervals, if there are any, at places of x, each with its name; to a side where an
     interval goes on to infinity it has no bar, and a median that is infinite is left out.
     """
-    shown = [(x, name, one) for x, name, one in points if one.median is not None and isfinite(one.median)]
-    medians = [one.median or 0.0 for _, _, one in shown]
-    ends = [
-        [y if end is None or not isfinite(end) else end for end in (one.low, one.high)]
-        for (_, _, one), y in zip(shown, medians, strict=True)
-    ]
-    texts = []
-    for _, name, one in shown:
+    x, y, texts, above, below = [], [], [], [], []
+    for place, name, one in points:
+        if (middle := one.median) is None or not isfinite(middle):
+            continue
+        low, high = (middle if end is None or not isfinite(end) else end for end in (one.low, one.high))
         within = "" if one.low is None else f"95 % {metric.text(one.low)} to {metric.text(one.high)}, "
-        texts.append(f"{name}: median {metric.text(one.median)}, {within}{one.runs} runs, {one.failed} failed")
-    bars = {
-        "array": [metric.factor * max(high - y, 0.0) for (_, high), y in zip(ends, medians, strict=True)],
-        "arrayminus": [metric.factor * max(y - low, 0.0) for (low, _), y in zip(ends, medians, strict=True)],
-    }
-    error = {"type": "data", "symmetric": False, "thickness": thickness, **bars}
-    return {**_points(mode, [x for x, _, _ in shown], [metric.factor * y for y in medians], texts), "error_y": error}
+        x.append(place)
+        y.append(metric.factor * middle)
+        texts.append(f"{name}: median {metric.text(middle)}, {within}{one.runs} runs, {one.failed} failed")
+        above.append(metric.factor * max(high - middle, 0.0))
+        below.append(metric.factor * max(middle - low, 0.0))
+    error = {"type": "data", "symmetric": False, "thickness": thickness, "array": above, "arrayminus": below}
+    return {**_points(mode, x, y, texts), "error_y": error}
 
 
 def _y(metric: Shown, traces: Sequence[Figure]) -> Figure:

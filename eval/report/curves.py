@@ -264,8 +264,7 @@ def _draw_medians(
     alone = [row.known[name] for line in lines for rows in line.groups.values() for row in rows if name in row.known]
     ends = [end for line in summed for one in line.values() for end in (one.median, one.low, one.high)]
     few = all(len(rows) < FEWEST for line in lines for rows in line.groups.values())
-    finite = [value for value in (*ends, *(alone if few else ())) if value is not None and isfinite(value)]
-    finite = [factor * value for value in finite]
+    finite = [factor * value for value in (*ends, *(alone if few else ())) if value is not None and isfinite(value)]
     low, high = _limits(finite, logarithmic=far_apart(finite), from_zero=better(name) == "lower")
     first, last = min(places.values()), max(places.values())
     if first == last:

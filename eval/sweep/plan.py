@@ -199,8 +199,6 @@ def _check(runs: list[PlannedRun]) -> None:
             with _named("duration", run):
                 check_moves(scenario.drive, run.duration or scenario.duration)
         if world not in seen and run.recording:
-            if not Path(run.recording).exists():
-                raise ConfigError(f"{run.recording!r}, which there is not, expected a recording", field="recordings")
             try:
                 format_of(run.recording)
             except InputError as error:
