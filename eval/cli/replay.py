@@ -121,7 +121,7 @@ def replay(
     if out is None:
         raise typer.BadParameter("missing, expected a folder for the result", param_hint="'--out'")
 
-    _run_over(path, config, out, part, run, calibrate=calibrate, onto=onto)
+    _run_over(path, config, out, part, run, calibrate, onto)
 
 
 @options.with_options(part=RecordingOptions, run=SlamOptions)
@@ -158,30 +158,23 @@ def localize(
         config = run.resolved("localize", [f"known_map={json.dumps(str(file.absolute()))}", *start])
         if not isinstance(config, KnownMapConfig):
             raise ConfigError(f'method "{config.method}", expected one that takes a known map', field="--preset")
-    _run_over(path, config, out, part, run, calibrate=calibrate)
+    _run_over(path, config, out, part, run, calibrate, None)
 
 
 def _run_over(
-    path: Path,
-    config: SlamConfig,
-    out: Path,
-    part: RecordingOptions,
-    run: SlamOptions,
-    *,
-    calibrate: Side,
-    onto: Path | None = None,
+    path: Path, config: SlamConfig, out: Path, part: RecordingOptions, run: SlamOptions, side: Side, onto: Path | None
 ) -> None:
     from moteslam.eval.cli.running import run_into, run_lines
     from moteslam.eval.scores import relations_beside, true_map_beside, truth_beside
     from moteslam.files import result_folder
     from moteslam.slam.calibration.findings import trusting
 
-    recording, not_as_stated = _checked(part.open(path), calibrate)
-    if calibrate is None:
+    recording, not_as_stated = _checked(part.open(path), side)
+    if side is None:
         config = config.model_copy(update={"sync": trusting(config.sync, not_as_stated)})
     truth, issues = (None, ()) if recording.lidar is None else truth_beside(path, recording.lidar.stamps)
     about = {name: value for name, value in part.given.items() if name not in ("sequence", "platform")}
-    about |= {} if calibrate is None else {"calibrate": calibrate}
+    about |= {} if side is None else {"calibrate": side}
     about |= {} if onto is None else {"onto": str(onto)}
     with result_folder(out, force=run.force, keep=path) as folder:
         found = run_into(

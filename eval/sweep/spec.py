@@ -256,8 +256,7 @@ def _placed(name: str, one: Configuration, folder: Path) -> Configuration:
                 raise InputError("printed nothing, expected a version", file=words[0])
     except InputError as error:
         raise ConfigError(str(error), field=f"configurations.{name}.version") from error
-    known = {"command": here(one.command), "version": version}
-    return one.model_copy(update=known) if one.command else one
+    return one.model_copy(update={"command": here(one.command), "version": version})
 
 
 def run_program(words: Sequence[str], folder: Path | None = None) -> str:
