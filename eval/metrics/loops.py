@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -106,11 +106,12 @@ def score_loops(
     possible, bound, why = None, 0, "there is no recording whose endpoints show which loops are possible"
     try:
         if recording is not None:
-            among, why = possible_loops(recording, truth, scans=scans), "no key scan has a possible loop"
-            possible, right = len(np.unique(among.later)), found.stamps[~found.is_false]
-            loops_right = tree_of(np.interp(right, among.stamps, among.path))
-            apart = loops_right.query(among.places, p=np.inf)[0]  # the larger of the distances along the path
-            bound = len(np.unique(among.later[apart <= BOUND_PATH]))
+            pairs, places, stamps, path = possible_loops(recording, truth, scans=scans)
+            why, later = "no key scan has a possible loop", pairs[:, 1]
+            possible, right = len(np.unique(later)), found.stamps[~found.is_false]
+            loops_right = tree_of(np.interp(right, stamps, path))
+            apart = loops_right.query(places, p=np.inf)[0]  # the larger of the distances along the path
+            bound = len(np.unique(later[apart <= BOUND_PATH]))
     except InputError as error:
         if error.field != "trajectory":
             raise
@@ -131,25 +132,16 @@ def _errors(loops: Sequence[LoopCandidate], truth: Trajectory) -> tuple[Array, A
     return stamps, np.hypot(*(found - true)[:, :2].T), np.abs(se2.wrap(found[:, 2] - true[:, 2]))
 
 
-class PossibleLoops(NamedTuple):
-    """The pairs [p] of key scans between which a loop is possible: indices in the recording, and path driven up to
-    both [p, 2]; the stamps [n] of all scans that the truth covers [s], and the path [n] driven up to each [m].
-    """
-
-    earlier: Indices
-    later: Indices
-    places: Array
-    stamps: Array
-    path: Array
-
-
-def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | None = None) -> PossibleLoops:
-    """The loops that a search could have found; arguments as of ``score_loops``.
+def possible_loops(
+    recording: Recording, truth: Trajectory, *, scans: Scans | None = None
+) -> tuple[Indices, Array, Array, Array]:
+    """The loops that a search could have found, pairs of scans [p, 2] by their indices, and the path driven up to both
+    [p, 2] [m]; of all scans that the truth covers the stamps [n] [s] and the path up to each [n].
 
     Key scans are the first within each ``SPACING`` of true path or turn, whatever the run took for its own. A loop is
     possible between two of them that are more than ``MIN_PATH`` of path apart, at most ``MAX_DISTANCE`` apart, and
-    share at least ``MIN_SHARED`` of their endpoints, laid at the true poses. ``InputError`` of the field
-    ``trajectory``: fewer than two scans with a true pose.
+    share at least ``MIN_SHARED`` of their endpoints, laid at the true poses. Arguments are as of ``score_loops``.
+    ``InputError`` of the field ``trajectory``: fewer than two scans with a true pose.
     """
     lidar, index, poses, scans = placed_scans(recording, truth, scans)
     path, turned = travelled(poses)
@@ -165,8 +157,7 @@ def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | No
         some = pairs[:, 0] == earlier
         shared[some] = _shared(clouds[earlier], [few[scan] for scan in pairs[some, 1].tolist()])
     pairs = pairs[shared >= MIN_SHARED]
-    earlier, later = index[pairs].T
-    return PossibleLoops(earlier, later, path[pairs], lidar.stamps[index], path)
+    return index[pairs], path[pairs], lidar.stamps[index], path
 
 
 def _shared(cloud: Array, others: list[Array]) -> Array:

@@ -129,10 +129,10 @@ def test_possible_loops_are_those_that_plain_numpy_finds() -> None:
             nearest = np.hypot(*(some[:, None] - clouds[j]).transpose(2, 0, 1)).min(axis=1)
             if np.mean(nearest < 0.2) >= 0.5:
                 expected.append((j, i))
-    found = possible_loops(recording, truth)
-    assert sorted(zip(found.earlier.tolist(), found.later.tolist(), strict=True)) == sorted(expected)
-    assert set(range(32, len(truth))) <= set(found.later.tolist())  # all of the second round
-    assert min(found.later) > 25
+    found, *_ = possible_loops(recording, truth)
+    assert sorted(map(tuple, found.tolist())) == sorted(expected)
+    assert set(range(32, len(truth))) <= set(found[:, 1].tolist())  # all of the second round
+    assert min(found[:, 1]) > 25
 
 
 def test_from_the_other_side_half_of_the_endpoints_are_not_shared(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,12 +140,12 @@ def test_from_the_other_side_half_of_the_endpoints_are_not_shared(monkeypatch: p
     there = np.arange(0.0, 2 * np.pi, 0.2)
     angles = np.concatenate((there, there[-1] - 0.2 - there))
     heading = np.where(np.arange(len(angles)) < len(there), np.pi / 2, -np.pi / 2)
-    back = possible_loops(*drive(angles, heading))
-    ahead = possible_loops(*rounds())
-    assert len(back.later) < 0.1 * len(ahead.later)
+    back, *_ = possible_loops(*drive(angles, heading))
+    ahead, *_ = possible_loops(*rounds())
+    assert len(back) < 0.1 * len(ahead)
     monkeypatch.setattr(metric, "MAX_KEY_SCANS", 21)
-    few = possible_loops(*rounds())
-    assert 0 < len(np.unique((few.earlier, few.later))) <= 21
+    few, *_ = possible_loops(*rounds())
+    assert 0 < len(np.unique(few)) <= 21
 
 
 def test_a_loop_binds_the_scans_of_some_metres() -> None:
@@ -153,7 +153,7 @@ def test_a_loop_binds_the_scans_of_some_metres() -> None:
     recording, truth = rounds()
     scores = score_loops([loop(truth, 10, 41)], truth, recording)
     assert scores.bound == 9
-    assert scores.possible == len(np.unique(possible_loops(recording, truth).later))
+    assert scores.possible == len(np.unique(possible_loops(recording, truth)[0][:, 1]))
     assert scores.recall == 9 / scores.possible
     assert score_loops([loop(truth, 10, 41), loop(truth, 12, 43)], truth, recording).bound == 11
     elsewhere = loop(truth, 25, 41)  # right, but not where scan 41 and those around it were before
@@ -182,7 +182,7 @@ def test_scans_without_endpoints_have_no_possible_loop(seen: int, last: int | No
     ranges = np.array(recording.lidar.ranges)  # type: ignore[union-attr]
     ranges[seen:] = np.inf
     blind = recording.replace(lidar=replace(recording.lidar, ranges=ranges))  # type: ignore[type-var]
-    assert max(possible_loops(blind, truth).later, default=None) == last
+    assert max(possible_loops(blind, truth)[0][:, 1], default=None) == last
 
 
 @pytest.fixture
