@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.recording import Recording
+from moteslam.robot.platform import LidarSpec, Platform
+from moteslam.robot.platforms import UCSD
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 
 STREAMS = ("lidar", "encoders", "odometry", "imu")
 BAGS = ("bag", "rosbag2", "mcap")
@@ -35,6 +37,33 @@ NOT_HELD = {
 WRITTEN = tuple(HELD)
 ENDINGS = {"carmen": ".log.gz", "csv": ".toml", "bag": ".bag", "mcap": ".mcap"}
 """Of files; the others are folders, and have to be named."""
+
+
+def made(form: str, seed: int = 0) -> Recording:
+    """A recording of random numbers, large and small, named ``x``, with all that a format holds."""
+    rng = np.random.default_rng(seed)
+
+    def numbers(count: int, width: int = 3) -> NDArray[np.float64]:
+        return rng.uniform(-1, 1, (count, width)) * 10.0 ** rng.integers(-9, 1, (count, width))
+
+    stamps, ticks = 1.6e9 + np.sort(rng.uniform(0, 20, 30)), 1.6e9 + 0.25 * np.arange(80)
+    stamps[7] = stamps[6]
+    x, heading = np.sort(rng.uniform((-50, -3.1), (50, 3.1), (40, 2)), axis=0).T
+    ranges = rng.uniform(0.1, 24.9, (30, 31)).astype(np.float32)
+    ranges[rng.uniform(size=ranges.shape) < 0.1] = np.inf
+    ranges[rng.uniform(size=ranges.shape) < 0.1] = np.nan
+    with_scans = 9.0 * numbers(30) if "lidar.odometry" not in NOT_HELD.get(form, ()) else None
+    lidar = LidarSpec(x=0.1, y=-0.2, z=0.3, yaw=0.4, time_increment=1e-5)
+    carmen = Platform(name="carmen", length=0.6, width=0.4, lidar=lidar)  # all that its logs state of a robot
+    recording = Recording(
+        "x",
+        carmen if form == "carmen" else UCSD.model_copy(update={"lidar": lidar}),
+        lidar=LidarStream(stamps, ranges, -2.1, 0.0123, 0.1, 25.0, 1e-5, with_scans),
+        encoders=EncoderStream(ticks, rng.integers(-20, 40, (80, 4))),
+        odometry=OdometryStream(1.6e9 + 0.5 * np.arange(40), np.column_stack((x, -0.7 * x, heading))),
+        imu=ImuStream(ticks, 9.0 * numbers(80), 4.0 * numbers(80)),
+    )
+    return recording.replace(**{name: None for name in STREAMS if name not in HELD[form]})
 
 
 def name_of(form: str, stem: str = "drive") -> str:

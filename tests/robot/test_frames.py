@@ -9,8 +9,6 @@ import cv2
 import numpy as np
 import pytest
 from issues import messages
-from twins.camera import optical_to_robot
-from ucsd_robot import CAMERA
 
 from moteslam.errors import OutputError
 from moteslam.robot import rgbd
@@ -189,11 +187,3 @@ def test_the_alignment_is_a_camera_26_mm_to_the_right() -> None:
     seen = rgbd.RGB_FOCAL * (point[:2] - (rgbd.RGB_OFFSET, 0)) / point[2] + rgbd.RGB_CENTRE
     assert seen == pytest.approx(published, abs=1e-9)
     assert pytest.approx(0.0263, abs=1e-4) == rgbd.RGB_OFFSET
-
-
-def test_the_mount_turns_as_the_twin_does() -> None:
-    points = np.random.default_rng(0).normal(size=(20, 3))
-    mount = CAMERA
-    turned = points @ rgbd.mount_rotation(mount).T + (mount.x, mount.y, mount.z)
-    assert turned == pytest.approx(optical_to_robot(points), abs=1e-12)
-    assert np.linalg.det(rgbd.mount_rotation(mount)) == pytest.approx(1.0)

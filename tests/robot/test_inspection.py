@@ -170,13 +170,6 @@ def test_ranges_that_were_not_rounded_have_no_resolution(count: int) -> None:
     assert measured(RNG.uniform(1, 6, (1, count)), increment=1e-5).resolution is None
 
 
-@pytest.mark.parametrize(("increment", "turns"), [(0.01, "counterclockwise"), (-0.01, "clockwise")])
-def test_angles_and_direction(increment: float, turns: str) -> None:
-    report = measured(np.ones((3, 11)), increment=increment)
-    assert (report.beams, report.angle_min, report.angle_increment, report.turns) == (11, 0.5, increment, turns)
-    assert report.field_of_view == pytest.approx(np.degrees(0.1))
-
-
 def test_noise_is_measured_within_each_rest_and_not_on_the_way() -> None:
     places = np.array((2.0, 3.0, 4.0, 4.0))
     ranges = np.repeat(places, 50)[:, None] + RNG.normal(0, 0.012, (200, 300))

@@ -52,11 +52,6 @@ def test_arrays_cannot_be_changed() -> None:
         stream.range_max = 3
 
 
-def test_angles_are_those_of_the_beams() -> None:
-    np.testing.assert_allclose(lidar().angles, [-1, -0.5, 0, 0.5, 1])
-    assert len(lidar()) == 3
-
-
 THREE = np.arange(3.0)
 
 

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from converted import BAGS, WRITTEN, assert_held, made, name_of
 
-from moteslam.robot.formats import FORMATS, open_recording
+from moteslam.robot.formats import FORMATS, open_recording, write_recording
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
 from moteslam.robot.wheel_odometry import wheel_path
@@ -23,6 +24,28 @@ FULL = Recording(
     imu=ImuStream(STAMPS, np.zeros((4, 3)), np.zeros((4, 3))),
     rgbd=RgbdStream(STAMPS, STAMPS, (None,) * 4, (None,) * 4),
 )
+
+
+def contents(path: Path) -> list[bytes]:
+    return [file.read_bytes() for file in (sorted(path.rglob("*.*")) if path.is_dir() else [path])]
+
+
+@pytest.mark.parametrize(("form", "name"), [*((form, name_of(form, "x")) for form in WRITTEN), ("carmen", "x.log")])
+def test_what_is_written_reads_back_and_is_the_same_bytes_again(tmp_path: Path, form: str, name: str) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+    recording = made(form)
+    assert write_recording(tmp_path / "a" / name, recording, to=form) == ()
+    assert (contents(tmp_path / "a" / name)[0][:2] == b"\x1f\x8b") == name.endswith(".gz")
+    back = open_recording(tmp_path / "a" / name)
+    assert back.warnings == ()
+    assert (back.name, back.platform) == (recording.name, recording.platform)
+    assert_held(form, recording, back)
+    if back.imu is not None:
+        mine, its = (one.imu.linear_acceleration_g for one in (recording, back))
+        np.testing.assert_allclose(its, mine, rtol=4e-16 if form in BAGS else 0)
+    write_recording(tmp_path / "b" / name, recording if form in BAGS else back, to=form)
+    assert contents(tmp_path / "b" / name) == contents(tmp_path / "a" / name) != []
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from converted import assert_held
+from converted import made
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,9 +15,8 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.formats.bags.bag import seconds
 from moteslam.robot.formats.bags.write import nanoseconds, twists
-from moteslam.robot.platform import LidarSpec, Platform
-from moteslam.robot.platforms import UCSD
-from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
+from moteslam.robot.platform import Platform
+from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.wheel_odometry import wheel_path
 
 KINDS = {"x.bag": "bag", "x.mcap": "mcap", "x": "rosbag2"}
@@ -30,26 +29,6 @@ def lidar_of(ranges: np.ndarray, stamps: np.ndarray) -> LidarStream:
     return LidarStream(stamps, ranges.astype(np.float32), -2.1, 0.0123, 0.1, 25.0, 1e-5)
 
 
-def recording_of(seed: int = 0, scans: int = 30, *, odometry: bool = False) -> Recording:
-    """A made-up recording with everything that a bag holds bit for bit."""
-    random = np.random.default_rng(seed)
-    stamps = START + np.sort(random.uniform(0, 20, scans))
-    ranges = random.uniform(0.1, 24.9, (scans, 31)).astype(np.float32)
-    ranges[random.uniform(size=ranges.shape) < 0.1] = np.inf
-    ranges[random.uniform(size=ranges.shape) < 0.1] = np.nan
-    ticks = START + 0.25 * np.arange(80)
-    x, heading = np.sort(random.uniform((-50, -3.1), (50, 3.1), (40, 2)), axis=0).T
-    poses = np.column_stack((x, -0.7 * x, heading))
-    return Recording(
-        "made",
-        UCSD.model_copy(update={"lidar": LidarSpec(x=0.1, y=-0.2, z=0.3, yaw=0.4, time_increment=1e-5)}),
-        lidar=lidar_of(ranges, stamps),
-        encoders=EncoderStream(ticks, random.integers(-20, 40, (80, 4))),
-        odometry=OdometryStream(START + 0.5 * np.arange(40), poses) if odometry else None,
-        imu=ImuStream(ticks, random.normal(0, 1, (80, 3)), random.normal(0, 1, (80, 3))),
-    )
-
-
 def written(folder: Path, name: str, recording: Recording) -> Path:
     path = folder / name
     write_recording(path, recording, to=KINDS[name])
@@ -57,20 +36,8 @@ def written(folder: Path, name: str, recording: Recording) -> Path:
 
 
 @every_kind
-def test_what_is_written_reads_back_the_same(tmp_path: Path, name: str) -> None:
-    recording = recording_of(odometry=True)
-    path = tmp_path / name
-    assert write_recording(path, recording, to=KINDS[name]) == ()
-    again = open_recording(path)
-    assert again.warnings == ()
-    assert again.platform == recording.platform
-    assert_held(KINDS[name], recording, again)
-    np.testing.assert_allclose(again.imu.linear_acceleration_g, recording.imu.linear_acceleration_g, rtol=4e-16)
-
-
-@every_kind
 def test_wheels_give_an_odometry_that_does_not_come_back_as_a_stream(tmp_path: Path, name: str) -> None:
-    recording = recording_of()
+    recording = made(KINDS[name]).replace(odometry=None)
     path = written(tmp_path, name, recording)
     again = open_recording(path)
     assert again.odometry is None
@@ -84,7 +51,7 @@ def test_wheels_give_an_odometry_that_does_not_come_back_as_a_stream(tmp_path: P
 
 @every_kind
 def test_rosbags_reads_what_is_written(tmp_path: Path, name: str) -> None:
-    recording = recording_of(odometry=True)
+    recording = made(KINDS[name])
     messages = read_by_rosbags(written(tmp_path, name, recording))
     counts = {topic: len(found) for topic, found in messages.items()}
     assert counts.pop("/clock") == len(np.unique(np.concatenate((recording.lidar.stamps, recording.odometry.stamps))))
@@ -107,16 +74,6 @@ def test_rosbags_reads_what_is_written(tmp_path: Path, name: str) -> None:
     moved = messages["/tf"][3].transforms[0]
     assert (moved.header.frame_id, moved.child_frame_id) == ("odom", "base_link")
     assert messages["/imu"][0].header.frame_id == "base_link"
-
-
-@every_kind
-def test_the_same_recording_gives_the_same_bytes(tmp_path: Path, name: str) -> None:
-    contents = []
-    for place in ("a", "b"):
-        (tmp_path / place).mkdir()
-        path = written(tmp_path / place, name, recording_of())
-        contents.append([file.read_bytes() for file in (sorted(path.iterdir()) if path.is_dir() else [path])])
-    assert contents[0] == contents[1]
 
 
 def read_by_rosbags(path: Path) -> dict[str, list[Any]]:
@@ -164,7 +121,7 @@ def test_poses_of_scans_become_odometry(tmp_path: Path) -> None:
 
 
 def test_the_description_of_a_recording_must_be_whole(tmp_path: Path) -> None:
-    path = written(tmp_path, "x.bag", recording_of())
+    path = written(tmp_path, "x.bag", made("bag"))
     path.write_bytes(path.read_bytes().replace(b"streams = [", b"streams # [", 1))
     with pytest.raises(InputError, match=r"/moteslam/recording: .*expected the description of a recording"):
         open_recording(path)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from slam_rooms import bare_corridor, blind, carried_into_another_room, circled_room, run
+from slam_rooms import bare_corridor, carried_into_another_room, circled_room, run
 
 from moteslam.robot.recording import Recording
 from moteslam.slam.estimate import Estimate
@@ -90,14 +90,6 @@ def test_without_scans_and_odometry_the_robot_is_soon_lost():
     assert states == sorted(states)
     assert states[-1] is LOST
     assert math.sqrt(value[0]) > LOST_DISTANCE
-
-
-def test_before_a_scan_sees_anything_a_robot_is_not_sure_and_then_the_map_begins():
-    seen = 30
-    estimate = run(blind(circled_room(scans=60)[0], 0.0, 0.1 * seen - 0.01), "particles=2", "backend.method=none")
-    states = estimate.diagnostics["state"]
-    assert (states[seen - 5 : seen] != SURE).all()
-    assert (states[seen:] == SURE).all()
 
 
 def registered(covariance: PoseCovariance, information: np.ndarray, likelihood: float, spread: float) -> None:
