@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -64,9 +65,9 @@ def carried_into_another_room(*, scans: int = 120, at: int = 60) -> Recording:
     return recorded(ranges, true)
 
 
-def tiled_room(**camera: float) -> Simulation:
-    """Eight seconds in a curve through a room with a floor of tiles, with such a camera."""
-    scenario = {
+def tiled_table(**camera: float) -> dict[str, Any]:
+    """Eight seconds in a curve through a room with a floor of tiles, with such a camera, as TOML gives it."""
+    return {
         "duration": 8.0,
         "world": {
             "rooms": [{"corner": [0.0, 0.0], "size": [9.0, 7.0]}],
@@ -77,15 +78,21 @@ def tiled_room(**camera: float) -> Simulation:
         "floor": {"seed": 2},
         "camera": camera,
     }
-    return simulate(parse_scenario(scenario), 1)
 
 
-def seen_from(poses: np.ndarray, walls: list[tuple[tuple[float, float], tuple[float, float]]]) -> np.ndarray:
+def tiled_room(**camera: float) -> Simulation:
+    """The drive of that table."""
+    return simulate(parse_scenario(tiled_table(**camera)), 1)
+
+
+def seen_from(
+    poses: np.ndarray, walls: list[tuple[tuple[float, float], tuple[float, float]]], angles: np.ndarray = ANGLES
+) -> np.ndarray:
     """The ranges [n, beams] of walls, from point to point, seen from poses [n, 3]; infinite where there are none."""
-    ranges = np.full((len(poses), len(ANGLES)), np.inf)
+    ranges = np.full((len(poses), len(angles)), np.inf)
     for a, b in np.array(walls, float):
         for scan, (x, y, theta) in enumerate(poses):
-            direction = np.stack((np.cos(ANGLES + theta), np.sin(ANGLES + theta)))
+            direction = np.stack((np.cos(angles + theta), np.sin(angles + theta)))
             edge, offset = b - a, a - (x, y)
             cross = direction[0] * edge[1] - direction[1] * edge[0]
             with np.errstate(divide="ignore", invalid="ignore"):  # beams along a wall

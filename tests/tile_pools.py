@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
+from box_ranges import box_ranges
 from numpy.typing import ArrayLike, NDArray
 from twins.tsdf import Tsdf
 
@@ -108,12 +109,8 @@ def room_scan(pose: ArrayLike = (0.0, 0.0, 0.0), *, beams: int = 360) -> NDArray
     """The endpoints [beams, 2] on the walls of a room, all around, from a pose given from its middle."""
     x, y, theta = np.asarray(pose, np.float64)
     angles = np.linspace(-np.pi, np.pi, beams, endpoint=False) + 0.001
-    across, up = np.cos(angles + theta), np.sin(angles + theta)
-    with np.errstate(divide="ignore"):
-        ranges = np.minimum(
-            (np.sign(across) * ROOM[0] / 2 - x) / across,
-            (np.sign(up) * ROOM[1] / 2 - y) / up,
-        )
+    corner = ROOM[0] / 2, ROOM[1] / 2
+    ranges = box_ranges(x, y, angles + theta, (-corner[0], -corner[1]), corner)
     return (ranges[:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=1)).astype(np.float32)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from box_ranges import box_ranges
 from command_lines import Capsys, printed, shown
 from figures import legend_of
 from loop_candidates import candidate
@@ -36,14 +37,11 @@ BEAMS = np.deg2rad(np.arange(-90.0, 91.0))
 def drive(angles: np.ndarray, heading: np.ndarray | float = np.pi / 2) -> tuple[Recording, Trajectory]:
     """Scans at these angles on the round, and the truth; the heading is that on the round, plus ``heading`` [rad]."""
     poses = np.stack((RADIUS * np.cos(angles), RADIUS * np.sin(angles), se2.wrap(angles + heading)), axis=-1)
-    directions = poses[:, 2:] + BEAMS
-    with np.errstate(divide="ignore"):
-        x = (HALF * np.copysign(1.0, np.cos(directions)) - poses[:, :1]) / np.cos(directions)
-        y = (HALF * np.copysign(1.0, np.sin(directions)) - poses[:, 1:2]) / np.sin(directions)
+    x, y, theta = np.split(poses, 3, axis=1)
     stamps = 100.0 + 0.5 * np.arange(len(angles))
     lidar = LidarStream(
         stamps,
-        np.minimum(x, y).astype(np.float32),
+        box_ranges(x, y, theta + BEAMS, (-HALF, -HALF), (HALF, HALF)).astype(np.float32),
         angle_min=float(BEAMS[0]),
         angle_increment=float(BEAMS[1] - BEAMS[0]),
         range_min=0.1,

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from box_ranges import box_ranges
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.map_quality import FARTHEST, MapConsistency, map_accuracy, map_consistency
@@ -124,15 +125,11 @@ def twice_around(noise: float = 0.003) -> tuple[Recording, Trajectory]:
     lap = np.vstack([np.linspace(a, b, 40, endpoint=False) for a, b in pairwise(corners)])
     headings = np.repeat((0.0, np.pi / 2, np.pi, -np.pi / 2), 40)
     poses = np.tile(np.column_stack((lap, headings)), (2, 1))
-    rng = np.random.default_rng(3)
-    ranges = []
-    for x, y, heading in poses:
-        c, s = np.cos(ANGLES + heading), np.sin(ANGLES + heading)
-        with np.errstate(divide="ignore"):
-            across = np.minimum(np.where(c > 0, (WIDE - x) / c, -x / c), np.where(s > 0, (TALL - y) / s, -y / s))
-        ranges.append(across + rng.normal(0, noise, len(ANGLES)))
+    x, y, theta = np.split(poses, 3, axis=1)
+    ranges = box_ranges(x, y, theta + ANGLES, (0.0, 0.0), (WIDE, TALL))
+    ranges += np.random.default_rng(3).normal(0, noise, ranges.shape)
     stamps = 0.2 * np.arange(len(poses))
-    lidar = LidarStream(stamps, np.array(ranges, np.float32), ANGLES[0], ANGLES[1] - ANGLES[0], 0.1, 30.0)
+    lidar = LidarStream(stamps, ranges.astype(np.float32), ANGLES[0], ANGLES[1] - ANGLES[0], 0.1, 30.0)
     return Recording("room", Platform(), lidar=lidar, odometry=OdometryStream(stamps, poses)), Trajectory(stamps, poses)
 
 

@@ -9,10 +9,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import tomli_w
 from made_sweeps import swept
 from matplotlib.figure import Figure
 from PIL import Image
 from sim_logs import winding
+from slam_rooms import tiled_table
 
 from moteslam.errors import InputError, OutputError
 from moteslam.eval.cli import main
@@ -179,25 +181,6 @@ def test_whatever_the_values_are_they_are_drawn(
     assert colours["every run"].get_color() == colours["median"].get_color()
 
 
-SCENARIO = """
-duration = 12.0
-[world]
-rooms = [{ corner = [0.0, 0.0], size = [9.0, 7.0] }]
-[[world.boxes]]
-centre = [6.0, 2.0]
-size = [0.8, 0.6]
-[commands]
-start = [2.0, 2.0, 0.3]
-steps = [{ duration = 6.5, speed = 0.6, turn_rate = 0.35 }]
-[drive]
-rest_start = 0.5
-rest_end = 0.5
-[camera]
-rate = 5.0
-gap = 0.0
-"""
-
-
 def test_the_picture_has_the_largest_y_on_top(tmp_path: Path) -> None:
     colours = np.zeros((3, 2, 3), np.uint8)
     colours[0, 0], colours[2, 1] = (255, 0, 0), (0, 0, 255)
@@ -216,7 +199,7 @@ def test_the_picture_has_the_largest_y_on_top(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
 def test_from_a_simulated_camera_to_the_result_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "s.toml").write_text(SCENARIO)
+    (tmp_path / "s.toml").write_text(tomli_w.dumps(tiled_table(rate=5.0, gap=0.0)))
     out, result = tmp_path / "recording", tmp_path / "result"
     assert main.run(["simulate", str(tmp_path / "s.toml"), "--out", str(out), "--json"]) == 0
     said = capsys.readouterr()

@@ -138,10 +138,12 @@ def readings(n: int = 20_000, longest: float = 7.0, seed: int = 0) -> NDArray[np
     return ranges.round(2).astype(np.float32)
 
 
-@pytest.mark.parametrize("code", [81.83, 81.91, 81.87, 100.0, 1000.0])
-def test_a_sick_reaches_80_metres(code: float) -> None:
+@pytest.mark.parametrize(
+    ("code", "count"), [*((code, 1) for code in (81.83, 81.91, 81.87, 100.0, 1000.0)), (8.0, 30), (8.0, 0)]
+)
+def test_without_a_spike_a_sick_reaches_80_metres(code: float, count: int) -> None:
     ranges = readings()
-    ranges[7] = code
+    ranges[:count] = code  # 30 are 0.15 %: some wall
     assert no_return_limit(ranges, None) == SICK_REACH
 
 
@@ -162,13 +164,6 @@ def test_of_several_codes_the_most_frequent_is_the_limit() -> None:
     ranges[:700] = 8.187  # as a wall, at two values
     assert no_return_limit(ranges, None) == SICK_REACH
     ranges[:1500] = 8.12  # a wall, too far below the longest
-    assert no_return_limit(ranges, None) == SICK_REACH
-
-
-def test_without_a_spike_every_range_is_an_endpoint() -> None:
-    ranges = readings()
-    assert no_return_limit(ranges, None) == SICK_REACH
-    ranges[:30] = 8.0  # 0.15 %: some wall
     assert no_return_limit(ranges, None) == SICK_REACH
 
 

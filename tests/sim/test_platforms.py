@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from box_ranges import box_ranges
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
@@ -95,11 +96,7 @@ def walls_at(platform: Platform, pose: NDArray[np.float64]) -> NDArray[np.float6
     x, y, heading = se2.compose(pose, np.array(platform.lidar.pose))
     scan = platform.lidar.scan
     angles = heading + scan.angle_min + scan.angle_increment * np.arange(scan.beams)
-    cos, sin = np.cos(angles), np.sin(angles)
-    with np.errstate(divide="ignore"):
-        along_x = np.where(cos > 0, ROOM[0] - x, x) / np.abs(cos)
-        along_y = np.where(sin > 0, ROOM[1] - y, y) / np.abs(sin)
-    return np.asarray(np.minimum(along_x, along_y))
+    return box_ranges(x, y, angles, (0.0, 0.0), ROOM)
 
 
 def test_the_scan_is_that_of_the_data_sheet(run: Run) -> None:

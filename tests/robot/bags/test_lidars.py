@@ -1,11 +1,13 @@
 """Several lidars as one."""
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from box_ranges import box_ranges
 from made_bags import START, make_bag, odometry, placed, rolled, scan
 
 from moteslam import open_recording
@@ -22,14 +24,7 @@ def lidar_of(path: Path, **options: Any) -> LidarStream:
     return open_recording(path, **options).lidar
 
 
-def room_ranges(x: float, y: float, angles: np.ndarray) -> np.ndarray:
-    """The ranges from a place to the walls of the room, in the directions of these angles."""
-    cos, sin = np.cos(angles), np.sin(angles)
-    with np.errstate(divide="ignore"):
-        return np.minimum(
-            np.where(cos > 0, (HALF - x) / cos, (-HALF - x) / cos),
-            np.where(sin > 0, (HALF - y) / sin, (-HALF - y) / sin),
-        )
+room_ranges = partial(box_ranges, low=(-HALF, -HALF), high=(HALF, HALF))
 
 
 def fan(first: float, beams: int) -> dict[str, float]:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from box_ranges import box_ranges
 from refusals import refusal
 from sim_drives import room_table
 
@@ -211,9 +212,7 @@ def test_a_robot_that_is_carried_along_its_path(table: dict[str, Any], lidar: st
         x, y, theta = se2.interpolate(carried.truth.stamps, poses, at)[0]
         mount = carried.scenario.platform.lidar
         x, y = x + math.cos(theta) * mount.x, y + math.sin(theta) * mount.x
-        cos, sin = math.cos(theta), math.sin(theta)
-        walls = [(10.0 - x) / cos if cos > 0 else -x / cos, (8.0 - y) / sin if sin > 0 else -y / sin]
-        assert scans.ranges[i, 540] == pytest.approx(min(walls), abs=0.05)
+        assert scans.ranges[i, 540] == pytest.approx(box_ranges(x, y, theta, (0.0, 0.0), (10.0, 8.0)), abs=0.05)
 
 
 def test_carried_back_it_drives_the_same_path_again(table: dict[str, Any]) -> None:

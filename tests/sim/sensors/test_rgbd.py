@@ -7,7 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from sim_drives import moving, room_table
+from sim_drives import moving
+from slam_rooms import tiled_room
 from ucsd_robot import CAMERA, KINECT
 
 from moteslam.errors import OutputError
@@ -17,7 +18,6 @@ from moteslam.robot.rgbd import camera_frames
 from moteslam.sim.actors.actors import Tracks
 from moteslam.sim.output import write_simulation
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.scenario import Scenario, parse_scenario
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.rgbd import Camera, CameraFrames
@@ -99,21 +99,12 @@ def test_same_seed_same_images() -> None:
 
 
 @pytest.fixture(scope="module")
-def short() -> Scenario:
-    """Five seconds in a room."""
-    commands = {"start": [2.0, 2.0, 0.4], "steps": [{"duration": 3.5, "speed": 0.6, "turn_rate": 0.3}]}
-    drive = {"rest_start": 0.5, "rest_end": 0.5}
-    table = {"world": room_table()["world"], "commands": commands, "drive": drive, "camera": {"rate": 10.0}}
-    return parse_scenario({**table, "duration": 5.0})
+def run(taichi: None) -> Simulation:
+    return tiled_room(rate=10.0)
 
 
-@pytest.fixture(scope="module")
-def run(short: Scenario, taichi: None) -> Simulation:
-    return simulate(short, 4)
-
-
-def test_the_camera_leaves_the_other_sensors_alone(short: Scenario, run: Simulation) -> None:
-    without = simulate(short.model_copy(update={"camera": None}), 4)
+def test_the_camera_leaves_the_other_sensors_alone(run: Simulation) -> None:
+    without = simulate(run.scenario.model_copy(update={"camera": None}))
     assert without.recording.rgbd is without.frames is None
     assert run.recording.lidar.ranges.tobytes() == without.recording.lidar.ranges.tobytes()
     for stream in ("lidar", "encoders", "imu"):
@@ -125,7 +116,7 @@ def test_what_is_written_reads_back_as_it_was_drawn(run: Simulation, tmp_path: P
     told = {"announce": announced.append, "progress": lambda _, share: shares.append(share)}
     write_simulation(tmp_path, run, map_resolution=0.1, **told)
     floor = cv2.imread(str(tmp_path / "truth_floor.png"))
-    assert floor.shape == (80, 100, 3)
+    assert floor.shape == (70, 90, 3)
     assert (floor[::-1, :, ::-1] == run.true_floor(0.1).values).all()
     assert "origin: [0.0, 0.0, 0.0]" in (tmp_path / "truth_floor.yaml").read_text()
     count = len(run.frames.rgb.stamps) + len(run.frames.disparity.stamps)

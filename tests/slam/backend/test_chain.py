@@ -1,8 +1,11 @@
 """Which key scans become nodes, what the odometry's errors are, and how a step is registered."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from graph_cases import WALL, key_scan
+from slam_rooms import seen_from
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
@@ -154,23 +157,15 @@ def test_errors_of_the_heading_on_a_long_step_move_its_end_aside():
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-CORNERS = np.array(
-    [(-9, -2), (-9, 1), (-4, 1), (-4, 6), (7, 6), (7, 3.5), (4, 3.5), (4, -3), (-1, -3), (-1, -2)], float
-)
-WALLS = np.stack((CORNERS, np.roll(CORNERS, -1, axis=0)), axis=1)
+CORNERS = [(-9, -2), (-9, 1), (-4, 1), (-4, 6), (7, 6), (7, 3.5), (4, 3.5), (4, -3), (-1, -3), (-1, -2), (-9, -2)]
+WALLS = list(pairwise(CORNERS))
 TRUE_STEP = np.array([0.6, 0.1, -0.4])
 
 
 def scan(pose: np.ndarray) -> ThinnedScan:
     """180 beams all around from a place in a room of many corners."""
     bearings = np.radians(np.arange(0, 360, 2))
-    beams = np.column_stack((np.cos(bearings + pose[2]), np.sin(bearings + pose[2])))
-    first, along = WALLS[:, 0] - pose[:2], WALLS[:, 1] - WALLS[:, 0]
-    across = beams[:, None, 0] * along[:, 1] - beams[:, None, 1] * along[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ranges = (first[:, 0] * along[:, 1] - first[:, 1] * along[:, 0]) / across
-        share = (first[:, 0] * beams[:, None, 1] - first[:, 1] * beams[:, None, 0]) / across
-    ranges = np.where((ranges > 0) & (share >= 0) & (share <= 1), ranges, np.inf).min(axis=1)
+    ranges = seen_from(pose[None], WALLS, bearings)[0]
     points = ranges[:, None] * np.column_stack((np.cos(bearings), np.sin(bearings)))
     return thin(points.astype(np.float32), np.zeros(2), GraphConfig().thinning)
 

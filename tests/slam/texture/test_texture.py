@@ -7,9 +7,10 @@ import cv2
 import numpy as np
 import pytest
 from issues import messages
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from refusals import refusal
 from slam_rooms import tiled_room
+from twins.camera import add_frame
 
 from moteslam.errors import InputError
 from moteslam.robot import rgbd
@@ -17,7 +18,6 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.output import write_simulation
-from moteslam.sim.sensors.rgbd import CameraFrames
 from moteslam.sim.simulate import Simulation
 from moteslam.sim.world.floor import rasterise
 from moteslam.slam.config import resolve_config
@@ -38,15 +38,9 @@ def score_texture(estimate: ArrayLike, truth: ArrayLike, where: ArrayLike) -> tu
 
 
 def registration(estimate: ArrayLike, truth: ArrayLike, where: ArrayLike, *, reach: int = 4) -> tuple[int, int]:
-    """By how many cells (columns, rows) the truth must be moved to fit the estimate best; (0, 0) is in place.
+    """By how many cells (columns, rows), up to ``reach``, the truth must be moved to fit the estimate best.
 
-    The best fit has the smallest sum of squared differences.
-
-    Args:
-        estimate: [H, W, 3] levels 0 to 255.
-        truth: [H, W, 3], on the same cells.
-        where: [H, W] which cells count.
-        reach: shifts up to this many cells are tried, each way; cells this close to an edge do not count.
+    The best fit has the smallest sum of squared differences, over the cells that count and are not as near to an edge.
     """
     estimate, truth, where = np.asarray(estimate, np.float32), np.asarray(truth, np.float32), np.asarray(where, bool)
     inner = (slice(reach, max(len(where) - reach, reach)), slice(reach, max(where.shape[1] - reach, reach)))
@@ -55,50 +49,6 @@ def registration(estimate: ArrayLike, truth: ArrayLike, where: ArrayLike, *, rea
     differences = cv2.matchTemplate(truth, estimate[inner], cv2.TM_SQDIFF, mask=where[inner].astype(np.float32))
     row, column = np.unravel_index(np.argmin(differences), differences.shape)
     return reach - int(column), reach - int(row)
-
-
-def seen_cells(
-    frames: CameraFrames, origin: tuple[float, float], shape: tuple[int, int], cell_size: float
-) -> NDArray[np.bool_]:
-    """The cells whose centre the depth camera had in view and in range in some frame, with nothing in between.
-
-    In range are cells that it measures: not too near, too far, or at too flat an angle.
-
-    Args:
-        frames: of a run.
-        origin: (x, y) of the corner of cell [0, 0] in the world [m].
-        shape: rows and columns.
-        cell_size: [m].
-
-    Returns:
-        [H, W].
-    """
-    renderer = frames.renderer()
-    mount, settings = renderer.mount, renderer.settings
-    bearings = renderer.views[False].bearings
-    rotation = rgbd.mount_rotation(mount)
-    rows, columns = np.mgrid[: shape[0], : shape[1]]
-    centres = np.stack((columns, rows), axis=-1).reshape(-1, 2) * cell_size + np.asarray(origin) + cell_size / 2
-    seen = np.zeros(len(centres), bool)
-    for camera, reaches in zip(*renderer.reaches(frames.disparity, colour=False), strict=True):
-        todo = np.flatnonzero(~seen)
-        away = centres[todo] - camera[:2]
-        level = np.hypot(*away.T)
-        near = level < settings.farthest * 1.3
-        todo, away, level = todo[near], away[near], np.maximum(level[near], 1e-9)
-        cos, sin = np.cos(camera[2]), np.sin(camera[2])
-        ahead = np.stack((away @ (cos, sin), away @ (-sin, cos), np.full(len(away), -mount.z)), axis=-1)
-        right, down, depth = (ahead @ rotation).T  # back to optical axes
-        front = np.where(depth > 0, depth, np.nan)
-        column, row = (rgbd.FOCAL * v / front + c for v, c in zip((right, down), rgbd.CENTRE, strict=True))
-        bearing = np.arctan2(ahead[:, 1], ahead[:, 0])
-        at = np.rint((bearing - bearings[0]) / (bearings[1] - bearings[0]))
-        reach = reaches[np.clip(at, 0, len(bearings) - 1).astype(np.intp)]
-        with np.errstate(invalid="ignore"):
-            inside = (column > -0.5) & (column < rgbd.WIDTH - 0.5) & (row > -0.5) & (row < rgbd.HEIGHT - 0.5)
-        in_range = (depth >= settings.nearest) & (depth <= settings.farthest) & (mount.z / level >= settings.grazing)
-        seen[todo[inside & in_range & (level < reach)]] = True
-    return seen.reshape(shape)
 
 
 Driven = tuple[Simulation, Path]
@@ -141,11 +91,16 @@ def test_colours_are_right_and_in_place(driven: Driven, texture: TextureMap) -> 
     assert texture.warnings == ()
 
 
-def test_nearly_all_that_the_camera_saw_is_coloured(driven: Driven, texture: TextureMap) -> None:
-    frames = driven[0].frames
-    coloured = np.pad(texture.known, 20)
-    x, y = np.array(texture.origin[:2]) - 20 * texture.cell_size
-    seen = seen_cells(frames, (x, y), coloured.shape, texture.cell_size)
+def test_nearly_all_that_the_camera_saw_is_coloured(driven: Driven, recording: Recording, texture: TextureMap) -> None:
+    """By NumPy, in every frame from where the robot truly was."""
+    coloured, config = np.pad(texture.known, 20), TextureConfig()
+    place = {"corner": np.array(texture.origin[:2]) - 20 * texture.cell_size, "cell_size": texture.cell_size}
+    sums = np.zeros((*coloured.shape, 4), np.int64)
+    for frame in rgbd.camera_frames(recording.rgbd, largest_gap=0.09):
+        (pose,) = driven[0].truth.at(np.array([frame.stamp])).poses
+        limits = {"height_limit": config.height_limit, "max_depth": config.max_depth}
+        add_frame(sums, frame.disparity, frame.rgb, pose, **place, **limits)
+    seen = sums[..., 3] > 0
     assert seen.sum() > 5000
     assert (coloured & seen).sum() / seen.sum() >= 0.95
 
