@@ -27,7 +27,6 @@ def shown(capsys: Capsys, *arguments: object) -> Any:
 
 
 def codes(capsys: Capsys, *arguments: object) -> list[str]:
-    """The codes of what it says is wrong."""
     found = shown(capsys, *arguments)
     return [issue["code"] for issue in found.get("warnings", found.get("problems"))]
 

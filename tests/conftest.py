@@ -1,4 +1,4 @@
-"""What every test may use: the real recordings, and Taichi set up once a process."""
+"""What every test may use: the real recordings, a small simulated one, and Taichi set up once a process."""
 
 import os
 import signal
@@ -53,3 +53,43 @@ def signals_are_heard() -> Iterator[None]:
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+ROOM = """
+description = "one room with a box in it"
+[route]
+waypoints = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.5]]
+[[world.walls]]
+points = [[-2.0, -2.0], [6.0, -2.0], [6.0, 4.0], [-2.0, 4.0]]
+closed = true
+[[world.walls]]
+points = [[0.5, 2.0], [1.5, 2.0], [1.5, 3.0], [0.5, 3.0]]
+closed = true
+"""
+
+
+@pytest.fixture(scope="session")
+def scenario_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scenario of a few seconds: a drive round a corner in one room."""
+    file = tmp_path_factory.mktemp("scenario") / "room.toml"
+    file.write_text(ROOM)
+    return file
+
+
+@pytest.fixture(scope="session")
+def simulation(scenario_file: Path):
+    """That drive: the recording and its truth."""
+    from moteslam.sim.scenario import load_scenario
+    from moteslam.sim.simulate import simulate
+
+    return simulate(load_scenario(scenario_file), 1)
+
+
+@pytest.fixture(scope="session")
+def simulated_folder(simulation, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same on disk, in the UCSD layout."""
+    from moteslam.sim.output import write_simulation
+
+    folder = tmp_path_factory.mktemp("simulated")
+    write_simulation(folder, simulation)
+    return folder

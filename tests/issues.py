@@ -6,7 +6,6 @@ from moteslam.robot.values import Issue
 
 
 def messages(issues: Iterable[Issue]) -> tuple[str, ...]:
-    """The line of each."""
     return tuple(map(str, issues))
 
 

@@ -78,7 +78,6 @@ def scan(
 
 
 def odometry(time: float, pose: tuple[float, float, float], *, topic: str = "/odom", child: str = "base_link") -> Event:
-    """An odometry pose."""
     x, y, yaw = pose
     stamp = START + round(time * SECOND)
     placed = {"pose": {"position": vector(x, y, 0), "orientation": turned(yaw)}}
@@ -107,7 +106,6 @@ def placed(
     turn: dict[str, float] | None = None,
     topic: str = "/tf",
 ) -> Event:
-    """A transform."""
     stamp = START + round(time * SECOND)
     values = {"transforms": [transform(stamp, parent, child, place, turn or turned(0.0))]}
     return Event(stamp, topic, "tf2_msgs/TFMessage", values)
@@ -131,5 +129,4 @@ def drive(count: int = 20, beams: int = 19) -> Iterator[Event]:
 
 
 def codes(recording: Recording) -> list[str]:
-    """The codes of its warnings."""
     return [issue.code for issue in recording.warnings]

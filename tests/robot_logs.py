@@ -29,14 +29,12 @@ def robotlaser(
     remissions: Sequence[float] = (),
     robot: Pose = (1.0, 2.0, 0.5),
 ) -> str:
-    """A ROBOTLASER1 line."""
     head = ["ROBOTLASER1", 0, angle_min, step * len(ranges), step, limit, 0.01, 0]
     words = [*head, len(ranges), *ranges, len(remissions), *remissions, *robot, *robot, 0, 0, 0, 0, 0]
     return " ".join(map(str, [*words, stamp, "host", 0.0]))
 
 
 def odom(pose: Pose, stamp: float) -> str:
-    """An ODOM line."""
     return " ".join(map(str, ["ODOM", *pose, 0, 0, 0, stamp, "host", 0.0]))
 
 

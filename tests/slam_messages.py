@@ -15,7 +15,6 @@ from moteslam.slam.inputs.synchronise import dead_reckon
 
 
 def first(stream: Any, count: int) -> Any:
-    """The first readings of a stream."""
     arrays = {f.name: value for f in fields(stream) if isinstance(value := getattr(stream, f.name), np.ndarray)}
     return replace(stream, **{name: array[:count] for name, array in arrays.items()})
 

@@ -24,7 +24,6 @@ REACH = 4.0  # Of the lidar in `bare_corridor` [m]
 
 
 def run(recording: Recording, *settings: str, preset: str = "default", seed: int = 0) -> Estimate:
-    """What SLAM makes of a recording."""
     return run_slam(recording, resolve_config(preset, settings), seed=seed)
 
 
@@ -81,7 +80,6 @@ def tiled_table(**camera: float) -> dict[str, Any]:
 
 
 def tiled_room(**camera: float) -> Simulation:
-    """The drive of that table."""
     return simulate(parse_scenario(tiled_table(**camera)), 1)
 
 

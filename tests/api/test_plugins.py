@@ -54,39 +54,36 @@ def toys(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return [installed(tmp_path_factory.mktemp("toys"), ENTRIES), str(TOYS)]
 
 
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A drive of a few seconds."""
-    folder = tmp_path_factory.mktemp("drive")
-    scenario = folder / "room.toml"
-    scenario.write_text(
-        "[route]\nwaypoints = [[0.0, 0.0], [3.0, 0.0]]\n[drive]\nrest_start = 0.5\nrest_end = 0.5\n"
-        "[[world.walls]]\npoints = [[-2.0, -2.0], [6.0, -2.0], [6.0, 3.0], [-2.0, 4.0]]\nclosed = true\n",
-        encoding="utf-8",
-    )
-    done = moteslam([], "simulate", scenario, "--out", folder / "run", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    return folder / "run"
-
-
 @pytest.mark.slow
-def test_a_filter_and_a_metric_of_another_package(toys: list[str], recording: Path, tmp_path: Path):
-    arguments = ["replay", recording, "--set", "method=toy", "--set", "scale=0.9", "--no-figures", "--out", "result"]
+def test_a_filter_and_a_metric_of_another_package(toys: list[str], simulated_folder: Path, tmp_path: Path):
+    arguments = [
+        "replay",
+        simulated_folder,
+        "--set",
+        "method=toy",
+        "--set",
+        "scale=0.9",
+        "--no-figures",
+        "--out",
+        "result",
+    ]
     done = moteslam(toys, *arguments, cwd=tmp_path)
     assert (done.returncode, plug_in_lines(done.stderr)) == (0, [])
     assert 'method = "toy"\n' in (tmp_path / "result/config.toml").read_text(encoding="utf-8")
     scores = json.loads((tmp_path / "result/metrics.json").read_text(encoding="utf-8"))["metrics"]
     assert 0.2 < scores["final.end_error"]["value"] < 0.4  # a tenth of three metres
     assert scores["dead_reckoning.end_error"]["value"] < 0.1
-    again = ["replay", recording, "--config", "result/config.toml", "--no-figures", "--out", "again"]
+    again = ["replay", simulated_folder, "--config", "result/config.toml", "--no-figures", "--out", "again"]
     assert moteslam(toys, *again, cwd=tmp_path).returncode == 0
     for name in ("trajectory.tum", "map.pgm"):
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "result" / name).read_bytes()
 
 
 @pytest.mark.slow
-def test_a_back_end_of_another_package_moves_path_map_and_filter(toys: list[str], recording: Path, tmp_path: Path):
-    arguments = ["replay", recording, "--set", "particles=8", "--no-figures"]
+def test_a_back_end_of_another_package_moves_path_map_and_filter(
+    toys: list[str], simulated_folder: Path, tmp_path: Path
+):
+    arguments = ["replay", simulated_folder, "--set", "particles=8", "--no-figures"]
     assert moteslam(toys, *arguments, "--out", "alone", cwd=tmp_path).returncode == 0
     done = moteslam(toys, *arguments, "--set", "backend.method=toy", "--out", "moved", cwd=tmp_path)
     assert (done.returncode, plug_in_lines(done.stderr)) == (0, [])
@@ -112,27 +109,31 @@ def test_a_format_of_another_package(toys: list[str], tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_one_that_fails_to_load_is_one_warning_and_an_error_where_it_is_asked_for(recording: Path, tmp_path: Path):
+def test_one_that_fails_to_load_is_one_warning_and_an_error_where_it_is_asked_for(
+    simulated_folder: Path, tmp_path: Path
+):
     entries = "[moteslam.formats]\nbad = nowhere_at_all:FORMAT\n[moteslam.metrics]\nodd = os:sep\n"
     broken = [installed(tmp_path / "site", entries + "[moteslam.filters]\nbad = nowhere_at_all:METHOD\n")]
-    assert moteslam(broken, "inspect", recording, cwd=tmp_path).stderr == ""  # known before it is asked
+    assert moteslam(broken, "inspect", simulated_folder, cwd=tmp_path).stderr == ""  # known before it is asked
     (tmp_path / "log.txt").write_text("neither", encoding="utf-8")
     done = moteslam(broken, "inspect", "log.txt", cwd=tmp_path)
     assert done.returncode == 2
     warned, refused = done.stderr.splitlines()
     assert warned.startswith("moteslam: warning: plug-in 'bad' of package toys (moteslam.formats) is left out")
     assert refused.startswith("moteslam: log.txt: ")
-    done = moteslam(broken, "replay", recording, "--out", "x", "--set", "particles=3", "--no-figures", cwd=tmp_path)
+    done = moteslam(
+        broken, "replay", simulated_folder, "--out", "x", "--set", "particles=3", "--no-figures", cwd=tmp_path
+    )
     assert done.returncode == 0
     (warned,) = plug_in_lines(done.stderr)
     assert "plug-in 'odd' of package toys (moteslam.metrics) is left out" in warned
-    done = moteslam(broken, "replay", recording, "--out", "y", "--set", "method=bad", cwd=tmp_path)
+    done = moteslam(broken, "replay", simulated_folder, "--out", "y", "--set", "method=bad", cwd=tmp_path)
     assert done.returncode == 2  # it was asked for
     assert done.stderr.startswith("moteslam: --set method: 'bad' of package toys cannot be loaded")
 
 
 @pytest.mark.slow
-def test_a_metric_that_fails_costs_a_warning_and_not_the_run(recording: Path, tmp_path: Path):
+def test_a_metric_that_fails_costs_a_warning_and_not_the_run(simulated_folder: Path, tmp_path: Path):
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "bad_metrics.py").write_text(
         "from moteslam.eval.metrics.registry import Metric\n"
@@ -143,7 +144,9 @@ def test_a_metric_that_fails_costs_a_warning_and_not_the_run(recording: Path, tm
     )
     entries = "[moteslam.metrics]\nraises = bad_metrics:RAISES\nempty = bad_metrics:NO_RESULT\n"
     path = [installed(tmp_path / "packages", entries, "bad"), str(tmp_path / "bad")]
-    done = moteslam(path, "replay", recording, "--set", "particles=3", "--no-figures", "--out", "result", cwd=tmp_path)
+    done = moteslam(
+        path, "replay", simulated_folder, "--set", "particles=3", "--no-figures", "--out", "result", cwd=tmp_path
+    )
     assert done.returncode == 0
     assert "'raises' of package bad (moteslam.metrics) is left out: RuntimeError: boom" in done.stderr
     assert "'empty' of package bad (moteslam.metrics) is left out: TypeError" in done.stderr

@@ -1,48 +1,7 @@
-"""A small simulated recording, and a run over it."""
-
-from pathlib import Path
+"""A run over a small simulated recording, and the figures that are written."""
 
 import pytest
 from matplotlib.figure import Figure
-
-ROOM = """
-description = "one room with a box in it"
-[route]
-waypoints = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.5]]
-[[world.walls]]
-points = [[-2.0, -2.0], [6.0, -2.0], [6.0, 4.0], [-2.0, 4.0]]
-closed = true
-[[world.walls]]
-points = [[0.5, 2.0], [1.5, 2.0], [1.5, 3.0], [0.5, 3.0]]
-closed = true
-"""
-
-
-@pytest.fixture(scope="session")
-def scenario_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A scenario of a few seconds: a drive round a corner in one room."""
-    file = tmp_path_factory.mktemp("scenario") / "room.toml"
-    file.write_text(ROOM)
-    return file
-
-
-@pytest.fixture(scope="session")
-def simulation(scenario_file: Path):
-    """That drive: the recording and its truth."""
-    from moteslam.sim.scenario import load_scenario
-    from moteslam.sim.simulate import simulate
-
-    return simulate(load_scenario(scenario_file), 1)
-
-
-@pytest.fixture(scope="session")
-def simulated_folder(simulation, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same on disk, in the UCSD layout."""
-    from moteslam.sim.output import write_simulation
-
-    folder = tmp_path_factory.mktemp("simulated")
-    write_simulation(folder, simulation)
-    return folder
 
 
 @pytest.fixture(scope="session")

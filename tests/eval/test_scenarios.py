@@ -106,7 +106,6 @@ CLASSIC = ("--platform", "lms200", "--format", "carmen")
 
 
 def simulated(scenario: Path, out: Path, *options: object) -> Recording:
-    """Simulate a scenario with options, and read the recording."""
     assert run(["simulate", str(scenario), "--out", str(out), *map(str, options)]) == 0
     logs = list(out.glob("*.log.gz"))
     return open_recording(*logs) if logs else open_recording(out)

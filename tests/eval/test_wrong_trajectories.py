@@ -14,6 +14,7 @@ from moteslam.robot.trajectories import read_trajectory
 from moteslam.robot.trajectory import Trajectory
 
 T0 = 1300000000.0
+XYZ = slice(1, 4)
 Table = np.ndarray  # [n, 8] t x y z qx qy qz qw
 Change = Callable[[Table], Table]
 
@@ -195,13 +196,6 @@ def without_a_gap(table: Table) -> Table:
     return np.delete(table, np.s_[first:last], axis=0)
 
 
-@pytest.mark.parametrize(("estimate", "words"), [(at_another_time, "another drive"), (increments, "increments")])
-def test_a_path_that_has_another_shape_or_none_is_said_to(tmp_path: Path, capsys, estimate: Change, words: str) -> None:
-    files = files_of(tmp_path, estimate, same)
-    assert codes(capsys, "evaluate", *files) == ["unlike"]
-    assert words in told(capsys, "evaluate", *files)
-
-
 @pytest.mark.parametrize(("whose", "begin"), [("estimate", 0.8), ("reference", 0.95)])
 def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
     tmp_path: Path, capsys, whose: str, begin: float
@@ -246,8 +240,8 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
         (wxyz, same, ["orientation-order", "body-axes"]),
         (wxyz, wxyz, ["orientation-order", "orientation-order", "in-space"]),
         (sideways, same, ["body-axes"]),
-        (same, scaled(slice(1, 4), 1000.0), ["implausible-speed", "sizes-differ"]),
-        (scaled(slice(1, 4), 1000.0), scaled(slice(1, 4), 1000.0), ["implausible-speed"] * 2),
+        (same, scaled(XYZ, 1000.0), ["implausible-speed", "sizes-differ"]),
+        (scaled(XYZ, 1000.0), scaled(XYZ, 1000.0), ["implausible-speed"] * 2),
         (same, put(slice(2501, 2502), 1, 100.0), ["implausible-speed"]),  # between stamps of the estimate
         (put(slice(100, 101), 1, 100.0), same, ["implausible-speed"]),
         (same, aside(1.0), ["implausible-speed"]),
@@ -258,8 +252,8 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
         (same, flipped, ["implausible-speed"]),
         (halfway, same, ["implausible-speed"]),
         (flipped, same, []),  # an estimate may find itself elsewhere
-        (scaled(slice(1, 4), 1e-5), scaled(slice(1, 4), 1e-5), ["sizes-differ", "no-relative-error"]),
-        (scaled(slice(1, 4), 0.95), same, ["sizes-differ"]),
+        (scaled(XYZ, 1e-5), scaled(XYZ, 1e-5), ["sizes-differ", "no-relative-error"]),
+        (scaled(XYZ, 0.95), same, ["sizes-differ"]),
         (clocked(1.01), same, ["clocks-differ"]),
         (clocked(1.0, 18.0), same, ["clocks-differ"]),
         (same, between(40, 48), ["few-matched"]),
@@ -306,6 +300,16 @@ def chain(*changes: Callable[[Table], Table]) -> Change:
     return made
 
 
+def turned(factor: float, offset: float = 0.0) -> Change:
+    """Headings multiplied by a factor, and turned [degrees]."""
+
+    def made(table: Table) -> Table:
+        half = factor * np.unwrap(2 * np.arctan2(table[:, 6], table[:, 7])) / 2 + np.deg2rad(offset) / 2
+        return np.column_stack((table[:, :6], np.sin(half), np.cos(half)))
+
+    return made
+
+
 positions_only = put(slice(None), slice(4, 8), 0.0)
 ARM, CAMERA = ["no-orientation", "lever-arm"], ["in-space", "lever-arm", "body-axes"]
 
@@ -346,20 +350,41 @@ def test_another_point_of_the_robot_is_told(
 @pytest.mark.parametrize(
     ("estimate", "reference", "expected", "words"),
     [
+        (at_another_time, same, ["unlike"], ("another drive",)),
+        (increments, same, ["unlike"], ("increments",)),
+        (clocked(1.01), same, ["clocks-differ"], ("its clock runs 0.99 % fast",)),
+        (same, clocked(0.998), ["clocks-differ"], ("its clock runs 0.20 % fast",)),
         (clocked(1.0, 0.7), same, ["clocks-differ"], ("in its file or by evaluate --time-offset -0.7",)),
         (lambda _: clocked(1.0, 0.3)(drive(0.2, 0.03)), same, ["clocks-differ"], ("--time-offset -0.3",)),
         (chain(between(45, 120), clocked(1.0, 0.3)), between(45, 120), ["lever-arm"], ("--est-offset 0.0", "or else")),
         (chain(positions_only, clocked(1.0, 0.7)), positions_only, [*ARM[:1] * 2, "clocks-differ"], ("or this is",)),
         (chain(at_arm(0.3, 0, 0), positions_only), positions_only, ARM[:1] * 2, ()),
+        (same, turned(0.9), ["body-axes"], ("those of the reference are as if multiplied by 0.9;",)),
+        (turned(180 / np.pi), same, ["body-axes"], ("those of the estimate are as if in degrees, taken for radians;",)),
+        (same, turned(1.0, 8.0), ["body-axes"], ("orientations differ by 8 degrees, directions by",)),
+        (same, scaled(2, 1.05), ["sizes-differ"], ("stretched by 1.05 along 90 degrees of the reference's axes",)),
+        (chain(scaled(1, 1.04), sideways), same, ["sizes-differ", "body-axes"], ("stretched by 0.96",)),
+        (x_late(15), same, ["unlike"], ("where headings agree: x and y of other rows",)),
+        (scaled(XYZ, 100.0), same, ["sizes-differ"], ("multiply the estimate's positions by 0.01 (cm as m):",)),
+        (same, scaled(XYZ, 3.28), ["sizes-differ"], ("multiply the reference's positions by 0.3048 (feet as m):",)),
+        (scaled(XYZ, 0.95), same, ["sizes-differ"], ("with the estimate's positions multiplied by 1.053 the",)),
+        (
+            sideways,
+            same,
+            ["body-axes"],
+            ("as a camera's (turn them to x ahead, y left, z up)", "the ATE of positions is not"),
+        ),
+        (wxyz, same, ["orientation-order", "body-axes"], ("as qw qx qy qz (put # t x y z qw qx qy qz first):",)),
     ],
 )
-def test_a_clock_is_told_where_it_explains_more_than_an_arm(
-    tmp_path: Path, capsys, estimate, reference, expected: list[str], words: tuple[str, ...]
+def test_what_it_means_is_said(
+    tmp_path: Path, capsys, estimate: Change, reference: Change, expected: list[str], words: tuple[str, ...]
 ) -> None:
-    files = files_of(tmp_path, estimate, reference)
-    warnings = shown(capsys, "evaluate", *files)["warnings"]
-    assert [issue["code"] for issue in warnings] == expected
-    assert all(word in warnings[-1]["message"] for word in words)
+    issues = shown(capsys, "evaluate", *files_of(tmp_path, estimate, reference))["warnings"]
+    assert [issue["code"] for issue in issues] == expected
+    messages = [issue["message"] for issue in issues]
+    assert any(all(word in message for word in words) for message in messages)
+    assert any("multiplied by" in message for message in messages) == any("multiplied by" in word for word in words)
 
 
 @pytest.mark.parametrize("change", [same, started, changed(lambda t: t[::7])])
@@ -367,16 +392,6 @@ def test_a_reference_that_is_the_estimate_is_told(tmp_path: Path, capsys, change
     truth = drive(0.02)
     files = write(tmp_path / "est.tum", change(truth)), write(tmp_path / "ref.tum", truth)
     assert codes(capsys, "evaluate", *files) == ["same-path"]
-
-
-@pytest.mark.parametrize(("rate", "whose"), [(1.01, "estimate"), (0.998, "reference")])
-def test_a_clock_that_runs_fast_or_slow_is_measured(tmp_path: Path, capsys, rate: float, whose: str) -> None:
-    changes = (clocked(rate), same) if whose == "estimate" else (same, clocked(rate))
-    files = files_of(tmp_path, *changes)
-    fast = (rate > 1) == (whose == "estimate")
-    said = told(capsys, "evaluate", *files)
-    assert f"its clock runs {100 * abs(rate - 1):.1f}" in said.replace("0.99 %", "1.00 %")
-    assert ("% fast" if fast else "% slow") in said
 
 
 def test_of_laps_that_fit_alike_on_clocks_without_a_common_time_the_nearest_is_taken() -> None:
@@ -409,46 +424,6 @@ def test_headings_that_do_not_follow_the_path(tmp_path: Path, header: str, facto
     headings = factor * 2 * np.arctan2(table[:, 6], table[:, 7])
     path = write(tmp_path / "t.csv", np.column_stack((table[:, :3], headings)), header=header, separator=",")
     assert [issue.code for issue in read_trajectory(path).warnings] == expected
-
-
-def turned(factor: float, offset: float = 0.0) -> Change:
-    """Headings multiplied by a factor, and turned [degrees]."""
-
-    def made(table: Table) -> Table:
-        half = factor * np.unwrap(2 * np.arctan2(table[:, 6], table[:, 7])) / 2 + np.deg2rad(offset) / 2
-        return np.column_stack((table[:, :6], np.sin(half), np.cos(half)))
-
-    return made
-
-
-@pytest.mark.parametrize(
-    ("estimate", "reference", "code", "words"),
-    [
-        (same, turned(0.9), "body-axes", "those of the reference are as if multiplied by 0.9;"),
-        (turned(180 / np.pi), same, "body-axes", "those of the estimate are as if in degrees, taken for radians;"),
-        (same, turned(1.0, 8.0), "body-axes", "orientations differ by 8 degrees, directions by"),
-        (same, scaled(2, 1.05), "sizes-differ", "stretched by 1.05 along 90 degrees of the reference's axes"),
-        (chain(scaled(1, 1.04), sideways), same, "sizes-differ", "stretched by 0.96"),
-        (x_late(15), same, "unlike", "where headings agree: x and y of other rows"),
-        (
-            scaled(slice(1, 4), 100.0),
-            same,
-            "sizes-differ",
-            "multiply the estimate's positions by 0.01 (cm as m):",
-        ),
-        (same, scaled(slice(1, 4), 3.28), "sizes-differ", "multiply the reference's positions by 0.3048 (feet as m):"),
-        (scaled(slice(1, 4), 0.95), same, "sizes-differ", "with the estimate's positions multiplied by 1.053 the"),
-        (sideways, same, "body-axes", "as a camera's (turn them to x ahead, y left, z up)"),
-        (sideways, same, "body-axes", "relative errors are wrong by it, the ATE of positions is not"),
-        (wxyz, same, "orientation-order", "as qw qx qy qz (put # t x y z qw qx qy qz first):"),
-    ],
-)
-def test_headings_and_one_direction_that_all_else_contradicts(
-    tmp_path: Path, capsys, estimate: Change, reference: Change, code: str, words: str
-) -> None:
-    issues = shown(capsys, "evaluate", *files_of(tmp_path, estimate, reference))["warnings"]
-    assert any(issue["code"] == code and words in issue["message"] for issue in issues)
-    assert {issue["code"] for issue in issues} <= {code, "body-axes"}
 
 
 def test_legs_that_err_by_a_turn_or_noise_of_headings_are_no_stretch_and_no_other_unit(tmp_path: Path, capsys) -> None:
@@ -523,10 +498,3 @@ def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
 def test_a_robot_that_stands_still_has_no_direction(tmp_path: Path, capsys: Capsys) -> None:
     estimate, reference = files_of(tmp_path, put(slice(None), slice(1, 3), 0.0), put(slice(None), slice(1, 3), 0.0))
     shown(capsys, "evaluate", estimate, reference)
-
-
-def test_orientations_that_another_order_explains_are_not_multiplied(tmp_path: Path, capsys: Capsys) -> None:
-    files = files_of(tmp_path, changed(lambda table: table[:, [0, 1, 2, 3, 7, 4, 5, 6]]), lambda table: table)
-    said = told(capsys, "evaluate", *files)
-    assert "qw qx qy qz" in said
-    assert "multiplied" not in said

@@ -61,7 +61,6 @@ def register(
 
 
 def queries(poses: ArrayLike, starts: ArrayLike, prior: ArrayLike) -> NDArray[np.float64]:
-    """As the kernel takes them."""
     asked = np.empty((len(np.asarray(poses)), QUERY))
     asked[:, FRAME], asked[:, START], asked[:, PRIOR] = frames(poses), starts, prior
     return asked

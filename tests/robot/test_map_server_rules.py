@@ -31,23 +31,21 @@ class Meaning(NamedTuple):
     free: float
 
 
-def nav2_cell(pixel: Pixel, largest: int, says: Meaning) -> int:
-    """The occupancy that nav2 publishes, -1 or 0 to 100.
-
-    Args:
-        pixel: numbers as the file has them.
-        largest: that a channel may be.
-        says: of the greys.
-    """
+def shade_of(pixel: Pixel, largest: int, says: Meaning) -> float:
+    """From black, 0, to white, 1: all channels averaged, or but the opacity; of numbers as the file has them."""
     quanta = [(2 * 65535 * number + largest) // (2 * largest) for number in pixel]
-    opaque = len(quanta) < 4 or quanta[3] == 65535
     averaged = quanta if says.mode == "trinary" else quanta[:3]
-    shade = sum(averaged) / len(averaged) / 65535
+    return sum(averaged) / len(averaged) / 65535
+
+
+def nav2_cell(pixel: Pixel, largest: int, says: Meaning) -> int:
+    """The occupancy that nav2 publishes, -1 or 0 to 100."""
+    shade = shade_of(pixel, largest, says)
     if says.mode == "raw":
         number = floor(shade * 255 + 0.5)
         return number if number <= 100 else -1
     occupancy = shade if says.negate else 1.0 - shade
-    if says.mode == "scale" and not opaque:
+    if says.mode == "scale" and pixel[3:] not in ((), (largest,)):
         return -1
     if says.occupied < occupancy:
         return 100
@@ -65,11 +63,9 @@ def trinary_cell(pixel: Pixel, largest: int, says: Meaning) -> int:
         if 0 <= percent <= round(100 * says.free):
             return 0
         return 1 if percent >= round(100 * says.occupied) else -1
-    quanta = [(2 * 65535 * number + largest) // (2 * largest) for number in pixel]
-    if says.mode == "scale" and len(quanta) == 4 and quanta[3] < 65535:
+    if says.mode == "scale" and pixel[3:] not in ((), (largest,)):
         return -1
-    averaged = quanta if says.mode == "trinary" else quanta[:3]
-    shade = sum(averaged) / len(averaged) / 65535
+    shade = shade_of(pixel, largest, says)
     occupancy = shade if says.negate else 1.0 - shade
     if occupancy > says.occupied:
         return 1

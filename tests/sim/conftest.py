@@ -16,5 +16,4 @@ def table() -> dict[str, Any]:
 
 @pytest.fixture
 def scenario(table: dict[str, Any]) -> Scenario:
-    """The scenario of that table."""
     return parse_scenario(table)

@@ -61,7 +61,6 @@ dropout = 0.05
 
 @cache
 def robots() -> dict[str, Platform]:
-    """The bundled robots, by their names."""
     return {name: bundled_platform(name) for name in bundled_platforms()}
 
 
@@ -78,7 +77,6 @@ class Run:
         self.resting = self.lidar.ranges[self.lidar.stamps < self.simulation.truth.stamps[0] + REST - 0.3]
 
     def rate(self, stream: str) -> float:
-        """Readings a second."""
         return next(one.mean_rate for one in self.found.streams if one.name == stream) or 0.0
 
 

@@ -22,7 +22,6 @@ SEEDS = range(6)
 
 
 def within(value: float, low: float, high: float, factor: float = FACTOR) -> bool:
-    """Whether a value is within a factor of a measured range."""
     return low / factor <= value <= high * factor
 
 

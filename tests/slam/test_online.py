@@ -210,25 +210,45 @@ def test_what_is_kept_and_what_a_scan_costs_does_not_grow_with_the_scans():
     assert len(live.odometry_in.path.stamps) <= 2 * KEPT + MOST_KEPT
 
 
+COUNTS, POSE = (0,) * 4, (0,) * 3
+
+
 @pytest.mark.parametrize(
-    ("add", "error", "field"),
+    ("add", "error", "field", "expected"),
     [
-        (lambda slam: slam.add_scan([1.0, 2.0], 0.0), InputError, "ranges"),
-        (lambda slam: slam.add_scan(np.ones((2, 2)), 0.0), InputError, "lidar.ranges"),
-        (lambda slam: [slam.add_imu(stamp, 0.0) for stamp in (1.0, 0.5)], InputError, "imu.stamp"),
-        (lambda slam: slam.add_imu(0.0, np.inf), InputError, "imu.yaw_rate"),
-        (lambda slam: slam.add_odometry(0.0), InputError, "odometry"),
-        (lambda slam: slam.add_odometry(0.0, (0.0, np.nan, 0.0)), InputError, "odometry.pose"),
-        (lambda slam: slam.add_odometry(0.0, ("a", 0.0, 0.0)), InputError, "odometry.pose"),
-        (lambda slam: slam.add_odometry(0.0, counts=(1.5, 0, 0, 0)), InputError, "odometry.counts"),
-        (lambda slam: slam.add_odometry(0.0, counts=(1, 1, 1, 1)), InputError, "counts"),
-        (lambda slam: slam.estimate(), ConfigError, None),
+        (lambda slam: slam.add_scan([1.0, 2.0], 0.0), InputError, "ranges", ""),
+        (lambda slam: slam.add_scan(np.ones((2, 2)), 0.0), InputError, "lidar.ranges", ""),
+        (lambda slam: slam.add_scan(np.ones(360), "12"), InputError, "lidar.stamp", "a number, not text"),
+        (lambda slam: [slam.add_imu(stamp, 0.0) for stamp in (1.0, 0.5)], InputError, "imu.stamp", ""),
+        (lambda slam: slam.add_imu(0.0, np.inf), InputError, "imu.yaw_rate", ""),
+        (lambda slam: slam.add_odometry(0.0), InputError, "odometry", ""),
+        (lambda slam: slam.add_odometry(0.0, (0.0, np.nan, 0.0)), InputError, "odometry.pose", ""),
+        (lambda slam: slam.add_odometry(0.0, ("a", 0.0, 0.0)), InputError, "odometry.pose", ""),
+        (lambda slam: slam.add_odometry(0.0, counts=(1.5, 0, 0, 0)), InputError, "odometry.counts", ""),
+        (lambda slam: slam.add_odometry(None, POSE), InputError, "odometry.stamp", "a number, not NoneType"),
+        (lambda slam: slam.add_odometry(1.3e12, POSE), InputError, "odometry.stamp", r"seconds below 1e\+11"),
+        (
+            lambda slam: (slam.add_odometry(1, counts=COUNTS), slam.add_odometry(2, POSE)),
+            *(InputError, "odometry", "counts as"),
+        ),
+        (
+            lambda slam: (slam.add_odometry(1, POSE), slam.add_odometry(2, counts=COUNTS)),
+            *(InputError, "odometry", "poses as"),
+        ),
+        (lambda _: wheelless().add_odometry(0.0, counts=COUNTS), InputError, "counts", ""),
+        (lambda slam: slam.estimate(), ConfigError, None, ""),
     ],
 )
-def test_messages_that_make_no_sense_are_refused(add: Callable[[OnlineSlam], object], error: type, field: str | None):
-    recording, _ = circled_room(scans=3)
-    with refusal(error, field=field):
-        add(OnlineSlam(platform_of(recording)))
+def test_messages_that_make_no_sense_are_refused(
+    corridor: Recording, add: Callable[[OnlineSlam], object], error: type, field: str | None, expected: str
+):
+    with refusal(error, f"expected {expected}" if expected else None, field=field) as caught:
+        add(OnlineSlam(platform_of(corridor).model_copy(update={"imu": None})))
+    assert "float64" not in str(caught.value)
+
+
+def wheelless() -> OnlineSlam:
+    return OnlineSlam(platform_of(circled_room(scans=3)[0]))
 
 
 def test_ranges_that_drivers_report_where_there_is_no_endpoint_are_none():
@@ -414,24 +434,6 @@ def test_odometry_faster_than_any_robot_is_refused_within_a_second(
                 slam.add_odometry(stamp, (x, 0.0, 0.0))
             taken.append(stamp)
     assert len(taken) in ((15, 16) if too_fast else (len(stamps),))
-
-
-@pytest.mark.parametrize(
-    ("give", "field", "expected"),
-    [
-        (lambda slam: slam.add_scan(np.ones(360), "12"), "lidar.stamp", "a number, not text"),
-        (lambda slam: slam.add_odometry(None, (0, 0, 0)), "odometry.stamp", "a number, not NoneType"),
-        (lambda slam: slam.add_odometry(1.3e12, (0, 0, 0)), "odometry.stamp", "seconds below 1e+11"),
-        (lambda slam: (slam.add_odometry(1, counts=(0,) * 4), slam.add_odometry(2, (0,) * 3)), "odometry", "counts as"),
-        (lambda slam: (slam.add_odometry(1, (0,) * 3), slam.add_odometry(2, counts=(0,) * 4)), "odometry", "poses as"),
-    ],
-)
-def test_a_message_that_cannot_be_is_refused_in_one_line(
-    corridor: Recording, give: Callable[[OnlineSlam], object], field: str, expected: str
-):
-    with refusal(InputError, f"expected {expected}".replace("+", r"\+"), field=field) as caught:
-        give(OnlineSlam(platform_of(corridor).model_copy(update={"imu": None})))
-    assert "float64" not in str(caught.value)
 
 
 def test_an_update_shows_its_state(corridor: Recording):

@@ -28,7 +28,6 @@ def update_grid(
     log_odds: NDArray[np.int16], start: ArrayLike, ends: ArrayLike, *, hit: int, miss: int, limit: int,
     guard: int = 0, per_ray: bool = False,
 ) -> NDArray[np.int16]:  # fmt: skip
-    """The grid after one scan."""
     grid = log_odds.astype(np.int64)
     first = tuple(int(v) for v in np.asarray(start))
     cells = [(int(col), int(row)) for col, row in np.asarray(ends)]

@@ -31,7 +31,6 @@ def graph_of(steps: int) -> LoopGraph:
 
 
 def enter(graph: LoopGraph, first: int, second: int, found: tuple[float, float, float]) -> None:
-    """An accepted loop."""
     graph.enter((first, second), loop(first, second, found, se2.between(graph.poses[first], graph.poses[second])))
 
 

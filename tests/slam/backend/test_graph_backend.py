@@ -48,7 +48,6 @@ def alone(doors: Case, taichi: None) -> Estimate:
 
 @pytest.fixture(scope="module")
 def behind(doors: Case, taichi: None) -> Estimate:
-    """The same with the back end."""
     return estimate(doors)
 
 

@@ -93,7 +93,6 @@ def test_without_scans_and_odometry_the_robot_is_soon_lost():
 
 
 def registered(covariance: PoseCovariance, information: np.ndarray, likelihood: float, spread: float) -> None:
-    """A robot that stands registers a scan."""
     fit = Fit(symmetric(information), likelihood, (spread,) * 3, FITS)
     covariance.step(step_motion(STILL, STILL, 0.1, measured=True), STILL, fit)
 
