@@ -84,14 +84,6 @@ def assert_held(form: str, recording: Recording, back: Recording) -> None:
             assert getattr(back, name) is None
 
 
-def with_every_stream(recording: Recording, seconds: float = 1.0) -> Recording:
-    """The beginning of a simulated recording, with the odometry of its wheels as a stream of its own."""
-    from moteslam.robot.formats import Cut, cut
-    from moteslam.sim.logged import with_odometry
-
-    return cut(recording.replace(odometry=with_odometry(recording, gyro=True).odometry), Cut(end=seconds))
-
-
 def differences(name: str, recording: Recording, back: Recording) -> dict[str, float]:
     """The largest difference of every field that a format holds: seconds, metres, radians, counts, g.
 

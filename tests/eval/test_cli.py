@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_lines import Capsys, printed, program, refused, shown, told
-from converted import WRITTEN, assert_held, name_of, to, with_every_stream
+from converted import WRITTEN, assert_held, name_of, to
 
 from moteslam.eval.cli import main
 from moteslam.eval.cli.recordings import _lines as inspection_lines
-from moteslam.robot.formats import open_recording, write_recording
+from moteslam.robot.formats import Cut, cut, open_recording, write_recording
 from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.inspection import inspect_recording
 from moteslam.robot.recording import Recording
@@ -182,7 +182,8 @@ def test_a_clock_is_before_or_after_another(simulation) -> None:
 @pytest.fixture(scope="session")
 def drive(simulation) -> Recording:
     """A second of a drive: lidar, encoders, odometry and IMU."""
-    return with_every_stream(simulation.recording)
+    odometry = with_odometry(simulation.recording, gyro=True).odometry
+    return cut(simulation.recording.replace(odometry=odometry), Cut(end=1.0))
 
 
 @pytest.fixture(scope="session")

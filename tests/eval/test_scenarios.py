@@ -24,7 +24,6 @@ from moteslam.eval.report.film import CODECS, MAX_FRAMES, Pace, check_film, writ
 from moteslam.eval.report.scenarios import draw_scenario
 from moteslam.robot.formats import open_recording
 from moteslam.robot.platforms import bundled_platform, bundled_platforms, load_platform
-from moteslam.robot.recording import Recording
 from moteslam.sim.scenario import load_scenario
 
 SHADES = (20, 120, 240)
@@ -105,25 +104,19 @@ def until(done: Callable[[], bool]) -> None:
 CLASSIC = ("--platform", "lms200", "--format", "carmen")
 
 
-def simulated(scenario: Path, out: Path, *options: object) -> Recording:
-    assert run(["simulate", str(scenario), "--out", str(out), *map(str, options)]) == 0
-    logs = list(out.glob("*.log.gz"))
-    return open_recording(*logs) if logs else open_recording(out)
-
-
 @pytest.mark.slow
-def test_a_batch_with_options_is_what_its_parts_are(scenario_file: Path, tmp_path: Path) -> None:
+def test_a_batch_with_options_is_what_its_parts_are(scenario_file: Path, tmp_path: Path, capsys: Capsys) -> None:
     options = (*CLASSIC, "--log-every", 0.3, "--odometry-noise", 0.1, 0.1, "--set", "noise.lidar.dropout=0.1")
     batch = ("--batch", 2, "--seed", 5, "--jobs", 2, "--true-map", 0.1, "--json")
     done = program("simulate", scenario_file, "--out", "many", *options, *batch, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert [one["seed"] for one in json.loads(done.stdout)["simulations"]] == [5, 6]
-    alone = simulated(scenario_file, tmp_path / "one", *options, "--seed", 6)
+    printed(capsys, "simulate", scenario_file, "--out", tmp_path / "one", *options, "--seed", 6)
     log = tmp_path / "many" / "room-6" / "room.log.gz"
     assert log.read_bytes() == (tmp_path / "one" / "room.log.gz").read_bytes()
     assert (tmp_path / "many" / "room-5" / "room.log.gz").read_bytes() != log.read_bytes()
     assert log.with_name("truth_map.yaml").exists()
-    assert np.isnan(alone.lidar.ranges).mean() == pytest.approx(0.1, abs=0.03)
+    assert np.isnan(open_recording(log).lidar.ranges).mean() == pytest.approx(0.1, abs=0.03)
 
 
 @pytest.mark.parametrize("name", bundled_platforms())

@@ -95,14 +95,6 @@ def test_missing_images_are_counted(folder: Path) -> None:
     assert messages(count.issues()) == ("camera: 2 frames left out, an image of theirs is missing",)
 
 
-def grey(path: Path) -> None:
-    cv2.imwrite(str(path), np.zeros((480, 640), np.uint8))
-
-
-def small(path: Path) -> None:
-    cv2.imwrite(str(path), np.zeros((240, 320, 3), np.uint8))
-
-
 def cut(path: Path) -> None:
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2])
@@ -120,8 +112,11 @@ def flip(path: Path) -> None:
         (lambda path: path.write_bytes(b""), "no PNG"),
         (cut, "cut short or damaged"),
         (flip, "cut short or damaged"),
-        (grey, "480 x 640 of 8 bits, expected"),
-        (small, "240 x 320 pixels, expected 480 x 640"),
+        (lambda path: cv2.imwrite(str(path), np.zeros((480, 640), np.uint8)), "480 x 640 of 8 bits, expected"),
+        (
+            lambda path: cv2.imwrite(str(path), np.zeros((240, 320, 3), np.uint8)),
+            "240 x 320 pixels, expected 480 x 640",
+        ),
     ],
 )
 @pytest.mark.parametrize("kind", ["RGB", "Disparity"])

@@ -324,7 +324,6 @@ TOLD = {
     "uneven turns": (lidar(ranges=turning_unevenly), ("rplidar_a1", "loop", 12), "odometry-unfit", "speed of a motor"),
     "wheels twice": (given_twice, ("ucsd",), "range-scale", "given twice"),
     "exchanged": (exchanged, ("lms200",), "lidar-mount", "exchanged"),
-    "ahead": (mount(x=0.2), ("lms200",), "lidar-mount", ""),
     "off by less than 0.15 m": (mount(y=-0.13, yaw=np.radians(-6)), ("lms200",), "lidar-mount", ""),
     "drifts as none does": (lidar(stamps=drifted), ("lms200",), "other-clock", "as no clock does"),
 }

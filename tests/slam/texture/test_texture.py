@@ -74,15 +74,11 @@ def texture(driven: Driven, recording: Recording) -> TextureMap:
     return map_texture(recording, driven[0].truth, TextureConfig(largest_gap=0.09))
 
 
-def true_floor(simulation: Simulation, texture: TextureMap) -> np.ndarray:
-    left, right, bottom, top = texture.extent
-    image = rasterise(simulation.scenario.floor, (left, bottom, right, top), texture.cell_size, samples=4)
-    assert image.values.shape == texture.values.shape
-    return image.values
-
-
 def test_colours_are_right_and_in_place(driven: Driven, texture: TextureMap) -> None:
-    truth = true_floor(driven[0], texture)
+    left, right, bottom, top = texture.extent
+    floor = driven[0].scenario.floor
+    truth = rasterise(floor, (left, bottom, right, top), texture.cell_size, samples=4).values
+    assert truth.shape == texture.values.shape
     share, grey_spread = score_texture(texture.values, truth, texture.known)
     assert grey_spread >= 40
     assert texture.known.sum() > 5000
