@@ -39,9 +39,9 @@ ENDINGS = {"carmen": ".log.gz", "csv": ".toml", "bag": ".bag", "mcap": ".mcap"}
 """Of files; the others are folders, and have to be named."""
 
 
-def made(form: str, seed: int = 0) -> Recording:
+def made(form: str, *, clockwise: bool = False) -> Recording:
     """A recording of random numbers, large and small, named ``x``, with all that a format holds."""
-    rng = np.random.default_rng(seed)
+    rng, fan = np.random.default_rng(0), (0.5, -0.0123) if clockwise else (-2.1, 0.0123)
 
     def numbers(count: int, width: int = 3) -> NDArray[np.float64]:
         return rng.uniform(-1, 1, (count, width)) * 10.0 ** rng.integers(-9, 1, (count, width))
@@ -58,7 +58,7 @@ def made(form: str, seed: int = 0) -> Recording:
     recording = Recording(
         "x",
         carmen if form == "carmen" else UCSD.model_copy(update={"lidar": lidar}),
-        lidar=LidarStream(stamps, ranges, -2.1, 0.0123, 0.1, 25.0, 1e-5, with_scans),
+        lidar=LidarStream(stamps, ranges, *fan, 0.1, 25.0, 1e-5, with_scans),
         encoders=EncoderStream(ticks, rng.integers(-20, 40, (80, 4))),
         odometry=OdometryStream(1.6e9 + 0.5 * np.arange(40), np.column_stack((x, -0.7 * x, heading))),
         imu=ImuStream(ticks, 9.0 * numbers(80), 4.0 * numbers(80)),

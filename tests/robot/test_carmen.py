@@ -157,12 +157,6 @@ def test_what_ranges_mean(tmp_path: Path) -> None:
     assert messages(recording.warnings) == ("x.log: FLASER: 1 range in 1 scan left out, NaN or negative",)
 
 
-def test_a_change_of_beams_is_refused_with_its_line(tmp_path: Path) -> None:
-    lines = [*GOOD, *(flaser([1.0] * 5, stamp=200.0 + k) for k in range(5))]
-    with pytest.raises(InputError, match=r"x\.log:9: 5 FLASER scans of 5 beams .* expected 3 beams"):
-        read_carmen(write_log(tmp_path / "x.log", lines))
-
-
 @pytest.mark.parametrize("damage", ["cut short", "damaged"])
 def test_a_damaged_gzip_gives_what_came_before(tmp_path: Path, damage: str) -> None:
     rng = np.random.default_rng(0)
