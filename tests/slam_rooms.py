@@ -8,7 +8,9 @@ import numpy as np
 
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.robot import se2
+from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.platforms import CARMEN
+from moteslam.robot.raster import Raster
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.scenario import parse_scenario
@@ -105,6 +107,22 @@ def endpoints(pose: np.ndarray, walls: list) -> np.ndarray:
     """The endpoints [k, 2] that a robot at a pose sees."""
     ranges = seen_from(pose[None], walls)[0]
     return np.stack((ranges * np.cos(ANGLES), ranges * np.sin(ANGLES)), axis=1)[np.isfinite(ranges)].astype(np.float32)
+
+
+def drawn(
+    *rooms: list, low: tuple[float, float] = (-3.5, -2.0), high: tuple[float, float] = (3.5, 3.0), cell: float = 0.05
+) -> Raster:
+    """A map of the walls of rooms, free inside the box of each and unknown beyond."""
+    columns, rows = np.round((np.array(high) - low) / cell).astype(int)
+    values = np.full((rows, columns), UNKNOWN, np.int8)
+    x, y = np.meshgrid(low[0] + (np.arange(columns) + 0.5) * cell, low[1] + (np.arange(rows) + 0.5) * cell)
+    for ends in (np.array(walls, float).reshape(-1, 2) for walls in rooms):
+        values[(x > ends[:, 0].min()) & (x < ends[:, 0].max()) & (y > ends[:, 1].min()) & (y < ends[:, 1].max())] = FREE
+    for a, b in np.array([wall for walls in rooms for wall in walls], float):
+        along = a + np.linspace(0, 1, 4000)[:, None] * (b - a)
+        column, row = np.floor((along - low + 1e-6) / cell).astype(int).T
+        values[row, column] = OCCUPIED
+    return Raster(values, cell, (*low, 0.0))
 
 
 def recorded(ranges: np.ndarray, odometry: np.ndarray) -> Recording:

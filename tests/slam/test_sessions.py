@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import slam_rooms
 from refusals import refusal
 from slam_rooms import ate, endpoints, run
 
@@ -11,7 +12,6 @@ from moteslam.errors import ConfigError
 from moteslam.eval.cli.simulate import scenario_of
 from moteslam.robot import se2
 from moteslam.robot.formats import Cut, cut
-from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.backend.building import Building, Session
@@ -90,18 +90,6 @@ def test_sessions_are_in_the_order_of_their_stamps_where_these_tell(begins: tupl
     assert building.by_age == order
 
 
-def rooms(*each: list) -> Raster:
-    """A map of rooms 20 m apart."""
-    cell, values = 0.05, np.full((160, 200 + 400 * (len(each) - 1)), UNKNOWN, np.int8)
-    for k, walls in enumerate(each):
-        values[40:120, 400 * k + 20 : 400 * k + 180] = FREE
-        for a, b in np.add(walls, (20.0 * k, 0.0)):
-            along = a + np.linspace(0, 1, 4000)[:, None] * (b - a)
-            column, row = np.floor((along - (-5.0, -4.0) + 1e-6) / cell).astype(int).T
-            values[row, column] = OCCUPIED
-    return Raster(values, cell, (-5.0, -4.0, 0.0))
-
-
 @pytest.mark.usefixtures("taichi")
 @pytest.mark.parametrize(
     ("others", "places"),
@@ -113,7 +101,9 @@ def test_a_path_lies_at_the_one_place_that_does_not_contradict_it(others: list, 
     path = np.asarray([(0.4 * np.cos(k / 2), 0.4 * np.sin(k / 2), k / 2) for k in range(40)])
     stood = np.array([(20.0 * k, 0.0, 0.0) for k in range(1 + len(others))])
     scans = [endpoints(pose, ROOM) for pose in se2.compose(there, path)]
-    found, number = find_path(rooms(ROOM, *others), stood, path, scans, np.zeros(2))
+    rooms = [np.add(room, (x, 0.0)).tolist() for (x, _, _), room in zip(stood, (ROOM, *others), strict=True)]
+    building = slam_rooms.drawn(*rooms, low=(-5.0, -4.0), high=(5.0 + stood[-1, 0], 4.0))
+    found, number = find_path(building, stood, path, scans, np.zeros(2))
     if places > 1:
         assert found is None
         assert number > 1

@@ -138,12 +138,8 @@ def test_first_stamps_of_zero_are_dropped(tmp_path: Path, count: int) -> None:
 def test_doubles_and_empty_scans_are_left_aside_and_counted(tmp_path: Path) -> None:
     events = [scan(0.1 * i, [] if i in (3, 4, 5, 6, 7) else [1.0 + i, 2.0]) for i in range(20)]
     moves = [odometry(0.1 * i, (0.1 * i, 0.0, 0.0)) for i in range(20)]
-    again = [
-        events[9],
-        events[10],
-        moves[4],
-        scan(1.1, [7.0, 7.0]),
-    ]  # the last at the stamp of another, and not the same
+    another = scan(1.1, [7.0, 7.0])  # at the stamp of one before, and not the same
+    again = [events[9], events[10], moves[4], another]
     recording = open_recording(make_bag(tmp_path, [*events[:12], *moves, *again, *events[12:]]))
     found = [(issue.code, issue.count) for issue in recording.warnings if issue.code != "no-mount"]
     assert found == [("doubles", 2), ("empty-scans", 5), ("doubles", 1)]
