@@ -12,11 +12,16 @@ pytestmark = pytest.mark.usefixtures("taichi")
 STEP = {"hit": 7, "miss": 3, "limit": 20, "threshold": 6}
 
 
+def empty(height: int = 24, width: int = 32) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    shape = (height, width)
+    return np.zeros(shape, np.int16), np.zeros(shape, np.uint8), np.zeros(shape, np.int32)
+
+
 @pytest.mark.parametrize(("per_ray", "guard"), [(False, 0), (True, 0), (False, 1), (False, 2)])
 @pytest.mark.parametrize(("seed", "shape"), [(0, (3, 8)), (1, (31, 56)), (2, (64, 24))])
 def test_the_update_equals_the_twin(seed: int, per_ray: bool, guard: int, shape: tuple[int, int]) -> None:
     generator = np.random.default_rng(seed)
-    log_odds, occupied, seen = (np.zeros(shape, dtype) for dtype in (np.int16, np.uint8, np.int32))
+    log_odds, occupied, seen = empty(*shape)
     high = (shape[1] - 1, shape[0] - 1)
     for scan in range(1, 7):
         start, ends = generator.integers(1, high), generator.integers(1, high, (generator.integers(0, 60), 2))
