@@ -133,7 +133,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         told.append(("odometry-unfit", f"{text}wheels slip aside"))
     if c.correlation and abs(curl) > max(CURL, SIGMAS * about_curl):
         text = f"odometry: it turns {abs(curl):.2f} rad to the {'left' if curl > 0 else 'right'} on every metre, and "
-        why = "a wheel is smaller than stated" if recording.imu is None or not c.gyro else "its gyro turns at rest, too"
+        why = "a wheel is smaller than stated" if recording.imu is None or not c.gyro else "its gyro may have a bias"
         told.append(("odometry-turn-scale", f"{text}scans do not: {why}, and its path curls"))
     if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
         backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4
