@@ -103,9 +103,13 @@ class History:
         return np.asarray(self.paths(np.array([particle]), first)[0])
 
     def move(self, first: int, frames: Array) -> None:
-        """Move the poses of all updates from the first on by frames [N, 3], one of each particle."""
-        for update, part, _ in self._traced(np.arange(len(frames)), first):
-            part.poses[update - part.begin] = se2.compose(frames, part.poses[update - part.begin])
+        """Move the poses of all updates from the first on by frames [N, 3], one of each particle.
+
+        From where several descend a pose is moved by that of the first of these.
+        """
+        for update, part, places in self._traced(np.arange(len(frames)), first):
+            at, of = np.unique(places, return_index=True)
+            part.poses[update - part.begin, at] = se2.compose(frames[of], part.poses[update - part.begin, at])
 
     def revise(self, path: Array, revised: Array) -> None:
         """Move all poses by the correction of one particle's path [updates, 3]: each keeps its place relative to that

@@ -29,7 +29,9 @@ from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares,
 from moteslam.slam.known_map.maps import KnownMaps, MapScale, MapTears, thinned
 from moteslam.slam.known_map.presence import Presence
 from moteslam.slam.known_map.search import (
+    AGAIN,
     APART,
+    DECIDED,
     IN_MAP,
     WINDOW,
     Hypotheses,
@@ -47,11 +49,8 @@ from moteslam.slam.tsdf.pose_covariance import PoseCovariance
 from moteslam.slam.tsdf.proposal import Proposal
 from moteslam.slam.tsdf.tracking import Tracked
 
-DECIDED = 0.99  # Probability of one place from which on the others are given up
-SEARCHES_APART = 1.0  # A robot that is not found is searched for again after this path [m], ...
-NEW = 0.1  # Probability of a wrong pose, at least, until then: a single scan does not make it sure
+NEW = 0.1  # Probability of a wrong pose, at least, until a place is proved: a single scan does not make it sure
 SHOWN = 4  # Warnings of a robot that was searched for
-SLOWER = 1.3  # ... and then after a path that is longer by this factor each time
 
 
 class KnownMapFilter(TsdfFilter):
@@ -71,9 +70,10 @@ class KnownMapFilter(TsdfFilter):
             raise InputError(error.problem, file=error.file or config.known_map, field=error.field) from error
         self._maps = self._particles.maps = maps
         self._search: WholeMapSearch | None = search
+        self._elsewhere: WholeMapSearch | None = None  # of a robot that may have been carried, while it is tracked on,
+        self._unseen_until = 0.0  # and until when it saw nothing [s]
         self._doubt: Presence = Presence()
         self._given_up = self._most_given_up = 0
-        self._driven, self._next, self._pause = 0.0, 0.0, SEARCHES_APART
         self._divided = True  # the particles may be more than one place needs
         self._unweighed = 0.0  # path since the hypotheses were weighed [m]
         self._own: Particles | None = None  # with the map of what it has seen since it is searched for
@@ -84,8 +84,8 @@ class KnownMapFilter(TsdfFilter):
         self._start_off = 0.0, 0.0  # how far that start is off [m], [rad]
         self._losses: list[tuple[float, float | None, float]] = []  # from when to when [s], how far off [m]
 
-    def _whole(self) -> WholeMapSearch:
-        return WholeMapSearch(self._drawn, self._known.registration, self._thinner)
+    def _whole(self, after: float = 0.0) -> WholeMapSearch:
+        return WholeMapSearch(self._drawn, self._known.registration, self._thinner, after=after)
 
     def _take(self, maps: KnownMaps) -> None:
         """The map as drawn, or with thinner walls, whichever the robot is in."""
@@ -105,7 +105,7 @@ class KnownMapFilter(TsdfFilter):
 
     @property
     def _is_sure(self) -> bool:
-        return self._doubt.state is LocalisationState.SURE and self._doubt.proved
+        return self._doubt.state is LocalisationState.SURE and self._doubt.proved and self._elsewhere is None
 
     @property
     def issues(self) -> tuple[Issue, ...]:
@@ -140,6 +140,10 @@ class KnownMapFilter(TsdfFilter):
             text = f"the robot was found {place:.1f} m and {np.degrees(turn):.0f} degrees from the start that was "
             text += "given (x and y exchanged, another unit?): poses before mean nothing"
             issues.append(Issue("searched-for", text))
+        if self._elsewhere is not None:
+            text = f"from {self._unseen_until:.2f} s on the robot may be elsewhere: it saw nothing before, its wheels "
+            text += "do not say that it drove, and its scans fit other places: it may have been carried there"
+            issues.append(Issue("searched-for", text))
         if (more := len(issues) - SHOWN) > 1:
             last = f"and {more} times more it was searched for in the whole map, until {self._losses[-1][0]:.2f} s"
             issues[SHOWN:] = [Issue("searched-for", last, more)]
@@ -173,7 +177,8 @@ class KnownMapFilter(TsdfFilter):
             if first and self._thinner and len(step.points) >= self._config.tracking.min_points:
                 sight = sight_of(np.zeros(3), step, thin(step.points, step.origin, self._config.thinning))
                 self._take(self._whole().find(sight, self._particles.poses).maps)
-            self._tears.add(step.stamp, result.pose, step.motion, known=sure and step.measured)
+            known = sure and step.measured and step.stamp != self._unseen_until
+            self._tears.add(step.stamp, result.pose, step.motion, known=known)
             self._scale.add(result.pose, step.points, step.origin, float(np.hypot(*step.motion[:2])), known=sure)
             return result
         return self._look(step, step.scan or thin(step.points, step.origin, self._config.thinning), self._search)
@@ -195,9 +200,8 @@ class KnownMapFilter(TsdfFilter):
         """The robot is lost: from here on it is searched for in the whole map."""
         self._given_up = 0 if self._doubt.driven > WINDOW else self._given_up + 1
         self._most_given_up = max(self._most_given_up, self._given_up)
-        self._search, self._led = self._whole(), None
-        self._driven, self._next, self._pause = 0.0, SEARCHES_APART, SEARCHES_APART
-        self._begin = len(self.history)
+        self._begin = len(self.history) if self._elsewhere is None else self._begin
+        self._search, self._elsewhere, self._led = self._whole(AGAIN), None, None
         pose = np.array(self._tracker.pose)
         return StepResult(pose, np.array(tracked.motion), 1.0, 0.0, False, False, self._certainty())
 
@@ -216,7 +220,7 @@ class KnownMapFilter(TsdfFilter):
         else:
             self._tracker.pose = compose_one(self._tracker.pose, moved)
         self._since = self._since.plus(motion, moved, slipped=False)
-        self._driven += 0.0 if first else motion.distance + motion.rotation
+        search.drive(0.0 if first else motion.distance + motion.rotation)
         if not self._losses or self._losses[-1][1] is not None:
             self._losses.append((step.stamp, None, 0.0))
         pose = np.array(self._tracker.pose)
@@ -229,8 +233,7 @@ class KnownMapFilter(TsdfFilter):
             self._own.maps.integrate(pose[None], scan)
             sight = sight_of(pose, step, scan)
             search.see(sight)
-        if usable and self._driven >= self._next:
-            self._next, self._pause = self._driven + self._pause, self._pause * SLOWER
+        if usable and search.is_due():
             found = search.find(sight)
             if found.all_found and found.probabilities.sum() > IN_MAP:
                 self._place(found, pose, step.stamp)
@@ -241,7 +244,24 @@ class KnownMapFilter(TsdfFilter):
         pose, sight = np.array(self._tracker.pose), sight_of(np.zeros(3), step, scan)
         rays = passed(self._maps, pose[None], sight.silent, step.origin, self._config.registration)
         self._doubt.passed = float(rays[0])
-        return super()._track(step, scan)
+        tracked = super()._track(step, scan)
+        if tracked.unseen:
+            self._elsewhere, self._begin, self._unseen_until = self._whole(), len(self.history), step.stamp
+        if self._elsewhere is not None:
+            self._confirm(step, scan, self._elsewhere)
+        return tracked
+
+    def _confirm(self, step: Step, scan: ThinnedScan, search: WholeMapSearch) -> None:
+        """Whether a robot that may have been carried is where it was; it is tracked on there while that is open."""
+        search.drive(float(np.hypot(*step.motion[:2])))
+        if len(scan.points) < self._config.tracking.min_points:
+            return
+        sight = sight_of(np.array(self._tracker.pose), step, scan)
+        search.see(sight)
+        if search.is_due():
+            may_be, is_ = search.elsewhere(sight)
+            self._elsewhere = search if may_be and not is_ else None
+            self._search = search if is_ else None  # from the next scan on it is lost
 
     def _register(self, step: Step, scan: ThinnedScan, places: Array) -> Proposal:
         """Register the scan from every particle; hypotheses are weighed against each other by what contradicts them."""
@@ -319,7 +339,7 @@ class KnownMapFilter(TsdfFilter):
             left, right, bottom, top = self._maps.occupancy.extent
             place = ((right - left) ** 2 + (top - bottom) ** 2) / 24  # of a uniform distribution, along either axis
             return Certainty(np.diag((place, place, np.pi**2 / 3)), np.nan, WRONG_WHILE_LOST)
-        new = 0.0 if self._doubt.proved else NEW
+        new = 0.0 if self._doubt.proved and self._elsewhere is None else NEW
         others = self._particles.hypotheses != self._particles.hypotheses[self.best_particle]
         wrong = max(self._doubt.probability, float(self.weights.values[others].sum()), new)
         return certainty_of(self._covariance.value, self._covariance.degenerate, wrong)

@@ -61,6 +61,8 @@ FINE = 0.3  # Share of the fine costs that counts: by half a cell a wall may be 
 CROWDED = 0.5
 """Where a likely place lies beyond this share of the starts, of which those that look best come first, others may lie
 beyond them all."""
+AGAIN, SLOWER = 1.0, 1.3  # A search is made again after this path [m], and after one longer by this factor each time
+DECIDED = 0.99  # Probability of one place from which on the others are given up
 IN_MAP = 0.5  # The robot is in the map, at one of the places found, from this probability on
 
 
@@ -131,7 +133,10 @@ class Hypotheses(NamedTuple):
 class WholeMapSearch:
     """Collects the scans of a robot of which only the path is known, and looks for it in the whole map."""
 
-    def __init__(self, maps: KnownMaps, config: RegistrationConfig, thinner: KnownMaps | None = None) -> None:
+    def __init__(
+        self, maps: KnownMaps, config: RegistrationConfig, thinner: KnownMaps | None = None, *, after: float = 0.0
+    ) -> None:
+        self._driven, self._next, self._pause = 0.0, after, AGAIN
         self._thinner = WholeMapSearch(thinner, config) if thinner else None
         self._maps, self._config = maps, config
         view = maps.of(0)
@@ -143,13 +148,24 @@ class WholeMapSearch:
         self._step = cells * size
         squares, free = maps.free_squares(self._step)
         some = np.minimum(np.arange(-(-len(squares) // BLOCK) * BLOCK), len(squares) - 1)
-        self._squares, self._free, self._count = squares[some], free[some], int(free.sum())
+        self._squares, self._free = squares[some], free[some]
         self._corner = np.array(view.corner)
         self._turns = np.arange(-np.pi, np.pi - TURN / 2, TURN)
+        self._log_places = float(np.log(free.sum() * len(self._turns)))  # of all places, in all headings
         self._seen: list[Sight] = []
 
     def begin(self) -> None:
         self._seen = []
+
+    def drive(self, path: float) -> None:
+        self._driven += path
+
+    def is_due(self) -> bool:
+        """Whether it is time to search, by what the robot drove since the last time."""
+        due = self._driven >= self._next
+        if due:
+            self._next, self._pause = self._driven + self._pause, self._pause * SLOWER
+        return due
 
     def see(self, sight: Sight) -> None:
         if not self._seen or self._seen[-1].apart(sight.pose) >= 1:
@@ -164,6 +180,20 @@ class WholeMapSearch:
         other = self._thinner._find(some, near)
         return other if other.odds > found.odds else found
 
+    def elsewhere(self, latest: Sight) -> tuple[bool, bool]:
+        """Whether a robot that may have been carried may be elsewhere than at a sight's pose, and whether it is.
+
+        To be there is as likely as all other places together: that it is elsewhere must outweigh these.
+        """
+        found, there = self.find(latest), self.find(latest, latest.pose[None])
+        other = is_elsewhere(se2.between(latest.pose, found.poses))
+        may_be = not found.all_found or found.probabilities[other].sum() >= 1 - DECIDED
+        least = there.odds + self._log_places + np.log(DECIDED / (1 - DECIDED))
+        is_ = found.all_found and other[0] and found.odds > least
+        if is_:
+            self._next = self._driven
+        return bool(may_be), bool(is_)
+
     def _find(self, some: list[Sight], starts: Array | None) -> Hypotheses:
         pose, points = some[0].pose, some[0].points
         seen_from = (se2.transform_points(se2.between(pose, seen.pose), seen.points) for seen in some)
@@ -176,7 +206,7 @@ class WholeMapSearch:
         places, odds = self._odds(tried[best], some, subsample(points, POINTS))
         first = _same(tried[best], tried).argmax(axis=1)  # start that leads there
         last = np.where(_same(places[_likely(odds)], places), first, STARTS).min(axis=1).max()
-        odds -= np.log(self._count * len(self._turns))  # of all places, in all headings
+        odds -= self._log_places
         order = np.argsort(-odds, kind="stable")
         order = order[apart(places[order], len(order), SAME)]
         weights = np.exp(np.minimum(odds[order], 500.0))

@@ -39,6 +39,7 @@ class Tracked(NamedTuple):
     # the robot is [m]; 0 of all others.
     astray: float = 0.0
     carried: bool = False  # the scan was found farther off than the robot can have driven
+    unseen: bool = False  # nothing was seen for long, and no wheels say where to the robot drove: it may be elsewhere
 
 
 class Tracker:
@@ -107,11 +108,15 @@ class Tracker:
             turn if turn > k * about else 0.0,
         )
 
-    def _carried(self, offset: Pose) -> bool:
-        """Whether an offset is larger than what slipping wheels can have missed: somebody moved the robot."""
+    def _carried(self, offset: Pose) -> tuple[bool, bool]:
+        """Whether an offset is larger than what slipping wheels can have missed: somebody moved the robot; and whether,
+        wherever the scan was found, somebody may have: nothing was seen, and the wheels do not say that it drove.
+        """
         driven, (shift, turn) = self._blind, magnitude(offset)
-        unseen = self._blind_measured and self._open == CLOSED and driven.elapsed > CARRIED_TIME
-        return unseen and (shift > driven.distance + CARRIED_DISTANCE or turn > driven.rotation + CARRIED_ROTATION)
+        unseen, known = driven.elapsed > CARRIED_TIME, self._blind_measured and self._open == CLOSED
+        far = shift > driven.distance + CARRIED_DISTANCE or turn > driven.rotation + CARRIED_ROTATION
+        drove = driven.distance > CARRIED_DISTANCE or driven.rotation > CARRIED_ROTATION
+        return unseen and known and far, unseen and not (known and drove)
 
     def track(
         self, motion: StepMotion, scan: ThinnedScan, origin: tuple[float, float], particles: Particles
@@ -124,7 +129,7 @@ class Tracker:
         usual = self._spread()
         (forward, left, turn), (slip_forward, slip_left, slip_turn) = usual, self._slip
         spread = forward + slip_forward, left + slip_left, turn + slip_turn
-        offset, fit, rivals, astray, carried = STILL, None, NO_RIVALS, 0.0, False
+        offset, fit, rivals, astray, carried, unseen = STILL, None, NO_RIVALS, 0.0, False, False
         if len(scan.points) >= self._config.min_points:
 
             def predictions() -> Array:
@@ -146,7 +151,7 @@ class Tracker:
                 self._lost += 1
             else:
                 offset, self._lost = fitted.offset, 0
-                carried = self._carried(offset)
+                carried, unseen = self._carried(offset)
                 self._blind, self._blind_measured, self._open = Travelled(), True, CLOSED
                 rivals = elsewhere
         self._slip = self._beyond(offset, usual)
@@ -160,7 +165,7 @@ class Tracker:
         moved = compose_one(predicted, offset)
         self._motion, self._seconds = between_one(self.pose, moved), motion.dt
         self.pose = moved
-        return Tracked(self._motion, slipped, self._lost > 0, fit, rivals, astray, carried)
+        return Tracked(self._motion, slipped, self._lost > 0, fit, rivals, astray, carried, unseen)
 
 
 def extrapolated(motion: Pose, seconds: float, dt: float, *, most: float = 10.0) -> Pose:

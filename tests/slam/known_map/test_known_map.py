@@ -18,7 +18,7 @@ from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
 from moteslam.robot.raster import Raster
-from moteslam.robot.recording import Recording
+from moteslam.robot.recording import OdometryStream, Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
@@ -471,6 +471,47 @@ def test_how_far_off_a_robot_is_found_again_is_told(tmp_path: Path) -> None:
     assert len(searched) == 1  # not that it was found at the first scan
     assert "found 20.0 m from where the path until then led" in searched[0]
     assert "start" not in searched[0]
+
+
+def paused(recording: Recording, *, at: int, seconds: float) -> Recording:
+    """A recording without scans for a while, in which the odometry says that the robot stood."""
+    lidar = recording.lidar
+    stamps = lidar.stamps + np.where(np.arange(len(lidar)) < at, 0.0, seconds)
+    still = np.arange(stamps[at - 1] + 0.1, stamps[at], 0.1)
+    order = np.argsort(every := np.r_[stamps, still])
+    path = np.vstack((lidar.odometry, np.repeat(lidar.odometry[at - 1 : at], len(still), axis=0)))
+    wheels = OdometryStream(every[order], path[order])
+    return recording.replace(lidar=replace(lidar, stamps=stamps, odometry=None), odometry=wheels)
+
+
+@pytest.mark.parametrize("seconds", [2.0, 20.0])
+def test_who_may_have_been_carried_to_a_place_that_looks_alike_is_not_sure(tmp_path: Path, seconds: float) -> None:
+    twin = [((x + 20, y), (u + 20, v)) for (x, y), (u, v) in [*WALLS, *BOX]]
+    both = drawn([*WALLS, *BOX], twin, low=(-3.5, -2), high=(23.5, 3))
+    recording = paused(circled_room(drift=0.0)[0], at=60, seconds=seconds)
+    estimate = localized(tmp_path, recording, both, "start=[0, 0, 0, 0.1]")
+    may_be_carried = seconds > 3
+    states = estimate.diagnostics["state"]
+    assert (states[30:60] == LocalisationState.SURE).all()
+    assert (states[60:] == (LocalisationState.DOUBTFUL if may_be_carried else LocalisationState.SURE)).all()
+    assert any("may have been carried" in issue.message for issue in estimate.warnings) == may_be_carried
+
+
+def test_who_stood_where_nothing_looks_alike_is_sure_at_once(tmp_path: Path) -> None:
+    estimate = localized(tmp_path, paused(circled_room(drift=0.0)[0], at=60, seconds=20.0), drawn([*WALLS, *BOX]))
+    assert (estimate.diagnostics["state"][60:] == LocalisationState.SURE).all()
+
+
+def test_who_was_carried_into_another_room_of_the_map_is_found_there_at_once(tmp_path: Path) -> None:
+    beside = [((x + 20, y), (u + 20, v)) for (x, y), (u, v) in OTHER_ROOM]
+    both = drawn([*WALLS, *BOX, *beside], low=(-5, -6), high=(25, 7))
+    recording = paused(carried_into_another_room(), at=60, seconds=20.0)
+    true = circled_room(drift=0.0)[1] + np.outer(np.arange(120) >= 60, (20, 0, 0))
+    estimate = localized(tmp_path, recording, both)
+    assert astray(estimate, true)[70:].max() < CELL
+    final = estimate.trajectory_final.at(recording.lidar.stamps)
+    off = np.hypot(*(final.poses - true)[:, :2].T)
+    assert np.r_[off[:60], off[70:]].max() < CELL  # in between the path leads there
 
 
 def test_after_places_that_were_given_up_a_longer_drive_must_prove_the_next() -> None:
