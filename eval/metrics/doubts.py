@@ -10,18 +10,17 @@ from moteslam.eval.metrics import association, clocks
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, rescaled, spatial
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.metrics.clocks import ALIKE, FINE, FITS, GAIN, GAIN_METRES, LEAST, ROUNDS, SHAPE, STEP, shifting
+from moteslam.eval.metrics.steps import STEPS, filled, of_path, stepping
 from moteslam.eval.tables import length
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import TILT, Space, Trajectory, rotations_of, tilt_of
-from moteslam.robot.values import Issue, counted, when
-from moteslam.slam.inputs.odometry_path import jumps
+from moteslam.robot.values import Issue
 
 Reasons = Iterator[tuple[float, Issue]]  # What explains errors, each with the error that it leaves [m]
 
-SMALL, SAME, TURNED = 0.1, 1e-4, 2.0
-"""Errors and sizes below the first [m] are no other unit, and a robot that turns by more than the third in all [rad]
-moves by more than that; no measurement is as near to the truth as the second [m]."""
+SMALL, SAME = 0.1, 1e-4
+"""Errors and sizes below the first [m] are no other unit; no measurement is as near to the truth as the second [m]."""
 AXES, TURNS = np.deg2rad(30.0), 0.1
 """Orientations that differ by more than the first [rad] are of other axes, or another order, unit or sign; turns below
 the second [rad] show no offset on the robot: on a straight drive, drift looks like a long one."""
@@ -35,10 +34,7 @@ are of a part where less than the second share is compared of what there is whil
 
 LAGS, NOISE = np.deg2rad((1.5, 4.0))
 """Errors of the heading that are less show no lag, and that are mostly less may be noise [rad]."""
-EVENLY, FILLED = 2e-4, 2.0  # Velocities that differ by less [m/s] for so long [s] are of no robot that drives
 STRIDE, DEGREES = 1.0, 180 / np.pi  # Directions are compared over so much path, or less [m]; a radian [degrees]
-ASIDE = 8.0  # A step of a reference that differs from the estimate's by so many medians is no noise of either
-STEPS = {"implausible-speed", "poses-held", "equal-stamps", "positions-rounded"}  # Codes that explain steps
 LATEST, APART = 2.0, 0.02  # Offsets of a clock that are tried on relations, and on headings alone: up to [s], every [s]
 
 
@@ -97,70 +93,16 @@ def doubts(
     if found is not None and best[0].code == "lever-arm" and found[0] < ALIKE * reasons[0][0]:  # at an even speed
         best = [replace(best[0], message=f"{best[0].message}; or else {found[1]}")]
     few_off = float(np.median(ate.errors)) < UNLIKE * float(np.linalg.norm(ate.reference[:, :2].std(axis=0)))
-    filled = tuple(_filled(reference, ate))
-    if filled or (few_off and {"implausible-speed", "poses-held"} & {issue.code for issue in issues}):
+    gaps = tuple(filled(estimate, reference, ate))
+    if gaps or (few_off and {"implausible-speed", "poses-held"} & {issue.code for issue in issues}):
         best = [issue for issue in best if issue.code != "unlike"]  # these make paths unlike
-    lags = not best and not filled
+    lags = not best and not gaps
     turns = () if any(issue.code == "clocks-differ" for issue in best) else _of_turns(ate, lags=lags)
-    of_both = *_of_space(estimate, reference), *best, *turns, *filled, *_parts(estimate, reference, ate)
-    alone = *dict.fromkeys(issues), *_of_path(reference)
-    steps = () if STEPS & {issue.code for issue in (*alone, *filled)} else _stepping(ate)
+    of_both = *_of_space(estimate, reference), *best, *turns, *gaps, *_parts(estimate, reference, ate)
+    alone = *dict.fromkeys(issues), *of_path(reference)
+    explained = STEPS | {"lever-arm", "clocks-differ"}
+    steps = () if explained & {issue.code for issue in (*alone, *gaps, *best)} else stepping(ate)
     return (*alone, *steps, *of_both)
-
-
-def _of_path(reference: Trajectory) -> Iterator[Issue]:
-    """Where a reference jumps, as only an estimate may that finds itself elsewhere; and one of next to no length."""
-    stamps, poses = reference.stamps, reference.poses
-    known = STEPS & {issue.code for issue in reference.warnings}
-    if not known and reference.space is None and (at := np.flatnonzero(jumps(stamps, poses)).tolist()):
-        steps = se2.between(poses[:-1], poses[1:])[np.array(at) - 1]
-        far, turned = np.hypot(steps[:, 0], steps[:, 1]).max(), np.rad2deg(np.abs(steps[:, 2]).max())
-        text = f"the reference jumps {counted(len(at), 'time')}, by up to {length(far)} and {turned:.0f} degrees, "
-        text += f"{when([(float(stamps[k - 1]), float(stamps[k])) for k in at])}: tracking lost, or angles taken "
-        yield Issue("implausible-speed", f"{text}halfway between -180 and 180 degrees? Errors are wrong by it", len(at))
-    if reference.length < SMALL and np.abs(np.diff(np.unwrap(poses[:, 2]))).sum() > TURNED:
-        text = f"the reference turns, but moves by {length(reference.length)} in all: are its positions in metres?"
-        yield Issue("sizes-differ", f"{text} Degrees of latitude and longitude are none", len(reference))
-
-
-def _stepping(ate: AteResult) -> Iterator[Issue]:
-    """Where positions of a reference step aside between two poses, and those of the estimate do not."""
-    own, goal = (np.diff(poses[:, :2], axis=0) for poses in (ate.aligned, ate.reference))
-    if len(goal) < LEAST:
-        return
-    off, bent = np.hypot(*(goal - own).T), []
-    for steps in (own, goal):  # against the steps beside it
-        around = np.vstack((steps[1:2], (steps[:-2] + steps[2:]) / 2, steps[-2:-1]))
-        bent.append(np.hypot(*(steps - around).T))
-    seconds = np.diff(ate.stamps)
-    aside = off > max(SMALL, ASIDE * float(np.median(off)))
-    aside &= seconds < 2 * np.median(seconds)  # over a gap either may have stepped
-    at = np.flatnonzero(aside & (bent[1] > off / 2) & (bent[0] < SHAPE * off)).tolist()
-    if at:
-        times = when([(float(ate.stamps[k]), float(ate.stamps[k + 1])) for k in at])
-        text = f"the reference steps aside by up to {length(float(off[at].max()))}, {counted(len(at), 'time')}, {times}"
-        text += ", where the estimate goes on: a fix that was lost, or markers exchanged? Errors are wrong by it"
-        yield Issue("implausible-speed", text, len(at))
-
-
-def _filled(reference: Trajectory, ate: AteResult) -> Iterator[Issue]:
-    """Where a reference moves on straight and evenly, as filled in over a gap, and errors are large."""
-    steps = np.diff(reference.stamps)
-    if len(steps) < LEAST or not (steps > 0).all():
-        return
-    velocity = np.diff(reference.poses[:, :2], axis=0) / steps[:, None]
-    goes_on = (np.abs(np.diff(velocity, axis=0)) < EVENLY).all(axis=1) & (np.hypot(*velocity[1:].T) > SMALL)
-    edges = np.flatnonzero(np.diff(goes_on, prepend=False, append=False)).reshape(-1, 2)
-    for first, last in edges.tolist():
-        begin, end = reference.stamps[[first, last + 1]].tolist()
-        inside = (ate.stamps > begin) & (ate.stamps < end)
-        bent = float(np.ptp(velocity[first : last + 1], axis=0).max()) > 5 * EVENLY
-        if end - begin < FILLED or bent or not 0 < inside.sum() < len(inside):
-            continue
-        there, elsewhere = (float(np.median(ate.errors[some])) for some in (inside, ~inside))
-        if there > max(SMALL / 2, elsewhere / SHAPE):
-            text = f"the reference moves straight and evenly {when([(begin, end)])}, as filled in over a gap: errors "
-            yield Issue("poses-held", f"{text}are {length(there)} there (median), {length(elsewhere)} elsewhere")
 
 
 def _parts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> Sequence[Issue]:

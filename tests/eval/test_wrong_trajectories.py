@@ -170,6 +170,16 @@ def increments(table: Table) -> Table:
     return np.column_stack((table[1:, 0], body[:-1].inv().apply(steps), turns))
 
 
+def shaken(columns: slice, deviation: float) -> Change:
+    """With noise of some columns, in the order of the stamps."""
+
+    def shake(table: Table) -> None:
+        table[:, columns] += deviation * np.random.default_rng(0).normal(size=table[:, columns].shape)
+        table[:] = table[np.argsort(table[:, 0])]
+
+    return changed(shake)
+
+
 def aside(far: float) -> Change:
     def moved(table: Table) -> None:
         table[np.abs(table[:, 0] - T0 - 48.0) < 4.0, 1] += far
@@ -220,6 +230,12 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
         (same, lambda t: put(slice(2500, 2750), slice(1, 8), t[2500, 1:])(t), ["poses-held"]),
         (same, held(100), ["poses-held"]),
         (same, filled(2500, 2900), ["poses-held"]),
+        (same, filled(1500, 3000), ["poses-held"]),  # half of all errors are of the fit
+        (filled(200, 300), same, ["poses-held"]),
+        (same, changed(lambda t: t.__setitem__((slice(None), 1), t[:, 1].clip(max=2.0))), ["poses-held"]),
+        (same, shaken(slice(1, 3), 0.03), ["reference-noise"]),
+        (shaken(slice(1, 3), 0.03), same, []),  # of an estimate it is an error
+        (shaken(slice(0, 1), 0.1), same, ["stamps-jitter"]),
         (same, late(slice(4, 8), 15), ["clocks-differ"]),
         (same, lambda t: t[::300], []),  # sparse: between its poses an offset seems to fit
         (same, changed(lambda t: t.__setitem__((slice(None), 2), np.rint(2 * t[:, 2]) / 2)), ["positions-rounded"]),
