@@ -217,7 +217,7 @@ def _calibrate(
     scans.expect(GOOD / 2)
     if scans.pairs.motions[:, 2].std() < TURNING:
         return None
-    scans.expect_one_way(path)
+    scans.expect_one_way(path, lambda part: _wrong(recording, part))
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
     form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
     at = at_times(in_form(path, form))

@@ -1,5 +1,6 @@
 """Pairs of scans all over a recording, registered, and the scale of the angles at which they fit best."""
 
+from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from typing import Self
@@ -12,7 +13,7 @@ from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Array
 from moteslam.slam.calibration.hand_eye import Change, Pairs, clearest_change, covariances, parts_of
 from moteslam.slam.calibration.scan_pairs import LEAST_FIT, Beams, cost, refine, register, seen_through
-from moteslam.slam.calibration.unmeasured import FEWEST, UnfitScansError, UnmeasuredError
+from moteslam.slam.calibration.unmeasured import FEWEST, UnfitScansError, turned_round
 from moteslam.slam.inputs.odometry_path import OdometryPath
 from moteslam.slam.inputs.synchronise import sweep_seconds
 
@@ -60,9 +61,9 @@ TURNING = 0.05
 BESIDE, MOSTLY = 0.26, 0.5
 """A side of the robot is seen within this angle of the side on [rad], as a fan of 180 degrees may be wrong by as much,
 in more than this share of the scans."""
-OPPOSITE = 0.8
-"""Turns by scans times those by the odometry are of opposite signs in two parts, by this share of all, and either part
-has half of the rest."""
+OPPOSITE, AGAINST, SEVERAL = 0.8, 0.05, 10
+"""Turns by scans times those by the odometry are of one sign in a part and of the other elsewhere, by the first share
+of all; either has the second, and the part so many pairs."""
 LINE, BENT = 0.03, 1.2
 """Endpoints lie on a line that is as near as the nearest, by this share of that, at angles of which so many [rad] apart
 are tried; and on no arc if they do more often by the second factor."""
@@ -102,21 +103,22 @@ class RegisteredPairs:
             text += "and a map of them may be wrong"
             raise UnfitScansError("scans-unfit", text, float((self._found.fit > LEAST_FIT).mean()))
 
-    def expect_one_way(self, path: OdometryPath) -> None:
-        """Raise ``UnmeasuredError`` where scans turn with the odometry until a time, and against it from there on, or
-        the other way round.
-        """
+    def expect_one_way(self, path: OdometryPath, wrong: Callable[[Pairs], str]) -> None:
+        """Raise ``UnmeasuredError`` where scans turn against the odometry for a time; ``wrong`` says which is, then."""
         pairs, headings = self.pairs, np.unwrap(path.poses[:, 2])
         order = np.argsort(pairs.first)
         first, last = (np.interp(stamps[order], path.stamps, headings) for stamps in (pairs.first, pairs.last))
         alike = pairs.motions[order, 2] * (last - first)
-        until = np.cumsum(alike)
-        at = int(np.abs(2 * until - until[-1]).argmax())
-        before, after, total = until[at], until[-1] - until[at], np.abs(alike).sum()
-        if abs(before - after) > OPPOSITE * total and min(abs(before), abs(after)) > (1 - OPPOSITE) / 2 * total:
-            text = f"lidar: from about {pairs.last[order[at]]:.0f} s on its scans turn the other way, by the odometry: "
-            text += "its beams are in the other order from there on, or it hangs upside down. A map of both parts is "
-            raise UnmeasuredError("scans-unfit", f"{text}wrong: take one")
+        until, total = np.append(0.0, np.cumsum(alike)), float(np.abs(alike).sum())
+        gains = np.maximum.accumulate(until) - until  # by what turns against it, from wherever that begins
+        end = int(gains.argmax())
+        begin, against = int(until[: end + 1].argmax()), float(gains[end])
+        clear = until[-1] + 2 * against > OPPOSITE * total and end - begin >= SEVERAL
+        if clear and min(against, until[-1] + against) > AGAINST * total:
+            time = [f"from about {pairs.first[order[begin]]:.0f} s on"] if until[begin] > AGAINST * total else []
+            if until[-1] - until[end] > AGAINST * total:
+                time.append(f"until about {pairs.last[order[end - 1]]:.0f} s")
+            turned_round(wrong(Pairs(*(each[order[begin:end]] for each in pairs))), " and ".join(time))
 
     @property
     def pairs(self) -> Pairs:

@@ -43,6 +43,21 @@ class UnfitScansError(UnmeasuredError):
         self.share = share
 
 
+def turned_round(which: str, time: str) -> None:
+    """Raise ``UnmeasuredError`` of scans that for a time turn against the odometry: which of lidar, odometry and gyro
+    is wrong then, if that is known.
+    """
+    text = f"lidar: {time} its scans turn the other way, by the odometry: its beams are in the other order there, or "
+    text += "it hangs upside down, and a map of both parts is wrong"
+    if which == "odometry":
+        text = f"odometry: {time} its turns have the wrong sign, by scans and gyro"
+    elif which == "gyro":
+        text = f"imu: {time} its yaw rate has the wrong sign, by scans and wheels"
+    elif not which:
+        text += "; unless it is the odometry that changes the sign of its turns"
+    raise UnmeasuredError("scans-unfit", f"{text}. Take one part")
+
+
 def unmeasured(odometry: Array) -> None:
     """Raise ``UnmeasuredError`` of a robot that drives, by poses [n, 3] at scans."""
     if (extent := float(np.hypot(*np.ptp(odometry[:, :2], axis=0)))) > DRIVES:

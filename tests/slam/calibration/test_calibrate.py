@@ -512,18 +512,35 @@ def test_which_side_is_wrong_is_known_or_else_nothing_is_corrected(name: str) ->
         assert mended.platform.lidar.yaw == pytest.approx(0, abs=0.02)
 
 
-@pytest.mark.slow
-def test_beams_that_go_the_other_way_from_a_time_on_are_told() -> None:
-    def turned(s: LidarStream) -> np.ndarray:
-        late = s.stamps > s.stamps[0] + 0.6 * np.ptp(s.stamps)
-        return np.where(late[:, None], s.ranges[:, ::-1], s.ranges)
+def turned_round(begin: float, end: float, what: str) -> Fault:
+    """Beams, odometry or gyro go the other way in a part of the time."""
 
+    def made(true: Recording) -> Recording:
+        first, lasts = true.lidar.stamps[0], np.ptp(true.lidar.stamps)
+
+        def there(stamps: np.ndarray) -> np.ndarray:
+            return (stamps >= first + begin * lasts) & (stamps < first + end * lasts)
+
+        if what == "lidar":
+            return lidar(ranges=lambda s: np.where(there(s.stamps)[:, None], s.ranges[:, ::-1], s.ranges))(true)
+        rates = np.where(there(true.imu.stamps)[:, None], -true.imu.angular_velocity, true.imu.angular_velocity)
+        return true.replace(imu=replace(true.imu, angular_velocity=rates))
+
+    return made
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["lidar", "imu"])
+@pytest.mark.parametrize(("begin", "end"), [(0.6, 1.1), (0.3, 0.8)])
+def test_what_turns_the_other_way_for_a_time_is_told(begin: float, end: float, what: str) -> None:
     true = driven("ucsd")
-    found, about = checked(lidar(ranges=turned)(true), FEW_PAIRS)
+    found, about = checked(turned_round(begin, end, what)(true), FEW_PAIRS)
     assert found is None
-    assert codes(about.moves) == ["scans-unfit"]
-    at = re.search(r"from about (\d+) s on its scans turn the other way", about.moves[0].message)
-    assert float(at[1]) == pytest.approx(true.lidar.stamps[0] + 0.6 * np.ptp(true.lidar.stamps), abs=6)
+    (said,) = (issue for issue in about.moves if issue.code == "scans-unfit")
+    for word, share in ("from", begin), ("until", end):  # one is not told, if there are no turns beyond
+        for time in re.findall(rf"^{what}: .*{word} about (\d+) s", said.message):
+            assert float(time) == pytest.approx(true.lidar.stamps[0] + share * np.ptp(true.lidar.stamps), abs=6)
+    assert re.search(rf"^{what}: (from|until) about \d+", said.message)
 
 
 @pytest.mark.slow
