@@ -196,11 +196,10 @@ def _checked(recording: Recording, side: Side) -> tuple[Recording, tuple[Issue, 
     Without a side to mend, only that is corrected of which it is known which side is wrong.
     """
     from moteslam.robot.values import Issue
-    from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS
     from moteslam.slam.calibration.findings import checked, stamped_at_end
     from moteslam.slam.calibration.mended import NOT_MENDED, calibrated
 
-    found, about = checked(recording, PAIRS if side is not None else FEW_PAIRS)
+    found, about = checked(recording)
     if found is None or about is None:
         text = "calibration: too few scans that fit each other, or no odometry that turns as they do: nothing is mended"
         unfit = () if about is None else about.moves
