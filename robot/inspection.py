@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.recording import EncoderStream, ImuStream, Recording
+from moteslam.robot.recording import EncoderStream, Recording
 from moteslam.robot.rgbd import FrameCount, camera_frames, has_images
 from moteslam.robot.sensor_reports import ClockReport, LidarReport, Spans, clock_reports, lidar_report, odometry_of
 from moteslam.robot.values import Issue, counted, expect_type
@@ -89,7 +89,7 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     streams = tuple(_stream(name, stamps) for name, stamps in recording.stamps().items() if len(stamps))
     clocks = clock_reports(recording)
-    encoders, imu, found = recording.encoders, recording.imu, odometry_of(recording)
+    encoders, found = recording.encoders, odometry_of(recording)
     rests = [] if encoders is None else _rests(encoders)
     lidar = None
     if recording.lidar is not None and recording.lidar.ranges.size:
@@ -106,7 +106,7 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
         streams=streams,
         lidar=lidar,
         wheels=None if encoders is None else _wheels(recording, encoders, rests),
-        gyro_at_rest=None if imu is None else _gyro(imu, rests),
+        gyro_at_rest=gyro_at_rest(recording),
         odometry_distance=None if found is None else float(np.hypot(*np.diff(found[1][:, :2], axis=0).T).sum()),
         clocks=clocks,
         problems=tuple(problems),
@@ -141,9 +141,13 @@ def _wheels(recording: Recording, encoders: EncoderStream, rests: Spans) -> Whee
     return WheelReport((front_right, front_left, rear_right, rear_left), distance, at_rest)
 
 
-def _gyro(imu: ImuStream, rests: Spans) -> GyroReport | None:
+def gyro_at_rest(recording: Recording) -> GyroReport | None:
+    """None where no wheels say when the robot rests, or none measured it."""
+    imu, rests = recording.imu, [] if recording.encoders is None else _rests(recording.encoders)
+    if imu is None or not rests:
+        return None
     inside = np.any([(imu.stamps >= start) & (imu.stamps <= end) for start, end in rests], axis=0)
-    rates = imu.angular_velocity[inside, 2] if rests else []
+    rates = imu.angular_velocity[inside, 2]
     return GyroReport(len(rates), float(np.mean(rates)), float(np.std(rates))) if len(rates) else None
 
 

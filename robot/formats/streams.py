@@ -41,7 +41,7 @@ CLIPPED, SAME = (0.03, 0.95), 1e-4
 """Where so many of all endpoints, and some of most scans, are the longest range, to the second [m], it is no return."""
 STAYS, CODES = 0.9, 100
 """Beams that end there in a larger share of the scans see the robot's body; of codes beyond a limit there are fewer."""
-SPIKE = 5  # times as many ranges as at any other value are a spike
+SPIKE, RARE = 5, 0.002  # times as many ranges as at any other value are a spike, no return in such a share of all
 SAMPLE = 64  # scans that limits are looked for in
 
 
@@ -75,14 +75,15 @@ class Fan(NamedTuple):
         """
         ends = (ranges >= np.float32(self.range_min)) & (ranges < np.float32(self.range_max)) & (ranges > 0)
         fan, count = self, max(int(ends.sum()), 1)
-        longest, shortest = _code(ranges[ends]), ranges.min(initial=np.inf, where=ends)
+        (longest, spike), shortest = _code(ranges[ends]), ranges.min(initial=np.inf, where=ends)
         codes = np.abs(ranges - longest) < SAME, ranges < shortest + SAME
         for at, name in zip((ends & each for each in codes), ("max", "min"), strict=True):
             share, beams = at.sum() / count, at.mean(axis=0)
             stay = len(ranges) < SAMPLE / 2 or not at.any() or (beams[beams > 0] > STAYS).mean() > 0.5
-            if not stay and CLIPPED[0] < share < CLIPPED[1] and at.any(axis=1).mean() > 0.5:
+            usual = share > CLIPPED[0] and at.any(axis=1).mean() > 0.5
+            if not stay and (usual or (spike and name == "max" and share > RARE)) and share < CLIPPED[1]:
                 limit, which = float(ranges[at].min()), "longest usual" if name == "max" else "shortest"
-                text = f"{100 * share:.0f} % of the endpoints are {limit:g} m away, the {which} range: taken for no "
+                text = f"{100 * share:.2g} % of the endpoints are {limit:g} m away, the {which} range: taken for no "
                 issues.append(Issue("range-max", f"{head}: {text}return, as if range_{name} were {limit:g} m"))
                 fan = fan._replace(range_max=limit) if name == "max" else fan._replace(range_min=limit + SAME)
         beyond = ranges[np.isfinite(ranges) & (ranges >= np.float32(self.range_max))]
@@ -238,12 +239,12 @@ def clean_ranges(ranges: NDArray[np.float32], fan: Fan, issues: list[Issue], hea
     return clean
 
 
-def _code(ranges: NDArray[np.float32]) -> float:
-    """The longest of some ranges or, where a shorter one is a spike and fewer are beyond it, that [m]."""
+def _code(ranges: NDArray[np.float32]) -> tuple[float, bool]:
+    """The longest of some ranges or, where one is a spike and fewer are beyond it, that [m]; and whether it is."""
     values, counts = np.unique(np.append(0, np.rint(ranges / SAME)), return_counts=True)
     code, beside = int(counts.argmax()), np.sort(counts)[-2:][0]
     is_spike = counts[code] > max(SPIKE * beside, counts[code + 1 :].sum())
-    return float(values[code] * SAME) if is_spike else float(ranges.max(initial=0.0))
+    return float(values[code] * SAME) if is_spike else float(ranges.max(initial=0.0)), bool(is_spike)
 
 
 @dataclass(frozen=True)

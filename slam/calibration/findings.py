@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from moteslam.robot import se2
+from moteslam.robot.inspection import gyro_at_rest
 from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recording
 from moteslam.robot.values import Issue, expect_type
 from moteslam.slam.calibration.calibrate import ANGLES, LATE, PAIRS, SIGMAS, Calibration, estimate
@@ -34,6 +35,9 @@ TWICE = 0.4
 CURL = 0.1
 """Odometry that turns by more over a metre than the scans draws a circle of 60 m: the worst of sound ones has 0.08
 [rad/m]."""
+BIASED = 0.01
+"""Gyros turn by less while a robot stands, those of cheap sensors by half of it [rad/s]; one that is carried turns
+unevenly."""
 NEAR_SWEEP = 0.02
 """A lag of the scans is that of a sweep where it is as near [s], besides its interval: drivers take so long."""
 WITHIN = 1.96
@@ -210,6 +214,9 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     if not c.gyro:
         text = "imu: its turns are not those of scans and wheels, which fit without; is its z up? Left out"
         told.append(("no-gyro", text))
+    if (rest := gyro_at_rest(recording)) is not None and abs(rest.mean) > max(BIASED, 2 * rest.deviation):
+        text = f"imu: its gyro turns by {rest.mean:.3f} rad/s while the wheels stand: dead reckoning turns by as much"
+        told.append(("gyro-bias", f"{text}, SLAM corrects it. Take it off the yaw rate"))
     decided = {"clock-step", "stamps-jitter", "clock-offset", "clock-drift", "odometry-signs", "odometry-headings"}
     decided |= {"mirrored"} if c.wrong else set()
     decided |= {"no-gyro"} | (set() if c.correlation else {"odometry-unfit"})

@@ -196,6 +196,8 @@ def scans_of(change: str) -> NDArray[np.float32]:
     hidden = rng.random(ranges.shape) < 0.2
     if change in CODES:
         ranges[hidden] = CODES[change]
+    elif change == "rare":
+        ranges[10:30][hidden[10:30] & (rng.random((20, 60)) < 0.3)] = 9.0
     elif change == "mast":
         ranges[:, 20:26] = 0.25
     elif change == "codes":
@@ -211,6 +213,7 @@ def scans_of(change: str) -> NDArray[np.float32]:
         ("sound", 4.0, ["range-max"], "beyond range_max (4 m)", 0.13),
         ("near", 10.0, ["range-max"], "0.25 m away, the shortest", 0.8),
         ("far", 10.0, ["range-max"], "9 m away, the longest", 0.8),
+        ("rare", 10.0, ["range-max"], "9 m away, the longest", 0.985),
         ("beyond it", 10.0, ["range-max"], "7 m away, the longest usual", 0.79),
         ("mast", 10.0, [], "", 1.0),
         ("codes", 10.0, [], "", 0.8),

@@ -85,6 +85,11 @@ def late(seconds: float) -> Fault:
     return shifted
 
 
+def biased_gyro(recording: Recording) -> Recording:
+    rates = recording.imu.angular_velocity + np.array((0.0, 0.0, 0.02))
+    return recording.replace(imu=replace(recording.imu, angular_velocity=rates))
+
+
 def found_in(recording: Recording, pairs: int = FEW_PAIRS) -> tuple[Calibration, Findings]:
     found = calibrate(recording, pairs=pairs)
     return found, findings(found, recording)
@@ -325,6 +330,7 @@ TOLD = {
     "wheels twice": (given_twice, ("ucsd",), "range-scale", "given twice"),
     "exchanged": (exchanged, ("lms200",), "lidar-mount", "exchanged"),
     "off by less than 0.15 m": (mount(y=-0.13, yaw=np.radians(-6)), ("lms200",), "lidar-mount", ""),
+    "gyro with a bias": (biased_gyro, ("ucsd",), "gyro-bias", "rad/s while the wheels stand"),
     "drifts as none does": (lidar(stamps=drifted), ("lms200",), "other-clock", "as no clock does"),
 }
 """What is done, in which drive, the code, and what its message says."""
