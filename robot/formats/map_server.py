@@ -117,6 +117,15 @@ def trinary(log_odds: NDArray[np.float32]) -> NDArray[np.int8]:
     return np.where(log_odds > limit, OCCUPIED, np.where(log_odds < -limit, FREE, UNKNOWN)).astype(np.int8)
 
 
+def seamed(raster: Raster) -> bool:
+    """Whether before most walls of a map unknown cells lie, and free ones beyond, as where its image was blurred."""
+    from scipy.ndimage import binary_dilation
+
+    free, walls = raster.values == FREE, raster.values == OCCUPIED
+    beside, near = (binary_dilation(free, iterations=cells) for cells in (1, 3))
+    return int((walls & near & ~beside).sum()) > int((walls & beside).sum())
+
+
 def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Log-odds [H, W] in greys, row 0 the largest y: white where free, black where occupied, 205 where unknown."""
     belief = np.tanh(np.asarray(log_odds, np.float64)[::-1] / 2)  # 2 p - 1: -1 free, 0 unknown, 1 occupied

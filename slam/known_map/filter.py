@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
-from moteslam.robot.formats.map_server import FREE, OCCUPIED, read_map
+from moteslam.robot.formats.map_server import FREE, OCCUPIED, read_map, seamed
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array, as_pose, compose_one
 from moteslam.robot.values import Issue
@@ -118,6 +118,8 @@ class KnownMapFilter(TsdfFilter):
         if open_:
             text = f"nowhere in the map do the scans fit for {WINDOW:g} m: the robot is not in this map, or the map is "
             text += f"not of this place or scale; the poses mean nothing in it{', even the sure ones' * self._was_sure}"
+            if seamed(self._drawn.occupancy):
+                text += ". Or its image was scaled, blurred or compressed: before most walls lie unknown cells"
             return (Issue("not-in-this-map", text),)
         issues = []
         if self._most_given_up > 1:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 from scipy.ndimage import binary_dilation
-from slam_rooms import OTHER_ROOM, carried_into_another_room, circled_room, drawn, endpoints
+from slam_rooms import OTHER_ROOM, carried_into_another_room, circled_room, drawn, endpoints, recorded, seen_from
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli.running import about_frame
@@ -427,6 +427,17 @@ def test_a_robot_elsewhere_is_lost_to_the_end_and_told(tmp_path: Path) -> None:
     assert "not-in-this-map" in {issue.code for issue in estimate.warnings}
     deviations = np.sqrt(estimate.covariances[-1].diagonal())
     assert (deviations > (3.0, 3.0, 1.5)).all()  # it is anywhere in the map
+
+
+@pytest.mark.parametrize("cells", [0, 1])
+def test_a_map_with_unknown_cells_before_its_walls_is_told_where_nothing_fits(tmp_path: Path, cells: int) -> None:
+    drawn_map = drawn([*WALLS, *BOX])
+    seam = binary_dilation(drawn_map.values == OCCUPIED, np.ones((2 * cells + 1,) * 2)) & (drawn_map.values == FREE)
+    blurred = Raster(np.where(seam, UNKNOWN, drawn_map.values).astype(np.int8), CELL, drawn_map.origin)
+    poses = circled_room(drift=0.0)[1]
+    elsewhere = recorded(seen_from(poses, OTHER_ROOM), poses)
+    (issue,) = (one for one in localized(tmp_path, elsewhere, blurred).warnings if one.code == "not-in-this-map")
+    assert ("blurred" in issue.message) == bool(cells)
 
 
 def test_online_poses_of_a_robot_that_is_lost_are_not_scored(tmp_path: Path) -> None:
