@@ -9,6 +9,7 @@ from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.clocks import LEAST, SHAPE
 from moteslam.eval.tables import length
 from moteslam.robot import se2
+from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, counted, when
 from moteslam.slam.inputs.odometry_path import jumps
@@ -68,7 +69,7 @@ def stepping(ate: AteResult) -> Iterator[Issue]:
 
 def filled(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> Iterator[Issue]:
     """Where either moves on straight and evenly, as filled in over a gap, or keeps one coordinate, as held at a border,
-    and errors are large, once the poses elsewhere are laid on each other.
+    and errors are large, once the poses elsewhere are laid on each other, and also once these are.
     """
     held: list[tuple[str, float, float]] = []
     for one, whose in (reference, "reference"), (estimate, "estimate"):
@@ -88,12 +89,18 @@ def filled(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> Itera
     elsewhere = ~np.any(list(inside.values()), axis=0) if held else np.zeros(0, np.bool_)
     if elsewhere.sum() < LEAST:
         return
-    laid = se2.umeyama(ate.aligned[elsewhere, :2], ate.reference[elsewhere, :2])
-    errors = np.hypot(*(se2.compose(laid, ate.aligned) - ate.reference)[:, :2].T)
-    usual = float(np.median(errors[elsewhere]))
+
+    def errors(by: NDArray[np.bool_], of: NDArray[np.bool_]) -> Array:
+        """Of some poses, once others are laid on each other [m]."""
+        laid = se2.umeyama(ate.aligned[by, :2], ate.reference[by, :2])
+        return np.asarray(np.hypot(*(se2.compose(laid, ate.aligned[of]) - ate.reference[of])[:, :2].T))
+
+    usual = float(np.median(errors(elsewhere, elsewhere)))
+    least = max(SMALL / 2, usual / SHAPE)
     for whose in ("reference", "estimate"):
-        of_it = [(times, errors[there]) for (which, *times), there in inside.items() if which == whose and there.any()]
-        off = [(times, some) for times, some in of_it if np.median(some) > max(SMALL / 2, usual / SHAPE)]
+        parts = [(times, there) for (which, *times), there in inside.items() if which == whose and there.sum() > 2]
+        parts = [(times, there) for times, there in parts if np.median(errors(there, there)) > least / 2]
+        off = [(times, some) for times, there in parts if np.median(some := errors(elsewhere, there)) > least]
         if off:
             there = float(np.median(np.concatenate([some for _, some in off])))
             text = f"the {whose} moves straight and evenly, or keeps one coordinate, "
