@@ -105,11 +105,17 @@ class History:
     def move(self, first: int, frames: Array) -> None:
         """Move the poses of all updates from the first on by frames [N, 3], one of each particle.
 
-        From where several descend a pose is moved by that of the first of these.
+        Each has a path of its own from there on: from where several descend, there are as many poses.
         """
-        for update, part, places in self._traced(np.arange(len(frames)), first):
-            at, of = np.unique(places, return_index=True)
-            part.poses[update - part.begin, at] = se2.compose(frames[of], part.poses[update - part.begin, at])
+        places = every = np.arange(len(frames))
+        for part in reversed(self._parts):
+            if not np.array_equal(places, np.arange(len(part.kept))):
+                part.keep(places)
+            for poses in part.poses[max(first - part.begin, 0) :]:
+                poses[:] = se2.compose(frames, poses)
+            if part.begin <= first:
+                return
+            places, part.parents = part.parents, every
 
     def revise(self, path: Array, revised: Array) -> None:
         """Move all poses by the correction of one particle's path [updates, 3]: each keeps its place relative to that

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from slam_rooms import circled_room
 
+from moteslam.robot import se2
 from moteslam.slam.config import resolve_config
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.resampling import SCHEMES, Draws, KldConfig, enough_particles, generator_for, particle_number
@@ -213,3 +214,22 @@ def test_of_early_updates_the_ancestors_alone_are_kept():
         array if array.base is None else array.base for part in history._parts for array in (part.poses, part.room)
     ]
     assert sum({id(array): array.nbytes for array in arrays}.values()) < sum(some.nbytes for some in poses) / 2
+
+
+def test_of_a_moved_path_every_particle_keeps_its_own_until_they_are_drawn_anew():
+    rng, history, each = np.random.default_rng(5), History(), np.arange(8)
+    drawn = [np.sort(rng.integers(0, 8, 8)) for _ in range(12)]
+    for update, parents in enumerate(drawn):
+        history.append(rng.normal(size=(8, 3)))
+        if update < 10:
+            history.resampled(parents)
+    frames, before = rng.normal(size=(8, 3)), history.paths(each)
+    history.move(4, frames)
+    moved = np.stack([se2.compose(frame, path) for frame, path in zip(frames, before, strict=True)])
+    expected = np.concatenate((before[:, :4], moved[:, 4:]), axis=1)
+    np.testing.assert_allclose(se2.between(history.paths(each), expected), 0, atol=1e-12)
+    for parents in drawn:
+        history.resampled(parents)
+        history.append(rng.normal(size=(8, 3)))
+        expected = np.concatenate((expected[parents], history.last[:, None]), axis=1)
+        np.testing.assert_allclose(se2.between(history.paths(each), expected), 0, atol=1e-12)
