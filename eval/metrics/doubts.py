@@ -10,7 +10,7 @@ from moteslam.eval.metrics import association, clocks
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, MAX_GAP, covered, evenly, in_space, rescaled, spatial
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.metrics.clocks import ALIKE, FINE, FITS, GAIN, GAIN_METRES, LEAST, ROUNDS, SHAPE, STEP, shifting
-from moteslam.eval.metrics.steps import STEPS, filled, of_path, stepping
+from moteslam.eval.metrics.steps import SMALL, STEPS, filled, of_path, stepping
 from moteslam.eval.tables import length
 from moteslam.robot import se2
 from moteslam.robot.se2 import Array
@@ -19,8 +19,7 @@ from moteslam.robot.values import Issue
 
 Reasons = Iterator[tuple[float, Issue]]  # What explains errors, each with the error that it leaves [m]
 
-SMALL, SAME = 0.1, 1e-4
-"""Errors and sizes below the first [m] are no other unit; no measurement is as near to the truth as the second [m]."""
+SAME = 1e-4  # No measurement is as near to the truth [m]
 AXES, TURNS = np.deg2rad(30.0), 0.1
 """Orientations that differ by more than the first [rad] are of other axes, or another order, unit or sign; turns below
 the second [rad] show no offset on the robot: on a straight drive, drift looks like a long one."""

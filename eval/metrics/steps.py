@@ -15,7 +15,8 @@ from moteslam.robot.values import Issue, counted, when
 from moteslam.slam.inputs.odometry_path import jumps
 
 SMALL, TURNED = 0.1, 2.0
-"""Sizes below the first [m] are no path, and a robot that turns by more than the second in all [rad] moves by more."""
+"""Errors and sizes below the first [m] are no other unit, and a robot that turns by more than the second in all [rad]
+moves by more."""
 EVENLY, FILLED = 2e-4, 2.0  # Velocities that differ by less [m/s] for so long [s] are of no robot that drives
 ASIDE = 8.0  # A step of a reference that differs from the estimate's by so many medians is no noise of either
 STEPS = {"implausible-speed", "poses-held", "equal-stamps", "positions-rounded"}  # Codes that explain steps

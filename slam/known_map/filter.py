@@ -82,7 +82,8 @@ class KnownMapFilter(TsdfFilter):
         self._scale, self._tears = MapScale(maps), MapTears()
         self._led: Array | None = None  # where the start that was given and the odometry lead, until the robot is found
         self._start_off = 0.0, 0.0  # how far that start is off [m], [rad]
-        self._losses: list[tuple[float, float | None, float]] = []  # from when to when [s], how far off [m]
+        self._losses: list[tuple[float, float | None, float]] = []  # from when to when [s], how far off [m], ...
+        self._off = np.zeros(1)  # and how far the hypotheses of the last one are [H] [m]
 
     def _whole(self, after: float = 0.0) -> WholeMapSearch:
         return WholeMapSearch(self._drawn, self._known.registration, self._thinner, after=after)
@@ -261,9 +262,9 @@ class KnownMapFilter(TsdfFilter):
         sight = sight_of(np.array(self._tracker.pose), step, scan)
         search.see(sight)
         if search.is_due():
-            may_be, is_ = search.elsewhere(sight)
-            self._elsewhere = search if may_be and not is_ else None
-            self._search = search if is_ else None  # from the next scan on it is lost
+            elsewhere = search.elsewhere(sight)
+            self._elsewhere = search if elsewhere is None else None
+            self._search = search if elsewhere else None  # from the next scan on it is lost
 
     def _register(self, step: Step, scan: ThinnedScan, places: Array) -> Proposal:
         """Register the scan from every particle; hypotheses are weighed against each other by what contradicts them."""
@@ -292,6 +293,8 @@ class KnownMapFilter(TsdfFilter):
     def _resample(self, step: Step, proposal: Proposal) -> tuple[Proposal, bool]:
         """Draw the particles anew; of each hypothesis some stay while there are several."""
         numbers, weight = shares(self._particles)
+        if len(numbers) == 1 and self._losses and self._losses[-1][1] is not None:
+            self._losses[-1] = (*self._losses[-1][:2], float(self._off[numbers[0]]))
         if len(numbers) == 1 and self._divided and proposal.registered:  # from here on few particles do
             self._divided, c, n = False, self._config, len(self._particles)
             parents = choose_parents(
@@ -331,8 +334,8 @@ class KnownMapFilter(TsdfFilter):
         self._relocated = self.history.path(0)
         self._tracker.pose = as_pose(places[0])
         self._covariance, self._doubt = PoseCovariance(self._config.registration), Presence(self._given_up)
-        off = float(np.hypot(*(places[0] - pose)[:2])) if self._was_sure or self._known.start else 0.0
-        self._losses[-1] = (self._losses[-1][0], stamp, off)
+        self._off = (self._was_sure or bool(self._known.start)) * np.hypot(*(found.poses - pose)[:, :2].T)
+        self._losses[-1] = (self._losses[-1][0], stamp, float(self._off[chosen[0]]))
         self._search, self._own, self._divided = None, None, True
 
     def _certainty(self) -> Certainty:

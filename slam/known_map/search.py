@@ -180,19 +180,18 @@ class WholeMapSearch:
         other = self._thinner._find(some, near)
         return other if other.odds > found.odds else found
 
-    def elsewhere(self, latest: Sight) -> tuple[bool, bool]:
-        """Whether a robot that may have been carried may be elsewhere than at a sight's pose, and whether it is.
+    def elsewhere(self, latest: Sight) -> bool | None:
+        """Whether a robot that may have been carried is elsewhere than at a sight's pose, None where that is open.
 
         To be there is as likely as all other places together: that it is elsewhere must outweigh these.
         """
         found, there = self.find(latest), self.find(latest, latest.pose[None])
         other = is_elsewhere(se2.between(latest.pose, found.poses))
-        may_be = not found.all_found or found.probabilities[other].sum() >= 1 - DECIDED
         least = there.odds + self._log_places + np.log(DECIDED / (1 - DECIDED))
-        is_ = found.all_found and other[0] and found.odds > least
-        if is_:
+        if found.all_found and other[0] and found.odds > least:
             self._next = self._driven
-        return bool(may_be), bool(is_)
+            return True
+        return None if not found.all_found or found.probabilities[other].sum() >= 1 - DECIDED else False
 
     def _find(self, some: list[Sight], starts: Array | None) -> Hypotheses:
         pose, points = some[0].pose, some[0].points
