@@ -35,7 +35,8 @@ from parts.runs import errors, simulate_case
 from moteslam.robot.platforms import bundled_platforms, load_platform
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.sim.scenario import bundled_scenarios
-from moteslam.slam.calibration.findings import WITHIN, checked
+from moteslam.slam.calibration.checked import checked
+from moteslam.slam.calibration.findings import WITHIN
 from moteslam.slam.calibration.mended import calibrated
 from moteslam.slam.config import resolve_config
 from moteslam.slam.online import run_slam

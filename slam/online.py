@@ -14,7 +14,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.rgbd import has_images
 from moteslam.robot.values import Issue, expect_type, shortened
 from moteslam.slam.calibration.calibrate import FEW_PAIRS
-from moteslam.slam.calibration.findings import checked
+from moteslam.slam.calibration.checked import checked
 from moteslam.slam.config import METHODS, SlamConfig
 from moteslam.slam.core import Core, MakeFilter
 from moteslam.slam.estimate import Estimate, with_texture

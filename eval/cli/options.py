@@ -179,7 +179,7 @@ class RecordingOptions:
     def about_each_lidar(self, path: Path) -> Iterator[Issue]:
         """Of several lidars that are read as one, what is not as stated of each: the odometry tells them apart."""
         from moteslam.slam.calibration.calibrate import FEW_PAIRS
-        from moteslam.slam.calibration.findings import checked
+        from moteslam.slam.calibration.checked import checked
 
         others = [words for words in self.topics or () if words.partition("=")[0] != "lidar"]
         names = self._named().get("lidar", ())

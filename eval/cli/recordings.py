@@ -64,7 +64,8 @@ def inspect(
 
     from moteslam.robot.inspection import inspect_recording
     from moteslam.robot.values import Issue
-    from moteslam.slam.calibration.findings import checked, trusting
+    from moteslam.slam.calibration.checked import checked
+    from moteslam.slam.calibration.findings import trusting
     from moteslam.slam.inputs.config import SyncConfig
     from moteslam.slam.inputs.synchronise import about_jumps, synchronise, warnings
 

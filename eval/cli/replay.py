@@ -196,7 +196,8 @@ def _checked(recording: Recording, side: Side) -> tuple[Recording, tuple[Issue, 
     Without a side to mend, only that is corrected of which it is known which side is wrong.
     """
     from moteslam.robot.values import Issue
-    from moteslam.slam.calibration.findings import checked, stamped_at_end
+    from moteslam.slam.calibration.checked import checked
+    from moteslam.slam.calibration.findings import stamped_at_end
     from moteslam.slam.calibration.mended import NOT_MENDED, calibrated
 
     found, about = checked(recording)

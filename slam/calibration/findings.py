@@ -12,10 +12,9 @@ from moteslam.robot import se2
 from moteslam.robot.inspection import gyro_at_rest
 from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recording
 from moteslam.robot.values import Issue, expect_type
-from moteslam.slam.calibration.calibrate import ANGLES, LATE, PAIRS, SIGMAS, Calibration, estimate
+from moteslam.slam.calibration.calibrate import ANGLES, LATE, SIGMAS, Calibration
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
 from moteslam.slam.calibration.readings import WRONG
-from moteslam.slam.calibration.unmeasured import UnmeasuredError
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.synchronise import require_lidar, sweep_seconds
 
@@ -38,6 +37,8 @@ CURL = 0.1
 BIASED = 0.01
 """Gyros turn by less while a robot stands, those of cheap sensors by half of it [rad/s]; one that is carried turns
 unevenly."""
+ENDS = 10
+"""A gyro saturates whose largest rate comes more often, to the last bit."""
 NEAR_SWEEP = 0.02
 """A lag of the scans is that of a sweep where it is as near [s], besides its interval: drivers take so long."""
 WITHIN = 1.96
@@ -63,19 +64,6 @@ class Findings:
     issues: tuple[Issue, ...]  # what is certain
     moves: tuple[Issue, ...]  # those that move the result of SLAM by more than a tenth of a metre
     decided: frozenset[str]  # codes of those of which it is known which side is wrong: ``mended.calibrated`` mends them
-
-
-def checked(recording: Recording, pairs: int = PAIRS) -> tuple[Calibration | None, Findings | None]:
-    """A recording held against itself, and what that says, also of one of which nothing can be measured.
-
-    Both are None where too little is there, or the robot hardly turns; ``pairs`` as of ``calibrate``.
-    """
-    try:
-        calibration = estimate(recording, pairs)
-    except UnmeasuredError as error:
-        issue = Issue(*error.args)
-        return None, Findings((), (issue,), (issue,), frozenset())
-    return calibration, None if calibration is None else findings(calibration, recording)
 
 
 def findings(calibration: Calibration, recording: Recording) -> Findings:
@@ -118,16 +106,17 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"lidar: most endpoints from {limit:g} m on are no walls, but no return written as a range: from nearer "
         text += "it sees through them, and the map has walls that are not there. In platform.toml: [lidar] "
         told.append(("range-max", f"{text}range_max = {limit:g}"))
+    turned, (curl, about_curl) = c.fit.turned, c.fit.curl
+    moved = c.fits and turned.exceeds(YAW, TURNED_SIGMAS)
     if c.sweep is not None and c.sweep < 0:
         text = "lidar: by its scans beams are not measured in their order, but the last ones before the first: the fan "
         text += "is turned round, or a part of each is of the turn before: turns are smeared"
         told.append(("scans-unfit", text))
-    elif c.sweep is not None:
+    elif c.sweep is not None and not moved:  # else it is of neither part
         stated, increment = sweep_seconds(recording, lidar), c.sweep / (lidar.ranges.shape[1] - 1)
         text = f"lidar: scans fit best if a sweep takes {c.sweep:.2g} s and not the {stated:.3g} s stated: turns are "
         told.append(("time-increment", f"{text}smeared; by --platform give [lidar] time_increment = {increment:.2g}"))
-    turned, (curl, about_curl) = c.fit.turned, c.fit.curl
-    if c.fits and turned.exceeds(YAW, TURNED_SIGMAS):
+    if moved:
         text = f"lidar: from about {turned.time:.0f} s on it looks {abs(degrees(turned.amount)):.1f} degrees to the "
         text += f"{'left' if turned.amount > 0 else 'right'} of where it did, by the odometry: it was turned on the "
         told.append(("mount-moves", f"{text}robot, or this drives aside there. Headings are wrong by as much"))
@@ -171,17 +160,22 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         by = f"{100 * abs(np.expm1(change.amount)):.1f} % {'more' if change.amount > 0 else 'less'}"
         text = f"lidar: from about {change.time:.0f} s on lengths by ranges are {by} over the odometry's than before: "
         text += "ranges, and with them the map, are "
-        told.append(("range-change", f"{text}of another scale from there on, or the wheels slip"))
+        told.append(("range-change", f"{text}of another scale from there on, or the wheels' counts are, or these slip"))
     if c.longer.exceeds(EXCESS, CHANGE_SIGMAS):
         side = "longer" if c.longer.amount > 0 else "shorter"
         text = f"lidar: from about {c.longer.time:.0f} s on all ranges are {abs(c.longer.amount):.2f} m {side} than "
         told.append(("range-change", f"{text}before, or more, by scans from other places: the map has walls twice"))
     if (turns := certain.get("turns")) is not None:
         text = f"odometry: robot turns {_percent(turns)} odometry does: "
-        by_gyro = recording.imu is not None and recording.encoders is not None and c.gyro
-        as_long = scale is not None and recording.encoders is not None
-        why = "it is mended with its lengths" if as_long else "its track is wrong, or its angles no radians"
-        text += "the gyro's rates are no rad/s" if by_gyro else why
+        why = "its track is wrong, or its angles no radians"
+        if scale is not None and recording.encoders is not None:
+            why = "it is mended with its lengths"
+        if recording.imu is not None and recording.encoders is not None and c.gyro:
+            rates = np.abs(recording.imu.angular_velocity[:, 2])
+            most, why = float(rates.max()), "the gyro's rates are no rad/s"
+            if (rates == most).sum() > ENDS:
+                why = f"the gyro measures {most:.3g} rad/s and no more, where the robot turns faster: it saturates"
+        text = f"odometry: robot turns {_percent(turns)} odometry does: {why}"
         told.append(("odometry-turn-scale", text))
     if (late := certain.get("offset")) is not None:
         side = ("later", "earlier")[int((late.value > 0) != bool(c.late))]
@@ -270,6 +264,8 @@ def figures_of(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
     least = [PLACE, PLACE, YAW + (abs(c.angle_scale - 1) * span if angles_differ else 0.0)]
     far = np.full(3, c.fits and not c.fit.turned.exceeds(YAW, TURNED_SIGMAS))  # else it is of neither part
     scaled = c.fits and c.sweep is None and abs(lengths - 1) > max(SCALE, LENGTHS_SIGMAS * about_lengths)
+    change = c.fit.change
+    scaled &= not (change.exceeds(CHANGE, CHANGE_SIGMAS) and abs(change.amount) > abs(np.log(lengths)) / 2)  # likewise
     for each, scale in product((c.fit, clocks), (1.0, lengths) if scaled else (1.0,)):  # with one clock, and with two
         apart = each.values[MOUNT] / (scale, scale, 1.0) - mount.pose  # by ranges, and by the odometry's lengths
         apart[Parameter.YAW] = se2.wrap(apart[Parameter.YAW])

@@ -24,8 +24,6 @@ ODOMETRY = (0.005, 0.03, 0.01, 0.1)
 """Deviation of its lengths [m], per metre, of its turns [rad], per radian: those of `CalibrationConfig`."""
 PRIOR = np.array([1.0, 1.0, 1.0, 0.3, 0.3, 0.03, 1.0, 0.01])
 """Standard deviations about where the fit begins, the mount about none."""
-DEGENERATE = 0.2
-"""A direction that scans measure by less than this share of the other they do not measure."""
 UNMEASURED = 1.0
 """Variance from which on a length counts as not measured [m^2]."""
 FEWEST, LONG_ENOUGH = 15, 0.1
@@ -34,6 +32,8 @@ NEARLY = 0.2
 """A pair that turns by less is nearly straight [rad]."""
 ASIDE, CURLS = 0.05, 0.1
 """Directions of pairs that scatter by more [rad], and turns over lengths [rad/m], count less."""
+FAR_OFF = 0.2
+"""Lengths of a part that differ by more, as the logarithm, are no outliers of the whole."""
 SCATTER = 0.75
 """A mount has turned by more than its pairs scatter: this much of their median counts as deviation."""
 STANDS = 0.05
@@ -147,17 +147,6 @@ class Fit(NamedTuple):
         return {"metres_per_count": scale * stated.metres_per_count, "effective_track": wider * stated.effective_track}
 
 
-def covariances(information: Array, deviation: Array) -> Array:
-    """Of motions [k, 3] by scans, from their information for unit variance; along what they do not measure, huge."""
-    values, vectors = np.linalg.eigh(information[:, :2, :2])
-    weak = values[:, 0] < DEGENERATE * values[:, 1]
-    covariance = np.linalg.inv(information + 1e-6 * np.eye(3)) * np.maximum(deviation, 0.005)[:, None, None] ** 2
-    covariance += 1e-6 * np.eye(3)
-    along = vectors[:, :, 0] * np.where(weak, 10.0, 0.0)[:, None]
-    covariance[:, :2, :2] += along[:, :, None] * along[:, None, :]
-    return np.asarray(covariance)
-
-
 def clock(pairs: Pairs, stamps: Array, headings: Array, *, shared: bool) -> tuple[float, float, float]:
     """Offset [s] and drift [s/s] at which the turns of both agree best, and their correlation there, of either sign.
 
@@ -243,13 +232,18 @@ def fit(
     p[Parameter.YAW] = se2.wrap(p[Parameter.YAW])
     mean = float((TAIL**2 * np.log1p(square / TAIL**2)).mean())
 
-    def log_ratio(some: Array) -> tuple[float, float]:
-        ratio, deviation = _ratio_of_lengths(Pairs(*(each[some] for each in pairs)), expected[some], robust[some])
-        return float(np.log(ratio)), deviation / ratio
-
     scans, base = (each[:, 0] + 1j * each[:, 1] for each in (pairs.motions, expected))
     known = np.linalg.eigvalsh(pairs.covariances[:, :2, :2])[:, 1] < UNMEASURED
     known &= np.minimum(np.abs(scans), np.abs(base)) > LONG_ENOUGH
+
+    def log_ratio(some: Array) -> tuple[float, float]:
+        of, by_odometry, weights, begin = Pairs(*(each[some] for each in pairs)), expected[some], robust[some], 1.0
+        longer = np.abs(scans[some & known] / base[some & known])
+        if len(longer) >= FEWEST and abs(np.log(np.median(longer))) > FAR_OFF:  # the fit made outliers of them
+            begin, weights = float(np.median(longer)), np.ones_like(weights)
+        ratio, deviation = _ratio_of_lengths(of, by_odometry * (begin, begin, 1.0), weights)
+        return float(np.log(begin * ratio)), deviation / ratio
+
     aside, straight = np.angle(base / scans)[known], 1 / (1 + (pairs.motions[known, 2] / STRAIGHT) ** 2)
 
     def yaw(some: Array) -> tuple[float, float]:

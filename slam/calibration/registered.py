@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Array
-from moteslam.slam.calibration.hand_eye import Change, Pairs, clearest_change, covariances, parts_of
+from moteslam.slam.calibration.hand_eye import Change, Pairs, clearest_change, parts_of
 from moteslam.slam.calibration.scan_pairs import LEAST_FIT, Beams, cost, refine, register, seen_through
 from moteslam.slam.calibration.unmeasured import FEWEST, UnfitScansError, turned_round
 from moteslam.slam.inputs.odometry_path import OdometryPath
@@ -123,8 +123,7 @@ class RegisteredPairs:
     @property
     def pairs(self) -> Pairs:
         good = self._found.good
-        about = covariances(self._found.information[good], self._found.deviation[good])
-        return Pairs(self.first[good], self.last[good], self._found.motions[good], about)
+        return Pairs(self.first[good], self.last[good], self._found.motions[good], self._found.covariances[good])
 
     def sees_both_sides(self, yaw: float) -> bool:
         """Whether there mostly is an endpoint to the left and to the right of the robot, of a lidar turned by yaw."""

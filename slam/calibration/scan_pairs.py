@@ -37,6 +37,8 @@ LEAST_FIT = 0.6
 """A pair is registered where this share of the endpoints fits."""
 LEAST_BEAMS = 25
 """And at least this many."""
+DEGENERATE = 0.2
+"""A direction that scans measure by less than this share of the other they do not measure."""
 
 
 class Beams(NamedTuple):
@@ -59,6 +61,17 @@ class Motions:
     # sweep than in the former's [rad]; its motion is eliminated
     gradients: Array
     about_warps: Array  # [k, w, w] the information of these, for residuals of unit variance
+
+    @property
+    def covariances(self) -> Array:
+        """[k, 3, 3] of the motions; along what the scans do not measure, huge."""
+        values, vectors = np.linalg.eigh(self.information[:, :2, :2])
+        weak = values[:, 0] < DEGENERATE * values[:, 1]
+        covariance = np.linalg.inv(self.information + 1e-6 * np.eye(3))
+        covariance = covariance * np.maximum(self.deviation, 0.005)[:, None, None] ** 2 + 1e-6 * np.eye(3)
+        along = vectors[:, :, 0] * np.where(weak, 10.0, 0.0)[:, None]
+        covariance[:, :2, :2] += along[:, :, None] * along[:, None, :]
+        return np.asarray(covariance)
 
     def take(self, at: NDArray[Any], other: Self, where: NDArray[Any]) -> None:
         """At pairs what another registration found where."""

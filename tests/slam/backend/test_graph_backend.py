@@ -18,7 +18,7 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.backend.graph import loop_closing
-from moteslam.slam.calibration.findings import checked
+from moteslam.slam.calibration.checked import checked
 from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.online import OnlineSlam

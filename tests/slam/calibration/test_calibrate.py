@@ -20,7 +20,8 @@ from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.calibration import calibrate as calibrating
 from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS, Calibration, calibrate
-from moteslam.slam.calibration.findings import Findings, checked, findings, trusting
+from moteslam.slam.calibration.checked import checked
+from moteslam.slam.calibration.findings import Findings, findings, trusting
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, fit
 from moteslam.slam.calibration.mended import calibrated
 from moteslam.slam.calibration.readings import with_stamps
@@ -547,6 +548,34 @@ def test_what_turns_the_other_way_for_a_time_is_told(begin: float, end: float, w
         for time in re.findall(rf"^{what}: .*{word} about (\d+) s", said.message):
             assert float(time) == pytest.approx(true.lidar.stamps[0] + share * np.ptp(true.lidar.stamps), abs=6)
     assert re.search(rf"^{what}: (from|until) about \d+", said.message)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("what", "begins", "words"),
+    [
+        ("lidar", True, r"from about (\d+) s after .*--start \1.* mounted backwards"),
+        ("lidar", False, r"until about (\d+) s after .*--end \1.* mounted backwards"),
+        ("encoders", True, r"from about (\d+) s on lengths by ranges are \d+\.\d % more"),
+        ("encoders", False, r"from about (\d+) s on lengths by ranges are \d+\.\d % less"),
+    ],
+)
+def test_what_changes_in_mid_drive_is_said_of_that_part(what: str, begins: bool, words: str) -> None:
+    """The lidar is set back by half a turn, or the counts are halved, from a time on or until then."""
+    true = driven("rplidar_a1", "office")
+    first, duration = true.lidar.stamps[0], np.ptp(true.lidar.stamps)
+    wrong = [(each.stamps > first + 0.6 * duration) == begins for each in (true.lidar, true.encoders)]
+    counts, ranges = true.encoders.counts.copy(), true.lidar.ranges.copy()
+    if what == "encoders":
+        counts[wrong[1]] = np.diff(counts[wrong[1]].cumsum(axis=0) // 2, axis=0, prepend=0)
+    else:
+        ranges[wrong[0]] = np.roll(ranges[wrong[0]], 180, axis=1)
+    changed = lidar(ranges=lambda _: ranges)(true.replace(encoders=replace(true.encoders, counts=counts)))
+    _, about = checked(changed, FEW_PAIRS)
+    assert not about.decided
+    (time,) = (found[1] for issue in about.moves if (found := re.search(words, issue.message)))
+    assert float(time) % 1_300_000_000 == pytest.approx(0.6 * duration, abs=duration / 5)
+    assert "range-scale" not in codes(about.moves)  # it is of neither part
 
 
 @pytest.mark.slow

@@ -74,6 +74,16 @@ def test_what_is_certain_is_said_by_how_much_and_to_which_side(
     assert [word for word in words if word not in issue.message] == []
 
 
+def test_a_gyro_that_saturates_is_not_said_to_be_in_other_units() -> None:
+    rates = RECORDING.imu.angular_velocity
+    rates = rates * np.linspace(1.0, 1.1, len(rates))[:, None]
+    most = float(np.abs(rates[:, 2]).max())
+    for limit, words in ((most, "no rad/s"), (most / 2, f"measures {most / 2:.3g} rad/s and no more")):
+        imu = replace(RECORDING.imu, angular_velocity=rates.clip(-limit, limit))
+        (issue,) = findings(calibration({"turns": 0.8}), RECORDING.replace(imu=imu)).issues
+        assert words in issue.message
+
+
 def test_clocks_and_lengths_are_mended_on_the_side_that_is_asked_for() -> None:
     found = calibration({"offset": 0.5, "drift": 0.005, "lengths": 1.1}, shared_clock=False)
     lidar, encoders = RECORDING.lidar, RECORDING.encoders
