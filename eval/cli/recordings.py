@@ -100,9 +100,19 @@ def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Ite
     if measured := list(_sensors(found, platform)):
         yield aligned([("sensors", "measured", "platform"), *measured])
     if about is not None:
-        figures = ((each.name, each.value, WITHIN * each.deviation, each.stated) for each in about.figures)
-        held = [(name, f"{value:.4f}", f"+-{within:.4f}", f"{stated:g}") for name, value, within, stated in figures]
+        small = {each.name for each in about.figures if each.differs and not each.certain}
+        held = [
+            (
+                one.name,
+                f"{one.value:.4f}",
+                f"+-{WITHIN * one.deviation:.4f}",
+                f"{one.stated:g}{' *' * (one.name in small)}",
+            )
+            for one in about.figures
+        ]
         yield aligned([("by scans and odometry", "measured", "within, 95 %", "stated"), *held])
+        if small:
+            yield "* differs, by too little to move a result by a tenth of a metre"
     elif found.lidar is not None:
         yield "by scans and odometry: nothing measured: too few scans fit each other or turn, or there is no odometry"
     if found.wheels is not None:
@@ -115,7 +125,7 @@ def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Ite
     for problem in found.problems:
         yield f"problem: {literal(problem)}"
     if about is not None and about.issues:
-        yield "what is certain of lidar and odometry is mended by replay --calibrate lidar, or odometry"
+        yield "replay mends what is known to be wrong; --calibrate lidar, or odometry, what one of the two must be"
     if not found.problems:
         yield "no problems"
 

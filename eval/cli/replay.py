@@ -208,9 +208,11 @@ def _checked(recording: Recording, side: Side) -> tuple[Recording, tuple[Issue, 
         return recording, unfit if told else (*unfit, Issue("not-calibrated", text))
     if side is None:
         ends = dict.fromkeys(about.decided, "; corrected") | dict.fromkeys(NOT_MENDED, "")
-        if not (found.late or stamped_at_end(found, recording)):
-            of_clocks = {"clock-offset", "clock-drift"} & about.decided
-            ends |= dict.fromkeys(of_clocks, "; odometry corrected: the path has the stamps of the scans")
+        if not found.late:
+            text = "; odometry corrected: the path has the stamps of the scans"
+            if stamped_at_end(found, recording):
+                text = "; scans corrected: the path has stamps that are as much earlier"
+            ends |= dict.fromkeys({"clock-offset", "clock-drift"} & about.decided, text)
         moves = tuple(Issue(one.code, one.message + ends.get(one.code, "; see --calibrate")) for one in about.moves)
         return (calibrated(recording, found, None) if about.decided else recording), moves
     ends, mended = dict.fromkeys(NOT_MENDED, ""), f"; mended in the {side}'s figures"

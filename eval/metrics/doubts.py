@@ -179,7 +179,10 @@ def _shapes(ate: AteResult) -> Reasons:
         fits = f"the estimate fits with an ATE of {length(shown)} in place of {length(rigid)}"
         yield left, Issue("sizes-differ", f"{how} {fits}{why}")
     if ate.motion is None and mirrored < SHAPE * rigid:
-        text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
+        text = (
+            "the estimate fits the reference as its mirror image: in one of them y and turns have the wrong sign, or "
+        )
+        text += "z points down (NED)"
         yield mirrored, Issue("mirrored", text)
     if rigid > UNLIKE * spread:
         text = f"errors of {length(rigid)} where the reference itself is spread by {length(spread)}: "

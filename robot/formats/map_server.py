@@ -69,7 +69,7 @@ def read_map(path: str | PathLike[str]) -> Raster:
 
     What is between the thresholds is unknown in the mode ``scale``, too; the mode ``raw`` is decided as by map_saver.
     """
-    about, pixels = _read(Path(path))
+    about, pixels = _read(Path(path), between=False)
     percent = _occupancies(pixels, about, between=False)
     low, high = FREE_PERCENT, OCCUPIED_PERCENT
     if about.mode == "raw":
@@ -80,8 +80,8 @@ def read_map(path: str | PathLike[str]) -> Raster:
 
 def read_occupancy(path: str | PathLike[str]) -> Raster:
     """Read a map as map_server publishes it: values [H, W] int8 of 0 (free) to 100 (occupied), -1 unknown."""
-    about, pixels = _read(Path(path))
-    return _raster(_occupancies(pixels, about), about)
+    about, pixels = _read(Path(path), between=True)
+    return _raster(_occupancies(pixels, about, between=True), about)
 
 
 def write_map(path: str | PathLike[str], raster: Raster) -> None:
@@ -134,7 +134,7 @@ def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
     return np.asarray(np.rint(grey), np.uint8)
 
 
-def _read(path: Path) -> tuple[MapFile, NDArray[np.uint16]]:
+def _read(path: Path, *, between: bool) -> tuple[MapFile, NDArray[np.uint16]]:
     """The YAML file, and the pixels [rows, columns, channels] of its image, the largest y first."""
     keys = ", ".join(name for name, key in MapFile.model_fields.items() if key.is_required())
     table = read_yaml(path, f"a map_server .yaml file ({keys})", limit=MAX_YAML_BYTES)
@@ -162,7 +162,7 @@ def _read(path: Path) -> tuple[MapFile, NDArray[np.uint16]]:
     if pixels is None:
         problem = "not readable as an image, expected a whole png map, or a pgm of 255 or 65535 greys"
         raise InputError(problem, file=image)
-    _warn_of_greys(path, about, pixels)
+    _warn_of_greys(path, about, pixels, between)
     return about, pixels
 
 
@@ -185,7 +185,7 @@ def _image(name: str, path: Path) -> Path:
     return image
 
 
-def _occupancies(pixels: NDArray[np.uint16], about: MapFile, *, between: bool = True) -> Percent:
+def _occupancies(pixels: NDArray[np.uint16], about: MapFile, *, between: bool) -> Percent:
     """The occupancies [H, W] of pixels [H, W, C] of 65535; ``between`` the thresholds the mode scale may say more."""
     flat, found = pixels.reshape(-1, pixels.shape[2]), np.empty(pixels.shape[0] * pixels.shape[1], np.int8)
     for start in range(0, len(flat), _BAND):
@@ -212,7 +212,7 @@ def _of(pixels: NDArray[np.uint16], about: MapFile, between: bool) -> Percent:
     return found.astype(np.int8)
 
 
-def _warn_of_greys(path: Path, about: MapFile, pixels: NDArray[np.uint16]) -> None:
+def _warn_of_greys(path: Path, about: MapFile, pixels: NDArray[np.uint16], between: bool) -> None:
     """Warn of cells that are hardly meant as they are read: transparent and coloured ones, map_saver's 205 of unknown
     that is known, of a threshold of 0.25 or a lossy JPEG, black or white that is unknown, and 8 of 16 bits.
     """
@@ -237,7 +237,7 @@ def _warn_of_greys(path: Path, about: MapFile, pixels: NDArray[np.uint16]) -> No
     else:
         levels = np.repeat(np.arange(256, dtype=np.uint16)[:, None] * np.uint16(FULL // 255), flat.shape[1], axis=1)
         levels[:, 3:] = FULL
-        said += _of_levels(counts, _of(levels, about, False), about)
+        said += _of_levels(counts, _of(levels, about, between), about)
     for what in said:
         warnings.warn(MoteslamWarning(f"{path}: {what}: its walls or free space may be wrong"), stacklevel=4)
 
@@ -253,13 +253,14 @@ def _of_levels(counts: NDArray[np.int64], read: Percent, about: MapFile) -> Iter
     level = np.arange(256)
     near = np.abs(level - grey) <= BLUR
     saved = near | (level <= BLUR) | (level >= 255 - BLUR)
-    known = np.where(near & (read != UNKNOWN_PERCENT), counts, 0)
+    known = np.where(near & np.isin(read, (FREE_PERCENT, OCCUPIED_PERCENT)), counts, 0)
     of_map_saver = counts[near].sum() < counts[saved].sum() > 0.9 * counts.sum()
     if counts[grey] and of_map_saver and known.sum() > MANY * counts[near].sum():
         which = int(known.argmax())
         shade = f"grey {which}{'' if which == grey else f', next to {grey}'}, which map_saver writes for unknown"
         unsure = np.floor(1000 * abs(which - 255 * (grey == UNKNOWN_GREY)) / 255) / 1000  # of this shade
-        mend = f": set free_thresh {unsure:g}, occupied_thresh {OCCUPIED_THRESHOLD:g}, negate {grey != UNKNOWN_GREY:d}"
+        mend = f"free_thresh {unsure:g}, occupied_thresh {OCCUPIED_THRESHOLD:g}, negate {grey != UNKNOWN_GREY:d}"
+        mend = f": set {'mode trinary, ' * (about.mode == 'scale')}{mend}"
         why = f"is read as {'occupied' if read[which] else 'free'} by {thresholds} and negate {about.negate:d}"
         yield f"{shade}, {why}; {known.sum()} of {counts.sum()} cells count as known{mend}"
 

@@ -55,6 +55,11 @@ class Figure:
     stated: float  # by the recording and its platform
     certain: bool  # that it differs, by enough to matter
 
+    @property
+    def differs(self) -> bool:
+        """Whether it does clearly, be it by too little to matter."""
+        return abs(self.value - self.stated) > SIGMAS * self.deviation
+
 
 @dataclass(frozen=True)
 class Findings:
@@ -86,7 +91,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         told.append(("odometry-unfit", text))
     x, y, yaw = mount_of(c, recording, certain)
     toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"
-    if c.fits and (wrong := WRONG.get((c.form, c.quarter != 0))) is not None:
+    if c.fits and (wrong := WRONG.get((c.form, round(abs(c.quarter) / (np.pi / 2))))) is not None:
         told.append(wrong)
     if c.mirrored and c.fits:
         told.append(("mirrored", _mirrored(c, toml)))
@@ -114,7 +119,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         told.append(("scans-unfit", text))
     elif c.sweep is not None and not moved:  # else it is of neither part
         stated, increment = sweep_seconds(recording, lidar), c.sweep / (lidar.ranges.shape[1] - 1)
-        text = f"lidar: scans fit best if a sweep takes {c.sweep:.2g} s and not the {stated:.3g} s stated: turns are "
+        text = f"lidar: scans fit best if a sweep takes {c.sweep:.2g} s"
+        text += f" and not the {stated:.3g} s stated: turns are " if stated else ", and none is stated: turns are "
         told.append(("time-increment", f"{text}smeared; by --platform give [lidar] time_increment = {increment:.2g}"))
     if moved:
         text = f"lidar: from about {turned.time:.0f} s on it looks {abs(degrees(turned.amount)):.1f} degrees to the "
@@ -230,8 +236,10 @@ def stamped_at_end(c: Calibration, recording: Recording) -> bool:
     """Whether scans are late by as much as a sweep takes: the driver stamps the last beam, or when it has a scan."""
     if c.clocks is None or c.shared_clock or c.late or recording.lidar is None:
         return False
-    late, about = -float(c.fit.values[Parameter.OFFSET]), float(c.fit.deviations[Parameter.OFFSET])
-    sweep = abs(sweep_seconds(recording, recording.lidar))
+    (offset, drift), (about, about_drift) = c.fit.values[CLOCKS].tolist(), c.fit.deviations[CLOCKS].tolist()
+    if abs(drift) > SIGMAS * about_drift:  # at another time it is late by something else
+        return False
+    late, sweep = -offset, abs(sweep_seconds(recording, recording.lidar))
     return bool(sweep > 0 and abs(late - sweep) < WITHIN * about + NEAR_SWEEP)
 
 

@@ -9,6 +9,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.platform import Wheels
@@ -107,7 +108,7 @@ class Change(NamedTuple):
         return abs(self.amount) > max(least, sigmas * self.deviation)
 
 
-def clearest_change(first: Array, estimate: Callable[[Array], tuple[float, float]]) -> Change:
+def clearest_change(first: Array, estimate: Callable[[NDArray[np.bool_]], tuple[float, float]]) -> Change:
     """Of those at the eighths of pairs that begin at times [k] [s]; ``estimate`` gives a figure of some of the pairs,
     which are those of a mask [k], and its deviation.
     """
@@ -233,10 +234,10 @@ def fit(
     mean = float((TAIL**2 * np.log1p(square / TAIL**2)).mean())
 
     scans, base = (each[:, 0] + 1j * each[:, 1] for each in (pairs.motions, expected))
-    known = np.linalg.eigvalsh(pairs.covariances[:, :2, :2])[:, 1] < UNMEASURED
+    known: NDArray[np.bool_] = np.linalg.eigvalsh(pairs.covariances[:, :2, :2])[:, 1] < UNMEASURED
     known &= np.minimum(np.abs(scans), np.abs(base)) > LONG_ENOUGH
 
-    def log_ratio(some: Array) -> tuple[float, float]:
+    def log_ratio(some: NDArray[np.bool_]) -> tuple[float, float]:
         of, by_odometry, weights, begin = Pairs(*(each[some] for each in pairs)), expected[some], robust[some], 1.0
         longer = np.abs(scans[some & known] / base[some & known])
         if len(longer) >= FEWEST and abs(np.log(np.median(longer))) > FAR_OFF:  # the fit made outliers of them
@@ -246,7 +247,7 @@ def fit(
 
     aside, straight = np.angle(base / scans)[known], 1 / (1 + (pairs.motions[known, 2] / STRAIGHT) ** 2)
 
-    def yaw(some: Array) -> tuple[float, float]:
+    def yaw(some: NDArray[np.bool_]) -> tuple[float, float]:
         values, weights = aside[some[known]], straight[some[known]]
         mean, deviation = _robust_mean(values, weights, ASIDE, FLOOR[Parameter.YAW])
         return mean, float(np.hypot(deviation, SCATTER * np.median(abs(values - mean)))) if len(values) else deviation

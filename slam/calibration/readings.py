@@ -21,22 +21,25 @@ MOVES = 0.05
 QUARTER, AHEAD = 0.15, 0.8
 """A mount is a quarter turn off within the first [rad]; a path goes one way as seen by its headings where this share of
 it does."""
+_COMPASS = (
+    "odometry-headings",
+    "odometry: its headings turn clockwise, and count from another direction than its own path, as a compass's do, or "
+    "as if z and w of a quaternion were exchanged",
+)
 WRONG = {
-    ("turns", False): ("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
-    ("y", False): ("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
-    ("path", False): (
+    ("turns", 0): ("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
+    ("y", 0): ("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
+    ("path", 0): (
         "odometry-headings",
         "odometry: its headings do not follow the way that it drives, and are of no use: are they in radians?",
     ),
-    ("stated", True): ("odometry-headings", "odometry: its headings are a quarter turn off the way that it drives"),
-    ("turns", True): (
-        "odometry-headings",
-        "odometry: its headings turn clockwise, and count from another direction than its own path, as a compass's do, "
-        "or as if z and w of a quaternion were exchanged",
-    ),
-    ("y", True): ("odometry-signs", "odometry: its x and y are swapped against its own headings"),
+    ("stated", 1): ("odometry-headings", "odometry: its headings are a quarter turn off the way that it drives"),
+    ("turns", 1): _COMPASS,
+    ("turns", 2): _COMPASS,
+    ("y", 1): ("odometry-signs", "odometry: its x and y are swapped against its own headings"),
+    ("y", 2): ("odometry-signs", "odometry: its x has the wrong sign against its own headings"),
 }
-"""The code and the text of the forms of odometry poses that are not as stated, without and with a quarter turn."""
+"""The code and the text of the forms of odometry poses that are not as stated, by the quarters of a turn."""
 
 
 def in_form(path: OdometryPath, form: str, quarter: float = 0.0) -> OdometryPath:

@@ -289,7 +289,7 @@ class RegisteredPairs:
         weight = 1 / np.maximum(self._found.deviation[good], LEAST_DEVIATION) ** 2
         slope, about = self._found.gradients[good][:, 0] * weight, self._found.about_warps[good][:, 0, 0] * weight
 
-        def excess(some: Array) -> tuple[float, float]:
+        def excess(some: NDArray[np.bool_]) -> tuple[float, float]:
             total = max(float(about[some].sum()), 1e-9)
             mean = float(slope[some].sum()) / total
             spread = float(np.linalg.norm(parts_of(slope[some] - mean * about[some]))) / total

@@ -134,6 +134,14 @@ def test_thresholds_that_make_known_what_map_saver_calls_unknown(
         read_map(written(tmp_path, np.repeat(np.array([greys], np.uint8), 3, axis=1), **changes | mended))
 
 
+def test_the_mode_scale_makes_free_what_map_saver_calls_unknown(tmp_path: Path) -> None:
+    """As map_server publishes it, 0 of 100; cells of three values have unknown there."""
+    path = written(tmp_path, np.repeat(np.array([[0, 205, 254]], np.uint8), 3, axis=1), mode="scale")
+    assert (read_map(path).values == -1).sum() == 3
+    with pytest.warns(MoteslamWarning, match="grey 205, .* is read as free .* set mode trinary, free_thresh 0.196"):
+        assert (read_occupancy(path).values == 0).sum() == 6
+
+
 PIXELS = {
     "transparent black": (
         [(0, 0, 0, 0), (255, 255, 255, 255)],

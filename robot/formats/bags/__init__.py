@@ -249,7 +249,7 @@ def choose_odometry(tables: Sequence[Table], topic: str, frame: str, frames: mot
     truth = [table for table in tables if is_truth(table)]
     others = [table for table in tables if table not in truth and is_other_robots(table)]
     for code, left, what in (
-        ("truth-left", truth, "where the robot truly was, or an estimate in a map; not used unless it is named"),
+        ("truth-left", truth, "where the robot truly was, or an estimate in a map; not used unless --topics names it"),
         ("other-robot", others, f"of a robot that does not carry the lidar's frame {frame}; left aside"),
     ):
         if left:

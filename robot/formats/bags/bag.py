@@ -6,6 +6,7 @@ import re
 import shutil
 from array import array
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import groupby
@@ -124,9 +125,36 @@ class Bag:
 
     def __init__(self, path: Path) -> None:
         self.path, self.issues = path, list[Issue]()
-        self._files = [_open_file(file) for file in _files_of(path, self, self.issues)]
+        self._counts = dict[str, int]()  # of messages by topic, as ``metadata.yaml`` has them
+        self._files = [_open_file(file) for file in self._files_of(path)]
         self.topics: set[Topic] = set()
         self.swept = 0
+
+    def _files_of(self, path: Path) -> list[Path]:
+        """A single file, those that ``metadata.yaml`` names, or the parts of a recording.
+
+        What had to be unpacked is there as long as the bag.
+        """
+        if not path.is_dir():
+            return [path]
+        if not _has_metadata(path):
+            return _parts(path, self.issues)
+        metadata = path / METADATA
+        table = read_yaml(metadata, "the metadata of a ROS 2 bag", limit=4_000_000)
+        about = table.get(_INFORMATION) if isinstance(table, dict) else None
+        about = about if isinstance(about, dict) else {}
+        names = about.get("relative_file_paths")
+        if not isinstance(names, list) or not 0 < len(set(map(str, names))) == len(names) <= MAX_FILES:
+            raise InputError("no list of files, expected one", file=metadata, field="relative_file_paths")
+        files = [path / Path(str(name)).name for name in names]  # bags before version 4 have the folder before it
+        if missing := [file for file in files if not file.is_file() or file.resolve().parent != path.resolve()]:
+            problem = f"{missing[0].name[:80]!r}, expected the name of a file in the folder"
+            raise InputError(problem, file=metadata, field="relative_file_paths")
+        counts = about.get("topics_with_message_count")
+        for topic in counts if isinstance(counts, list) else ():
+            with suppress(TypeError, KeyError, ValueError):
+                self._counts[str(topic["topic_metadata"]["name"])] = int(topic["message_count"])
+        return [_plain(file, self) for file in files]
 
     def tell(self, code: str, topic: Topic | str, what: str, count: int = 1) -> None:
         name = topic if isinstance(topic, str) else topic.name
@@ -176,6 +204,10 @@ class Bag:
             table.flat.extend(row)
             table.numbers.extend(numbers)
         found = [table for table in tables.values() if table.count]
+        for table in found:
+            if (stated := self._counts.get(table.topic.name, 0)) > table.count:
+                text = f"{table.count} of the {stated} messages that {METADATA} states: is a part missing, or a -wal?"
+                self.tell("damaged-bag", table.topic, text, stated - table.count)
         return sorted(found, key=lambda table: (-table.count, table.topic.name))
 
     def messages(self, table: Table, rows: Rows) -> Iterator[Any]:
@@ -211,7 +243,7 @@ class Bag:
             used = int(np.argmax(spans)) if session is None else int(session) - 1
             lengths = ", ".join(f"{index} ({span:.1f} s)" for index, span in enumerate(spans[:8], 1))
             text = f"the clock was set {counted(len(edges), 'time')} in between: the sessions are {lengths}; session "
-            text += f"{used + 1} is read{', the longest of them' if session is None else ''}"
+            text += f"{used + 1} is read{', the longest of them (--sequence reads another)' if session is None else ''}"
             self.issues.append(Issue("sessions", f"{self.path.name}: {text}", len(edges)))
         for table, rows in zip(tables, parts, strict=True):
             table.rows = rows[used]
@@ -276,27 +308,6 @@ def _open_file(path: Path) -> Rosbag1 | Mcap | Database:
         raise InputError("does not begin as a ROS bag, an MCAP or a SQLite file", file=path)
     with damage_in_one_line(path):
         return _STORAGES[kind](path)
-
-
-def _files_of(path: Path, owner: object, issues: list[Issue]) -> list[Path]:
-    """A single file, those that ``metadata.yaml`` names, or the parts of a recording; what had to be unpacked is there
-    as long as its owner.
-    """
-    if not path.is_dir():
-        return [path]
-    if not _has_metadata(path):
-        return _parts(path, issues)
-    metadata = path / METADATA
-    table = read_yaml(metadata, "the metadata of a ROS 2 bag", limit=4_000_000)
-    about = table.get(_INFORMATION) if isinstance(table, dict) else None
-    names = about.get("relative_file_paths") if isinstance(about, dict) else None
-    if not isinstance(names, list) or not 0 < len(set(map(str, names))) == len(names) <= MAX_FILES:
-        raise InputError("no list of files, expected one", file=metadata, field="relative_file_paths")
-    files = [path / Path(str(name)).name for name in names]  # bags before version 4 have the folder before it
-    if missing := [file for file in files if not file.is_file() or file.resolve().parent != path.resolve()]:
-        problem = f"{missing[0].name[:80]!r}, expected the name of a file in the folder"
-        raise InputError(problem, file=metadata, field="relative_file_paths")
-    return [_plain(file, owner) for file in files]
 
 
 def _plain(file: Path, owner: object) -> Path:

@@ -1,9 +1,11 @@
 """What is wrong with bags that people have: read rightly with a warning, or refused in a line that says what to do."""
 
 import math
+import re
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -314,6 +316,16 @@ def test_recordings_that_are_no_parts_of_one_are_not_put_together(tmp_path: Path
     folder = split(tmp_path, "mcap", ("monday_0.mcap", "tuesday_0.mcap"))
     with pytest.raises(InputError, match="a folder with recordings in it, expected one of them"):
         open_recording(folder)
+
+
+def test_a_bag_of_fewer_messages_than_its_metadata_states_says_so(tmp_path: Path) -> None:
+    folder = make_bag(tmp_path, drive(), "folder")
+    assert open_recording(folder).warnings == ()
+    with closing(sqlite3.connect(folder / "made.db3")) as connection:
+        connection.execute("DELETE FROM messages WHERE id > 30")
+        connection.commit()
+    said = [issue.message for issue in open_recording(folder).warnings if issue.code == "damaged-bag"]
+    assert any(re.search(r"/scan: \d+ of the \d+ messages that metadata.yaml states", message) for message in said)
 
 
 def test_files_packed_as_a_whole_are_unpacked(tmp_path: Path) -> None:

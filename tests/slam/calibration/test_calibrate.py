@@ -468,6 +468,7 @@ MIRRORED, SCALED = poses(lambda p: p * (1, -1, -1)), poses(lambda p: p * (1.1, 1
 SIDES: dict[str, tuple[Fault, str, str, str]] = {
     "turns": (poses(lambda p: p * (1, 1, -1)), "turns", "odometry-signs", "odometry"),
     "x and y": (poses(lambda p: p[:, [1, 0, 2]]), "y", "odometry-signs", "odometry"),
+    "x": (poses(lambda p: p * (-1, 1, 1)), "y", "odometry-signs", "odometry"),
     "none": (poses(lambda p: p * (1, 1, 0)), "path", "odometry-headings", "odometry"),
     "quarter": (poses(lambda p: p + np.array((0, 0, np.pi / 2))), "stated", "odometry-headings", "odometry"),
     "z and w": (poses(lambda p: (0, 0, np.pi) + p * (1, 1, -1)), "turns", "odometry-headings", "odometry"),
@@ -504,6 +505,7 @@ def test_which_side_is_wrong_is_known_or_else_nothing_is_corrected(name: str) ->
     assert codes(found.issues) == codes(found.moves) == [code]
     assert found.decided == ({code} if side else set())
     assert ("backwards" in found.issues[0].message) == (name == "backwards")
+    assert ("its x has the wrong sign" in found.issues[0].message) == (name == "x")
     assert "may drift" not in found.issues[0].message
     as_known = calibrated(recording, calibration, None)
     if side:

@@ -9,7 +9,7 @@ from sim_logs import winding
 
 from moteslam.robot.platforms import UCSD
 from moteslam.slam.calibration.calibrate import Calibration
-from moteslam.slam.calibration.findings import findings
+from moteslam.slam.calibration.findings import findings, stamped_at_end
 from moteslam.slam.calibration.hand_eye import Change, Fit, Parameter
 from moteslam.slam.calibration.mended import calibrated
 
@@ -82,6 +82,13 @@ def test_a_gyro_that_saturates_is_not_said_to_be_in_other_units() -> None:
         imu = replace(RECORDING.imu, angular_velocity=rates.clip(-limit, limit))
         (issue,) = findings(calibration({"turns": 0.8}), RECORDING.replace(imu=imu)).issues
         assert words in issue.message
+
+
+def test_a_clock_that_drifts_is_not_stamped_at_the_end_of_a_sweep() -> None:
+    lidar = replace(RECORDING.lidar, time_increment=0.3 / (RECORDING.lidar.ranges.shape[1] - 1))
+    for drift, at_end in ((0.0, True), (0.005, False)):
+        found = calibration({"offset": -0.3, "drift": drift}, shared_clock=False)
+        assert stamped_at_end(found, RECORDING.replace(lidar=lidar)) == at_end
 
 
 def test_clocks_and_lengths_are_mended_on_the_side_that_is_asked_for() -> None:
