@@ -191,11 +191,11 @@ def warnings(
     text = f"lidar: all {beams} beams lie within {wide:.3g} degrees: are angles in radians taken for degrees?"
     told.append(("lidar-angles", int(beams >= MANY_BEAMS and wide < NARROW), text))
     if encoders is not None and len(encoders):
-        without = len(encoders)
+        without, text = len(encoders), "no gyro: turns from the wheels alone"
         if imu is not None and len(imu) > 1:
             early, late = imu.stamps[0] - GYRO_MARGIN, imu.stamps[-1] + GYRO_MARGIN
             without = int(((encoders.stamps <= early) | (encoders.stamps >= late)).sum())
-        text = f"{without} of {len(encoders)} encoder readings without a gyro: turns from the wheels alone there"
+            text = f"{without} of {len(encoders)} encoder readings without a gyro: turns from the wheels alone there"
         told.append(("no-gyro", without, text))
         most = int((sizes := np.abs(encoders.counts)).max(initial=0))
         full = int((sizes == most).any(axis=1).sum()) if most in FULL else 0
