@@ -19,6 +19,7 @@ from moteslam.sim.logged import with_odometry
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.calibration import calibrate as calibrating
+from moteslam.slam.calibration import checked as checking
 from moteslam.slam.calibration.calibrate import FEW_PAIRS, PAIRS, Calibration, calibrate
 from moteslam.slam.calibration.checked import checked
 from moteslam.slam.calibration.findings import Findings, findings, trusting
@@ -556,7 +557,6 @@ def test_what_turns_the_other_way_for_a_time_is_told(begin: float, end: float, w
 @pytest.mark.parametrize(
     ("what", "begins", "words"),
     [
-        ("lidar", True, r"from about (\d+) s after .*--start \1.* mounted backwards"),
         ("lidar", False, r"until about (\d+) s after .*--end \1.* mounted backwards"),
         ("encoders", True, r"from about (\d+) s on lengths by ranges are \d+\.\d % more"),
         ("encoders", False, r"from about (\d+) s on lengths by ranges are \d+\.\d % less"),
@@ -840,3 +840,24 @@ def test_where_turns_do_not_agree_pairs_of_scans_nearer_to_each_other_are_tried(
     monkeypatch.setattr(calibrating, "_calibrate", watched)
     found = calibrating.calibrate(driven("rplidar_a1"), pairs=FEW_PAIRS)
     assert found is tried[1]
+
+
+@pytest.mark.parametrize("early", [True, False])
+def test_the_part_that_is_as_stated_is_found_and_the_rest_is_told(monkeypatch: pytest.MonkeyPatch, early: bool) -> None:
+    """Of a drive that changes after 0.6 of its time, or is wrong until then."""
+    recording = driven("ucsd")
+    first, duration = min(stamps[0] for stamps in recording.stamps().values()), 0.0
+    duration = max(stamps[-1] for stamps in recording.stamps().values()) - first
+    wrong = Issue("lidar-mount", "lidar: mounted elsewhere")
+
+    def of(part: Recording, _: int) -> tuple[None, Findings]:
+        begin, end = ((part.lidar.stamps[k] - first) / duration for k in (0, -1))
+        told = (wrong,) if (end > 0.61 if early else begin < 0.59) else ()
+        return None, Findings((), told, told, frozenset())
+
+    monkeypatch.setattr(checking, "_checked", of)
+    (issue,) = checking._changes(recording, {"odometry-unfit"})
+    (time,) = re.findall(r"--start (\d+)" if early else r"--end (\d+)", issue.message)
+    assert float(time) == pytest.approx(0.6 * duration, abs=duration / 16 + 1)
+    assert issue.message.endswith(": lidar: mounted elsewhere")
+    assert checking._changes(recording, {"lidar-mount"}) == ()  # which the whole said
