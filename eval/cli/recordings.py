@@ -115,7 +115,7 @@ def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Ite
         if small:
             yield "* differs, by too little to move a result by a tenth of a metre"
     elif found.lidar is not None:
-        yield "by scans and odometry: nothing measured: too few scans fit each other or turn, or there is no odometry"
+        yield "by scans and odometry: nothing measured: too few scans that fit or turn, no odometry, or a problem below"
     if found.wheels is not None:
         yield f"wheels: {_shown(found.wheels.distance, '.1f', 'm')} driven, {found.wheels.at_rest:.1f} s at rest"
     if found.odometry_distance is not None:
@@ -126,7 +126,7 @@ def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Ite
     for problem in found.problems:
         yield f"problem: {literal(problem)}"
     if about is not None and about.issues:
-        yield "replay mends what is known to be wrong; --calibrate lidar, or odometry, what one of the two must be"
+        yield "replay corrects what is certain; --calibrate lidar, or --calibrate odometry, what may be either"
     if not found.problems:
         yield "no problems"
 
