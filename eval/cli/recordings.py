@@ -100,8 +100,7 @@ def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Ite
     if measured := list(_sensors(found, platform)):
         yield aligned([("sensors", "measured", "platform"), *measured])
     if about is not None:
-        biased = any(each.certain for each in about.figures)  # which moves the others, too
-        small = {each.name for each in about.figures if each.differs and not biased}
+        small = {each.name for each in about.figures if each.differs and not about.issues}  # which move others, too
         held = [
             (
                 one.name,

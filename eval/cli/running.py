@@ -145,7 +145,8 @@ def about_frame(path: Trajectory, truth: Trajectory) -> Iterator[Issue]:
         off, turned = (float(np.hypot(*(ate.aligned - there)[:, :2].T).mean()), abs(np.rad2deg(ate.transform[2])))
         if off > LOST_DISTANCE:
             text = f"scores are of the path laid on the truth, which moves it by {off:.1f} m and {turned:.0f} degrees: "
-            yield Issue("map-frame", f"{text}if map and truth have one frame, the robot was found at a wrong place")
+            text += "a map that SLAM drew has a frame of its own; in one of the truth's, it was found at a wrong place"
+            yield Issue("map-frame", text)
 
 
 def described(estimate: Estimate, figures: Figures, issues: tuple[Issue, ...] = ()) -> Figures:

@@ -255,7 +255,7 @@ def _of_levels(counts: NDArray[np.int64], read: Percent, about: MapFile) -> Iter
     saved = near | (level <= BLUR) | (level >= 255 - BLUR)
     known = np.where(near & np.isin(read, (FREE_PERCENT, OCCUPIED_PERCENT)), counts, 0)
     of_map_saver = counts[near].sum() < counts[saved].sum() > 0.9 * counts.sum()
-    if counts[grey] and of_map_saver and known.sum() > MANY * counts[near].sum():
+    if counts[near].any() and of_map_saver and known.sum() > MANY * counts[near].sum():
         which = int(known.argmax())
         shade = f"grey {which}{'' if which == grey else f', next to {grey}'}, which map_saver writes for unknown"
         unsure = np.floor(1000 * abs(which - 255 * (grey == UNKNOWN_GREY)) / 255) / 1000  # of this shade

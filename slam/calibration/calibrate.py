@@ -28,9 +28,9 @@ from moteslam.slam.calibration.readings import (
     FORMS,
     at_times,
     clock_steps,
+    heading_offset,
     in_form,
     lag_of_wheels,
-    quarter_turn,
     without_lag,
 )
 from moteslam.slam.calibration.registered import GOOD, TURNING, RegisteredPairs, best_scale, choose_pairs
@@ -96,7 +96,7 @@ class Calibration:
     # which one turns the wrong way by a third witness, the gyro, or wheels beside it; empty without
     wrong: Literal["", "lidar", "odometry", "gyro"]
     form: str  # of `FORMS`, the one that odometry poses fit the scans in
-    # what is to be added to the headings in that form [rad]: a quarter turn to either side where they point aside of
+    # what is to be added to the headings in that form [rad] where they point aside of
     # their own path and of the lidar as it is stated, else 0
     quarter: float
     fit: Fit  # the mount and the rest; its clocks are one where they do not differ clearly
@@ -228,7 +228,7 @@ def _calibrate(
     best, quarter = fit(scans.pairs, at, (offset, drift), shared=logged), 0.0
     if not mirrored and recording.encoders is None:
         aside = float(se2.wrap(best.values[Parameter.YAW] - recording.platform.lidar.yaw))
-        quarter = quarter_turn(in_form(path, form).poses, aside, form)
+        quarter = heading_offset(in_form(path, form).poses, aside, form)
         at = at_times(in_form(path, form, quarter))
     scans.refine(expected_motions(best.values, scans.first, scans.last, best.middle, at))
     scans.expect(GOOD)

@@ -14,7 +14,7 @@ from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recordi
 from moteslam.robot.values import Issue, expect_type
 from moteslam.slam.calibration.calibrate import ANGLES, LATE, SIGMAS, Calibration
 from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
-from moteslam.slam.calibration.readings import WRONG
+from moteslam.slam.calibration.readings import about_form
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.synchronise import require_lidar, sweep_seconds
 
@@ -80,7 +80,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     certain = {figure.name.split(" ")[0]: figure for figure in figures if figure.certain}
     right = lidar_of(lidar, c, certain)
     if not c.correlation:
-        text = "odometry: it turns at no offset of its clock as the scans do: left out without --calibrate"
+        text = "odometry: it turns at no offset of its clock as the scans do: left out"
         told.append(("odometry-unfit", text))
     elif not c.fits and c.fit.stands:
         text = "lidar: by its scans it turns as the odometry does, but does not move: it sees the floor, or the robot"
@@ -91,7 +91,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         told.append(("odometry-unfit", text))
     x, y, yaw = mount_of(c, recording, certain)
     toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"
-    if c.fits and (wrong := WRONG.get((c.form, round(abs(c.quarter) / (np.pi / 2))))) is not None:
+    if c.fits and (wrong := about_form(c.form, c.quarter)) is not None:
         told.append(wrong)
     if c.mirrored and c.fits:
         told.append(("mirrored", _mirrored(c, toml)))
@@ -115,7 +115,9 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     moved = c.fits and turned.exceeds(YAW, TURNED_SIGMAS)
     if c.sweep is not None and c.sweep < 0:
         text = "lidar: by its scans beams are not measured in their order, but the last ones before the first: the fan "
-        text += "is turned round, or a part of each is of the turn before: turns are smeared"
+        text += (
+            "is turned round, has a part of the turn before, or a time_increment of the wrong sign: turns are smeared"
+        )
         told.append(("scans-unfit", text))
     elif c.sweep is not None and not moved:  # else it is of neither part
         stated, increment = sweep_seconds(recording, lidar), c.sweep / (lidar.ranges.shape[1] - 1)
@@ -159,7 +161,9 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
             if sized["effective_track"] != wheels.effective_track:
                 text += f", effective_track = {sized['effective_track']:.4g}"
         else:
-            text += "If ranges are, the odometry's x and y are to be multiplied by it; if not, the ranges divided"
+            text += (
+                f"If ranges are, multiply the odometry's x and y by {scale.value:.4f}; if not, divide the ranges by it"
+            )
         told.append(("range-scale", text))
     change = c.fit.change
     if c.fits and change.exceeds(CHANGE, CHANGE_SIGMAS):
@@ -173,9 +177,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         told.append(("range-change", f"{text}before, or more, by scans from other places: the map has walls twice"))
     if (turns := certain.get("turns")) is not None:
         text = f"odometry: robot turns {_percent(turns)} odometry does: "
-        why = "its track is wrong, or its angles no radians"
-        if scale is not None and recording.encoders is not None:
-            why = "it is mended with its lengths"
+        as_long = scale is not None and recording.encoders is not None
+        why = "it is mended with its lengths" if as_long else "its track is wrong, or its angles no radians"
         if recording.imu is not None and recording.encoders is not None and c.gyro:
             rates = np.abs(recording.imu.angular_velocity[:, 2])
             most, why = float(rates.max()), "the gyro's rates are no rad/s"
@@ -205,7 +208,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text += f"{1000 * (-drift.value - WITHIN * drift.deviation):+.2f} to "
         text += f"{1000 * (-drift.value + WITHIN * drift.deviation):+.2f}"
         told.append(("clock-drift", text))
-    if c.uneven:
+    if c.uneven and c.correlation:
         text = f"lidar: its stamps run about {1000 * -c.uneven:+.0f} ms a second against the odometry's, as no clock "
         text += "does, or not steadily: were they counted, or scans lost? Motions, and with them the map, are wrong by "
         told.append(("other-clock", f"{text}as much"))

@@ -35,7 +35,7 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
     """
     expect_type(calibration, Calibration, "calibration", "calibrate(recording) gives one, if the robot turns enough")
     c, lidar = calibration, recording.lidar
-    if side is None and lidar is not None and not c.correlation:
+    if lidar is not None and not c.correlation:
         return recording.replace(encoders=None, imu=None, odometry=None, lidar=replace(lidar, odometry=None))
     recording = recording if c.step is None else c.step.undone(recording)
     recording = recording if c.gyro else recording.replace(imu=None)

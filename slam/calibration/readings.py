@@ -26,7 +26,7 @@ _COMPASS = (
     "odometry: its headings turn clockwise, and count from another direction than its own path, as a compass's do, or "
     "as if z and w of a quaternion were exchanged",
 )
-WRONG = {
+_WRONG = {
     ("turns", 0): ("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
     ("y", 0): ("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
     ("path", 0): (
@@ -42,6 +42,15 @@ WRONG = {
 """The code and the text of the forms of odometry poses that are not as stated, by the quarters of a turn."""
 
 
+def about_form(form: str, offset: float) -> tuple[str, str] | None:
+    """The code and the text of odometry poses in one of the `FORMS`, with an angle [rad] added to its headings."""
+    quarters = abs(offset) / (np.pi / 2)
+    if quarters % 1:
+        text = f"odometry: its headings are {np.degrees(abs(offset)):.0f} degrees off the way that it drives"
+        return "odometry-headings", text
+    return _WRONG.get((form, round(quarters)))
+
+
 def in_form(path: OdometryPath, form: str, quarter: float = 0.0) -> OdometryPath:
     """A path read in one of the `FORMS`, with an angle [rad] added to its headings."""
     x, y, heading = path.poses.T
@@ -54,17 +63,22 @@ def in_form(path: OdometryPath, form: str, quarter: float = 0.0) -> OdometryPath
     return OdometryPath(path.stamps, np.stack((x, y, heading + quarter), axis=1))
 
 
-def quarter_turn(poses: Array, aside: float, form: str) -> float:
-    """The quarter turn by which headings of a path [n, 3] are off, 0 if the lidar may be: it is aside by an angle.
+def heading_offset(poses: Array, aside: float, form: str) -> float:
+    """By how much headings of a path [n, 3] are off [rad], 0 if the lidar may be: it is aside by an angle.
 
-    Headings that are wrong in their ``form``, too, may be off by a half turn, as of a quaternion's z and w exchanged.
+    It is if by its headings the odometry drives aside all the time, by as much. A quarter turn is taken for a whole
+    one. Headings that are wrong in their ``form``, too, may be off by a half turn, as of a quaternion's z and w
+    exchanged.
     """
     half = form != "stated" and abs(aside) > np.pi * 3 / 4
     quarter = np.pi if half else float(np.copysign(np.pi / 2, aside))
     steps = np.diff(poses[:, 0] + 1j * poses[:, 1]) * np.exp(-1j * poses[:-1, 2])
     way, total = complex(steps.sum()), float(np.abs(steps).sum())
-    one_way = abs(way) > AHEAD * total and abs(float(se2.wrap(np.angle(way) - quarter))) < np.pi / 4
-    return quarter if abs(float(se2.wrap(aside - quarter))) < QUARTER and one_way else 0.0
+    angle, one_way = float(np.angle(way)), abs(way) > AHEAD * total
+    if one_way and abs(se2.wrap(aside - quarter)) < QUARTER and abs(se2.wrap(angle - quarter)) < np.pi / 4:
+        return quarter
+    alike = form == "stated" and abs(aside) > QUARTER and abs(se2.wrap(aside - angle)) < QUARTER / 2
+    return angle if one_way and alike else 0.0
 
 
 def _along(poses: Array) -> Array:

@@ -115,6 +115,7 @@ def test_an_outsized_image_is_refused_before_it_is_unpacked(tmp_path: Path) -> N
         ([205, 254], {"occupied_thresh": 1.0}, ""),  # a map of nothing but free space
         ([0, 100, 205, 254], {"free_thresh": 0.25}, ""),  # other greys: a map of somebody else
         ([0, 205, 254], {"free_thresh": 0.25, "mode": "raw"}, "6 of 9 cells have greys from 101 to 254"),
+        ([0, 207, 254], {}, "grey 207, next to 205, which map_saver writes for unknown, is read as free"),
         ([0, 206, 205, 254], {}, "grey 206, next to 205, which map_saver writes for unknown, is read as free"),
     ],
 )

@@ -257,6 +257,8 @@ def choose_odometry(tables: Sequence[Table], topic: str, frame: str, frames: mot
             frames.bag.tell(code, names, what, len(left))
     candidates = [table for table in tables if table not in truth and table not in others]
     candidates.sort(key=rank, reverse=True)
+    if candidates and not beside(name := candidates[0].topic.name, topic):
+        frames.bag.tell("other-robot", name, f"used, but of another namespace than {topic}: is it of another robot?")
     left_aside(frames.bag, "odometry", candidates)
     return candidates[:1]
 

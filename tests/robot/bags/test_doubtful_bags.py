@@ -206,6 +206,17 @@ def test_the_odometry_is_that_of_the_lidars_robot_and_never_the_truth(
     assert (named.odometry.poses[:, 0] == 9.0).all()
 
 
+@pytest.mark.parametrize(("namespace", "told"), [("/a", []), ("/b", ["other-robot"])])
+def test_the_only_odometry_is_used_and_told_where_it_is_of_another_namespace(
+    tmp_path: Path, namespace: str, told: list[str]
+) -> None:
+    topics = {"/odom": f"{namespace}/odom", "/scan": "/a/scan"}
+    events = [replace(event, topic=topics.get(event.topic, event.topic)) for event in drive()]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert codes(recording) == told
+    assert len(recording.odometry) == 20
+
+
 def test_of_two_odometries_the_one_with_a_covariance_is_read_and_the_choice_told(tmp_path: Path) -> None:
     measured = list(drive())
     for event in measured:

@@ -472,6 +472,7 @@ SIDES: dict[str, tuple[Fault, str, str, str]] = {
     "x": (poses(lambda p: p * (-1, 1, 1)), "y", "odometry-signs", "odometry"),
     "none": (poses(lambda p: p * (1, 1, 0)), "path", "odometry-headings", "odometry"),
     "quarter": (poses(lambda p: p + np.array((0, 0, np.pi / 2))), "stated", "odometry-headings", "odometry"),
+    "aside": (poses(lambda p: p + np.array((0, 0, np.radians(35)))), "stated", "odometry-headings", "odometry"),
     "z and w": (poses(lambda p: (0, 0, np.pi) + p * (1, 1, -1)), "turns", "odometry-headings", "odometry"),
     "mirrored, gyro": (lambda r: MIRRORED(r).replace(imu=r.imu), "stated", "mirrored", "odometry"),
     "beams": (REVERSED, "stated", "mirrored", "lidar"),
