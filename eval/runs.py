@@ -247,7 +247,8 @@ def also_of(columns: Mapping[str, Sequence[Row]], axis: str) -> str:
     text = "wheels, gyro and speed of a platform may differ, too"
     if unlike(far.values()):
         by = driven_by(row for rows in columns.values() for row in rows)
-        text += f"; driven by {by}: {', '.join(f'{name} {number(metres)} m' for name, metres in far.items() if metres)}"
+        ways = [f"{name} {number(metres)} m" for name, metres in far.items() if metres]
+        text += f"; way driven, by {by}: {', '.join(ways)}"
     return text if axis == "platform" else ""
 
 

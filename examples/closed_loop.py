@@ -36,7 +36,8 @@ def main(folder: Path = Path()) -> float:
         if len(readings[-1].lidar):
             command = controller(readings[-1])
         readings.append(simulator.step(*command))
-    # moteslam.write_recording("drive.toml", simulator.recording(readings)) keeps it, for `moteslam replay`
+    # moteslam.write_recording("drive.toml", simulator.recording(readings)) keeps it, for `moteslam replay`, and
+    # moteslam.write_tum("truth.tum", simulator.truth) beside it the truth, which scores that
 
     truth = simulator.truth
     figure, axes = plt.subplots(figsize=(6, 6), layout="constrained")

@@ -4,7 +4,8 @@
 
 To the power 0 all particles weigh the same: no scan chooses among them, and the path is several times as far off. The
 scores differ by a few per cent, so that the effective number of particles stays near their number; that is enough here.
-To the 20th power half as many are effective, and the path is no better. (As a key: ``score_exponent``.)
+To the 20th power half as many are effective, and the path of this short drive is no better. On whole drives the 64th is
+better (``docs/theory/paper.md``; as a key: ``score_exponent``).
 """
 
 from pathlib import Path

@@ -310,8 +310,8 @@ def _numbers(values: Any, dtype: type, count: int | None, field: str) -> NDArray
     if not sound or (count and not (np.isfinite(given).all() and (given.astype(dtype) == given).all())):
         whole = "whole " * (dtype is np.int64)
         shown = shortened(given.tolist() if given.ndim == 1 else values)
-        shown = str(list(given.shape)) if given.ndim > 1 and given.size else shown
-        raise InputError(f"{shown}, expected [{count or 'beams'}] {whole}numbers", field=field)
+        shown = f"shape {list(given.shape)}" if given.ndim > 1 and given.size else shown
+        raise InputError(f"{shown}, expected {count or 'a list of'} {whole}number{'s' * (count != 1)}", field=field)
     return given.astype(dtype)
 
 

@@ -148,7 +148,7 @@ def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str)
         places = grouped(groups, lambda each: str(each["group"].get("scenario"))).values()
         if any(unlike(each["driven_m"] for each in some) for some in places):
             by = " or ".join(sorted({each["driven_by"] for each in groups}))
-            columns.append([f"driven by {by} [m]", *(number(each["driven_m"]) for each in groups)])
+            columns.append([f"way driven, by {by} [m]", *(number(each["driven_m"]) for each in groups)])
         few = form != "csv" and all(each["runs"] < FEWEST for each in groups)
         several = any(each["runs"] > 1 for each in groups)
         for name, shown in titles.items():

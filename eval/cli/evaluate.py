@@ -288,7 +288,8 @@ def _errors(row: Row) -> Rows:
             if (found := error.get(what)) is not None:
                 fit, factor = fitting(unit, [found["rmse"]])
                 figures = [number(factor * found[each]) for each in STATISTICS]
-                table.append([f"{name} [{fit}]", str(found["count"]), *figures])
+                what_of = "heading" if what == "rotation_deg" and error is row["ate"] else name
+                table.append([f"{what_of} [{fit}]", str(found["count"]), *figures])
     return table
 
 

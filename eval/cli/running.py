@@ -219,7 +219,11 @@ def score_lines(figures: Figures) -> Iterator[str]:
     for name in ("precision", "recall"):
         if (share := number(figures, f"loops_{name}")) is not None:
             counts = figures["metrics"][f"loops_{name}"]
-            of = f"{counts['accepted']} accepted" if name == "precision" else f"{counts['possible']} possible"
+            of = (
+                f"{counts['accepted']} accepted"
+                if name == "precision"
+                else f"{counts['possible']} key scans back at a place"
+            )
             yield f"{name} of loops {100 * share:.1f} % of {of}"
 
 

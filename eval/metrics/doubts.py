@@ -65,8 +65,8 @@ def _lever_arm(estimate: Trajectory, reference: Trajectory, ate: AteResult, shar
     rmse, (x, y, z) = best
     if rmse < share * ate.rmse and ate.rmse - rmse > GAIN_METRES:
         flat, whose = abs(z) < GAIN_METRES, "estimate" if own else "reference"
-        text = f"an offset of x {x:.3f} m, y {y:.3f} m{'' if flat else f', z {z:.3f} m'} on the robot"
-        text += f", in the axes of the {whose}'s body, explains the ATE but for {length(rmse)}: lidar's and base's?"
+        text = f"the point at x {x:.3f} m, y {y:.3f} m{'' if flat else f', z {z:.3f} m'} on the robot, in the axes of "
+        text += f"the {whose}'s body, has an ATE of {length(rmse)}: is one path the lidar's, the other the base's?"
         option = f"{'' if own else 'exchange the files: '}--est-offset {x:.3f} {y:.3f} 0"
         mend = option if flat else f"add it, turned by each orientation, to the positions of the {whose}"
         yield rmse, Issue("lever-arm", f"{text} ({mend})")

@@ -275,7 +275,7 @@ def _draw_medians(
     aside = 0.2 * words
     axes.plot([first - aside, last + aside], [high, high], ls="")  # every panel has all places
     for place in [x for at, x in places.items() if all(at not in one or one[at].median is None for one in summed)]:
-        axes.text(place, 0.02, "-", transform=axes.get_xaxis_transform(), ha="center", size="x-large")
+        axes.text(place, 0.02, "none", transform=axes.get_xaxis_transform(), ha="center", size="small")
     for index, (line, groups) in enumerate(zip(lines, summed, strict=True)):
         having = [(value, x, groups[value]) for value, x in places.items() if value in groups]
         having = [(value, x, one) for value, x, one in having if one.median is not None]

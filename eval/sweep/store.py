@@ -231,7 +231,7 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Fac
             differ = [key for key in {**mine, **theirs} if mine.get(key) != theirs.get(key)]
             more, problem = differ == ["seeds"] and part == WHOLE, ""
             if differ and not more:
-                problem = f"is of another specification, by {', '.join(differ)}"
+                problem = f"differs in {', '.join(differ)} from what was run there"
             elif store.part != part:
                 problem = f"holds part {store.part}, not {part}"
             elif store.digest not in ("", digest(plan(SweepSpec.model_validate_json(store.spec), check=False))):

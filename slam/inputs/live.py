@@ -224,7 +224,8 @@ class LiveInputs(Inputs):
         """Let a scan wait for its turn."""
         lidar, row = self._lidar, np.array(ranges, np.float32)
         if row.shape != lidar.ranges.shape[1:]:
-            raise InputError(f"{list(row.shape)}, expected [{lidar.ranges.shape[1]}]", field="ranges")
+            shown = f"{len(row)} ranges" if row.ndim == 1 else f"shape {list(row.shape)}"
+            raise InputError(f"{shown}, expected {lidar.ranges.shape[1]}", field="ranges")
         self.arrives("lidar", stamp)
         if odometry is not None:
             self._expect_speed("lidar", stamp, *odometry[:2].tolist())

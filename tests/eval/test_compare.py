@@ -291,9 +291,9 @@ def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: Caps
         )
 
     far, alike = made("far.sweep", 4.0), made("alike.sweep", 9.0)
-    assert "driven by SLAM's path: ucsd 10.0 m, turtlebot3 4.00 m" in printed(capsys, "compare", far)
+    assert "driven, by SLAM's path: ucsd 10.0 m, turtlebot3 4.00 m" in printed(capsys, "compare", far)
     head, *lines = printed(capsys, "sweep", "show", far).splitlines()
-    assert "driven by SLAM's path [m]" in head
+    assert "driven, by SLAM's path [m]" in head
     assert [line.split()[-3] for line in lines[:4]] == ["10.0", "4.00"] * 2
     assert "driven" not in printed(capsys, "sweep", "show", alike)
     last = printed(capsys, "compare", alike).splitlines()[-1]
@@ -301,7 +301,7 @@ def test_robots_that_drove_other_distances_are_told(tmp_path: Path, capsys: Caps
     assert "wheels" not in printed(capsys, "compare", far, "--by", "scenario")
     assert printed(capsys, "compare", far, "--format", "csv").count("wheels") == 0
     text = page(gather([far]))
-    assert "driven by SLAM&#39;s path: ucsd 10.0 m, turtlebot3 4.00 m. The" in text
+    assert "driven, by SLAM&#39;s path: ucsd 10.0 m, turtlebot3 4.00 m. The" in text
     assert "all else the same" not in text
 
 

@@ -267,7 +267,7 @@ def test_three_shards_come_to_the_same(whole: Path, tmp_path: Path, capsys: Caps
         (["merge", *parts, "--out", str(tmp_path / "all.sweep")], "all.sweep: exists already"),
         ([str(spec), "--shard", "2/3", "--out", parts[0]], "holds part 1/3, not 2/3"),
         ([str(spec), "--out", parts[0]], "holds part 1/3, not 1/1"),
-        ([str(other), "--out", parts[0]], "of another specification, by vary"),
+        ([str(other), "--out", parts[0]], "differs in vary from what was run there"),
     ):
         assert problem in refused(capsys, "sweep", *line)
 
@@ -282,7 +282,7 @@ def test_more_seeds_are_added_and_no_run_is_lost(tmp_path: Path) -> None:
         with opened(file) as store:
             assert [row.known.get("final.ate") for row in store.rows()] == (found or [1.0, 2.0, None, None])
     other = written(tmp_path, text + "set = { slam.particles = 5 }\n")
-    with pytest.raises(OutputError, match="by seeds, configurations"):
+    with pytest.raises(OutputError, match="differs in seeds, configurations"):
         begin(file, other, read_spec(other), "1/1")
 
 
