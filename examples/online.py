@@ -34,7 +34,7 @@ def main(folder: Path = Path()) -> float:
     simulator = moteslam.Simulator(scenario, seed=0)
     slam = moteslam.OnlineSlam(scenario.platform, moteslam.resolve_config("default", ["particles=10"]))
     readings, command, path, behind = simulator.reset(), (0.0, 0.0), [], []
-    figure, (top, bottom) = plt.subplots(2, 2, figsize=(12, 5.8), layout="constrained", sharex=True, sharey=True)
+    figure, (top, bottom) = plt.subplots(2, 2, figsize=(12, 6.3), layout="constrained", sharex=True, sharey=True)
     for axes, moment in zip((*top, *bottom), (15, 30, 45, 60), strict=True):
         while simulator.seconds < moment:
             if len(readings.lidar):
@@ -53,7 +53,7 @@ def main(folder: Path = Path()) -> float:
     axes.set(xlim=(left - 0.5, right + 0.5), ylim=(low - 0.5, high + 0.5))
     figure.savefig(folder / "online.png", dpi=100)
     plt.close(figure)
-    print(f"{len(path)} poses, {1000 * np.median(behind):.0f} ms after their scans began")
+    print(f"{len(path)} poses, {1000 * np.median(behind):.0f} ms after their scans began (median)")
     estimate = slam.estimate()
     error = moteslam.absolute_trajectory_error(estimate.trajectory, simulator.truth).rmse
     print(f"online ATE {100 * error:.1f} cm")

@@ -45,7 +45,7 @@ def main(folder: Path = Path(), name: str = "corridor") -> dict[str, float]:
     figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
     for row, values in enumerate(errors.values()):
         axes.plot(100 * np.array(values), row + 0.1 * np.arange(len(values)), "o", alpha=0.7)
-    label = f"online ATE in {name} [cm], a point a seed"
+    label = f"online ATE in {name} [cm], one point per seed"
     axes.set(yticks=range(len(errors)), yticklabels=list(errors), xlabel=label, xlim=(0, None))
     figure.savefig(folder / "which_lidar.png", dpi=100)
     plt.close(figure)
