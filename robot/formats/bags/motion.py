@@ -189,11 +189,12 @@ class Frames:
         if tilt > TILTED and not is_given:
             problem = f"{frame} is tilted by {math.degrees(tilt):.0f} degrees in {base}, expected a level lidar"
             raise InputError(problem, file=self.bag.path, field=topic)
+        apart = f"has two parents that put it apart in {base}; the shorter way is taken, to x {pose[0, 3]:.3f}, "
         for code, is_so, what in (
             ("mount-unturned", any(edge.unset for edge in way), "by a quaternion of length 0: taken not to be turned"),
             ("mount-moves", any(edge.moves and not edge.static for edge in way), "changes; the first place is taken"),
             ("mount-corrected", any(edge.moves and edge.static for edge in way), "was given anew; the last is taken"),
-            ("mount-moves", is_apart, f"has two parents that put it apart in {base}; the shorter way is taken"),
+            ("mount-moves", is_apart, f"{apart}y {pose[1, 3]:.3f} m"),
             ("lidar-tilted", tilt > LEVEL, f"is tilted by {math.degrees(tilt):.1f} degrees; its scans count as level"),
         ):
             if is_so and not is_given:
