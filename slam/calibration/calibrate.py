@@ -96,9 +96,8 @@ class Calibration:
     # which one turns the wrong way by a third witness, the gyro, or wheels beside it; empty without
     wrong: Literal["", "lidar", "odometry", "gyro"]
     form: str  # of `FORMS`, the one that odometry poses fit the scans in
-    # what is to be added to the headings in that form [rad] where they point aside of
-    # their own path and of the lidar as it is stated, else 0
-    quarter: float
+    # what is to be added to its headings [rad] where they point aside of its path, and of the lidar as stated; else 0
+    heading_offset: float
     fit: Fit  # the mount and the rest; its clocks are one where they do not differ clearly
     correlation: float  # of the turns of scans and odometry
     clocks: Fit | None  # a fit with the difference of the clocks; None if the odometry is logged with the scans
@@ -225,11 +224,11 @@ def _calibrate(
     is_reversed = scans.mirror(lidar, _rates(scans, at, offset, drift)) if mirrored else False
     angle_scale, deviation, excess = scans.scale_angles()
     longer = scans.change_of_offset(excess[1])
-    best, quarter = fit(scans.pairs, at, (offset, drift), shared=logged), 0.0
+    best, added = fit(scans.pairs, at, (offset, drift), shared=logged), 0.0
     if not mirrored and recording.encoders is None:
         aside = float(se2.wrap(best.values[Parameter.YAW] - recording.platform.lidar.yaw))
-        quarter = heading_offset(in_form(path, form).poses, aside, form)
-        at = at_times(in_form(path, form, quarter))
+        added = heading_offset(in_form(path, form).poses, aside, form)
+        at = at_times(in_form(path, form, added))
     scans.refine(expected_motions(best.values, scans.first, scans.last, best.middle, at))
     scans.expect(GOOD)
     clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
@@ -245,7 +244,7 @@ def _calibrate(
             deviation = max(deviation, abs(angle_scale - 1))
     one = clocks if logged else fit(scans.pairs, at, (0.0, 0.0), shared=True)
     if logged:  # poses that are not of the scans that they are logged with come late by as much
-        turned = in_form(path, form, quarter)
+        turned = in_form(path, form, added)
         *began, _ = clock(scans.pairs, turned.stamps, np.unwrap(turned.poses[:, 2]), shared=False)
         clocks = fit(scans.pairs, at, (began[0], began[1]), shared=False)
     uneven, duration = float(clocks.values[Parameter.DRIFT]), float(np.ptp(lidar.stamps))
@@ -284,7 +283,7 @@ def _calibrate(
         mirrored=mirrored,
         wrong=wrong,
         form=form,
-        quarter=quarter,
+        heading_offset=added,
         fit=best,
         correlation=correlation,
         clocks=None if logged and shared else clocks,

@@ -91,7 +91,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         told.append(("odometry-unfit", text))
     x, y, yaw = mount_of(c, recording, certain)
     toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"
-    if c.fits and (wrong := about_form(c.form, c.quarter)) is not None:
+    if c.fits and (wrong := about_form(c.form, c.heading_offset)) is not None:
         told.append(wrong)
     if c.mirrored and c.fits:
         told.append(("mirrored", _mirrored(c, toml)))

@@ -55,8 +55,8 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side | None
             update={"lidar": recording.platform.lidar.model_copy(update={"x": x, "y": y, "yaw": yaw})}
         )
     )
-    if c.fits and (c.form, c.quarter) != ("stated", 0.0):
-        mended = mended.with_poses(lambda *path: in_form(OdometryPath(*path), c.form, c.quarter).poses)
+    if c.fits and (c.form, c.heading_offset) != ("stated", 0.0):
+        mended = mended.with_poses(lambda *path: in_form(OdometryPath(*path), c.form, c.heading_offset).poses)
     lidar = lidar_of(require_lidar(mended), c, certain)
     if c.sweep is not None and c.sweep >= 0 and side is not None:
         lidar = replace(lidar, time_increment=c.sweep / (lidar.ranges.shape[1] - 1))

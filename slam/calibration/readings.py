@@ -19,8 +19,8 @@ FORMS = ("stated", "turns", "y", "path")
 MOVES = 0.05
 """The direction of a path is taken over this distance [m]."""
 QUARTER, AHEAD = 0.15, 0.8
-"""A mount is a quarter turn off within the first [rad]; a path goes one way as seen by its headings where this share of
-it does."""
+"""A mount is a quarter turn off within the first [rad], and off by another angle only by more; a path goes one way as
+seen by its headings where this share of it does."""
 _COMPASS = (
     "odometry-headings",
     "odometry: its headings turn clockwise, and count from another direction than its own path, as a compass's do, or "
@@ -51,7 +51,7 @@ def about_form(form: str, offset: float) -> tuple[str, str] | None:
     return _WRONG.get((form, round(quarters)))
 
 
-def in_form(path: OdometryPath, form: str, quarter: float = 0.0) -> OdometryPath:
+def in_form(path: OdometryPath, form: str, offset: float = 0.0) -> OdometryPath:
     """A path read in one of the `FORMS`, with an angle [rad] added to its headings."""
     x, y, heading = path.poses.T
     if form == "turns":
@@ -60,7 +60,7 @@ def in_form(path: OdometryPath, form: str, quarter: float = 0.0) -> OdometryPath
         y = -y
     elif form == "path":
         heading = _along(path.poses)
-    return OdometryPath(path.stamps, np.stack((x, y, heading + quarter), axis=1))
+    return OdometryPath(path.stamps, np.stack((x, y, heading + offset), axis=1))
 
 
 def heading_offset(poses: Array, aside: float, form: str) -> float:
