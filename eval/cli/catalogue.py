@@ -22,7 +22,7 @@ def platforms(
     name: Annotated[str | None, arg("Print this robot as TOML, with every key.", "[NAME|FILE]")] = None,
     as_json: options.Json = False,
 ) -> None:
-    """List the bundled robots and their lidars, or print one of them as TOML.
+    """List the bundled robots, or print one of them as TOML.
 
     The TOML is a whole robot, from which you can make your own.
 
@@ -60,7 +60,7 @@ def platforms(
 
 
 def metrics(as_json: options.Json = False) -> None:
-    """List the metrics: unit, what they measure, where they are defined.
+    """List the metrics: what they measure, and their units.
 
     Metrics of trajectories are measured for the final and the online one and for dead reckoning, such as final.ate.
     Relative errors take any length, time or number of poses: rpe_2.5m, rpe_5s, rpe_10frames_rotation.

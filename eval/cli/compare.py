@@ -29,7 +29,7 @@ def compare(
     form: options.Format = "text",
     as_json: options.Json = False,
 ) -> None:
-    """Compare configurations, or robots, on the same scenarios and seeds, in pairs.
+    """Compare configurations or robots on the same seeds.
 
     Each is compared with the first: how often it is better, the median difference with its 95 % interval, and how
     probable so uneven wins would be between equals (sign test). A failed run loses against any other. Each scenario has
@@ -184,10 +184,10 @@ def report(
     force: options.ForceFile = False,
     as_json: options.Json = False,
 ) -> None:
-    """Make one HTML page of sweeps and result folders: tables, charts, and a player of the runs.
+    """Make one HTML page of sweeps and result folders.
 
-    It holds all that it shows and needs no network: open it in a browser, send it, print it. A player shows the runs of
-    result folders; of a sweep's runs only figures are kept.
+    It has tables and charts, holds all that it shows and needs no network: open it in a browser, send it, print it. A
+    player shows the runs of result folders; of a sweep's runs only figures are kept.
 
     \b
     Examples:

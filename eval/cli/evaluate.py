@@ -86,7 +86,7 @@ def evaluate(
     force: Annotated[bool, flag("--force", "Replace existing files of --save and --plot.")] = False,
     as_json: options.Json = False,
 ) -> None:
-    """Score trajectories by another one, by relations, or by the scans of their recording.
+    """Score trajectories by another one, relations, or scans.
 
     A trajectory as REF gives absolute and relative errors, hand-checked relations the mean and standard deviation of
     their errors. Several trajectories are scored side by side. Of EST and REF the one with more poses is interpolated

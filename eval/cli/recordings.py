@@ -47,7 +47,7 @@ def inspect(
     *,
     part: options.RecordingOptions,
 ) -> None:
-    """Print what a recording holds, what is measured of its sensors, and what is wrong with it.
+    """Print what a recording holds, and what is wrong with it.
 
     The column "platform" has what is stated of the recording's robot. Scans are compared with each other and with the
     odometry. What is certainly stated wrongly of lidar or odometry is a problem, with what mends it, and so is all that
@@ -189,7 +189,7 @@ def convert(
     *,
     part: options.RecordingOptions,
 ) -> None:
-    """Write a recording, a part of it, or a trajectory in another format.
+    """Write a recording or trajectory in another format.
 
     The ending of OUT gives the format: .log, .log.gz (carmen), .toml (csv, and .csv files beside it), .bag, .mcap.
     The folders rosbag2 and ucsd need --to. Trajectories, which are projected to the plane, have .tum, .kitti (and

@@ -138,7 +138,7 @@ def localize(
     part: RecordingOptions,
     run: SlamOptions,
 ) -> None:
-    """Find the robot in a known map and track it there; the map never changes.
+    """Find the robot in a known map, and track it there.
 
     The whole map is searched, in all headings, until one place is left. Until then, and where the scans contradict the
     map, the state is `lost`. Poses are in the frame of the map. A warning tells of a recording of another place.

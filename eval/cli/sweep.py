@@ -27,7 +27,7 @@ class RunByDefault(TyperGroup):
 
 app = typer.Typer(
     cls=RunByDefault,
-    help="Make many runs, over scenarios, recordings, robots, seeds and configurations, and sum them up. "
+    help="Make many runs, and sum them up. They are over scenarios, recordings, robots, seeds and configurations. "
     "`moteslam sweep SPEC.toml` is `moteslam sweep run SPEC.toml`: its options are in `moteslam sweep run --help`.",
     no_args_is_help=True,
     rich_markup_mode=None,

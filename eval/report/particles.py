@@ -109,8 +109,8 @@ def _draw_plan(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None
     axes.add_collection(LineCollection(list(paths[..., :2]), colors=style.PARTICLE, linewidths=0.6))
     style.draw_paths(axes, (mean, {"color": "black", "lw": 0.6, "label": "mean path"}), start=mean)
     axes.plot(*mean[cloud.partings, :2].T, "d", color=style.DEAD_RECKONING, ms=5, mew=0)
-    magnified = f"deviations magnified {factor} times; " * (factor > 1)
-    axes.set_title(f"{magnified}ellipses: 2 standard deviations")
+    title = "deviations, and ellipses of 2 standard deviations"
+    axes.set_title(f"{title}, magnified {factor} times" if factor > 1 else title)
     style.plan(axes)
     reach = factor * spread[places].max(axis=1, keepdims=True)
     around = [mean[places, :2] - reach, mean[places, :2] + reach]
