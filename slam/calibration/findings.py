@@ -161,9 +161,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
             if sized["effective_track"] != wheels.effective_track:
                 text += f", effective_track = {sized['effective_track']:.4g}"
         else:
-            text += (
-                f"If ranges are, multiply the odometry's x and y by {scale.value:.4f}; if not, divide the ranges by it"
-            )
+            text += f"If ranges are, multiply the odometry's x and y by {scale.value:.4f}; else divide the ranges by it"
         told.append(("range-scale", text))
     change = c.fit.change
     if c.fits and change.exceeds(CHANGE, CHANGE_SIGMAS):
@@ -176,7 +174,6 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"lidar: from about {c.longer.time:.0f} s on all ranges are {abs(c.longer.amount):.2f} m {side} than "
         told.append(("range-change", f"{text}before, or more, by scans from other places: the map has walls twice"))
     if (turns := certain.get("turns")) is not None:
-        text = f"odometry: robot turns {_percent(turns)} odometry does: "
         as_long = scale is not None and recording.encoders is not None
         why = "it is mended with its lengths" if as_long else "its track is wrong, or its angles no radians"
         if recording.imu is not None and recording.encoders is not None and c.gyro:
