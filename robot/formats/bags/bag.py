@@ -239,7 +239,9 @@ class Bag:
             parts.append(np.split(np.arange(len(table)), [near.get(one, order.searchsorted(one)) for one in edges]))
         used = 0
         if count > 1:
-            spans = [np.ptp(tables[0].stamps[rows]) / SECOND if len(rows) else 0.0 for rows in parts[0]]
+            first = tables[0]
+            stamps = [first.stamps[rows][~first.unset[rows]] for rows in parts[0]]
+            spans = [np.ptp(some) / SECOND if len(some) else 0.0 for some in stamps]
             used = int(np.argmax(spans)) if session is None else int(session) - 1
             lengths = ", ".join(f"{index} ({span:.1f} s)" for index, span in enumerate(spans[:8], 1))
             text = f"the clock was set {counted(len(edges), 'time')} in between: the sessions are {lengths}; session "

@@ -80,6 +80,14 @@ def test_a_clock_that_is_set_back_cuts_the_recording(
     np.testing.assert_allclose(recording.odometry.poses[:, 0], 0.1 * np.arange(scans), atol=1e-12)
 
 
+def test_stamps_of_zero_do_not_make_a_session_long(tmp_path: Path) -> None:
+    unset = [(stamped(scan(0.1 * i, np.full(5, 1.0)), 0.0), START - SECOND + i) for i in range(3)]
+    events, received = zip(*unset, *reset(4.0, 6.0), strict=True)
+    recording = open_recording(make_bag(tmp_path, events, "mcap", received=received))
+    assert "the sessions are 1 (3.9 s), 2 (5.9 s); session 2 is read" in recording.warnings[0].message
+    assert len(recording.lidar) == 60
+
+
 @pytest.mark.parametrize("kind", ["bag", "mcap"])
 def test_a_clock_that_is_set_back_by_less_than_a_second_cuts_all_streams(tmp_path: Path, kind: str) -> None:
     moves = [odometry(0.02 * i, (0.01 * i, 0.0, 0.0)) for i in range(1000)]
