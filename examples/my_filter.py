@@ -95,7 +95,7 @@ def main(folder: Path = Path()) -> dict[str, float]:
     for row, values in enumerate(errors.values()):
         axes.plot(100 * np.array(values), [row] * len(values), "o", alpha=0.7)
     axes.set(yticks=range(len(errors)), yticklabels=list(errors), xlim=(0, None))
-    axes.set(xlabel="ATE without later scans [cm], one point per seed")
+    axes.set(xlabel="ATE of the online path [cm], one point per seed")
     figure.savefig(folder / "my_filter.png", dpi=100)
     plt.close(figure)
     medians = {name: float(np.median(values)) for name, values in errors.items()}

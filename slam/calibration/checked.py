@@ -40,28 +40,26 @@ def _changes(recording: Recording, known: set[str]) -> tuple[Issue, ...]:
     stamps = [each for each in recording.stamps().values() if len(each)]
     duration = max(float(each[-1]) for each in stamps) - min(float(each[0]) for each in stamps)
 
-    def issues(begin: float, end: float) -> tuple[Issue, ...] | None:
-        found = _checked(cut(recording, Cut(begin, end)), FEW_PAIRS)[1]
+    def issues(time: float, *, before: bool) -> tuple[Issue, ...] | None:
+        found = _checked(cut(recording, Cut(end=time) if before else Cut(start=time)), FEW_PAIRS)[1]
         return None if found is None else found.issues
 
     for early in (True, False):  # which part is sound
-        good, bad = (0.0, duration) if early else (duration, 0.0)
-        begin = good
+        begin, bad = (0.0, duration) if early else (duration, 0.0)
+        good = begin
         for halving in range(1 + HALVINGS):
             tried = (good + bad) / 2
-            if (issues(0.0, tried) if early else issues(tried, duration)) == ():
+            if issues(tried, before=early) == ():
                 good = tried
             elif halving and good == begin:  # nor is a quarter
                 break
             else:
                 bad = tried
-        if good == begin:
-            continue
-        others = issues(good, duration) if early else issues(0.0, good)
+        others = issues(good, before=not early) if good != begin else None
         if not others or {issue.code for issue in others} <= known:
             continue
-        where = f"from about {good:.0f} s after its start on, not before (replay them apart, --start {good:.0f})"
-        if not early:
-            where = f"until about {good:.0f} s after its start, not later (replay them apart, --end {good:.0f})"
+        time = f"about {good:.0f} s after its start"
+        where = f"from {time} on, not before" if early else f"until {time}, not later"
+        where += f" (replay them apart, --{'start' if early else 'end'} {good:.0f})"
         return tuple(Issue("odometry-unfit", f"{where}: {issue.message}") for issue in others)
     return ()

@@ -21,11 +21,6 @@ MOVES = 0.05
 QUARTER, AHEAD = 0.15, 0.8
 """A mount is a quarter turn off within the first [rad], and off by another angle only by more; a path goes one way as
 seen by its headings where this share of it does."""
-_COMPASS = (
-    "odometry-headings",
-    "odometry: its headings turn clockwise, and count from another direction than its own path, as a compass's do, or "
-    "as if z and w of a quaternion were exchanged",
-)
 _WRONG = {
     ("turns", 0): ("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
     ("y", 0): ("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
@@ -34,12 +29,16 @@ _WRONG = {
         "odometry: its headings do not follow the way that it drives, and are of no use: are they in radians?",
     ),
     ("stated", 1): ("odometry-headings", "odometry: its headings are a quarter turn off the way that it drives"),
-    ("turns", 1): _COMPASS,
-    ("turns", 2): _COMPASS,
+    ("turns", 1): (
+        "odometry-headings",
+        "odometry: its headings turn clockwise, and count from another direction than its own path, as a compass's do, "
+        "or as if z and w of a quaternion were exchanged",
+    ),
     ("y", 1): ("odometry-signs", "odometry: its x and y are swapped against its own headings"),
     ("y", 2): ("odometry-signs", "odometry: its x has the wrong sign against its own headings"),
 }
-"""The code and the text of the forms of odometry poses that are not as stated, by the quarters of a turn."""
+"""The code and the text of the forms of odometry poses that are not as stated, by the quarters of a turn; headings that
+turn clockwise may count from anywhere."""
 
 
 def about_form(form: str, offset: float) -> tuple[str, str] | None:
@@ -48,7 +47,7 @@ def about_form(form: str, offset: float) -> tuple[str, str] | None:
     if quarters % 1:
         text = f"odometry: its headings are {np.degrees(abs(offset)):.0f} degrees off the way that it drives"
         return "odometry-headings", text
-    return _WRONG.get((form, round(quarters)))
+    return _WRONG.get((form, round(quarters) if form == "y" else min(round(quarters), 1)))
 
 
 def in_form(path: OdometryPath, form: str, offset: float = 0.0) -> OdometryPath:
