@@ -149,6 +149,13 @@ class Wheels(Section):
     # the track that explains how it turns [m]; a skid-steered robot's is larger than the drawn
     effective_track: Annotated[Number, Field(ge=0.001, le=100)]
 
+    @property
+    def sideways_ratio(self) -> float:
+        """Stiffness of the contact with the floor sideways over lengthwise, as the effective track shows it."""
+        if self.wheel_base == 0:
+            return 1.0
+        return (self.effective_track - self.track) * self.track / self.wheel_base**2
+
 
 class Body(Section):
     """The robot as a mass on its wheels."""

@@ -50,7 +50,7 @@ class Vehicle:
         hull.filter = pymunk.ShapeFilter(categories=ROBOT)
         self.space.add(self._body, hull)
         self._places = _places(wheels)
-        self._sideways = body.stiffness * _sideways_ratio(wheels)
+        self._sideways = body.stiffness * wheels.sideways_ratio
         self._half_track = wheels.effective_track / 2
         self._grip = body.grip * body.mass * GRAVITY / len(self._places)
         self._noise = noise
@@ -163,7 +163,7 @@ def check_body(platform: Platform) -> None:
     if body is None:
         raise ConfigError("none, expected the robot's masses and forces", field="platform.body")
     assert wheels is not None
-    ratio, places = _sideways_ratio(wheels), _places(wheels)
+    ratio, places = wheels.sideways_ratio, _places(wheels)
     arm = sum(ratio * x**2 + y**2 for x, y in places)
     softest = min(body.wheel_mass, body.mass / len(places) / max(ratio, 1.0), _inertia(body, platform) / arm)
     stiffest = softest * PHYSICS_RATE / 2
@@ -177,13 +177,6 @@ def check_body(platform: Platform) -> None:
 def _inertia(body: Body, platform: Platform) -> float:
     """Of a homogeneous rectangle about its centre [kg m^2]."""
     return body.mass * (platform.length**2 + platform.width**2) / 12
-
-
-def _sideways_ratio(wheels: Wheels) -> float:
-    """Stiffness of the wheels' contact sideways over lengthwise, from the effective track (see above)."""
-    if wheels.wheel_base == 0:
-        return 1.0
-    return (wheels.effective_track - wheels.track) * wheels.track / wheels.wheel_base**2
 
 
 def _places(wheels: Wheels) -> tuple[tuple[float, float], ...]:

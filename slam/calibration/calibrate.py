@@ -1,6 +1,7 @@
 """A recording held against itself: what its lidar and its odometry are, as pairs of scans show it."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -9,29 +10,32 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Array
-from moteslam.robot.sensor_reports import turns
 from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.hand_eye import (
     CLOCKS,
     MOST_DRIFT,
     MOUNT,
-    Change,
+    SLIP,
     Fit,
-    Pairs,
     Parameter,
     Path,
     clock,
     expected_motions,
     fit,
 )
+from moteslam.slam.calibration.parts import Change
 from moteslam.slam.calibration.readings import (
+    AGREES,
+    AGREES_LOGGED,
     FORMS,
     at_times,
     clock_steps,
+    expected_slip,
     heading_offset,
     in_form,
     lag_of_wheels,
     without_lag,
+    wrong_way,
 )
 from moteslam.slam.calibration.registered import GOOD, TURNING, RegisteredPairs, best_scale, choose_pairs
 from moteslam.slam.calibration.unmeasured import (
@@ -53,8 +57,6 @@ NEARER = 1 / 3
 """Where scans do not fit, pairs this much nearer are tried: odometry that is too short takes scans too far apart."""
 FAR_OFF, TURNS_OFF = 0.1, 0.2
 """Angles, or turns by odometry over the scans', that differ by more may be one of several minima: others are tried."""
-AGREES, AGREES_LOGGED = 0.6, 0.35
-"""Turns of scans and odometry that correlate less are not of the same motion: with clocks to be found, and without."""
 BETTER, EVIDENCE = 0.4, 60.0
 """Odometry is read in another way where that costs less than this share, and over all pairs less by this much."""
 EXPLAINED = 0.6
@@ -212,41 +214,43 @@ def _in_some_reading(recording: Recording, lidar: LidarStream, pairs: int) -> Ca
 def _calibrate(
     recording: Recording, lidar: LidarStream, path: OdometryPath, scans: RegisteredPairs
 ) -> Calibration | None:
-    logged = lidar.odometry is not None
+    logged, slip = lidar.odometry is not None, expected_slip(recording.platform)
+    fitted = partial(fit, slip=slip)
     scans.expect(GOOD / 2)
     if scans.pairs.motions[:, 2].std() < TURNING:
         return None
-    scans.expect_one_way(path, lambda part: _wrong(recording, part))
+    scans.expect_one_way(path, lambda part: wrong_way(recording, part))
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
     form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
     at = at_times(in_form(path, form))
-    wrong = _wrong(recording, scans.pairs) if mirrored else ""
+    wrong = wrong_way(recording, scans.pairs) if mirrored else ""
     is_reversed = scans.mirror(lidar, _rates(scans, at, offset, drift)) if mirrored else False
     angle_scale, deviation, excess = scans.scale_angles()
     longer = scans.change_of_offset(excess[1])
-    best, added = fit(scans.pairs, at, (offset, drift), shared=logged), 0.0
+    best, added = fitted(scans.pairs, at, (offset, drift), shared=logged), 0.0
     if not mirrored and recording.encoders is None:
         aside = float(se2.wrap(best.values[Parameter.YAW] - recording.platform.lidar.yaw))
         added = heading_offset(in_form(path, form).poses, aside, form)
         at = at_times(in_form(path, form, added))
-    scans.refine(expected_motions(best.values, scans.first, scans.last, best.middle, at))
+    rates = _rates(scans, at, *best.values[CLOCKS], turns=best.values[Parameter.TURNS])
+    scans.refine(expected_motions(best.values, scans.first, scans.last, best.middle, at), rates)
     scans.expect(GOOD)
-    clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
+    clocks = fitted(scans.pairs, at, (offset, drift), shared=logged)
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged
     if abs(angle_scale - 1) > ANGLES:
         witness = scans.stated()
-        as_stated = fit(witness.pairs, at, (offset, drift), shared=logged)
+        as_stated = fitted(witness.pairs, at, (offset, drift), shared=logged)
         better = scans.fits_better(witness)
         beside = wheels_alone or scans.sees_both_sides(recording.platform.lidar.yaw)
         borne_out = better is not False if clocks.cost <= EXPLAINED * as_stated.cost else better and beside
         if not borne_out or abs(angle_scale - 1) <= SIGMAS * deviation:
             scans, clocks, excess = witness, as_stated, (excess[0], max(excess[1], abs(excess[0])))
             deviation = max(deviation, abs(angle_scale - 1))
-    one = clocks if logged else fit(scans.pairs, at, (0.0, 0.0), shared=True)
+    one = clocks if logged else fitted(scans.pairs, at, (0.0, 0.0), shared=True)
     if logged:  # poses that are not of the scans that they are logged with come late by as much
         turned = in_form(path, form, added)
         *began, _ = clock(scans.pairs, turned.stamps, np.unwrap(turned.poses[:, 2]), shared=False)
-        clocks = fit(scans.pairs, at, (began[0], began[1]), shared=False)
+        clocks = fitted(scans.pairs, at, (began[0], began[1]), shared=False)
     uneven, duration = float(clocks.values[Parameter.DRIFT]), float(np.ptp(lidar.stamps))
     leaps = abs(uneven) > max(MOST_DRIFT, SIGMAS * clocks.deviations[Parameter.DRIFT])
     clocks = one if leaps else clocks  # no clock drifts so
@@ -254,7 +258,7 @@ def _calibrate(
     shared = not (differ and clocks.cost < EXPLAINED * one.cost)
     steady = abs(uneven) * duration <= 2 * LATE_WHEELS if leaps else not (differ and shared)
     if shared and logged:
-        clocks, lead = one, fit(scans.pairs, at, (0.0, 0.0), shared=True, lead=WHEELS_LEAD)
+        clocks, lead = one, fitted(scans.pairs, at, (0.0, 0.0), shared=True, lead=WHEELS_LEAD)
         for values, known in ((one.values, lead.values), (one.deviations, lead.deviations)):
             values[MOUNT] = known[MOUNT]
     late: Literal["", "gyro", "encoders"] = ""
@@ -262,7 +266,8 @@ def _calibrate(
     began_as_one = abs(start) < (LATE_WHEELS if wheels_alone else LATE)
     if wheels_alone and began_as_one and not leaps:
         # the body follows its wheels late, and in turns aside, by about the same time
-        clocks = fit(scans.pairs, at, (offset, drift), shared=False, slip=max(-start, 0.0))
+        slip = (max(-start, 0.0), SLIP[1]) if slip == SLIP else slip
+        clocks = fitted(scans.pairs, at, (offset, drift), shared=False, slip=slip)
     best = one if shared and not (logged or wheels_alone) else clocks._replace(values=clocks.values.copy())
     if not shared and began_as_one:
         best.values[Parameter.OFFSET] -= start
@@ -303,18 +308,6 @@ def _clocks_differ(found: Fit, duration: float, *, wheels_alone: bool) -> bool:
     late = abs(offset) > max(LATE_WHEELS if wheels_alone else LATE, SIGMAS * about_offset)
     drifts = abs(drift) > max(DRIFT, SIGMAS * about_drift)
     return bool(late or (drifts and abs(drift) * duration > LATE))
-
-
-def _wrong(recording: Recording, pairs: Pairs) -> Literal["", "lidar", "odometry", "gyro"]:
-    """Which of scans and odometry turns the wrong way, by a third that turns: the gyro, or wheels beside a gyro."""
-    found = turns(recording)
-    if len(found) < 2 or "imu" not in found:
-        return ""
-    other: Literal["odometry", "gyro"] = "gyro" if "encoders" in found else "odometry"
-    *_, correlation = clock(pairs, *found["encoders" if other == "gyro" else "imu"], shared=False)
-    if abs(correlation) < AGREES:
-        return ""
-    return "lidar" if correlation < 0 else other
 
 
 def _rates(scans: RegisteredPairs, at: Path, offset: float, drift: float, *, turns: float = 1) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from moteslam.robot import se2
 from moteslam.robot.platform import Wheels
 from moteslam.robot.se2 import Array
 from moteslam.robot.sensor_reports import agreement
+from moteslam.slam.calibration.parts import FEWEST, Change, clearest_change, parts_of, robust_mean
 
 Path = Callable[[Array], Array]
 """Gives the odometry's poses [m, 3] at times [m] [s]."""
@@ -23,12 +24,14 @@ FLOOR = np.array([0.004, 0.004, 0.003, 0.007, 0.01, 0.0, 0.01, 0.0])
 """Standard deviations are no smaller: what the model leaves out, slip and the shape of walls."""
 ODOMETRY = (0.005, 0.03, 0.01, 0.1)
 """Deviation of its lengths [m], per metre, of its turns [rad], per radian: those of `CalibrationConfig`."""
-PRIOR = np.array([1.0, 1.0, 1.0, 0.3, 0.3, 0.03, 1.0, 0.01])
+SLIP = (0.0, 0.03)
+"""How far wheels of which nothing is known slip outwards in a turn, over speed and turn, and its deviation [s]."""
+PRIOR = np.array([1.0, 1.0, 1.0, 0.3, 0.3, SLIP[1], 1.0, 0.01])
 """Standard deviations about where the fit begins, the mount about none."""
 UNMEASURED = 1.0
 """Variance from which on a length counts as not measured [m^2]."""
-FEWEST, LONG_ENOUGH = 15, 0.1
-"""Fewer pairs that measure a length give no ratio; one of a pair alone is of lengths from the second on [m]."""
+LONG_ENOUGH = 0.1
+"""A ratio of a pair alone is of lengths from this on [m]."""
 NEARLY = 0.2
 """A pair that turns by less is nearly straight [rad]."""
 ASIDE, CURLS = 0.05, 0.1
@@ -40,13 +43,12 @@ SCATTER = 0.75
 STANDS = 0.05
 """A lidar stands whose lengths are known to a larger share of them alone; those by odometry in other units are known to
 a percent."""
+RATE = 0.05  # The rate of a turn is taken over this time [s]
 SHARPENING = 6
 """Steps by the noise of lengths and turns that the residuals show."""
 STRAIGHT = 0.07
 """A pair that turns by this much counts half of a straight one for the ratio of lengths [rad]: in turns wheels slip
 lengthways, too, of a robot that is steered by skidding by 1 %."""
-BLOCKS = 25
-"""Parts of a recording whose scatter gives the deviations."""
 MEDIAN = 0.6745
 """Of the size of a normal variate of unit variance."""
 MEDIAN_OF_3 = 2.366
@@ -96,31 +98,6 @@ class Pairs(NamedTuple):
         return float(self.first.min() + np.ptp(self.first) / 2)
 
 
-class Change(NamedTuple):
-    """From a time on [s] a figure is larger by an amount, with its deviation."""
-
-    time: float = 0.0
-    amount: float = 0.0
-    deviation: float = 1.0
-
-    def exceeds(self, least: float, sigmas: float) -> bool:
-        """Whether the amount does, and as many standard deviations."""
-        return abs(self.amount) > max(least, sigmas * self.deviation)
-
-
-def clearest_change(first: Array, estimate: Callable[[NDArray[np.bool_]], tuple[float, float]]) -> Change:
-    """Of those at the eighths of pairs that begin at times [k] [s]; ``estimate`` gives a figure of some of the pairs,
-    which are those of a mask [k], and its deviation.
-    """
-    found = Change()
-    for time in np.quantile(first, np.arange(1, 8) / 8).tolist():
-        (before, about_before), (after, about_after) = (estimate(some) for some in (first < time, first >= time))
-        change = Change(time, after - before, float(np.hypot(about_before, about_after)))
-        if abs(change.amount) / change.deviation > abs(found.amount) / found.deviation:
-            found = change
-    return found
-
-
 class Fit(NamedTuple):
     # [8] by ``Parameter``; clocks as the time that the odometry's stamps are late by [s], and how that changes [s/s]
     values: Array
@@ -162,13 +139,20 @@ def clock(pairs: Pairs, stamps: Array, headings: Array, *, shared: bool) -> tupl
 
 
 def fit(
-    pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, slip: float = 0.0, lead: float = 0.0
+    pairs: Pairs,
+    path: Path,
+    clocks: tuple[float, float],
+    *,
+    shared: bool,
+    slip: tuple[float, float] = SLIP,
+    lead: float = 0.0,
 ) -> Fit:
     """Fit a lidar to odometry: iterated weighted least squares, with the deviations of a clustered sandwich.
 
     Turns by odometry are regressed on those by scans, which are far better: the other way round their noise would pass
     for a scale (attenuation). How large it is the residuals say. A ``shared`` clock is not estimated, but by about a
-    ``lead`` the wheels may turn before the robot does, all the same [s]; ``slip`` is expected [s].
+    ``lead`` the wheels may turn before the robot does, all the same [s]; ``slip`` is expected, and its deviation [s]:
+    where a drive is as fast in all turns, it passes for a lidar farther ahead.
     """
 
     def residuals(p: Array) -> Array:
@@ -177,7 +161,7 @@ def fit(
         apart[:, 2] = p[Parameter.TURNS] * se2.wrap(apart[:, 2])  # of turns by odometry
         return apart
 
-    p = np.array([0.0, 0.0, 0.0, 1.0, 1.0, slip, *clocks])
+    p = np.array([0.0, 0.0, 0.0, 1.0, 1.0, slip[0], *clocks])
     stated = expected_motions(p, pairs.first, pairs.last, pairs.middle, path)
     p[Parameter.YAW], p[Parameter.LENGTHS] = _direction(pairs, stated)
     per_length, per_turn = np.hypot(stated[:, 0], stated[:, 1]), np.abs(pairs.motions[:, 2])
@@ -187,6 +171,7 @@ def fit(
     free = np.ones(len(Parameter), bool)
     free[CLOCKS] = not shared
     deviations = PRIOR.copy()
+    deviations[Parameter.SLIP] = slip[1]
     if lead:
         free[Parameter.OFFSET], deviations[Parameter.OFFSET] = True, lead
     prior, begin = np.diag(np.where(free, 1 / deviations**2, 1e12)), p
@@ -210,6 +195,7 @@ def fit(
         more = (np.median(np.abs(apart[:, 2])) / MEDIAN) ** 2 - np.median(of_turns) ** 2
         noise[:, 2] = np.sqrt(of_turns**2 + max(more, 0.0))
         p, square, robust, gradient, normal = step(p, apart, noise)
+    spread, inverse = _sandwich(normal, gradient)
     if not shared:  # a drift is a matter of milliseconds: lengths and turns by what each of them is worth here
         sharp = p
         for _ in range(SHARPENING):
@@ -217,11 +203,11 @@ def fit(
             variance = np.einsum("kii->ki", pairs.covariances) + noise**2
             size = np.abs(apart) / np.sqrt(variance)
             worth = [np.median(each) / MEDIAN for each in (size[:, :2][variance[:, :2] < UNMEASURED], size[:, 2])]
-            sharp, *_ = step(sharp, apart, noise * np.maximum(np.take(worth, (0, 0, 1)), 0.02))
-        p[Parameter.DRIFT] = sharp[Parameter.DRIFT]
-    inverse = np.linalg.inv(normal)
-    parts = parts_of(gradient)
-    spread = inverse @ (parts.T @ parts) @ inverse
+            sharp, _, _, gradient, normal = step(sharp, apart, noise * np.maximum(np.take(worth, (0, 0, 1)), 0.02))
+        by_turns, about = _drift_by_turns(pairs, sharp, path)
+        by_both = float(_sandwich(normal, gradient)[0][Parameter.DRIFT, Parameter.DRIFT])
+        share = about / (about + by_both)
+        p[Parameter.DRIFT] = share * sharp[Parameter.DRIFT] + (1 - share) * by_turns
     deviations = np.hypot(np.sqrt(np.maximum(np.diag(spread), np.diag(inverse))), FLOOR)
     late = FLOOR[Parameter.OFFSET] / max(float(np.ptp(pairs.first)) / 2, 1.0)  # between the middle and the ends
     deviations[Parameter.DRIFT] = np.hypot(deviations[Parameter.DRIFT], late)
@@ -249,11 +235,11 @@ def fit(
 
     def yaw(some: NDArray[np.bool_]) -> tuple[float, float]:
         values, weights = aside[some[known]], straight[some[known]]
-        mean, deviation = _robust_mean(values, weights, ASIDE, FLOOR[Parameter.YAW])
+        mean, deviation = robust_mean(values, weights, ASIDE, FLOOR[Parameter.YAW])
         return mean, float(np.hypot(deviation, SCATTER * np.median(abs(values - mean)))) if len(values) else deviation
 
     rates = se2.wrap(expected[:, 2] - pairs.motions[:, 2])[known] / np.abs(base[known])
-    curl = _robust_mean(rates, straight, CURLS, 0.0)
+    curl = robust_mean(rates, straight, CURLS, 0.0)
     change, turned = (clearest_change(pairs.first, of) for of in (log_ratio, yaw))
     scatter = float(np.median(abs(aside - np.median(aside)))) if len(aside) >= 2 * FEWEST else 0.0
     return Fit(p, deviations, mean, pairs.middle, change, turned, curl, scatter)
@@ -292,6 +278,35 @@ def _direction(pairs: Pairs, odometry: Array) -> tuple[float, float]:
     return float(np.angle(middle)), float(np.clip(1 / max(abs(middle), 1e-3), 0.01, 100))
 
 
+def _drift_by_turns(pairs: Pairs, p: Array, path: Path) -> tuple[float, float]:
+    """The drift of the clocks by turns alone [s/s], and its variance, from parameters that are nearly right.
+
+    Wheels that lead the robot, or slip, move lengths against turns, which the gyro knows to milliradians.
+    """
+    which = [Parameter.OFFSET, Parameter.DRIFT, Parameter.TURNS]
+    begin = q = p[which]
+    prior, since, scans, h = np.diag(1 / PRIOR[which] ** 2), pairs.first - pairs.middle, pairs.motions[:, 2], RATE / 2
+    for _ in range(SHARPENING):
+        began, ended = (time + q[0] + q[1] * (time - pairs.middle) for time in (pairs.first, pairs.last))
+        apart = se2.wrap(q[2] * scans - (path(ended) - path(began))[:, 2])
+        faster = (path(ended + h) - path(ended - h) - path(began + h) + path(began - h))[:, 2] / RATE
+        jacobian = np.stack((faster, faster * since, -scans), axis=1)
+        usual = max(float(np.median(np.abs(apart))) / MEDIAN, 1e-5)
+        weighted = jacobian / (usual**2 * (1 + (apart / usual / TAIL) ** 2))[:, None]
+        normal, gradient = weighted.T @ jacobian + prior, weighted * apart[:, None]
+        q = q + np.linalg.solve(normal, gradient.sum(axis=0) - prior @ (q - begin))
+    return float(q[1]), max(float(each[1, 1]) for each in _sandwich(normal, gradient))
+
+
+def _sandwich(normal: Array, gradient: Array) -> tuple[Array, Array]:
+    """The covariance [p, p] of parameters as parts of a recording scatter, and as the normal matrix has it.
+
+    Of a normal matrix [p, p] and gradients of pairs [k, p].
+    """
+    inverse, parts = np.asarray(np.linalg.inv(normal), np.float64), parts_of(gradient)
+    return np.asarray(inverse @ (parts.T @ parts) @ inverse), inverse
+
+
 def _ratio_of_lengths(pairs: Pairs, expected: Array, robust: Array) -> tuple[float, float]:
     """The ratio of lengths by the scans to expected ones, with its deviation.
 
@@ -325,19 +340,3 @@ def _ratio_of_lengths(pairs: Pairs, expected: Array, robust: Array) -> tuple[flo
     if abs(ratio - middle) > abs(ratio - 1) / 2:  # it is of a few pairs, along a corridor perhaps
         deviation = max(deviation, abs(ratio - middle))
     return ratio, deviation
-
-
-def _robust_mean(values: Array, weights: Array, scale: float, floor: float) -> tuple[float, float]:
-    """The mean of values [k], of which those count less that are farther than ``scale`` from it; and its deviation."""
-    if len(values) < FEWEST:
-        return 0.0, np.inf
-    mean = float(np.median(values))
-    for _ in range(8):
-        each = weights / (1 + ((values - mean) / scale) ** 2)
-        mean = float((each * values).sum() / each.sum())
-    return mean, float(np.hypot(np.linalg.norm(parts_of(each * (values - mean))) / each.sum(), floor))
-
-
-def parts_of(values: Array) -> Array:
-    """The sums [BLOCKS, ...] over parts of a recording of values [k, ...]."""
-    return np.array([part.sum(axis=0) for part in np.array_split(values, min(BLOCKS, len(values)))])

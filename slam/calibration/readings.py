@@ -2,18 +2,22 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
 from moteslam.robot import se2
+from moteslam.robot.platform import Platform
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Array
 from moteslam.robot.sensor_reports import clock_reports, turns
-from moteslam.slam.calibration.hand_eye import Fit, Pairs, Parameter, Path, clock, fit
+from moteslam.slam.calibration.hand_eye import SLIP, Fit, Pairs, Parameter, Path, clock, fit
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
 from moteslam.slam.inputs.synchronise import WrongStamps
 
+AGREES, AGREES_LOGGED = 0.6, 0.35
+"""Turns of scans and odometry that correlate less are not of the same motion: with clocks to be found, and without."""
 FORMS = ("stated", "turns", "y", "path")
 """How odometry poses are read: as stated, with their headings or their y negated, headings along the path."""
 MOVES = 0.05
@@ -21,6 +25,8 @@ MOVES = 0.05
 QUARTER, AHEAD = 0.15, 0.8
 """A mount is a quarter turn off within the first [rad], and off by another angle only by more; a path goes one way as
 seen by its headings where this share of it does."""
+SLIP_STATED = 0.01
+"""That a stated body slips is known to this [s]: its wheels, too, are mass, and grip gives way."""
 _WRONG = {
     ("turns", 0): ("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
     ("y", 0): ("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
@@ -126,6 +132,30 @@ def at_times(path: OdometryPath) -> Path:
     return lambda times: np.stack([np.interp(times, path.stamps, column) for column in columns], axis=-1)
 
 
+def wrong_way(recording: Recording, pairs: Pairs) -> Literal["", "lidar", "odometry", "gyro"]:
+    """Which of scans and odometry turns the wrong way, by a third that turns: the gyro, or wheels beside a gyro."""
+    found = turns(recording)
+    if len(found) < 2 or "imu" not in found:
+        return ""
+    other: Literal["odometry", "gyro"] = "gyro" if "encoders" in found else "odometry"
+    *_, correlation = clock(pairs, *found["encoders" if other == "gyro" else "imu"], shared=False)
+    if abs(correlation) < AGREES:
+        return ""
+    return "lidar" if correlation < 0 else other
+
+
+def expected_slip(platform: Platform) -> tuple[float, float]:
+    """How far its wheels slip outwards in a turn, over speed and turn, and the deviation of that [s].
+
+    What turns the robot is the floor's force against that slip, if the platform states how large it is.
+    """
+    wheels, body = platform.wheels, platform.body
+    if wheels is None or body is None or wheels.sideways_ratio <= 0:
+        return SLIP
+    contacts = 4 if wheels.wheel_base else 2
+    return body.mass / (contacts * body.stiffness * wheels.sideways_ratio), SLIP_STATED
+
+
 def lag_of_wheels(recording: Recording, pairs: Pairs) -> float:
     """By how much the wheels' stamps are late against those of the gyro [s]: coarsely by the scans of pairs, which are
     compared over more time, then by the gyro's turns. 0 where these are not the same.
@@ -141,6 +171,6 @@ def without_lag(recording: Recording, pairs: Pairs, stream: str, lag: float) -> 
     """A fit on one clock once the stamps of a stream, ``imu`` or ``encoders``, are earlier by a lag [s]."""
     path = odometry_path(with_stamps(recording, (stream,), lambda stamps: stamps - lag), SyncConfig())
     assert path is not None
-    found = fit(pairs, at_times(path), (0.0, 0.0), shared=True)
+    found = fit(pairs, at_times(path), (0.0, 0.0), shared=True, slip=expected_slip(recording.platform))
     found.values[Parameter.OFFSET] = lag
     return found

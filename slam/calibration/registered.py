@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Array
-from moteslam.slam.calibration.hand_eye import Change, Pairs, clearest_change, parts_of
+from moteslam.slam.calibration.hand_eye import Pairs
+from moteslam.slam.calibration.parts import Change, clearest_change, parts_of
 from moteslam.slam.calibration.scan_pairs import LEAST_FIT, Beams, cost, refine, register, seen_through
 from moteslam.slam.calibration.unmeasured import FEWEST, UnfitScansError, turned_round
 from moteslam.slam.inputs.odometry_path import OdometryPath
@@ -138,9 +139,10 @@ class RegisteredPairs:
         other.refine(self._found.motions, anew=True)
         return other
 
-    def refine(self, motions: Array, *, anew: bool = False) -> None:
-        """Register from motions [k, 3] that are expected, and keep what fits better, unless it is done anew."""
-        self._found = refine(*self._ranges, self._beams, self._seconds, motions, None if anew else self._found)
+    def refine(self, motions: Array, rates: tuple[Array, Array] | None = None, *, anew: bool = False) -> None:
+        """Register from motions [k, 3], ``rates`` as of ``mirror``; unless it is done anew, keep what fits better."""
+        found = None if anew else self._found
+        self._found = refine(*self._ranges, self._beams, self._seconds, motions, found, rates=rates)
 
     def no_surfaces_beyond(self) -> float | None:
         """From which range on [m] endpoints clearly are no surfaces: from nearer the lidar sees through them.

@@ -10,8 +10,9 @@ from sim_logs import winding
 from moteslam.robot.platforms import UCSD
 from moteslam.slam.calibration.calibrate import Calibration
 from moteslam.slam.calibration.findings import findings, stamped_at_end
-from moteslam.slam.calibration.hand_eye import Change, Fit, Parameter
+from moteslam.slam.calibration.hand_eye import Fit, Parameter
 from moteslam.slam.calibration.mended import calibrated
+from moteslam.slam.calibration.parts import Change
 
 RECORDING = winding(seconds=10.0)
 MIDDLE = float(RECORDING.lidar.stamps.mean())
