@@ -153,15 +153,19 @@ def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str)
         several = any(each["runs"] > 1 for each in groups)
         for name, shown in titles.items():
             medians, ranges = zip(*(shown.median(each["metrics"][name]) for each in groups), strict=True)
-            columns.append([shown.title, *medians])
-            columns += [] if few else [[f"{shown.title} 95 %" if form == "csv" else "95 %", *ranges]]
+            if form == "latex" and not few:  # one head a metric
+                columns.append([shown.title, *map("{} ({})".format, medians, ranges)])
+            else:
+                columns.append([shown.title, *medians])
+                columns += [] if few else [[f"{shown.title} 95 %" if form == "csv" else "95 %", *ranges]]
             worst = (shown.text(each["metrics"][name]["worst"]) for each in groups)
             columns += [[f"{shown.title} worst" if form == "csv" else "worst", *worst]] * several
         yield FORMATS[form]([*zip(*columns, strict=True)])
         yield from (BETWEEN[form].format(f"{key} {literal(groups[0]['group'][key])} throughout") for key in alike)
         if form != "csv":
             fewer = f"; fewer than {FEWEST} runs have no 95 % interval"
-            yield BETWEEN[form].format("medians" + fewer * any(each["runs"] < FEWEST for each in groups))
+            what = "medians" if few or form != "latex" else "medians (95 % intervals)"
+            yield BETWEEN[form].format(what + fewer * any(each["runs"] < FEWEST for each in groups))
             missing = ", not measured" * any(each["success"] is None for each in groups)
             yield BETWEEN[form].format(f"success: {success_words(found['success'])}{missing}")
     if form == "text":

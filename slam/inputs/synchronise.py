@@ -141,11 +141,11 @@ def sweeps(path: OdometryPath, stamps: Array, seconds: float, config: SyncConfig
     """How the robot moves while scans at stamps [n] are taken, for so long [s], [n, 3] in its frame at the first beam.
 
     Zeros where the odometry jumps between the reading before the sweep and the one after, and so did not measure it.
-    In a sweep that odometry does not cover to its end, or from its beginning, the robot moves as nearest to it.
+    In a sweep that odometry does not cover, by up to another sweep, the robot moves as nearest to it.
     """
     ends = stamps + seconds
     beyond = np.maximum(ends - path.stamps[-1], 0.0) - np.maximum(path.stamps[0] - stamps, 0.0)
-    beyond[np.abs(beyond) > seconds] = 0.0
+    beyond[np.abs(beyond) > 2 * seconds] = 0.0
     poses = path.at(np.concatenate((stamps - beyond, ends - beyond)))
     motion = se2.between(poses[: len(stamps)], poses[len(stamps) :])
     leaps = jumps(path.stamps, path.poses, config, stamps[0])
