@@ -26,7 +26,7 @@ QUARTER, AHEAD = 0.15, 0.8
 """A mount is a quarter turn off within the first [rad], and off by another angle only by more; a path goes one way as
 seen by its headings where this share of it does."""
 SLIP_STATED = 0.01
-"""That a stated body slips is known to this [s]: its wheels, too, are mass, and grip gives way."""
+"""A robot slips as its stated body does to within about this [s]: masses and forces often are estimates."""
 _WRONG = {
     ("turns", 0): ("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
     ("y", 0): ("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
@@ -147,7 +147,7 @@ def wrong_way(recording: Recording, pairs: Pairs) -> Literal["", "lidar", "odome
 def expected_slip(platform: Platform) -> tuple[float, float]:
     """How far its wheels slip outwards in a turn, over speed and turn, and the deviation of that [s].
 
-    What turns the robot is the floor's force against that slip, if the platform states how large it is.
+    The force that turns the robot is that of the floor against the slip; a stated body says how large it is.
     """
     wheels, body = platform.wheels, platform.body
     if wheels is None or body is None or wheels.sideways_ratio <= 0:

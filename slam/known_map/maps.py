@@ -192,14 +192,15 @@ def upright(occupancy: Raster) -> Raster:
         return occupancy
     (rows, columns), size = occupancy.shape, occupancy.cell_size
     c, s = math.cos(yaw), math.sin(yaw)
-    ends = np.array(((0, 0), (columns, 0), (0, rows), (columns, rows))) * size @ np.array(((c, s), (-s, c))) + (x, y)
-    low, high = np.floor(ends.min(axis=0) / size), np.ceil(ends.max(axis=0) / size)
+    ends = np.array(((0, 0), (columns, 0), (0, rows), (columns, rows))) @ np.array(((c, s), (-s, c)))
+    low, high = np.floor(ends.min(axis=0) + 1e-6), np.ceil(ends.max(axis=0) - 1e-6)
     wide, tall = (high - low).astype(int).tolist()
-    u, v = np.meshgrid((low[0] + np.arange(wide) + 0.5) * size - x, (low[1] + np.arange(tall) + 0.5) * size - y)
-    column, row = np.floor((c * u + s * v) / size).astype(int), np.floor((c * v - s * u) / size).astype(int)
+    # in cells from its corner: after a quarter turn the centres of new cells are those of old ones
+    u, v = np.meshgrid(low[0] + np.arange(wide) + 0.5, low[1] + np.arange(tall) + 0.5)
+    column, row = np.floor(c * u + s * v).astype(int), np.floor(c * v - s * u).astype(int)
     within = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
     values = np.where(within, occupancy.values[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)], UNKNOWN)
-    return Raster(values.astype(np.int8), size, (float(low[0] * size), float(low[1] * size), 0.0))
+    return Raster(values.astype(np.int8), size, (x + float(low[0]) * size, y + float(low[1]) * size, 0.0))
 
 
 DEEP = 0.8  # Rays are followed back so far to the face of the wall that they end in [m]

@@ -105,6 +105,16 @@ def test_a_turned_map_is_read_upright_cell_by_cell_from_corner_to_corner(yaw: fl
     assert back.origin[2] == 0
 
 
+@pytest.mark.parametrize("yaw", [np.pi / 2, np.pi, -1.5707963])
+def test_a_map_turned_by_quarters_has_each_cell_where_it_was(yaw: float) -> None:
+    values = np.random.default_rng(0).choice(np.array((FREE, OCCUPIED, UNKNOWN), np.int8), (12, 30))
+    turned = Raster(values, CELL, (1.5 * CELL, -2.02, yaw))
+    cells = np.indices(values.shape).reshape(2, -1).T
+    back = upright(turned)
+    assert sorted(back.shape) == [12, 30]
+    np.testing.assert_array_equal(back.values_at(turned.centres(cells), outside=UNKNOWN), values.ravel())
+
+
 @pytest.mark.parametrize("value", [FREE, OCCUPIED])
 def test_a_map_without_walls_or_without_room_is_refused(value: int) -> None:
     with pytest.raises(InputError, match="cell"):
