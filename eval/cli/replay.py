@@ -218,7 +218,13 @@ def _checked(recording: Recording, side: Side) -> tuple[Recording, tuple[Issue, 
     ends, mended = dict.fromkeys(NOT_MENDED, ""), f"; mended in the {side}'s figures"
     issues = [Issue(one.code, one.message + ends.get(one.code, mended)) for one in about.issues]
     text = "calibration: nothing differs certainly from what is stated: nothing is mended (inspect shows the figures)"
-    return calibrated(recording, found, side), tuple(issues) or (Issue("not-calibrated", text),)
+    recording = calibrated(recording, found, side)
+    again, more = checked(recording) if issues else (None, None)  # one fault may hide another
+    if again is not None and more is not None:
+        hidden = [one for one in more.issues if one.code not in {issue.code for issue in issues}]
+        recording = calibrated(recording, again, side) if hidden else recording
+        issues += [Issue(one.code, one.message + ends.get(one.code, mended)) for one in hidden]
+    return recording, tuple(issues) or (Issue("not-calibrated", text),)
 
 
 def _dead_reckon(

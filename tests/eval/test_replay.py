@@ -264,6 +264,22 @@ def test_replay_warns_and_mends(reversed_beams: Path, tmp_path: Path, capsys: Ca
     assert mended < 0.1 < as_is
 
 
+@pytest.mark.slow
+def test_a_fault_that_another_one_hides_is_mended_too(tmp_path: Path, capsys: Capsys) -> None:
+    drive = simulate(load_scenario("office", platform="rplidar_a1"), 7)
+    lidar = drive.recording.lidar
+    ends = lidar.stamps + lidar.time_increment * lidar.ranges.shape[1]  # which no sweep is known to begin before
+    platform = drive.recording.platform
+    plain = platform.model_copy(update={"lidar": platform.lidar.model_copy(update={"time_increment": 0.0})})
+    wrong = drive.recording.replace(lidar=replace(lidar, stamps=ends, time_increment=0.0), platform=plain)
+    write_recording(tmp_path / "drive.mcap", wrong)
+    cheap = ("--no-figures", "--set", "particles=5", "--calibrate", "lidar")
+    warnings = shown(capsys, "replay", tmp_path / "drive.mcap", "--out", tmp_path / "out", *cheap)["warnings"]
+    assert {"time-increment", "clock-offset"} <= {issue["code"] for issue in warnings}
+    path = read_tum(tmp_path / "out" / "trajectory_final.tum")
+    assert absolute_trajectory_error(path, drive.truth).rmse < 0.02
+
+
 ROOT = Path(__file__).parents[2]
 
 
