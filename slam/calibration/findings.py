@@ -146,7 +146,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         where = "backwards, unless the odometry drives so," if backwards else "elsewhere"
         text = f"lidar: mounted {where} by the odometry: {'; '.join(parts)}. "
         text += f"In platform.toml: [lidar] x = {x:.3f}, y = {y:.3f}, yaw = {yaw:.4f}"
-        if (np.abs(c.fit.values[MOUNT]) < (PLACE, PLACE, YAW)).all():
+        if (np.abs(c.fit.values[MOUNT]) < np.minimum((PLACE, PLACE, YAW), SIGMAS * c.fit.deviations[MOUNT])).all():
             text += ". The odometry is that of the lidar itself: are the poses of robot and lidar exchanged?"
         told.append(("lidar-mount", text))
     if (scale := certain.get("lengths")) is not None:
