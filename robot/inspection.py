@@ -23,6 +23,7 @@ REST = 1.0  # [s]: wheels that stand still at least so long are at rest
 SPEEDS = 0.005, 20.0  # Between these a robot that moves is fast [m/s]: else stamps or lengths are in other units,
 MOST_RATE, TURNING = 15.0, 0.05  # and so are headings by which it turns faster [rad/s] in such a share of the seconds,
 RANGES = 0.05, 200.0  # and ranges of a planar lidar, half of which are shorter or longer than these [m]
+SILENT = 5.0  # A wheel that does not count while others go farther is broken [m]: about one that stands it is a turn
 WINDOWS, SAMPLE = 1000, 12  # Speeds are looked at over so many seconds or longer spans, ranges in so many scans
 
 
@@ -173,6 +174,27 @@ def _of_stamps(streams: tuple[StreamReport, ...], clocks: tuple[ClockReport, ...
             yield Issue("clock-offset", text)
 
 
+def silent_wheels(recording: Recording) -> str:
+    """What is said of wheels that do not count while others go ``SILENT``, as of a cable that is off; else nothing."""
+    encoders, wheels = recording.encoders, recording.platform.wheels
+    if encoders is None or not len(encoders) or wheels is None:
+        return ""
+    names, stamps = ("front right", "front left", "rear right", "rear left"), encoders.stamps
+    way = np.append(0.0, np.cumsum(np.abs(encoders.counts).max(axis=1) * wheels.metres_per_count))
+    dead: dict[tuple[int, int], list[str]] = {}
+    for name, counts in zip(names, encoders.counts.T, strict=True):
+        at = np.concatenate(([-1], np.flatnonzero(counts), [len(counts)]))
+        longest = int((way[at[1:]] - way[at[:-1] + 1]).argmax())
+        begin, end = int(at[longest]) + 1, int(at[longest + 1])
+        if way[end] - way[begin] > SILENT:
+            dead.setdefault((begin, end), []).append(name)
+    if not dead:
+        return ""
+    (begin, end), some = max(dead.items(), key=lambda one: way[one[0][1]] - way[one[0][0]])
+    time = "at all" if end - begin == len(stamps) else f"from {stamps[begin]:.2f} to {stamps[end - 1]:.2f} s"
+    return f"encoders: {', '.join(some)}: no count {time}, while others count: lengths and turns are wrong"
+
+
 def other_units(recording: Recording) -> list[Issue]:
     """Figures that no robot and no planar lidar gives, in the units that they are stated in.
 
@@ -194,11 +216,8 @@ def other_units(recording: Recording) -> list[Issue]:
         if (speed := _speeds(encoders.stamps, way[:, None] * (1.0, 0.0, 0.0))[0] or 0.0) > SPEEDS[1]:
             text = f"encoders: move at {speed:.3g} m/s, expected a robot's speed: are counts since the reading before?"
             issues.append(Issue("odometry-units", text))
-        names = "front right", "front left", "rear right", "rear left"
-        dead = [name for name, counts in zip(names, encoders.counts.T, strict=True) if not counts.any()]
-        if 0 < len(dead) < len(names):
-            text = f"encoders: {', '.join(dead)}: no count at all, while others count: lengths and turns are wrong"
-            issues.append(Issue("implausible-speed", text))
+    if text := silent_wheels(recording):
+        issues.append(Issue("implausible-speed", text))
     if imu is not None and len(imu):
         rate = float(np.quantile(np.abs(imu.angular_velocity[:, 2]), 0.99))
         text = f"imu: turns at {rate:.3g} rad/s, expected at most {MOST_RATE:g}: is its rate in rad/s?"

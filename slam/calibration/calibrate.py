@@ -8,6 +8,7 @@ import numpy as np
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
+from moteslam.robot.inspection import silent_wheels
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import expect_type
@@ -31,9 +32,11 @@ from moteslam.slam.calibration.readings import (
     at_times,
     clock_steps,
     expected_slip,
+    falls_behind,
     heading_offset,
     in_form,
     lag_of_wheels,
+    out_of_step,
     without_lag,
     wrong_way,
 )
@@ -45,6 +48,7 @@ from moteslam.slam.calibration.unmeasured import (
     between_jumps,
     expect_beams_in_place,
     expect_sound,
+    turned_round,
     unmeasured,
 )
 from moteslam.slam.inputs.config import SyncConfig
@@ -130,6 +134,8 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
+        return None
+    if silent_wheels(recording):
         return None
     if (bundled := bundles(lidar)) is not None:
         found = estimate(bundled.undone(recording), pairs)
@@ -219,8 +225,10 @@ def _calibrate(
     scans.expect(GOOD / 2)
     if scans.pairs.motions[:, 2].std() < TURNING:
         return None
-    scans.expect_one_way(path, lambda part: wrong_way(recording, part))
+    scans.expect_one_way(path, lambda part: "clock" if out_of_step(recording, part) else wrong_way(recording, part))
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
+    if read is None and falls_behind(recording, scans.pairs):
+        turned_round("clock", "throughout")
     form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
     at = at_times(in_form(path, form))
     wrong = wrong_way(recording, scans.pairs) if mirrored else ""
@@ -265,8 +273,7 @@ def _calibrate(
     start = clocks.values[Parameter.OFFSET] + clocks.values[Parameter.DRIFT] * (scans.first.min() - clocks.middle)
     began_as_one = abs(start) < (LATE_WHEELS if wheels_alone else LATE)
     if wheels_alone and began_as_one and not leaps:
-        # the body follows its wheels late, and in turns aside, by about the same time
-        slip = (max(-start, 0.0), SLIP[1]) if slip == SLIP else slip
+        slip = (max(-start, 0.0), SLIP[1]) if slip == SLIP else slip  # it follows its wheels as late as it slips aside
         clocks = fitted(scans.pairs, at, (offset, drift), shared=False, slip=slip)
     best = one if shared and not (logged or wheels_alone) else clocks._replace(values=clocks.values.copy())
     if not shared and began_as_one:
@@ -278,7 +285,8 @@ def _calibrate(
             if alone.cost < EXPLAINED * min(one.cost, clocks.cost):
                 shared, late, best = False, "gyro" if differ else "encoders", alone
                 clocks = clocks if differ else best
-    fits = read is not None and min(best.cost, clocks.cost) < UNFIT and not best.stands
+    uneven = 0.0 if steady or logged or late else uneven
+    fits = read is not None and not uneven and min(best.cost, clocks.cost) < UNFIT and not best.stands
     rates = _rates(scans, at, *best.values[CLOCKS], turns=best.values[Parameter.TURNS])
     return Calibration(
         angle_scale=angle_scale,
@@ -293,7 +301,7 @@ def _calibrate(
         correlation=correlation,
         clocks=None if logged and shared else clocks,
         shared_clock=shared,
-        uneven=0.0 if steady or logged or late else uneven,
+        uneven=uneven,
         late=late,
         fits=fits,
         reversed=is_reversed,

@@ -132,7 +132,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"lidar: half of the directions in which it drives are {degrees(c.fit.scatter):.1f} degrees or more off "
         text += "those by the odometry, to either side: angles between beams vary, as with the speed of a motor, or "
         told.append(("odometry-unfit", f"{text}wheels slip aside"))
-    if c.correlation and abs(curl) > max(CURL, SIGMAS * about_curl):
+    if c.correlation and not c.uneven and abs(curl) > max(CURL, SIGMAS * about_curl):
         text = f"odometry: it turns {abs(curl):.2f} rad to the {'left' if curl > 0 else 'right'} on every metre, and "
         why = "a wheel is smaller than stated" if recording.imu is None or not c.gyro else "its gyro may have a bias"
         told.append(("odometry-turn-scale", f"{text}scans do not: {why}, and its path curls"))

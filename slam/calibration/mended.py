@@ -20,7 +20,7 @@ Side = Literal["lidar", "odometry"]
 
 NOT_MENDED = {
     *("odometry-unfit", "odometry-turn-scale", "scans-unfit", "lidar-tilted", "range-change", "range-max"),
-    *("mount-moves", "no-gyro", "gyro-bias"),
+    *("mount-moves", "no-gyro", "gyro-bias", "other-clock"),
 }
 """What is told and not mended; what is left out says so."""
 

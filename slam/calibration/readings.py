@@ -25,6 +25,8 @@ MOVES = 0.05
 QUARTER, AHEAD = 0.15, 0.8
 """A mount is a quarter turn off within the first [rad], and off by another angle only by more; a path goes one way as
 seen by its headings where this share of it does."""
+OUT_OF_STEP, SURELY = 0.5, 0.8
+"""Scans that turn as odometry does so long before or after them [s], and correlate by more, are of another clock."""
 SLIP_STATED = 0.01
 """A robot slips as its stated body does to within about this [s]: masses and forces often are estimates."""
 _WRONG = {
@@ -142,6 +144,24 @@ def wrong_way(recording: Recording, pairs: Pairs) -> Literal["", "lidar", "odome
     if abs(correlation) < AGREES:
         return ""
     return "lidar" if correlation < 0 else other
+
+
+def out_of_step(recording: Recording, pairs: Pairs) -> bool:
+    """Whether pairs of scans turn as the odometry does some time before or after them."""
+    found = (clock(pairs, *each, shared=False) for each in turns(recording).values())
+    return any(correlation > SURELY and abs(offset) > OUT_OF_STEP for offset, _, correlation in found)
+
+
+def falls_behind(recording: Recording, pairs: Pairs) -> bool:
+    """Whether scans turn as the odometry does ever longer before or after them, in each quarter of the pairs."""
+    quarters = np.array_split(np.argsort(pairs.first), 4)
+    for each in turns(recording).values():
+        found = [clock(Pairs(*(of[some] for of in pairs)), *each, shared=False) for some in quarters]
+        more = np.diff([offset for offset, *_ in found])
+        alike = all(correlation > AGREES for *_, correlation in found)
+        if alike and (np.sign(more) == np.sign(more[0])).all() and abs(more.sum()) > 2 * OUT_OF_STEP:
+            return True
+    return False
 
 
 def expected_slip(platform: Platform) -> tuple[float, float]:

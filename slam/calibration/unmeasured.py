@@ -44,9 +44,13 @@ class UnfitScansError(UnmeasuredError):
 
 
 def turned_round(which: str, time: str) -> None:
-    """Raise ``UnmeasuredError`` of scans that for a time turn against the odometry: which of lidar, odometry and gyro
-    is wrong then, if that is known.
+    """Raise ``UnmeasuredError`` of scans that for a time turn against the odometry: which of lidar, odometry, gyro and
+    clock is wrong then, if that is known.
     """
+    if which == "clock":
+        text = f"lidar: {time} its scans turn as the odometry does some time before or after: were stamps counted, or "
+        text += "scans lost? Motions, and with them the map, are wrong by as much"
+        raise UnmeasuredError("other-clock", text)
     text = f"lidar: {time} its scans turn the other way, by the odometry: its beams are in the other order there, or "
     text += "it hangs upside down, and a map of both parts is wrong"
     if which == "odometry":

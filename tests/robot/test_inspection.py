@@ -136,11 +136,14 @@ def test_running_totals_in_place_of_counts_are_no_speed_of_a_robot() -> None:
 
 
 @pytest.mark.parametrize(("counts", "dead"), [((20, 0, 20, 0), ["front left, rear left"]), ((20, 20, 20, 20), [])])
-def test_wheels_that_never_count_are_told(counts: tuple[int, ...], dead: list[str]) -> None:
-    encoders = EncoderStream(np.arange(1000) / 40, np.tile(counts, (1000, 1)))
+@pytest.mark.parametrize(("begin", "when"), [(0, "at all"), (400, "from 10.00 to 24.98 s"), (900, "")])
+def test_wheels_that_do_not_count_are_told(begin: int, when: str, counts: tuple[int, ...], dead: list[str]) -> None:
+    rows = np.tile(20, (1000, 4))
+    rows[begin:] = counts
+    encoders = EncoderStream(np.arange(1000) / 40, rows)
     recording = Recording("x", UCSD, lidar=scans(np.arange(50) / 2), encoders=encoders)
     problems = [problem.message for problem in inspect_recording(recording).problems]
-    assert [text.split(": ")[1] for text in problems if "no count at all" in text] == dead
+    assert [text.split(": ")[1] for text in problems if f"no count {when}," in text] == (dead if when else [])
 
 
 RNG = np.random.default_rng(1)

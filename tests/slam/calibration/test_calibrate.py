@@ -437,6 +437,15 @@ def test_stamps_that_were_counted_over_lost_scans_are_told(platform: str) -> Non
     assert "other-clock" in codes(found.moves)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", ["lms200", "rplidar_a1"])
+def test_stamps_that_fall_behind_by_seconds_are_no_turns_the_other_way(platform: str) -> None:
+    kept = np.flatnonzero(np.random.default_rng(0).random(len(driven(platform, "office").lidar)) > 0.05)
+    counted = lidar(stamps=lambda s: s.stamps[: len(kept)], ranges=lambda s: s.ranges[kept])
+    _, found = checked(counted(poses_of(driven(platform, "office"))))
+    assert codes(found.moves) == ["other-clock"]
+
+
 @pytest.mark.parametrize("form", [lambda r: r, poses_of], ids=["sensors", "poses"])
 @pytest.mark.parametrize("platform", ["lms200", slow("rplidar_a1"), slow("ucsd")])
 def test_nothing_is_found_where_nothing_is_wrong(platform: str, form: Fault) -> None:
