@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
-from moteslam.robot.formats.map_server import FREE, OCCUPIED, read_map, seamed
+from moteslam.robot.formats.map_server import FREE, OCCUPIED, read_map
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array, as_pose, compose_one
 from moteslam.robot.values import Issue
@@ -27,7 +27,7 @@ from moteslam.slam.inputs.step import Step, thin
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares, within
 from moteslam.slam.known_map.maps import KnownMaps, MapScale, MapTears, thinned
-from moteslam.slam.known_map.presence import Presence
+from moteslam.slam.known_map.presence import Presence, not_in_map
 from moteslam.slam.known_map.search import (
     AGAIN,
     APART,
@@ -117,11 +117,7 @@ class KnownMapFilter(TsdfFilter):
             text = f"the robot was found, but has driven {driven:.1f} m since, too little to prove that it is there"
             return (Issue("searched-for", text),)
         if open_:
-            text = f"nowhere in the map do the scans fit for {WINDOW:g} m: the robot is not in this map, or the map is "
-            text += f"not of this place or scale; the poses mean nothing in it{', even the sure ones' * self._was_sure}"
-            if seamed(self._drawn.occupancy):
-                text += ". Or its image was scaled, blurred or compressed: before most walls lie unknown cells"
-            return (Issue("not-in-this-map", text),)
+            return (not_in_map(self._drawn.occupancy, was_sure=self._was_sure),)
         issues = []
         if self._most_given_up > 1:
             text = f"{self._most_given_up} places, one after the other, did not fit for {WINDOW:g} m: the map may be "
@@ -142,6 +138,9 @@ class KnownMapFilter(TsdfFilter):
         if place > LOST_DISTANCE + 3 * self._given[3] or turn > LOST_ROTATION + 3 * self._known.start_heading:
             text = f"the robot was found {place:.1f} m and {np.degrees(turn):.0f} degrees from the start that was "
             text += "given (x and y exchanged, another unit?): poses before mean nothing"
+            issues.append(Issue("searched-for", text))
+        if self._search is None and len(shares(self._particles)[0]) > 1:
+            text = "to the end several places fit alike, as in a symmetric building: poses are those of the likeliest"
             issues.append(Issue("searched-for", text))
         if self._elsewhere is not None:
             text = f"from {self._unseen_until:.2f} s on the robot may be elsewhere: it saw nothing before, its wheels "

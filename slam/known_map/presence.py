@@ -2,6 +2,9 @@
 
 import numpy as np
 
+from moteslam.robot.formats.map_server import FREE, OCCUPIED, seamed
+from moteslam.robot.raster import Raster
+from moteslam.robot.values import Issue
 from moteslam.slam.known_map.search import APART, CROSSING, ON_SURFACE, OUTLIER, WINDOW
 from moteslam.slam.registration.localisation import CORRELATION
 from moteslam.slam.tsdf.doubt import Doubt, ScanFit
@@ -52,3 +55,14 @@ class Presence(Doubt):
         most = LARGEST * min(max(self.driven / WINDOW, 1.0), LONGEST)
         self._here = min(self._here + share * min(max(nats / CORRELATION, -MOST), self._most), most)
         self.proved |= self._here >= LARGEST
+
+
+def not_in_map(occupancy: Raster, *, was_sure: bool) -> Issue:
+    """What is said of a robot whose scans fit nowhere in a map for long."""
+    text = f"nowhere in the map do the scans fit for {WINDOW:g} m: the robot is not in this map, or the map is "
+    text += f"not of this place or scale; the poses mean nothing in it{', even the sure ones' * was_sure}"
+    if (occupancy.values == OCCUPIED).sum() > (occupancy.values == FREE).sum():
+        text += ". Or its greys are inverted (negate): more of it is occupied than free"
+    elif seamed(occupancy):
+        text += ". Or its image was scaled, blurred or compressed: before most walls lie unknown cells"
+    return Issue("not-in-this-map", text)

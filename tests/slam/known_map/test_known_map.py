@@ -28,7 +28,7 @@ from moteslam.slam.known_map import hypotheses, search
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.filter import KnownMapFilter
 from moteslam.slam.known_map.maps import KnownMaps, MapScale, MapTears, upright
-from moteslam.slam.known_map.presence import Presence
+from moteslam.slam.known_map.presence import Presence, not_in_map
 from moteslam.slam.known_map.search import Hypotheses, Sight, WholeMapSearch
 from moteslam.slam.online import run_slam
 from moteslam.slam.tsdf.doubt import ScanFit
@@ -573,6 +573,24 @@ def test_who_was_sure_for_a_few_metres_alone_is_not_in_this_map(tmp_path: Path) 
     assert "even the sure ones" in issue.message
     made._was_there = True
     assert {issue.code for issue in made.issues} == {"places-given-up", "searched-for"}
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_places_that_are_open_to_the_end_are_told(tmp_path: Path, several: bool) -> None:
+    write_map(tmp_path / "map.pgm", drawn([*WALLS, *BOX]))
+    made = KnownMapFilter(KnownMapConfig(known_map=str(tmp_path / "map.yaml")), 0)
+    made._losses, made._was_there, made._search = [(0.0, 0.0, 0.0)], True, None
+    made._particles.hypotheses[::2] = several
+    assert any("several places fit alike" in issue.message for issue in made.issues) == several
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+def test_a_map_whose_greys_are_inverted_is_told_where_nothing_fits(inverted: bool) -> None:
+    occupancy = drawn([*WALLS, *BOX])
+    other = {FREE: OCCUPIED, OCCUPIED: FREE}
+    values = np.select([occupancy.values == one for one in other], list(other.values()), UNKNOWN).astype(np.int8)
+    found = not_in_map(Raster(values, CELL) if inverted else occupancy, was_sure=False)
+    assert ("inverted" in found.message) == inverted
 
 
 def test_a_missing_map_is_refused() -> None:
