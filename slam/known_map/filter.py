@@ -27,7 +27,7 @@ from moteslam.slam.inputs.step import Step, thin
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares, within
 from moteslam.slam.known_map.maps import KnownMaps, MapScale, MapTears, thinned
-from moteslam.slam.known_map.presence import Presence, not_in_map
+from moteslam.slam.known_map.presence import Presence, not_in_map, outside
 from moteslam.slam.known_map.search import (
     AGAIN,
     APART,
@@ -68,6 +68,8 @@ class KnownMapFilter(TsdfFilter):
             search = None if config.start else self._whole()
         except InputError as error:
             raise InputError(error.problem, file=error.file or config.known_map, field=error.field) from error
+        if config.start and (off := outside(maps.occupancy, *config.start[:2])) > WINDOW:
+            raise ConfigError(f"{off:.0f} m outside of the map, expected a place in it, or near", field="start")
         self._maps = self._particles.maps = maps
         self._search: WholeMapSearch | None = search
         self._elsewhere: WholeMapSearch | None = None  # of a robot that may have been carried, while it is tracked on,
@@ -75,15 +77,14 @@ class KnownMapFilter(TsdfFilter):
         self._doubt: Presence = Presence()
         self._given_up = self._most_given_up = 0
         self._divided = True  # the particles may be more than one place needs
-        self._unweighed = 0.0  # path since the hypotheses were weighed [m]
+        self._unweighed, self._begin = 0.0, 0  # path since hypotheses were weighed [m]; the first update of the search
         self._own: Particles | None = None  # with the map of what it has seen since it is searched for
-        self._begin = 0  # the first update since which the robot is searched for
         self._was_sure = self._was_there = False  # that the robot is in the map; over ``WINDOW``, too
         self._scale, self._tears = MapScale(maps), MapTears()
         self._led: Array | None = None  # where the start that was given and the odometry lead, until the robot is found
         self._start_off = 0.0, 0.0  # how far that start is off [m], [rad]
-        self._losses: list[tuple[float, float | None, float]] = []  # from when to when [s], how far off [m], ...
-        self._off = np.zeros(1)  # and how far the hypotheses of the last one are [H] [m]
+        # from when to when [s], how far off [m]; and how far the hypotheses of the last one are [H] [m]
+        self._losses, self._off = list[tuple[float, float | None, float]](), np.zeros(1)
 
     def _whole(self, after: float = 0.0) -> WholeMapSearch:
         return WholeMapSearch(self._drawn, self._known.registration, self._thinner, after=after)

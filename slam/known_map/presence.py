@@ -1,5 +1,7 @@
 """Whether a robot that was found in a map is there, also by whether its scans are those of any place in the map."""
 
+import math
+
 import numpy as np
 
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, seamed
@@ -66,3 +68,9 @@ def not_in_map(occupancy: Raster, *, was_sure: bool) -> Issue:
     elif seamed(occupancy):
         text += ". Or its image was scaled, blurred or compressed: before most walls lie unknown cells"
     return Issue("not-in-this-map", text)
+
+
+def outside(occupancy: Raster, x: float, y: float) -> float:
+    """How far a place is beyond the edges of a map [m]."""
+    left, right, bottom, top = occupancy.extent
+    return math.hypot(max(left - x, x - right, 0.0), max(bottom - y, y - top, 0.0))
