@@ -16,6 +16,7 @@ from moteslam.slam.calibration.hand_eye import (
     CLOCKS,
     MOST_DRIFT,
     MOUNT,
+    RATE,
     SLIP,
     Fit,
     Parameter,
@@ -81,7 +82,6 @@ LATE, LATE_WHEELS = 0.16, 0.25
 WHEELS_LEAD = 0.1
 """Wheels turn so long before the robot does [s]: along a ring it else passes for a lidar aside."""
 DRIFT = 1e-3  # Likewise [s/s]
-RATE = 0.1  # The rate of a turn is taken over this time [s]
 SPARSE = 0.5
 """Scans laid on one fan whose beams are to a larger share of others, as each begins at another angle, are not held
 against each other."""

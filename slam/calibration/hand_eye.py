@@ -43,7 +43,7 @@ SCATTER = 0.75
 STANDS = 0.05
 """A lidar stands whose lengths are known to a larger share of them alone; those by odometry in other units are known to
 a percent."""
-RATE = 0.05  # The rate of a turn is taken over this time [s]
+RATE = 0.1  # The rate of a turn is taken over this time [s]
 SHARPENING = 6
 """Steps by the noise of lengths and turns that the residuals show."""
 STRAIGHT = 0.07

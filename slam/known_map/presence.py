@@ -62,10 +62,8 @@ class Presence(Doubt):
 def not_in_map(occupancy: Raster, *, was_sure: bool) -> Issue:
     """What is said of a robot whose scans fit nowhere in a map for long."""
     text = f"nowhere in the map do the scans fit for {WINDOW:g} m: the robot is not in this map, or the map is not of "
-    text += (
-        "this place or scale, or lacks what stands before its walls, as a plan without furniture; the poses may mean "
-    )
-    text += f"nothing in it{', even the sure ones' * was_sure}"
+    text += "this place or scale, or lacks what stands before its walls, as a plan without furniture; "
+    text += f"the poses may mean nothing in it{', even the sure ones' * was_sure}"
     if (occupancy.values == OCCUPIED).sum() > (occupancy.values == FREE).sum():
         text += ". Or its greys are inverted (negate): more of it is occupied than free"
     elif seamed(occupancy):
