@@ -9,6 +9,7 @@
 | driving | STARTS starts in a drive, 15 m each | path until it is rightly `sure`; scans that are wrongly so |
 | carried | a drive on which the robot is carried 6 m in 20 s | the same from where it stands again |
 | visit | a drive with a tenth of the furniture moved and doors shut, in the map of before | the same, and errors |
+| plan | a drive in a floor plan without the furniture | the same, and the share of the scans that are `sure` |
 | elsewhere | a drive in another building's map | `not-in-this-map` is told; scans that are `sure` of a place |
 
 Right is within 0.3 m and 5 degrees of the truth. The map is the true one in cells of 5 cm; in symmetric worlds several
@@ -62,6 +63,7 @@ METRES = 15.0
 BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)  # Of the probabilities that are said
 SCENARIOS = ("office", "lab", "warehouse", "corridor", "random-corridors")
 PLATFORMS = ("ucsd", "rplidar_a1", "turtlebot3")
+FURNITURE = ("boxes", "pillars", "tables", "chairs", "shelves")
 OTHER = {"office": "warehouse", "warehouse": "lab", "lab": "corridor"}
 CARRIED = 'faults=[{kind="carried", start=40, duration=20, along=6, lidar="off"}]'
 Array = NDArray[np.float64]
@@ -132,13 +134,13 @@ def _followed(
     most: float = np.inf,
 ) -> Row:
     """Path until the pose is rightly ``sure``, and the share of the sure scans that are wrong."""
-    found, driven, last, states, errors = np.nan, 0.0, None, [], []
+    found, driven, last, states, errors, scans = np.nan, 0.0, None, [], [], 0
     for update in session_in(occupancy, cut(simulation.recording, Cut(start)), seed):
         true = true_poses(simulation.truth, np.array([update.stamp]))[0]
         if update.stamp - simulation.truth.stamps[0] < after:
             continue
         driven += 0.0 if last is None else float(np.hypot(*(true - last)[:2]))
-        last, right = true, bool(is_right(true, update.pose))
+        last, right, scans = true, bool(is_right(true, update.pose)), scans + 1
         if update.state is LocalisationState.SURE:
             states.append(right)
             errors.append(float(np.hypot(*(update.pose - true)[:2])))
@@ -146,7 +148,8 @@ def _followed(
         if driven > most:
             break
     wrong = 1 - float(np.mean(states)) if states else 0.0
-    return {"found_after": found, "sure_wrong": wrong, "off": float(np.median(errors)) if errors else np.nan}
+    off = float(np.median(errors)) if errors else np.nan
+    return {"found_after": found, "sure_wrong": wrong, "off": off, "sure": len(states) / max(scans, 1)}
 
 
 def driving(simulation: Simulation, seed: int) -> Row:
@@ -178,6 +181,14 @@ def visit(simulation: Simulation, seed: int) -> Row:
     }  # fmt: skip
 
 
+def plan(simulation: Simulation, seed: int) -> Row:
+    """A drive in a floor plan without the furniture."""
+    bare = simulation.scenario.standing.model_copy(update=dict.fromkeys(FURNITURE, ()))
+    drawn = true_map(World.of(bare), 0.05, seen_from=simulation.scenario.start[:2])
+    found = _followed(simulation, seed, drawn)
+    return {**found, "right": float(found["found_after"] <= 10), "wrongly_sure": float(found["sure_wrong"] > 0.01)}
+
+
 def measure(task: str, scenario: str, platform: str, noise: str, seed: int) -> Row:
     runtime.init("cpu", 1)
     settings = {"carried": (CARRIED,), "visit": (f"visit={{building={seed}, seed={seed}}}",)}.get(task, ())
@@ -189,6 +200,8 @@ def measure(task: str, scenario: str, platform: str, noise: str, seed: int) -> R
         return visit(simulation, seed)
     if task == "driving":
         return driving(simulation, seed)
+    if task == "plan":
+        return plan(simulation, seed)
     if task == "carried":
         found = _followed(simulation, seed, simulation.true_map(0.05), after=60)
         return {**found, "right": float(found["found_after"] <= 5), "wrongly_sure": float(found["sure_wrong"] > 0.01)}
@@ -199,11 +212,11 @@ def measure(task: str, scenario: str, platform: str, noise: str, seed: int) -> R
     return {"right": float(told), "wrongly_sure": float(sure > 0.01), "sure": sure}
 
 
-TASKS = ("one scan", "driving", "carried", "elsewhere", "visit")
+TASKS = ("one scan", "driving", "carried", "elsewhere", "visit", "plan")
 
 
 def summary(rows: Sequence[Row]) -> str:
-    keys = ("right", "listed", "said", "sure_wrong", "within_10_m", "found_after", "wrongly_sure", "off", "ms", "area")
+    keys = ("right", "listed", "said", "sure", "sure_wrong", "within_10_m", "found_after", "wrongly_sure", "off", "ms")
     lines: list[tuple[str, ...]] = [("", "rows", *keys)]
     for run, mine in by_run(rows).items():
         good = [row for row in mine if "error" not in row]

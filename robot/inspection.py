@@ -203,17 +203,18 @@ def other_units(recording: Recording) -> list[Issue]:
     issues = []
     imu, lidar, encoders = recording.imu, recording.lidar, recording.encoders
     if (found := odometry_of(recording)) is not None:
-        speed, rate = _speeds(*found)
+        speed, rate = speeds(*found)
         code = "odometry-units" if speed is not None and speed > SPEEDS[1] else "implausible-speed"
         if speed is not None and not SPEEDS[0] <= speed <= SPEEDS[1]:
-            text = f"moves at {speed:.3g} m/s, expected a robot's speed: are its stamps in s and its lengths in m?"
+            text = f"moves at {speed:.3g} m/s, expected a robot's speed: are its stamps in s and its lengths in m"
+            text += "?" if speed > SPEEDS[1] else ", or its poses increments?"
             issues.append(Issue(code, f"odometry: {text}"))
         elif rate > MOST_RATE:
             text = f"odometry: turns at {rate:.3g} rad/s, expected at most {MOST_RATE:g}: in degrees, or of two robots?"
             issues.append(Issue("odometry-units", text))
     if encoders is not None and len(encoders) and (wheels := recording.platform.wheels) is not None:
         way = np.cumsum(encoders.counts.mean(axis=1) * wheels.metres_per_count)
-        if (speed := _speeds(encoders.stamps, way[:, None] * (1.0, 0.0, 0.0))[0] or 0.0) > SPEEDS[1]:
+        if (speed := speeds(encoders.stamps, way[:, None] * (1.0, 0.0, 0.0))[0] or 0.0) > SPEEDS[1]:
             text = f"encoders: move at {speed:.3g} m/s, expected a robot's speed: are counts since the reading before?"
             issues.append(Issue("odometry-units", text))
     if text := silent_wheels(recording):
@@ -234,7 +235,7 @@ def other_units(recording: Recording) -> list[Issue]:
     return issues
 
 
-def _speeds(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> tuple[float | None, float]:
+def speeds(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> tuple[float | None, float]:
     """The median speed [m/s] over the seconds in which the robot moves, None if these are fewer than 3: it jumps; the
     yaw rate [rad/s] that it exceeds in ``TURNING`` of all.
     """

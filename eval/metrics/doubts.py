@@ -223,7 +223,8 @@ def _of_turns(ate: AteResult, *, lags: bool) -> Iterator[Issue]:
     if (middle := float(np.median(turns))) < AXES:
         there = np.flatnonzero(turns > AXES)
         true = np.abs(se2.wrap(np.stack((goal - ate.transform[2], own)))[:, there])  # in the frame of either file
-        if len(there) and (true > np.pi * 3 / 4).all(axis=1).any():
+        passing = (true > np.pi * 3 / 4).all(axis=1).any() and turns.max() > np.pi * 3 / 4
+        if len(there) and passing:
             text = f"headings of {len(there)} of {len(turns)} poses differ, by up to {np.rad2deg(turns.max()):.0f} "
             text += "degrees, all where one passes 180 degrees: angles taken halfway from there to -180? Errors of "
             yield Issue("implausible-speed", f"{text}rotation are wrong by it", len(there))

@@ -51,7 +51,8 @@ def stepping(ate: AteResult) -> Iterator[Issue]:
     along, across = float(np.median(np.abs(shakes.real))), float(np.median(np.abs(shakes.imag)))
     shake, estimates = (float(np.median(one)) for one in bent[::-1])
     large = ate.rmse > SMALL / 10
-    if large and along > ate.rmse / 2 and across < SHAPE * along:
+    dense = float(np.median(np.diff(ate.stamps))) < FILLED  # else an estimate drifts by as much
+    if large and dense and along > ate.rmse / 2 and across < SHAPE * along:
         text = f"positions shake by {length(along)} along the way from pose to pose, and hardly across: do stamps of "
         yield Issue("stamps-jitter", f"{text}the estimate or the reference jitter? Errors are of what is driven then")
     elif large and shake > ate.rmse and estimates < SHAPE * shake:

@@ -45,6 +45,7 @@ Rows = NDArray[np.void]
 
 _LINE = re.compile(rb"^(?:FLASER|ROBOTLASER1|RAWLASER[1-5]|ODOM|PARAM)\s", re.MULTILINE)
 _LIMITS = ("robot_front_laser_max", "robot_frontlaser_max", "laser_front_max_range", "front_laser_max")
+_ASIDE = 0.5  # What moves aside by less in all [m] may be rounded
 _SAME = 0.005  # Mounts of logged poses that differ by less [m, rad] are one
 
 
@@ -73,9 +74,10 @@ def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, pl
     is_ipc = bool(rows["ipc"].any() or odometry[:, 3].any())
     has_poses = laser is not None and laser.line not in RAW_LASERS
     clock, moved = "ipc" if is_ipc else "logger", odometry[:, 3 if is_ipc else 4]
-    if laser and has_poses and len(odometry) > 1 and _exchanged(rows, odometry, moved, clock):
+    if laser and has_poses and _exchanged(rows, odometry, moved, clock):
         rows["laser"], rows["robot"] = rows["robot"].copy(), rows["laser"].copy()
-        text = f"{path.name}: poses of robot and laser exchanged in {laser.line} lines, by the ODOM lines: put right"
+        by = "ODOM lines" if len(odometry) > 1 else "way in which wheels roll"
+        text = f"{path.name}: poses of robot and laser exchanged in {laser.line} lines, by the {by}: put right"
         issues.append(Issue("exchanged-poses", text, len(rows)))
     size = {key: log.params[f"robot_{key}"] for key in ("length", "width") if log.params.get(f"robot_{key}", 0) > 0}
     mount = _mount(log.params, rows if has_poses else rows[:0])
@@ -304,7 +306,14 @@ def _closes(ranges: NDArray[np.float32]) -> bool:
 
 
 def _exchanged(rows: Rows, odometry: NDArray[np.float64], stamps: NDArray[np.float64], clock: str) -> bool:
-    """Whether the robot is by ODOM lines [m, 5] [m] where the laser is logged, and not where it is logged itself."""
+    """Whether the robot is by ODOM lines [m, 5] [m] where the laser is logged, and not where it is logged itself.
+
+    Without such lines, whether the laser alone moves the way that it faces, as the middle between two wheels does.
+    """
+    if len(odometry) < 2:
+        steps = (se2.between(rows[who][:-1], rows[who][1:]).T for who in ("robot", "laser"))
+        robot, laser = (float(np.abs(y * np.cos(turn / 2) - x * np.sin(turn / 2)).sum()) for x, y, turn in steps)
+        return robot > _ASIDE + 4 * laser
     order = np.argsort(stamps, kind="stable")
     at = se2.interpolate(stamps[order], odometry[order, :3], rows[clock])[:, :2]
     robot, laser = (float(np.median(np.abs(at - rows[who][:, :2]).max(axis=1))) for who in ("robot", "laser"))

@@ -36,6 +36,7 @@ from moteslam.slam.calibration.readings import (
     falls_behind,
     heading_offset,
     in_form,
+    increments,
     lag_of_wheels,
     out_of_step,
     without_lag,
@@ -114,7 +115,7 @@ class Calibration:
     sweep: float | None  # how long a sweep takes [s] where it clearly is not as stated, or none is stated
     no_surfaces: float | None  # from which range on [m] endpoints are none; negative if on a line, as of floor
     uneven: float = 0.0  # drift [s/s] of clocks that clearly are not one, of which no steady drift explains much
-    step: WrongStamps | None = None  # of a clock, or bundles of scans; all else is of the recording without it
+    step: WrongStamps | None = None  # of a clock, bundles of scans, increments; all else is of the recording without it
     gyro: bool = True  # the odometry fits with the gyro's turns, or without as little; else all is of wheels alone
 
 
@@ -133,13 +134,11 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
     """The same; scans that do not fit, and drives that show nothing, raise ``UnmeasuredError``."""
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     lidar = recording.lidar
-    if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
+    if lidar is None or min(lidar.ranges.shape) < FEWEST or lidar.interlace > 1 or silent_wheels(recording):
         return None
-    if silent_wheels(recording):
-        return None
-    if (bundled := bundles(lidar)) is not None:
-        found = estimate(bundled.undone(recording), pairs)
-        return None if found is None else replace(found, step=bundled)
+    if (wrong := increments(recording) or bundles(lidar)) is not None:
+        found = estimate(wrong.undone(recording), pairs)
+        return None if found is None else replace(found, step=wrong)
     some = lidar.ranges[len(lidar) // 2 : len(lidar) // 2 + SOME]
     expect_beams_in_place(some)
     if np.isnan(some).mean() > SPARSE or any(map(is_coarse, recording.stamps().values())):

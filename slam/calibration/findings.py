@@ -218,7 +218,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"imu: its gyro turns by {rest.mean:.3f} rad/s while the wheels stand: dead reckoning turns by as much"
         told.append(("gyro-bias", f"{text}, SLAM corrects it. Take it off the yaw rate"))
     decided = {"clock-step", "stamps-jitter", "clock-offset", "clock-drift", "odometry-signs", "odometry-headings"}
-    decided |= {"mirrored"} if c.wrong else set()
+    decided |= {"odometry-increments", *(["mirrored"] if c.wrong else [])}
     decided |= {"no-gyro"} | (set() if c.correlation else {"odometry-unfit"})
     issues = tuple(Issue(*each) for each in told)
     mended = set() if "turns" in certain else {"odometry-turn-scale"}  # a curl, while SLAM drives

@@ -7,10 +7,11 @@ from typing import Literal
 import numpy as np
 
 from moteslam.robot import se2
+from moteslam.robot.inspection import SPEEDS, speeds
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Array
-from moteslam.robot.sensor_reports import clock_reports, turns
+from moteslam.robot.sensor_reports import clock_reports, odometry_of, turns
 from moteslam.slam.calibration.hand_eye import SLIP, Fit, Pairs, Parameter, Path, clock, fit
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
@@ -27,6 +28,8 @@ QUARTER, AHEAD = 0.15, 0.8
 seen by its headings where this share of it does."""
 OUT_OF_STEP, SURELY = 0.5, 0.8
 """Scans that turn as odometry does so long before or after them [s], and correlate by more, are of another clock."""
+INCREMENTS = (0.2, 0.2, 0.3)
+"""Steps of odometry, which comes often, are at most these [m, m, rad]; a path goes farther."""
 SLIP_STATED = 0.01
 """A robot slips as its stated body does to within about this [s]: masses and forces often are estimates."""
 _WRONG = {
@@ -34,7 +37,7 @@ _WRONG = {
     ("y", 0): ("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
     ("path", 0): (
         "odometry-headings",
-        "odometry: its headings do not follow the way that it drives, and are of no use: are they in radians?",
+        "odometry: its headings do not follow the way that it drives, and are of no use: late, or no radians?",
     ),
     ("stated", 1): ("odometry-headings", "odometry: its headings are a quarter turn off the way that it drives"),
     ("turns", 1): (
@@ -117,6 +120,17 @@ def clock_steps(recording: Recording, least: float) -> Iterator[WrongStamps]:
         longest, usual = int(np.argmax(gaps)), float(np.median(gaps))
         if gaps[longest] - usual > least:
             yield _clock_step(streams, float(stream.stamps[longest]), float(gaps[longest]) - usual)
+
+
+def increments(recording: Recording) -> WrongStamps | None:
+    """Of odometry whose poses stay at 0, and drive as a robot once each is added to the ones before."""
+    stamps, poses = odometry_of(recording) or (np.zeros(0), np.zeros((0, 3)))
+    if not len(poses) or (np.abs(poses).max(axis=0) > INCREMENTS).any():
+        return None
+    if not SPEEDS[0] < (speeds(stamps, se2.accumulate(poses))[0] or 0.0) < SPEEDS[1]:
+        return None
+    told = "odometry-increments", "odometry: its poses are increments, each from the one before, not from its beginning"
+    return WrongStamps(told, lambda whole: whole.with_poses(lambda _, poses: se2.accumulate(poses)))
 
 
 def with_stamps(recording: Recording, names: Sequence[str], change: Callable[[Array], Array]) -> Recording:

@@ -236,6 +236,7 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
         (same, shaken(slice(1, 3), 0.03), ["reference-noise"]),
         (shaken(slice(1, 3), 0.03), same, []),  # of an estimate it is an error
         (shaken(slice(0, 1), 0.1), same, ["stamps-jitter"]),
+        (lambda t: shaken(slice(0, 1), 0.1)(t)[::20], same, []),  # so far apart an estimate drifts by as much
         (same, late(slice(4, 8), 15), ["clocks-differ"]),
         (same, lambda t: t[::300], []),  # sparse: between its poses an offset seems to fit
         (same, changed(lambda t: t.__setitem__((slice(None), 2), np.rint(2 * t[:, 2]) / 2)), ["positions-rounded"]),
@@ -255,6 +256,7 @@ def test_a_run_that_got_lost_in_its_last_lap_is_not_on_another_clock(
         (without_a_gap, same, []),  # likewise
         (same, flipped, ["implausible-speed"]),
         (halfway, same, ["implausible-speed"]),
+        (put(slice(330, 331), slice(4, 8), np.sqrt([0.0, 0.0, 0.5, 0.5])), same, []),  # 90 degrees, not halfway
         (flipped, same, []),  # an estimate may find itself elsewhere
         (scaled(XYZ, 1e-5), scaled(XYZ, 1e-5), ["sizes-differ", "no-relative-error"]),
         (scaled(XYZ, 0.95), same, ["sizes-differ"]),

@@ -12,6 +12,7 @@ from issues import messages as all_messages
 from robot_logs import flaser, odom, robotlaser, write_log
 
 from moteslam.errors import InputError, OutputError
+from moteslam.robot import se2
 from moteslam.robot.formats import lines as text_lines
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.carmen import is_carmen, read_carmen
@@ -91,6 +92,22 @@ def test_poses_of_robot_and_laser_that_are_exchanged_are_put_right_by_the_odomet
     assert ("exchanged-poses" in [issue.code for issue in recording.warnings]) == exchanged
     assert recording.platform.lidar.pose == pytest.approx((0.2, 0.0, 0.0))
     np.testing.assert_allclose(recording.lidar.odometry[:, 0], way * 0.3 * np.arange(20))
+
+
+@pytest.mark.parametrize("exchanged", [True, False])
+def test_poses_of_robot_and_laser_that_are_exchanged_are_put_right_by_the_way_in_which_wheels_roll(
+    tmp_path: Path, exchanged: bool
+) -> None:
+    robots = se2.accumulate(np.tile([0.2 * np.cos(0.05), 0.2 * np.sin(0.05), 0.1], (100, 1)))
+    poses = robots, se2.compose(robots, np.array([0.1, 0.0, 0.0]))
+    lines = [
+        flaser([1.0], robot=tuple(robot), laser=tuple(laser), stamp=k)
+        for k, (robot, laser) in enumerate(zip(*poses[:: -1 if exchanged else 1], strict=True))
+    ]
+    recording = read_carmen(write_log(tmp_path / "x.log", lines))
+    assert ("exchanged-poses" in [issue.code for issue in recording.warnings]) == exchanged
+    assert recording.platform.lidar.pose == pytest.approx((0.1, 0.0, 0.0), abs=1e-4)
+    np.testing.assert_allclose(recording.lidar.odometry[:, :2], robots[:, :2], atol=1e-4)
 
 
 def test_the_stamp_is_the_ipc_one_or_the_loggers_where_all_are_zero(tmp_path: Path) -> None:

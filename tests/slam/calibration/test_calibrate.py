@@ -217,6 +217,16 @@ def test_scans_stamped_as_they_arrive_in_bundles_are_told_and_spread() -> None:
     np.testing.assert_allclose(calibrated(wrong, calibration, None).lidar.stamps, stamps, atol=0.03)
 
 
+def test_odometry_that_comes_as_increments_is_told_and_summed_up() -> None:
+    recording = poses_of(driven("lms200"))
+    steps = se2.between(recording.odometry.poses[:-1], recording.odometry.poses[1:])
+    wrong = recording.with_poses(lambda _, poses: np.vstack((np.zeros(3), steps)))
+    calibration, found = found_in(wrong)
+    assert codes(found.moves) == ["odometry-increments"]
+    summed = calibrated(wrong, calibration, None).odometry.poses
+    np.testing.assert_allclose(summed, se2.compose(se2.inverse(recording.odometry.poses[0]), recording.odometry.poses))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("late", [0.0, 0.5])
 def test_odometry_logged_late_with_scans_is_told_and_put_right(late: float) -> None:

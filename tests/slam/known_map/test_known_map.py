@@ -339,7 +339,7 @@ def test_a_place_that_the_scans_contradict_is_given_up() -> None:
 
 
 def test_who_was_there_for_long_is_not_elsewhere_because_people_stand_around() -> None:
-    fits, crowd = ScanFit(1.0, 200, 200, 0, 0), ScanFit(1.0, 200, 200, 45, 5)
+    fits, crowd = ScanFit(1.0, 200, 200, 0, 0), ScanFit(1.0, 200, 200, 45, 15)
     for metres, stays in ((5, False), (40, True)):
         presence = Presence()
         for _ in range(10 * metres):
@@ -350,6 +350,15 @@ def test_who_was_there_for_long_is_not_elsewhere_because_people_stand_around() -
     for _ in range(60):
         presence.observe(0.1, crowd)
     assert presence.probability > 0.5
+
+
+def test_what_stands_before_the_walls_of_a_plan_is_furniture_unless_rays_go_through_them() -> None:
+    furnished, elsewhere = ScanFit(0.7, 200, 200, 70, 2), ScanFit(0.7, 200, 200, 50, 20)
+    for scan, stays in ((furnished, True), (elsewhere, False)):
+        presence = Presence()
+        for _ in range(60):
+            presence.observe(0.1, scan)
+        assert (presence.probability < 0.01, presence.proved) == (stays, stays)
 
 
 def test_a_robot_is_found_and_tracked_in_a_known_map(tmp_path: Path) -> None:
