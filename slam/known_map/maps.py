@@ -12,7 +12,7 @@ from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue, when
-from moteslam.slam.mapping.config import TsdfConfig
+from moteslam.slam.mapping.config import LOST_DISTANCE, TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.rows import Rows
 
@@ -210,9 +210,10 @@ LEAST = 10  # Scans, at least; they are in as many parts of the path, as scans o
 PARTS = 20  # ... at most in so many
 SCALES = np.geomspace(0.5, 0.03, 20)
 """Cauchy's of the residuals [m], by iterations: a wrong scale displaces walls at first, cells at last; not people."""
-SIGMAS, WRONG, BENT = 5.0, 0.01, 0.02
+SIGMAS, WRONG, BENT, NO_MAP = 5.0, 0.01, 0.02, 0.2
 """A scale is a map's fault at so many standard deviations, and where it is more than the second: lidars err by less.
-Directions may differ by less than the third: walls of a sound SLAM map are turned by millimetres a metre."""
+Directions may differ by less than the third: walls of a sound SLAM map are turned by millimetres a metre. In a map that
+is bent by more than the last nothing is found: too few walls are seen."""
 ALONG = 15.0  # A direction within as much of an axis is called that [degrees]
 
 
@@ -252,7 +253,7 @@ class MapTears:
         edges = np.flatnonzero(np.diff(aside, prepend=False, append=False)).reshape(-1, 2)
         spans = [(float(stamps[first[begin]]), float(stamps[last[end - 1]])) for begin, end in edges.tolist()]
         text = f"the path steps aside from its odometry by up to {off.max():.2f} m, {when(spans)}: the map is torn or "
-        text += "doubled there, as where a loop was not closed, and poses are off by more, or the wheels slip"
+        text += "doubled there (a loop is not closed), or lacks what is seen, and poses are off by more; or wheels slip"
         return Issue("step-contradicted", text, len(spans))
 
 
@@ -286,7 +287,7 @@ class MapScale:
         points, rays = (np.concatenate([scan[k] for scan in self._scans]) for k in (1, 2))
         lengths = [len(scan[1]) for scan in self._scans]
         of, begin = np.repeat(np.arange(len(poses)), lengths), np.cumsum([0, *lengths[:-1]])
-        strain, cells = np.zeros(4), self._maps.occupancy
+        strain, cells, near = np.zeros(4), self._maps.occupancy, None
         for scale in (*SCALES, SCALES[-1]):
             c, s = np.cos(poses[of, 2]), np.sin(poses[of, 2])
             (x, y), (u, v) = ((c * a - s * b, s * a + c * b) for a, b in (points.T, rays.T))
@@ -297,7 +298,8 @@ class MapScale:
             residual, along, (n, m), known = self._maps.surface.lines(at_x - deep * u, at_y - deep * v)
             residual += deep * (n * u + m * v)
             known &= np.abs(along) < cells.cell_size  # not beside a wall's end
-            weight = known / (1 + np.square(residual / scale))
+            near = np.abs(residual) < LOST_DISTANCE if near is None else near  # the rest may be furniture
+            weight = (known & near) / (1 + np.square(residual / scale))
             row = np.stack((n, m, m * x - n * y, n * x, m * y, n * y + m * x, n * u + m * v, residual), axis=1)
             sums = np.add.reduceat(weight[:, None, None] * row[:, :7, None] * row[:, None], begin, axis=0)
             moved = np.linalg.solve(sums[:, :3, :3] + 1e-2 * np.eye(3), sums[:, :3, 3:])
@@ -326,6 +328,8 @@ class MapScale:
         stretch, skew = (strain[0] - strain[1]) / 2, strain[2]
         apart, turned = 2 * float(np.hypot(stretch, skew)), float(np.degrees(np.arctan2(skew, stretch)) / 2)
         of = np.array((stretch, -stretch, 2 * skew, 0.0)) / max(apart / 2, 1e-9)
+        if np.abs(strain[:3]).max() > NO_MAP:
+            return None
         if apart > max(BENT, SIGMAS * float(np.sqrt(of @ covariance @ of))):
             text = f"along {turned:.0f} degrees to its x than across: skewed or bent"
             if min(abs(turned), 90 - abs(turned)) < ALONG:

@@ -185,6 +185,16 @@ def test_a_map_that_the_lidar_finds_strained_is_told(
     assert words or issue is None
 
 
+@pytest.mark.parametrize("before", [0.4, 0.8])
+def test_a_plan_that_lacks_shelves_along_its_walls_is_not_told_to_be_of_another_scale(before: float) -> None:
+    shelves = [((3 - before, -1.0), (3 - before, 3.3)), ((1.5 - before, -4.8), (1.5 - before, -1.4))]
+    scale = MapScale(KnownMaps(drawn(OTHER_ROOM, low=(-5, -6), high=(5, 7)), CONFIG.tsdf))
+    for turn in np.linspace(0, 2 * np.pi, 41):
+        pose = np.array((-0.6 + 1.2 * np.sin(turn), -1.4 + 2.4 * np.cos(turn), 3 * turn))
+        scale.add(pose, endpoints(pose, [*OTHER_ROOM, *shelves]), np.zeros(2), 0.5, known=True)
+    assert scale.issue() is None
+
+
 def test_scans_of_a_long_drive_are_thinned_and_those_of_a_doubtful_one_left_out() -> None:
     scale = MapScale(KnownMaps(drawn(WALLS), CONFIG.tsdf))
     for step in range(4000):
