@@ -209,7 +209,7 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         text = f"lidar: its stamps run about {1000 * -c.uneven:+.0f} ms a second against the odometry's, as no clock "
         text += "does, or not steadily: were they counted, or scans lost? Motions, and with them the map, are wrong by "
         told.append(("other-clock", f"{text}as much"))
-    if c.step is not None:
+    if c.step is not None and c.correlation:
         told.append(c.step.told)
     if not c.gyro:
         text = "imu: its turns are not those of scans and wheels, which fit without; is its z up? Left out"

@@ -227,6 +227,13 @@ def test_odometry_that_comes_as_increments_is_told_and_summed_up() -> None:
     np.testing.assert_allclose(summed, se2.compose(se2.inverse(recording.odometry.poses[0]), recording.odometry.poses))
 
 
+def test_odometry_that_stands_still_is_no_increments() -> None:
+    recording = poses_of(driven("lms200")).with_poses(lambda _, poses: np.full_like(poses, 0.05))
+    calibration, found = found_in(recording)
+    assert codes(found.moves) == ["odometry-unfit"]
+    assert calibrated(recording, calibration, None).odometry is None
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("late", [0.0, 0.5])
 def test_odometry_logged_late_with_scans_is_told_and_put_right(late: float) -> None:
