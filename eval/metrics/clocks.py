@@ -8,6 +8,7 @@ import numpy as np
 
 from moteslam.eval.metrics.association import Indices, evenly, in_space, nearest_rotation, spatial
 from moteslam.eval.tables import length
+from moteslam.robot import se2
 from moteslam.robot.se2 import Array
 from moteslam.robot.trajectory import FARTHEST, Trajectory
 
@@ -26,6 +27,9 @@ is left in common; clocks drift by less."""
 OVERLAP, ALIKE = 0.6, 1.2
 """Of the shorter drive they must have this share in common; errors that differ by less than this factor are alike: the
 smallest offset is taken, clock and arm are both told."""
+LATEST, LEAST_SHOWN = 2.0, 0.01
+"""With another point of the robot, offsets up to this are found [s], where a step of them moves the estimate by such a
+share of what one of the rotation or the point does: at an even speed along a straight line none."""
 DENSE = 0.5  # Poses nearer to each other than this [s] are interpolated
 
 
@@ -53,6 +57,46 @@ def clock_offset(estimate: Trajectory, reference: Trajectory, before: float | No
     if before is not None and not (estimate.oriented or reference.oriented):
         option += ", or this is a point of the robot ahead of the other's or behind it: no orientations tell"
     return rmse, f"moved by {seconds:+.3f} s {fits}: its clock seems to be another one {option}"
+
+
+def offset_and_arm(estimate: Trajectory, reference: Trajectory, before: float) -> tuple[float, str] | None:
+    """What is said of an offset of the estimate's clock and another point of the robot that together fit much better
+    (``SHAPE``), in the plane, and the RMSE [m] after alignment with both; ``before`` is the one without [m].
+
+    Gauss-Newton of ``goal = Q (there(t - offset) + R arm)`` over rotation, arm and offset.
+    """
+    begin, end = estimate.stamps[[0, -1]] + (LATEST, -LATEST)
+    keep = evenly(np.flatnonzero((reference.stamps >= begin) & (reference.stamps <= end)), FINE)
+    if not estimate.oriented or len(keep) < LEAST or before < GAIN_METRES:
+        return None
+    at, goal = reference.stamps[keep], reference.poses[keep, :2] - reference.poses[keep, :2].mean(axis=0)
+    size, offset, arm, best = float(goal.std(axis=0).max()), 0.0, np.zeros(2), (inf, 0.0, np.zeros(2))
+
+    def points(times: Array) -> tuple[Array, Array]:
+        """Where the point is at times [k, 2], and the axes of the body there [2, k, 2]."""
+        x, y, heading = se2.interpolate(estimate.stamps, estimate.poses, times).T
+        cos, sin = np.cos(heading), np.sin(heading)
+        axes = np.stack((np.column_stack((cos, sin)), np.column_stack((-sin, cos))))
+        return np.column_stack((x, y)) + arm @ axes.swapaxes(0, 1), axes
+
+    for _ in range(ROUNDS):
+        (there, axes), *beside = (points(at - offset + by) for by in (0.0, -STEP / 2, STEP / 2))
+        turn, _ = nearest_rotation(goal.T @ (there - there.mean(axis=0)))
+        moved = (there - there.mean(axis=0)) @ turn.T
+        best = min(best, (rmse_of(goal - moved), offset, arm), key=lambda one: one[0])
+        back = (beside[0][0] - beside[1][0]) / STEP @ turn.T
+        design = np.stack((moved[:, ::-1] * (-1, 1) / size, *(axes @ turn.T), back))
+        design -= design.mean(axis=1, keepdims=True)
+        step = np.linalg.lstsq(design.reshape(len(design), -1).T, (goal - moved).ravel(), rcond=LEAST_SHOWN)[0]
+        arm, offset = arm + step[1:3], offset + float(step[3])
+        if abs(offset) > LATEST:
+            break
+    rmse, offset, (x, y) = best
+    if rmse > SHAPE * before or before - rmse < GAIN_METRES:
+        return None
+    text = f"moved by {offset:+.3f} s, the point at x {x:.3f} m, y {y:.3f} m on the robot fits with an ATE of "
+    text += f"{length(rmse)} in place of {length(before)}: is the reference of another clock, and of another "
+    return rmse, f"{text}point? (evaluate --time-offset {offset:.3f} --est-offset {x:.3f} {y:.3f} 0)"
 
 
 def shifting(seconds: str) -> str:

@@ -317,6 +317,7 @@ def turned(factor: float, offset: float = 0.0) -> Change:
 
 
 positions_only = put(slice(None), slice(4, 8), 0.0)
+LATE_PRISM = chain(at_arm(0.2, 0.1, 0), clocked(1.0, 0.6), positions_only)
 ARM, CAMERA = ["no-orientation", "lever-arm"], ["in-space", "lever-arm", "body-axes"]
 
 
@@ -365,6 +366,8 @@ def test_another_point_of_the_robot_is_told(
         (chain(between(45, 120), clocked(1.0, 0.3)), between(45, 120), ["lever-arm"], ("--est-offset 0.0", "or else")),
         (chain(positions_only, clocked(1.0, 0.7)), positions_only, [*ARM[:1] * 2, "clocks-differ"], ("or this is",)),
         (chain(at_arm(0.3, 0, 0), positions_only), positions_only, ARM[:1] * 2, ()),
+        (same, LATE_PRISM, [*ARM[:1], "clocks-differ"], ("moved by +0.599 s, the point at x 0.200 m, y 0.100 m",)),
+        (same, chain(LATE_PRISM, changed(lambda t: t[::100])), [*ARM[:1], "clocks-differ"], ("the point at x 0.20",)),
         (same, turned(0.9), ["body-axes"], ("those of the reference are as if multiplied by 0.9;",)),
         (turned(180 / np.pi), same, ["body-axes"], ("those of the estimate are as if in degrees, taken for radians;",)),
         (same, turned(1.0, 8.0), ["body-axes"], ("orientations differ by 8 degrees, directions by",)),
