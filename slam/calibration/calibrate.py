@@ -32,6 +32,7 @@ from moteslam.slam.calibration.readings import (
     FORMS,
     at_times,
     clock_steps,
+    evened,
     expected_slip,
     falls_behind,
     heading_offset,
@@ -83,11 +84,8 @@ LATE, LATE_WHEELS = 0.16, 0.25
 WHEELS_LEAD = 0.1
 """Wheels turn so long before the robot does [s]: along a ring it else passes for a lidar aside."""
 DRIFT = 1e-3  # Likewise [s/s]
-SPARSE = 0.5
-"""Scans laid on one fan whose beams are to a larger share of others, as each begins at another angle, are not held
-against each other."""
-SOME = 256
-"""So many scans show it: those of an hour are not read for that."""
+SPARSE = 0.5  # Scans of which a larger share is no reading are not held against each other
+SOME = 256  # So many scans show whether they are sound: those of an hour are not read for that
 FEW_FIT = 0.5  # Scans are told not to fit each other where a smaller share of the pairs does
 
 
@@ -139,9 +137,12 @@ def estimate(recording: Recording, pairs: int) -> Calibration | None:
     if (wrong := increments(recording) or bundles(lidar)) is not None:
         found = estimate(wrong.undone(recording), pairs)
         return None if found is None else replace(found, step=wrong)
-    some = lidar.ranges[len(lidar) // 2 : len(lidar) // 2 + SOME]
-    expect_beams_in_place(some)
-    if np.isnan(some).mean() > SPARSE or any(map(is_coarse, recording.stamps().values())):
+    if any(map(is_coarse, recording.stamps().values())):
+        return None
+    middle = slice(len(lidar) // 2, len(lidar) // 2 + SOME)
+    recording = recording.replace(lidar=(lidar := evened(lidar, lidar.ranges[middle])))
+    expect_beams_in_place(some := lidar.ranges[middle])
+    if np.isnan(some).mean() > SPARSE:
         return None
     try:
         with np.errstate(all="ignore"):

@@ -5,11 +5,12 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.inspection import SPEEDS, speeds
 from moteslam.robot.platform import Platform
-from moteslam.robot.recording import Recording
+from moteslam.robot.recording import ChunkedRanges, LidarStream, Recording
 from moteslam.robot.se2 import Array
 from moteslam.robot.sensor_reports import clock_reports, odometry_of, turns
 from moteslam.slam.calibration.hand_eye import SLIP, Fit, Pairs, Parameter, Path, clock, fit
@@ -30,6 +31,9 @@ OUT_OF_STEP, SURELY = 0.5, 0.8
 """Scans that turn as odometry does so long before or after them [s], and correlate by more, are of another clock."""
 INCREMENTS = (0.2, 0.2, 0.3)
 """Steps of odometry, which comes often, are at most these [m, m, rad]; a path goes farther."""
+MANY, ONE_SURFACE = 150, 0.15
+"""Scans of fewer beams are not evened: 120 lie 3 degrees apart. Neighbouring ranges that differ by a smaller share than
+the second are of one surface."""
 SLIP_STATED = 0.01
 """A robot slips as its stated body does to within about this [s]: masses and forces often are estimates."""
 _WRONG = {
@@ -131,6 +135,35 @@ def increments(recording: Recording) -> WrongStamps | None:
         return None
     told = "odometry-increments", "odometry: its poses are increments, each from the one before, not from its beginning"
     return WrongStamps(told, lambda whole: whole.with_poses(lambda _, poses: se2.accumulate(poses)))
+
+
+def evened(lidar: LidarStream, some: NDArray[np.float32]) -> LidarStream:
+    """A lidar whose scans each have other beams, laid on a finer fan, on one of as many as a scan has.
+
+    Ranges between two neighbouring beams of a scan are those of the line between their endpoints, if these are of one
+    surface; ``some`` ranges show how many each has.
+    """
+    apart = round(1 / max(1 - float(np.isnan(some).mean()), 1e-3))
+    if apart < 2 or lidar.ranges.shape[1] < MANY * apart:
+        return lidar
+    slots = np.arange(lidar.ranges.shape[1])
+    at = slots[::apart]
+
+    def between(ranges: NDArray[np.float32]) -> NDArray[np.float32]:
+        there = ~np.isnan(ranges)
+        left = np.maximum.accumulate(np.where(there, slots, -1), axis=1)[:, at]
+        right = np.minimum.accumulate(np.where(there, slots, len(slots))[:, ::-1], axis=1)[:, ::-1][:, at]
+        known = (left >= 0) & (right < len(slots)) & (right - left <= 2 * apart)
+        a, b = (np.take_along_axis(ranges, side.clip(0, len(slots) - 1), axis=1) for side in (left, right))
+        turn, back = (steps * lidar.angle_increment for steps in (at - left, right - at))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            line = a * b * np.sin(turn + back) / (a * np.sin(turn) + b * np.sin(back))
+            known &= np.isfinite(a) & np.isfinite(b) & (np.abs(a - b) < ONE_SURFACE * np.minimum(a, b))
+        return np.where(left == right, a, np.where(known, line, np.nan)).astype(np.float32)
+
+    ranges = ChunkedRanges(lambda first, last: between(lidar.ranges[first:last]), len(lidar), len(at))
+    increments = {key: apart * getattr(lidar, key) for key in ("angle_increment", "time_increment")}
+    return replace(lidar, ranges=ranges, **increments)
 
 
 def with_stamps(recording: Recording, names: Sequence[str], change: Callable[[Array], Array]) -> Recording:

@@ -234,6 +234,30 @@ def test_odometry_that_stands_still_is_no_increments() -> None:
     assert calibrated(recording, calibration, None).odometry is None
 
 
+def varying(recording: Recording) -> Recording:
+    """Every scan has other beams, as of cheap lidars, laid on one fan by their angles."""
+    ranges, rng = recording.lidar.ranges[:], np.random.default_rng(0)
+    laid = np.full_like(ranges, np.nan)
+    for row, measured in zip(laid, ranges, strict=True):
+        there = np.arange(rng.uniform(0, 2), len(row) - 1, 2 * rng.uniform(1.0, 1.03)).astype(int)
+        row[there] = measured[there]
+    return lidar(ranges=lambda _: laid)(recording)
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        (lambda r: r, []),
+        (NARROW, ["lidar-angles"]),
+        (lidar(time_increment=lambda s: -s.time_increment), ["time-increment", "clock-offset"]),
+    ],
+)
+def test_a_lidar_whose_beams_vary_from_scan_to_scan_is_measured(fault, expected: list[str]) -> None:
+    calibration, found = checked(fault(varying(driven("rplidar_a1"))), 150)
+    assert codes(found.moves) == expected
+    np.testing.assert_allclose(calibration.fit.values[:2], 0.0, atol=0.02)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("late", [0.0, 0.5])
 def test_odometry_logged_late_with_scans_is_told_and_put_right(late: float) -> None:
