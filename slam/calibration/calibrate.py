@@ -37,6 +37,7 @@ from moteslam.slam.calibration.readings import (
     falls_behind,
     heading_offset,
     in_form,
+    in_step,
     increments,
     lag_of_wheels,
     out_of_step,
@@ -71,8 +72,7 @@ EXPLAINED = 0.6
 other angles than stated where scans see one side of the robot alone: these are biased by a few percent. Wheels without
 a gyro, whose turns are poor, are not asked."""
 STEPPED = 0.8
-"""A clock steps where the odometry costs less than this share without, and over all pairs less by ``EVIDENCE``: a step
-near an end of the recording is in few of them."""
+"""A clock steps where the odometry costs less than this share without, and over all pairs less by ``EVIDENCE``."""
 UNFIT = 7.0
 """Odometry that costs more in every way does not measure the motion of the scans."""
 ANGLES = 0.012
@@ -81,8 +81,7 @@ SIGMAS = 5.0
 """What differs from what is stated by less than this many standard deviations is not certain."""
 LATE, LATE_WHEELS = 0.16, 0.25
 """Clocks that differ by less are taken for one [s]: wheels without a gyro turn before the robot does, by 0.1 s."""
-WHEELS_LEAD = 0.1
-"""Wheels turn so long before the robot does [s]: along a ring it else passes for a lidar aside."""
+WHEELS_LEAD = 0.1  # Wheels turn so long before the robot does [s]: along a ring it else passes for a lidar aside
 DRIFT = 1e-3  # Likewise [s/s]
 SPARSE = 0.5  # Scans of which a larger share is no reading are not held against each other
 SOME = 256  # So many scans show whether they are sound: those of an hour are not read for that
@@ -225,7 +224,8 @@ def _calibrate(
     scans.expect(GOOD / 2)
     if scans.pairs.motions[:, 2].std() < TURNING:
         return None
-    scans.expect_one_way(path, lambda part: "clock" if out_of_step(recording, part) else wrong_way(recording, part))
+    same = in_step(path, scans.pairs)
+    scans.expect_one_way(same, lambda part: "clock" if out_of_step(recording, part) else wrong_way(recording, part))
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
     if read is None and falls_behind(recording, scans.pairs):
         turned_round("clock", "throughout")

@@ -193,6 +193,12 @@ def wrong_way(recording: Recording, pairs: Pairs) -> Literal["", "lidar", "odome
     return "lidar" if correlation < 0 else other
 
 
+def in_step(path: OdometryPath, pairs: Pairs) -> OdometryPath:
+    """The path on the clock of the scans, where these turn as it does throughout, at another time."""
+    offset, _, correlation = clock(pairs, path.stamps, np.unwrap(path.poses[:, 2]), shared=False)
+    return OdometryPath(path.stamps - offset, path.poses) if correlation > SURELY else path
+
+
 def out_of_step(recording: Recording, pairs: Pairs) -> bool:
     """Whether pairs of scans turn as the odometry does some time before or after them."""
     found = (clock(pairs, *each, shared=False) for each in turns(recording).values())

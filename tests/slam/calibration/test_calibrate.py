@@ -234,6 +234,13 @@ def test_odometry_that_stands_still_is_no_increments() -> None:
     assert calibrated(recording, calibration, None).odometry is None
 
 
+@pytest.mark.parametrize("late", [3.0, 5.0])
+def test_scans_stamped_seconds_late_throughout_are_not_told_to_be_so_for_a_time(late: float) -> None:
+    calibration, found = checked(lidar(stamps=lambda s: s.stamps + late)(driven("urg04lx", "doors")), 150)
+    assert codes(found.moves) == ["clock-offset"]
+    assert calibration.fit.values[Parameter.OFFSET] == pytest.approx(-late, abs=0.03)
+
+
 def varying(recording: Recording) -> Recording:
     """Every scan has other beams, as of cheap lidars, laid on one fan by their angles."""
     ranges, rng = recording.lidar.ranges[:], np.random.default_rng(0)
