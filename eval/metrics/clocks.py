@@ -71,6 +71,8 @@ def offset_and_arm(estimate: Trajectory, reference: Trajectory, before: float) -
         return None
     at, goal = reference.stamps[keep], reference.poses[keep, :2] - reference.poses[keep, :2].mean(axis=0)
     size, offset, arm, best = float(goal.std(axis=0).max()), 0.0, np.zeros(2), (inf, 0.0, np.zeros(2))
+    if size < GAIN_METRES or max(np.abs(one.poses).max() for one in (estimate, reference)) > FARTHEST:
+        return None
 
     def points(times: Array) -> tuple[Array, Array]:
         """Where the point is at times [k, 2], and the axes of the body there [2, k, 2]."""

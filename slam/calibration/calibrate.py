@@ -30,6 +30,7 @@ from moteslam.slam.calibration.readings import (
     AGREES,
     AGREES_LOGGED,
     FORMS,
+    SPARSE,
     at_times,
     clock_steps,
     evened,
@@ -83,7 +84,6 @@ LATE, LATE_WHEELS = 0.16, 0.25
 """Clocks that differ by less are taken for one [s]: wheels without a gyro turn before the robot does, by 0.1 s."""
 WHEELS_LEAD = 0.1  # Wheels turn so long before the robot does [s]: along a ring it else passes for a lidar aside
 DRIFT = 1e-3  # Likewise [s/s]
-SPARSE = 0.5  # Scans of which a larger share is no reading are not held against each other
 SOME = 256  # So many scans show whether they are sound: those of an hour are not read for that
 FEW_FIT = 0.5  # Scans are told not to fit each other where a smaller share of the pairs does
 

@@ -31,9 +31,9 @@ OUT_OF_STEP, SURELY = 0.5, 0.8
 """Scans that turn as odometry does so long before or after them [s], and correlate by more, are of another clock."""
 INCREMENTS = (0.2, 0.2, 0.3)
 """Steps of odometry, which comes often, are at most these [m, m, rad]; a path goes farther."""
-MANY, ONE_SURFACE = 150, 0.15
-"""Scans of fewer beams are not evened: 120 lie 3 degrees apart. Neighbouring ranges that differ by a smaller share than
-the second are of one surface."""
+SPARSE, MANY, ONE_SURFACE = 0.5, 150, 0.15
+"""Scans of which a larger share is no reading are evened if they have so many beams at least: 120 lie 3 degrees apart.
+Neighbouring ranges that differ by a smaller share than the last are of one surface."""
 SLIP_STATED = 0.01
 """A robot slips as its stated body does to within about this [s]: masses and forces often are estimates."""
 _WRONG = {
@@ -143,8 +143,9 @@ def evened(lidar: LidarStream, some: NDArray[np.float32]) -> LidarStream:
     Ranges between two neighbouring beams of a scan are those of the line between their endpoints, if these are of one
     surface; ``some`` ranges show how many each has.
     """
-    apart = round(1 / max(1 - float(np.isnan(some).mean()), 1e-3))
-    if apart < 2 or lidar.ranges.shape[1] < MANY * apart:
+    share = float(np.isnan(some).mean())
+    apart = round(1 / max(1 - share, 1e-3))
+    if share <= SPARSE or lidar.ranges.shape[1] < MANY * apart:
         return lidar
     slots = np.arange(lidar.ranges.shape[1])
     at = slots[::apart]

@@ -317,6 +317,7 @@ def turned(factor: float, offset: float = 0.0) -> Change:
 
 
 positions_only = put(slice(None), slice(4, 8), 0.0)
+STILL, FAR = put(slice(None), slice(1, 3), 0.0), put(slice(-1, None), 1, 9e8)
 LATE_PRISM = chain(at_arm(0.2, 0.1, 0), clocked(1.0, 0.6), positions_only)
 ARM, CAMERA = ["no-orientation", "lever-arm"], ["in-space", "lever-arm", "body-axes"]
 
@@ -504,6 +505,6 @@ def test_the_file_that_is_tilted_is_named(tmp_path: Path, capsys) -> None:
         assert f"{named}: moves in a plane" in told(capsys, "evaluate", *given)
 
 
-def test_a_robot_that_stands_still_has_no_direction(tmp_path: Path, capsys: Capsys) -> None:
-    estimate, reference = files_of(tmp_path, put(slice(None), slice(1, 3), 0.0), put(slice(None), slice(1, 3), 0.0))
-    shown(capsys, "evaluate", estimate, reference)
+@pytest.mark.parametrize(("estimate", "reference"), [(STILL, STILL), (same, STILL), (STILL, same), (FAR, same)])
+def test_a_robot_that_stands_or_is_far_away_is_scored(tmp_path: Path, capsys: Capsys, estimate, reference) -> None:
+    shown(capsys, "evaluate", *files_of(tmp_path, estimate, reference))

@@ -246,7 +246,7 @@ def varying(recording: Recording) -> Recording:
     ranges, rng = recording.lidar.ranges[:], np.random.default_rng(0)
     laid = np.full_like(ranges, np.nan)
     for row, measured in zip(laid, ranges, strict=True):
-        there = np.arange(rng.uniform(0, 2), len(row) - 1, 2 * rng.uniform(1.0, 1.03)).astype(int)
+        there = np.arange(rng.uniform(0, 2), len(row) - 1, 2.2 * rng.uniform(0.97, 1.03)).astype(int)
         row[there] = measured[there]
     return lidar(ranges=lambda _: laid)(recording)
 
