@@ -87,7 +87,7 @@ def doubts(
         reasons += _lever_arm(estimate, reference, ate, SHAPE if found is None else 1.0)
         left = min([ate.rmse, *(rmse for rmse, _ in reasons), *(found or ())[:1]])
         both = None if in_space(estimate, reference) else clocks.offset_and_arm(estimate, reference, ate.rmse)
-        if both is not None and both[0] < SHAPE * left:
+        if both is not None and both[0] < min(SHAPE * left, left - GAIN_METRES):
             reasons.append((both[0], Issue("clocks-differ", both[1])))
     if found is not None:  # between poses, where it is fitted, noise is less
         reasons.append((ALIKE**2 * found[0], Issue("clocks-differ", found[1])))
