@@ -60,8 +60,8 @@ def clock_offset(estimate: Trajectory, reference: Trajectory, before: float | No
 
 
 def offset_and_arm(estimate: Trajectory, reference: Trajectory, before: float) -> tuple[float, str] | None:
-    """What is said of an offset of the estimate's clock and another point of the robot that together fit much better
-    (``SHAPE``), in the plane, and the RMSE [m] after alignment with both; ``before`` is the one without [m].
+    """What is said of an offset of the estimate's clock and a point of the robot that together fit best, in the plane,
+    and the RMSE [m] after alignment with both; ``before`` is the one without [m].
 
     Gauss-Newton of ``goal = Q (there(t - offset) + R arm)`` over rotation, arm and offset.
     """
@@ -94,8 +94,6 @@ def offset_and_arm(estimate: Trajectory, reference: Trajectory, before: float) -
         if abs(offset) > LATEST:
             break
     rmse, offset, (x, y) = best
-    if rmse > SHAPE * before or before - rmse < GAIN_METRES:
-        return None
     text = f"moved by {offset:+.3f} s, the point at x {x:.3f} m, y {y:.3f} m on the robot fits with an ATE of "
     text += f"{length(rmse)} in place of {length(before)}: is the reference of another clock, and of another "
     return rmse, f"{text}point? (evaluate --time-offset {offset:.3f} --est-offset {x:.3f} {y:.3f} 0)"
