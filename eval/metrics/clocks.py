@@ -52,7 +52,7 @@ def clock_offset(estimate: Trajectory, reference: Trajectory, before: float | No
     fits = f"the estimate fits with an ATE of {length(rmse)}{f' in place of {length(before)}' if before else ''}"
     if slow:
         rate = f"{100 * abs(slow):.2f} % {'slow' if slow > 0 else 'fast'}"
-        return rmse, f"{fits} if its clock runs {rate}: its stamps, or those of the reference, are to be scaled"
+        return rmse, f"{fits} if its clock runs {rate}: the stamps of one are to be scaled, or they are two drives"
     option = shifting(f"{seconds:.3f}")
     if before is not None and not (estimate.oriented or reference.oriented):
         option += ", or this is a point of the robot ahead of the other's or behind it: no orientations tell"

@@ -29,6 +29,7 @@ FOLLOWING, FEWEST = 10, 3
 OF_TWICE, MOST_TWICE = 0.4, 4000
 """Time that is passed twice is so in steps of less than this share of it, both times, and in fewer of them than this
 (`SET_BACK` at 1000 Hz, twice). As many places are looked at: stamps that go back more often are of no clock."""
+LEAST_BACK = 0.1  # [s]: where stamps are even but for one step, a clock that was set back by less is a busy logger's
 AGAIN = 0.75  # of the time between new scans: ten that equal the one before sooner than that are given again
 MAX_DROPPED = 3  # readings that cannot be are always dropped; more of them only up to a tenth of the stream
 
@@ -134,7 +135,7 @@ def clock_cuts(stamps: Stamps) -> list[int]:
 
 
 def _passed_twice(stamps: Stamps) -> Mask:
-    """Before which readings [n] the time goes back over what it passes in small steps both before and after."""
+    """Before which readings [n] time goes back over what it passes in small steps, or in the only uneven step."""
     peak, found = np.maximum.accumulate(stamps), np.zeros(len(stamps), np.bool_)
     at = np.flatnonzero(np.diff(stamps) < 0) + 1
     begin, end = (np.searchsorted(peak, edge, side="right") for edge in (stamps[at], peak[at - 1]))
@@ -143,6 +144,13 @@ def _passed_twice(stamps: Stamps) -> Mask:
         passes = stamps[max(first - 1, 0) : here], stamps[here : last + 1]
         most = OF_TWICE * (peak[here - 1] - stamps[here])
         found[here] = all(np.abs(np.diff(one)).max() < most < np.ptp(one) for one in passes)
+    steps = np.diff(stamps)
+    for here in at[peak[begin - 1] != stamps[at]][:MOST_TWICE].tolist():  # at the same stamp it is given twice
+        first = max(here - 1 - FOLLOWING, 0)
+        beside = np.delete(steps[first : here + FOLLOWING], here - 1 - first)
+        usual = np.median(beside) if len(beside) else 0.0
+        even = len(beside) >= FOLLOWING and np.abs(beside - usual).max() < usual / 2
+        found[here] |= even and usual - steps[here - 1] > LEAST_BACK
     return found
 
 

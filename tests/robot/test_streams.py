@@ -58,13 +58,27 @@ LATE = np.concatenate((RUN[:50], RUN[30:35], RUN[50:]))
         (np.concatenate((RUN, RUN[:4])), 100),
         (np.concatenate((RUN[50:], RUN)), 50),
         (np.concatenate((RUN[:50], RUN[50:] - 0.8)), 50),
+        (np.concatenate((RUN[:50], RUN[50:] - 0.41)), 50),
+        (np.concatenate((RUN[:95], RUN[95:] - 0.25)), 95),
         (RUN, None),
         (LATE, None),
         (np.concatenate((RUN[:40], RUN[45:50], RUN[40:45], RUN[50:])), None),
         (np.concatenate((RUN[:50], RUN[50:] - 0.15)), None),
         (RUN + 0.4 * np.sin(np.arange(100)), None),
     ],
-    ids=["looped", "just now", "catches up", "a little", "rising", "late", "a burst", "less than a step", "jitter"],
+    ids=[
+        "looped",
+        "just now",
+        "catches up",
+        "a little",
+        "two steps",
+        "one step",
+        "rising",
+        "late",
+        "a burst",
+        "less than a step",
+        "jitter",
+    ],
 )
 def test_a_clock_that_is_set_back_is_no_late_message(stamps: np.ndarray, first: int | None) -> None:
     assert clock_cuts(stamps)[:1] == ([] if first is None else [first])
