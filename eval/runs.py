@@ -183,6 +183,11 @@ class Shown(NamedTuple):
     title: str
     factor: float = 1.0
 
+    @property
+    def ways(self) -> tuple[str, str]:
+        """What a smaller and a larger value than the other's is called, or, of a metric that knows it, a better one."""
+        return ("better", "worse") if known_metric(self.name).better else ("lower", "higher")
+
     def text(self, value: float | None, *, sign: bool = False) -> str:
         return number(None if value is None else self.factor * value, sign=sign)
 
@@ -225,11 +230,12 @@ def driven_by(rows: Iterable[Row]) -> str:
 def warnings_of(rows: Iterable[Row]) -> list[str]:
     """What is doubtful in runs: of each configuration the first of those that differ in numbers alone, and how many."""
     each = ((row, str(issue.get("message"))) for row in rows for issue in row.issues)
-    alike = grouped(each, lambda one: (one[0].run.configuration, NUMBERS.sub("0", one[1])))
+    alike = grouped(each, lambda one: (one[0].run.configured(), NUMBERS.sub("0", one[1])))
     lines = []
     for message, kinds in grouped(alike.values(), lambda some: some[0][1]).items():
         first, others = kinds[0][0][0], sum(map(len, kinds)) - 1
-        names = ", ".join(dict.fromkeys(some[0][0].run.configuration for some in kinds))
+        of = list(dict.fromkeys(some[0][0].run.configured() for some in kinds))
+        names = "; ".join(of[:MOST_NAMED]) + (f" and {len(of) - MOST_NAMED} more" if of[MOST_NAMED:] else "")
         more = f" ({others} more such)" if others else ""
         lines.append(f"{first.name}, {names}: {message}{more}")
     return lines

@@ -180,7 +180,10 @@ def _resolved(method: str, given: Table, *, file: Path | None) -> SlamConfig:
     except ConfigError as error:  # of the back end's table, which is validated by itself
         problem = error.problem
         if problem.startswith("unknown key"):
-            problem = f"{_nearest(error.field or '', base) or problem}; moteslam replay --print-config lists all"
+            key = error.field or ""
+            problem = f"{_nearest(key, base) or problem}; moteslam replay --print-config lists all"
+            others = (preset for preset, other in PRESETS.items() if other != base["method"] and key in _keys(other))
+            problem = next((f"a key of the preset {preset}, expected --preset {preset}" for preset in others), problem)
         raise ConfigError(problem, file=file, field=error.field) from error
 
 
@@ -191,6 +194,10 @@ def _nearest(key: str, known: Table) -> str:
     near = get_close_matches(word, keys.values(), cutoff=0.8)
     like = [each for each, last in keys.items() if last in near or last.startswith(f"{word}_")][:3]
     return f"unknown key, expected one like {', '.join(like)}" if like else ""
+
+
+def _keys(method: str) -> frozenset[str]:
+    return frozenset(_dotted(METHODS[method].config.model_validate({}).model_dump(mode="json")))
 
 
 def _dotted(table: Table, above: str = "") -> Iterator[str]:

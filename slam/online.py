@@ -53,6 +53,7 @@ class OnlineSlam(Core):
 
     Attributes:
         config, seed, name: as given; the name of a recording is its own.
+        latest: every update of the latest message, of which the call returns the last.
 
     Raises:
         ConfigError: the seed is out of bounds.
@@ -77,6 +78,7 @@ class OnlineSlam(Core):
         self._camera: LiveCamera | None = None
         self._missing = "no camera images" if self._filter.uses_camera else ""
         self._views: FloorViews | None = None
+        self.latest: tuple[Update, ...] = ()
 
     def add_odometry(
         self, stamp: float, pose: ArrayLike | None = None, *, counts: ArrayLike | None = None
@@ -279,18 +281,20 @@ class OnlineSlam(Core):
         return self._taken
 
     def _take_in(self, live: LiveInputs, *, finish: bool = False) -> Update | None:
-        update = None
+        updates = list[Update]()
         self._expect_units(live.too_fast)
         while (index := live.take_next(finish=finish)) is not None:
             step = next(steps(live, self._views, thinning=self._filter.thinning, first=index))
             try:
                 update = self._step(step)
+                updates.append(update)
             except ConfigError:  # a map that grows too large, for one
                 self._expect_units(other_units(live.beginning.recording(self.name, limited=False)))
                 raise
             if not update.updated:
                 live.scans.forget_latest()
-        return update
+        self.latest = tuple(updates)
+        return updates[-1] if updates else None
 
     def _expect_units(self, doubts: Iterable[Issue]) -> None:
         """Refuse units in which nothing is left to make a map of, and each message from then on."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from moteslam.eval.sweep.store import Store
 
 COUNTS = ("pairs", "wins", "losses", "ties")
-HEAD = ("pairs", "better", "worse", "equal", "median difference", "95 %", "p", "failed", "failed, first")
+HEAD = ("equal", "median difference", "95 %", "p", "failed", "failed, first")
 
 
 def compare(
@@ -87,7 +87,14 @@ def _lines(
     from moteslam.eval.statistics import FEWEST
 
     several = any(len(each) > 1 for pairs in compared.values() for each in pairs.values())
-    head = (axis, *(["where"] if several else []), *HEAD)
+
+    def head(*shown: Shown) -> tuple[str, ...]:
+        ways = [
+            " or ".join(words)
+            for words in (dict.fromkeys(each) for each in zip(*(one.ways for one in shown), strict=True))
+        ]
+        return (axis, *(["where"] if several else []), "pairs", *ways, *HEAD)
+
     tables: dict[str, list[tuple[str, ...]]] = {}
     for name, shown in titles.items():
         cells = tables[shown.title] = []
@@ -96,11 +103,15 @@ def _lines(
             figures = (*counts[:-2], *shown.median(one, sign=True), f"{one['p']:.2g}", *counts[-2:])
             cells.append((other, *([place] if several else []), *figures))
     if form != "text":
-        yield FORMATS[form]([("metric", *head), *((title, *cell) for title, cells in tables.items() for cell in cells)])
-    for title, cells in tables.items() if form == "text" else ():
+        rows = ((title, *cell) for title, cells in tables.items() for cell in cells)
+        yield FORMATS[form]([("metric", *head(*titles.values())), *rows])
+    for shown in titles.values() if form == "text" else ():
+        title, cells = shown.title, tables[shown.title]
         yield f"{title}, against {literal(first)}"
         empty = [k for k in (-1, -2, -4) if all(cell[k] in ("0", "-") for cell in cells)]
-        yield aligned([[one for k, one in enumerate(row, -len(row)) if k not in empty] for row in (head, *cells)])
+        yield aligned(
+            [[one for k, one in enumerate(row, -len(row)) if k not in empty] for row in (head(shown), *cells)]
+        )
     said = [] if form == "text" else [f"against {literal(first)}; p is of the sign test"]
     if any(one["pairs"] < FEWEST for pairs in compared.values() for each in pairs.values() for one in each.values()):
         said.append(f"fewer than {FEWEST} pairs have no 95 % interval")

@@ -94,6 +94,8 @@ def offset_and_arm(estimate: Trajectory, reference: Trajectory, before: float) -
         if abs(offset) > LATEST:
             break
     rmse, offset, (x, y) = best
+    if np.hypot(x, y) < GAIN_METRES:  # no other point, and of a clock alone ``clock_offset`` says more
+        return None
     text = f"moved by {offset:+.3f} s, the point at x {x:.3f} m, y {y:.3f} m on the robot fits with an ATE of "
     text += f"{length(rmse)} in place of {length(before)}: is the reference of another clock, and of another "
     return rmse, f"{text}point? (evaluate --time-offset {offset:.3f} --est-offset {x:.3f} {y:.3f} 0)"

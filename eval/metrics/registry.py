@@ -188,7 +188,8 @@ def metric(name: str) -> Metric:
     short = split(name)[1]
     found = METRICS[short] if short in METRICS.names() else _relative_error(short)
     if found is None:
-        raise ConfigError(f"{name!r}, expected one of {', '.join(METRICS.names())}", field="metrics")
+        near = name.lower() if split(name.lower())[1] in METRICS.names() else f"one of {', '.join(METRICS.names())}"
+        raise ConfigError(f"{name!r}, expected {near}", field="metrics")
     return found
 
 

@@ -235,7 +235,7 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Fac
             elif store.part != part:
                 problem = f"holds part {store.part}, not {part}"
             elif store.digest not in ("", digest(plan(SweepSpec.model_validate_json(store.spec), check=False))):
-                problem = "has runs of other scenarios, robots or plug-ins of these names"
+                problem = "its scenarios, robots or plug-ins have changed since its runs"
             if problem:
                 with in_file(file):
                     plan(spec)  # what is wrong with it comes first

@@ -37,6 +37,7 @@ class PaperFilter(FilterDefaults):
         self.grid = OccupancyGrid(config.map)  # the one shared map
         self.history = History()  # the particles' poses at every update
         self.best_particle = 0  # index into the last update's particles, before they were resampled
+        self._n_eff = self.weights.effective_number  # at the last update, before resampling
         self._best = self.poses[0].copy()
         self._motion, self._travelled = np.zeros(3), Travelled()  # since the last update
         self._covariance, self._misfit = ParticleCovariance(config.motion, config.search), Misfit()
@@ -48,7 +49,7 @@ class PaperFilter(FilterDefaults):
         self._covariance.move(motion, step.dt, measured=step.measured)
         if len(self.history) and not update_due(self._config.update, self._travelled):
             pose = se2.compose(self._best, self._motion)
-            return StepResult(pose, step.motion, self.weights.effective_number, 0, False, False, self._certainty())
+            return StepResult(pose, step.motion, self._n_eff, 0, False, False, self._certainty())
         score, driven = 0, self._travelled.distance
         if len(self.history):
             # III.3: every particle moves by the control, with noise
@@ -66,7 +67,7 @@ class PaperFilter(FilterDefaults):
         self._best = self.poses[self.best_particle].copy()
         self._covariance.update(self.poses, self.weights.values, self._best)
         self._misfit.update(self._best)
-        n_eff = self.weights.effective_number
+        self._n_eff = n_eff = self.weights.effective_number
         resampled = self._resample(step.index, n_eff)
         self.grid.add_scan(self._best, step.points, step.origin)  # III.2
         return StepResult(self._best, step.motion, n_eff, score, True, resampled, self._certainty())

@@ -634,7 +634,7 @@ def test_the_hash_is_recorded_and_other_runs_of_the_same_names_are_refused(
     assert shown(capsys, "sweep", spec)["hash"] == digest(plan(read_spec(spec)))
     printed(capsys, "sweep", written(tmp_path, f'description = "What it is for."\n{ONE}'))  # words are no other sweep
     monkeypatch.setattr("moteslam.eval.sweep.store.digest", lambda _: "0" * 64)
-    assert "has runs of other scenarios, robots or plug-ins of these names" in refused(capsys, "sweep", spec)
+    assert "its scenarios, robots or plug-ins have changed since its runs" in refused(capsys, "sweep", spec)
 
 
 def test_they_are_listed_and_printed(capsys: Capsys, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.live import LiveInputs
-from moteslam.slam.inputs.odometry_path import KEPT, MOST_KEPT, OdometryReadings
+from moteslam.slam.inputs.odometry_path import KEPT, MOST_KEPT, OdometryReadings, odometry_path
 from moteslam.slam.inputs.synchronise import dead_reckon
 from moteslam.slam.online import OnlineSlam, run_slam
 
@@ -439,3 +439,13 @@ def test_odometry_faster_than_any_robot_is_refused_within_a_second(
 def test_an_update_shows_its_state(corridor: Recording):
     slam = OnlineSlam(platform_of(corridor), resolve_config("paper", CHEAP))
     assert "state=SURE" in repr(next(fed(slam, corridor)))
+
+
+def test_the_latest_message_has_every_update_of_its_own(corridor: Recording):
+    path = odometry_path(corridor, SyncConfig())
+    rarely = OdometryStream(path.stamps[::25], path.poses[::25])
+    recording = cut(corridor.replace(encoders=None, imu=None, odometry=rarely), 60)
+    slam = OnlineSlam(platform_of(recording), resolve_config("paper", CHEAP))
+    calls = [[update.index for update in slam.latest] for _ in fed(slam, recording)]
+    assert max(map(len, calls)) > 1
+    assert [index for call in calls for index in call] == list(range(len(slam)))
