@@ -19,11 +19,14 @@ number for a finite one."""
 @kernel
 def _project(
     ranges: F32_2D, directions: F64_2D, sweeps: F64_2D, origin_x: F64, origin_y: F64, max_range: F32, points: F32_2D,
-    counts: I32_1D,
+    counts: I32_1D, alone: template,
 ):  # fmt: skip
-    """The endpoints of scan i are ``counts[i]`` rows of ``points`` from row i * beams on."""
+    """The endpoints of scan i are ``counts[i]`` rows of ``points`` from row i * beams on.
+
+    A scan that is ``alone`` wakes no other thread.
+    """
     beams = ranges.shape[1]
-    ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
+    ti.loop_config(block_dim=1, serialize=ti.static(one_thread() or alone))
     for i in range(ranges.shape[0]):
         # the robot's turn at a beam is that at the beam before, turned on by the same angle
         turn = sweeps[i, 2] / ti.max(beams - 1, 1)
@@ -74,7 +77,7 @@ def project_scans(
     points, counts = np.empty((scans * beams, 2), np.float32), np.zeros(scans, np.int32)
     if given.size:
         reach = min(max_range, float(np.finfo(np.float32).max))
-        _project(given, along, moved, start_x, start_y, reach, points, counts)
+        _project(given, along, moved, start_x, start_y, reach, points, counts, scans == 1 and not one_thread())
     return points, counts
 
 
@@ -108,15 +111,16 @@ def _end_of_group(ends: template, linked: template, first: I32, end: I32, spacin
 def _thin(
     ends: F32_2D, begins: I32_1D, counts: I32_1D, origin_x: F32, origin_y: F32, gap: F32, gap_from_range: F32,
     spacing: F32, max_spacing: F32, max_points: I32, linked: I32_1D, points: F32_2D, joined: I32_1D, left: I32_1D,
-    passes: I32,
+    passes: I32, alone: template,
 ):  # fmt: skip
     """Of scan i, the ``counts[i]`` rows of ``ends`` from ``begins[i]`` on become ``left[i]`` rows of ``points``.
 
     Endpoints within the spacing of the first of a group, and linked to it by those between, become one point: their
     mean. The spacing is widened, up to ``max_spacing``, while there are more than ``max_points`` groups. ``linked`` is
-    whether an endpoint lies on the same surface as the one before it, which no spacing changes.
+    whether an endpoint lies on the same surface as the one before it, which no spacing changes. A scan that is
+    ``alone`` wakes no other thread.
     """
-    ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
+    ti.loop_config(block_dim=1, serialize=ti.static(one_thread() or alone))
     for p in range(begins.shape[0] * passes):
         if p % passes:
             continue
@@ -196,7 +200,7 @@ def thin_scans(
     if len(ends) and len(firsts):
         _thin(
             ends, firsts, many, float(start[0]), float(start[1]), gap, gap_from_range, spacing, max_spacing,
-            max_points, linked, thinned, joined, left, passes_for(len(firsts)),
+            max_points, linked, thinned, joined, left, passes_for(len(firsts)), len(firsts) == 1 and not one_thread(),
         )  # fmt: skip
     spans = list(zip(firsts.tolist(), (firsts + left).tolist(), strict=True))
     return [ThinnedScan(thinned[first:last], joined[first:last]) for first, last in spans]

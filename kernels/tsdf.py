@@ -187,22 +187,24 @@ def integrate_scans(
     scans: Sequence[ThinnedScan],
     *,
     options: IntegrationOptions,
+    part: range | None = None,
 ) -> bool:
-    """Integrate scans, one after the other, into the maps of all particles, each from its own poses.
+    """Integrate scans, one after the other, into the maps of n particles, each from its own poses.
 
     Args:
-        store: of the maps of n particles, counted since they were resampled, with tables that the scans stay within;
-            written to.
+        store: of the maps, counted since they were resampled, with tables that the scans stay within; written to.
         frames: [n * m, 4] cos, sin, x, y of each particle at the m scans, from the tables' corner [m].
+        part: of the store's particles, one after the other; all if None.
 
     Returns:
         Whether there were tiles enough. Where not, no cell was written, though some tables name tiles of their own now:
         count the shares again, make room, and call again.
     """
     tiles = store.tiles
+    part = range(tiles.maps) if part is None else part
     places = as_finite("frames", frames, np.float64, (None, 4)) / (1, 1, options.cell_size, options.cell_size)
-    if not scans or len(places) != tiles.maps * len(scans):
-        problem = f"{len(places)}, expected one for each of {tiles.maps} maps at each of {len(scans)} scans"
+    if not scans or len(places) != len(part) * len(scans):
+        problem = f"{len(places)}, expected one for each of {len(part)} maps at each of {len(scans)} scans"
         raise InputError(problem, field="frames")
     points, joined = scans[0]
     if len(scans) > 1:
@@ -212,10 +214,11 @@ def integrate_scans(
         return False
     counters = np.array([store.left, 0], np.int32)
     _integrate(
-        *(tiles.pool, tiles.table, tiles.first, store.shares, store.free, counters, tiles.columns, tiles.size), places,
+        *(tiles.pool, tiles.table, tiles.first + part.start * tiles.size, store.shares, store.free, counters),
+        *(tiles.columns, tiles.size, places),
         np.ascontiguousarray(points.T / np.float32(options.cell_size)), joined,
         np.array([0, *accumulate(len(scan.points) for scan in scans)], np.int32), options.numbers(),
-        *(passes_for(tiles.maps), tiles.maps == 1 and not one_thread()),
+        *(passes_for(len(part)), len(part) == 1 and not one_thread()),
     )  # fmt: skip
     left, short = counters.tolist()
     if short:

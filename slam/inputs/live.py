@@ -78,13 +78,16 @@ class LiveScans(Scans):
         return rows[:, :-6], np.ascontiguousarray(rows[:, -6:]).view(np.float64)
 
 
+WIDTHS = {"lidar": 4, "odometry": 4, "encoders": 5, "imu": 2}  # Numbers of a message: its stamp, and the values
+
+
 class Beginning:
     """The first messages, kept as they came: they are checked as a recording is."""
 
     def __init__(self, platform: Platform, lidar: LidarStream) -> None:
         self._platform, self._lidar = platform, lidar
         self._ranges = Rows(lidar.ranges.shape[1], np.float32)
-        self._rows: dict[str, Rows] = {}  # stamp and values, by stream
+        self._rows: dict[str, array[float]] = {}  # stamps and values, one message after the other, by stream
         self._messages, self._next = 0, FEW
 
     def __len__(self) -> int:
@@ -102,18 +105,18 @@ class Beginning:
             self._messages += 1
         else:
             self._ranges.add(ranges[None])
-        self._rows.setdefault(stream, Rows(len(message))).add(np.array([message]))
+        self._rows.setdefault(stream, array("d")).extend(message)
 
     def forget_latest(self) -> None:
         """Forget the latest scan."""
         if not self.full:
             self._ranges.forget_latest()
-            self._rows["lidar"].forget_latest()
+            del self._rows["lidar"][-WIDTHS["lidar"] :]
 
     def is_due(self) -> bool:
         """Whether units are to be looked at: now and then, each time with twice as many scans."""
-        stamps = self._rows["lidar"].values[:, 0]
-        if len(self) < self._next or stamps[-1] - stamps[0] < SOON:
+        rows = self._rows["lidar"]
+        if len(self) < self._next or rows[-WIDTHS["lidar"]] - rows[0] < SOON:
             return False
         self._next = min(2 * len(self), FIRST) if len(self) < FIRST else FIRST + 1
         return True
@@ -122,7 +125,8 @@ class Beginning:
         """All of them; ranges beyond the lidar's limit are no return, unless they are all that there is and no codes,
         and it need not be ``limited``.
         """
-        given, ranges = {each: rows.values for each, rows in self._rows.items()}, self._ranges.values
+        given = {each: np.array(rows).reshape(-1, WIDTHS[each]) for each, rows in self._rows.items()}
+        ranges = self._ranges.values
         streams: dict[str, Any] = {}
         if len(self):
             beyond = np.isfinite(ranges) & (ranges >= np.float32(self._lidar.range_max))

@@ -304,8 +304,11 @@ def jumps(
     c = config or SyncConfig()
     jump = np.zeros(len(stamps), np.bool_)
     begin = max(int(stamps.searchsorted(since)) - 1, 0)
-    dt, off = stamps[begin + 1 :] - stamps[begin:-1], np.abs(odometry[begin + 1 :] - odometry[begin:-1])
-    # most often none is nearly so fast, and the motions need not be known
+    off = np.abs(odometry[begin + 1 :] - odometry[begin:-1])
+    # most often none is nearly so far, or so fast, and the motions need not be known
+    if off.max(initial=0.0) <= 0.45 * min(c.min_jump_distance, c.min_jump_rotation):
+        return jump
+    dt = stamps[begin + 1 :] - stamps[begin:-1]
     far = off[:, 0] + off[:, 1] > np.maximum(0.9 * c.max_speed * dt, 0.9 * c.min_jump_distance)
     if not (far | (off[:, 2] > np.maximum(0.9 * c.max_turn_rate * dt, 0.9 * c.min_jump_rotation))).any():
         return jump

@@ -54,7 +54,7 @@ class KnownMaps(TsdfMaps):
         self._store = tile_store(rows, columns, len(pool))
         self._store.fill(pool.reshape(-1), table)
 
-    def _write(self, poses: Array, scans: object) -> None:
+    def _write(self, poses: Array, scans: object, part: range) -> None:
         """The map is known: nothing is written into it."""
 
     def _cells(self, corner: Array, rows: int, columns: int, level: int, truncation: float) -> NDArray[np.int16]:

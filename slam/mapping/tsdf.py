@@ -21,6 +21,7 @@ FIRST_TILES = 32  # Tiles of the pool to begin with; it doubles
 MAX_TILES = 2**31 // CELLS  # More would need 64-bit addresses, and 4 GB
 MAX_ENTRIES = 2**29  # Of all tables together: 2 GB
 DRAWN = 64  # Scans that are drawn into a map at a time: the tables are made large enough for all of them before
+PARTS = 2  # of the TSDFs are written one after the other, where one alone is looked at for as many scans
 
 
 class TsdfMaps:
@@ -31,7 +32,9 @@ class TsdfMaps:
         self._tile_size = SIDE * config.cell_size
         self._corner = np.array([-TABLE_CHUNK, -TABLE_CHUNK])  # the first tile of the tables: (column, row)
         self._store = tile_store(2 * TABLE_CHUNK, 2 * TABLE_CHUNK, FIRST_TILES)
-        self._waiting: tuple[Array, ThinnedScan] | None = None  # poses [N, 3] and scan, to be averaged in
+        self._waiting: tuple[Array, ThinnedScan] | None = None  # poses [N, 3] and scan, to be averaged in ...
+        self._left: list[range] = []  # ... to the TSDFs of these particles yet
+        self._looks = 0  # at one of them since the scan came
 
     def __len__(self) -> int:
         return self._store.tiles.maps
@@ -43,15 +46,22 @@ class TsdfMaps:
         return self._store.nbytes
 
     def all(self) -> TsdfView:
-        """The TSDFs of all particles, to register to; valid until the next ``integrate`` or ``resample``."""
+        """The TSDFs of all particles, to register to; valid until the next call."""
         self._settle()
-        x, y = self._corner.tolist()
-        return TsdfView(self.config, self._store.tiles, (x * self._tile_size, y * self._tile_size))
+        return self._view()
 
     def of(self, particle: int) -> TsdfView:
         """The TSDF of one particle, likewise."""
-        config, tiles, corner = self.all()
+        self._looks += 1
+        if self._left:
+            has_it = (part for part in self._left if particle in part)
+            self._write_waiting(next(has_it, self._left[0]))
+        config, tiles, corner = self._view()
         return TsdfView(config, tiles.of(particle), corner)
+
+    def _view(self) -> TsdfView:
+        x, y = self._corner.tolist()
+        return TsdfView(self.config, self._store.tiles, (x * self._tile_size, y * self._tile_size))
 
     def resample(self, parents: NDArray[np.int64]) -> None:
         """Give every particle the TSDF of its parent [M]; M is their number from now on.
@@ -67,16 +77,26 @@ class TsdfMaps:
         frame.
 
         Fewer than two points have no surface. It is done once the TSDFs are looked at: who waits for the pose of the
-        scan has it before. Then it is refused where tiles or tables would take more than ``MAX_TILES`` or
-        ``MAX_ENTRIES``.
+        scan has it before. While one alone is looked at for several scans, as the scan before this one was, the others
+        are written a part with each: no scan waits for all. Then it is refused where tiles or tables would take more
+        than ``MAX_TILES`` or ``MAX_ENTRIES``.
         """
         self._settle()
-        self._waiting = poses, scan
+        n, parts = len(poses), min(max(self._looks, 1), PARTS, len(poses))
+        self._waiting, self._looks = (poses, scan), 0
+        self._left = [range(k * n // parts, (k + 1) * n // parts) for k in range(parts)]
 
     def _settle(self) -> None:
-        if self._waiting is not None:
-            (poses, scan), self._waiting = self._waiting, None
-            self._write(poses, [scan])
+        if sum(map(len, self._left)) == len(self):
+            self._left = [range(len(self))]
+        while self._left:
+            self._write_waiting(self._left[0])
+
+    def _write_waiting(self, part: range) -> None:
+        assert self._waiting is not None
+        self._left.remove(part)
+        poses, scan = self._waiting
+        self._write(poses, [scan], part)
 
     def draw(self, poses: Array, scans: Sequence[ThinnedScan]) -> None:
         """Average m scans from poses [m, 3], ``DRAWN`` at a time and one after the other, into the one TSDF that there
@@ -86,10 +106,10 @@ class TsdfMaps:
         """
         self._settle()
         for first in range(0, len(scans), DRAWN):
-            self._write(poses[first : first + DRAWN], scans[first : first + DRAWN])
+            self._write(poses[first : first + DRAWN], scans[first : first + DRAWN], range(1))
 
-    def _write(self, poses: Array, scans: Sequence[ThinnedScan]) -> None:
-        """Average scans into the TSDFs; of each particle there is a pose a scan."""
+    def _write(self, poses: Array, scans: Sequence[ThinnedScan], part: range) -> None:
+        """Average scans into the TSDFs of a part of the particles; of each of all there is a pose a scan."""
         if not all(some := [len(scan.points) >= 2 for scan in scans]):  # one point is no surface
             poses, scans = poses[np.flatnonzero(some)], [scan for scan, has in zip(scans, some, strict=True) if has]
         if not scans:
@@ -97,7 +117,8 @@ class TsdfMaps:
         c = self.config
         farthest = max(float(np.hypot(*scan.points.T).max()) for scan in scans)
         self._cover(poses, farthest + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size)
-        while not integrate_scans(self._store, self.all().frames(poses), scans, options=self._options):
+        frames = self._view().frames(poses if len(part) == len(self) else poses[part.start : part.stop])
+        while not integrate_scans(self._store, frames, scans, options=self._options, part=part):
             self._make_room()
 
     def _cover(self, poses: Array, reach: float) -> None:

@@ -213,11 +213,11 @@ class TsdfFilter(FilterDefaults):
 
     def _sample(self, step: Step, proposal: Proposal) -> None:
         """Draw every particle's pose from its proposal."""
-        n, poses = len(self._particles), proposal.means
-        if n > 1:  # else the best one, which is not drawn
-            normals = generator_for(self._seed, step.index, Draws.PROPOSAL).standard_normal((n, 3))
-            poses = sample(proposal, normals, self._config.proposal, best=self.best_particle)
-        self._particles.move_to(poses)
+        if (n := len(self._particles)) == 1:
+            self._particles.move_to(proposal.means)  # the best one, which is not drawn
+            return
+        normals = generator_for(self._seed, step.index, Draws.PROPOSAL).standard_normal((n, 3))
+        self._particles.move_to(sample(proposal, normals, self._config.proposal, best=self.best_particle))
 
     def _map(self, scan: ThinnedScan, proposal: Proposal) -> None:
         """Write the scan, and the floor, into the maps; count motion from here on."""

@@ -143,6 +143,18 @@ def test_a_pool_that_grows_loses_nothing(monkeypatch: pytest.MonkeyPatch):
         assert cells(maps, particle) == cells(expected, particle)
 
 
+@pytest.mark.parametrize("looked_at", [0, 17, 29])
+def test_a_map_that_is_looked_at_has_its_scan_whenever_the_others_are_written(looked_at: int) -> None:
+    """Where one alone was looked at for several scans the others are written later, to the same cells."""
+    poses = np.random.default_rng(3).normal(0, (0.2, 0.2, 0.1), (30, 3))
+    expected, maps = mapped(poses, 30), mapped(particles=30)
+    for _ in range(5):
+        maps.of(looked_at)
+    maps.integrate(poses, thinned(room_scan()))
+    for particle in (looked_at, 0, 14, 15, 29):
+        assert cells(maps, particle) == cells(expected, particle)
+
+
 def test_memory_is_that_of_tiles_and_tables_and_does_not_grow_where_nothing_new_is_seen():
     poses = np.random.default_rng(4).normal(0, (0.05, 0.05, 0.02), (20, 3))
     maps = mapped(poses, 20)
