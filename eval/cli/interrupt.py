@@ -6,6 +6,7 @@ This module imports next to nothing: it is there before the rest of the program 
 import os
 import signal
 import threading
+from collections.abc import Callable, Iterator
 from types import FrameType
 
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
@@ -22,6 +23,7 @@ class Interrupted(BaseException):
 
 
 _asked: list[int] = []
+_ended: list[int] = []
 
 
 def leave_at_once() -> None:
@@ -37,7 +39,39 @@ def leave_at_once() -> None:
 def on_interrupt() -> None:
     """From here on a signal raises ``Interrupted``, once; a second waits for the tidying up."""
     _asked.clear()
+    _ended.clear()
     _handle(_interrupt)
+
+
+def until_interrupt(read: Callable[[], bytes]) -> Iterator[bytes]:
+    """What is read until it is empty, or until Ctrl-C, which ends this input alone; a second is an interrupt."""
+    waiting = False
+
+    def end(number: int, frame: FrameType | None) -> None:
+        if _ended:
+            _interrupt(number, frame)
+            return
+        _ended.append(number)
+        if waiting:  # the work on what was read before is not broken off
+            raise Interrupted(number)
+
+    _handle(end, SIGNALS[:1])
+    try:
+        while not _ended:
+            waiting = True
+            found = read()
+            waiting = False
+            check_interrupt()
+            if not found:
+                return
+            yield found
+    except Interrupted:
+        check_interrupt()
+
+
+def input_ended() -> bool:
+    """Whether a Ctrl-C ended the input."""
+    return bool(_ended)
 
 
 def leave_with(code: int) -> None:
@@ -56,9 +90,9 @@ def was_asked() -> Interrupted | None:
     return Interrupted(_asked[0]) if _asked else None
 
 
-def _handle(handler: object) -> None:
+def _handle(handler: object, signals: tuple[signal.Signals, ...] = SIGNALS) -> None:
     if threading.current_thread() is threading.main_thread():
-        for number in SIGNALS:
+        for number in signals:
             # what was ignored from the start stays so: nohup, and jobs in the background of a script
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, handler)  # type: ignore[arg-type]

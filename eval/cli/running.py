@@ -6,13 +6,14 @@ import time
 from collections.abc import Iterator
 from contextlib import nullcontext, suppress
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.eval.cli.interrupt import check_interrupt
+from moteslam.eval.cli.interrupt import input_ended, until_interrupt
 from moteslam.eval.cli.options import SlamOptions, named
 from moteslam.eval.cli.text import note, progress_bar, say, warn
 from moteslam.eval.metrics.ate import absolute_trajectory_error
@@ -238,7 +239,7 @@ def follow(stream: BinaryIO, robot: Path | None, config: SlamConfig, out: Path |
     with nullcontext() if out is None else result_folder(out, force=run.force) as folder:
         device, began = runtime.init(run.arch, run.threads), time.perf_counter()
         slam, bad, number = None, 0, 0
-        for number, line in enumerate(_lines(stream), start=1):
+        for number, line in enumerate(until_interrupt(partial(_line, stream)), start=1):
             try:
                 message = _message(line)
                 if (kind := message.pop("type")) == "platform":
@@ -257,6 +258,8 @@ def follow(stream: BinaryIO, robot: Path | None, config: SlamConfig, out: Path |
                 bad += 1
                 if bad <= SHOWN:
                     note(f"warning: {InputError(error.problem, file=STDIN, line=number, field=error.field)}; left out")
+        if input_ended():
+            note("interrupted: the input ends here, what came so far is finished; a second Ctrl-C throws it away")
         _print(None if slam is None else slam.finish())
         if slam is None or not len(slam):
             raise InputError(f"{number} lines without a scan, expected some", file=STDIN)
@@ -273,12 +276,11 @@ def follow(stream: BinaryIO, robot: Path | None, config: SlamConfig, out: Path |
     note(f"{len(estimate.trajectory)} scans, {estimate.trajectory_final.length:.1f} m: result in {out}")
 
 
-def _lines(stream: BinaryIO) -> Iterator[bytes]:
-    while line := stream.readline(LONGEST + 1):
-        check_interrupt()
-        while len(line) > LONGEST and not line.endswith(b"\n") and (rest := stream.readline(LONGEST)):
-            line = line[:LONGEST] + rest[-1:]  # the rest of it is skipped
-        yield line
+def _line(stream: BinaryIO) -> bytes:
+    line = stream.readline(LONGEST + 1)
+    while len(line) > LONGEST and not line.endswith(b"\n") and (rest := stream.readline(LONGEST)):
+        line = line[:LONGEST] + rest[-1:]  # the rest of it is skipped
+    return line
 
 
 def _message(line: bytes) -> dict[str, Any]:
@@ -320,5 +322,6 @@ def _print(update: Update | None) -> None:
         return
     found = {"index": update.index, "stamp": update.stamp, "pose": update.pose.tolist()}
     found |= {"covariance": update.covariance.tolist(), "state": update.state.name.lower()}
-    say(json.dumps(found | {"updated": update.updated, "corrected": update.corrected}))
-    sys.stdout.flush()
+    with suppress(*[BrokenPipeError] * input_ended()):  # the same Ctrl-C ended who reads our output
+        say(json.dumps(found | {"updated": update.updated, "corrected": update.corrected}))
+        sys.stdout.flush()

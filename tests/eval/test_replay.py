@@ -4,7 +4,8 @@ import io
 import json
 import re
 import shutil
-from collections.abc import Iterator
+import signal
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -32,7 +33,8 @@ from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.config import resolve_config
 from moteslam.slam.inputs.synchronise import dead_reckon
-from moteslam.slam.online import run_slam
+from moteslam.slam.online import OnlineSlam, run_slam
+from moteslam.slam.scan_records import Update
 
 SCANS = 60
 
@@ -77,6 +79,35 @@ def test_lines_of_json_give_the_result_of_the_recording(
     assert np.shape(updates[-1]["covariance"]) == (3, 3)
     assert (out / "trajectory.tum").read_text().count("\n") == SCANS + 1
     assert json.loads((out / "run.json").read_text())["warnings"] == []
+
+
+@pytest.mark.parametrize(("asked", "code"), [(1, 0), (2, 130)], ids=["once", "twice"])
+@pytest.mark.usefixtures("signals_are_heard")
+def test_ctrl_c_ends_the_input_and_a_second_the_run(
+    asked: int, code: int, recording: Recording, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capsys
+) -> None:
+    class Driver(io.BytesIO):
+        def readline(self, size: int | None = -1) -> bytes:
+            line = super().readline(size)
+            if not line:  # a driver that goes on has nothing to say now
+                signal.raise_signal(signal.SIGINT)
+                pytest.fail("still waiting")
+            return line
+
+    def finish(slam: OnlineSlam, usual: Callable[[OnlineSlam], Update | None] = OnlineSlam.finish) -> Update | None:
+        for _ in range(asked - 1):
+            signal.raise_signal(signal.SIGINT)
+        return usual(slam)
+
+    monkeypatch.setattr(OnlineSlam, "finish", finish)
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=Driver("\n".join(lines(recording)).encode())))
+    options = ["--set", "particles=3", "--no-figures", "--out", str(tmp_path / "out")]
+    assert run(["replay", "--stdin", *options]) == code
+    told = capsys.readouterr().err.splitlines()
+    assert told[0].startswith("moteslam: interrupted: the input ends here")
+    assert len(told) == 2
+    assert (tmp_path / "out/trajectory.tum").exists() == (code == 0)
+    assert len(list(tmp_path.iterdir())) == (code == 0)
 
 
 BAD = {
