@@ -1,20 +1,24 @@
 """moteslam as a node of ROS 2: /scan and /odom in, /map and the transform map -> odom out.
 
-    ros2 run, or: python examples/ros2_node.py
+    python examples/ros2_node.py [ROBOT or FILE.toml] [FOLDER]
 
-It needs rclpy, tf2_ros and the messages of a sourced ROS 2; the tests have only stand-ins for these. The lidar's mount
-is that of the robot file you name; its angles and reach are taken from the first scan.
+It needs a sourced ROS 2; the tests have only stand-ins. The lidar's mount is that of the robot, its angles and reach
+those of the first scan: scans of other beams are laid on its angles. Ctrl-C writes the result into FOLDER.
 """
 
 import sys
-from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
 import rclpy
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import LaserScan
 from tf2_ros import TransformBroadcaster
 
@@ -30,30 +34,31 @@ class Slam(Node):
     def __init__(self, platform: moteslam.Platform) -> None:
         super().__init__("moteslam")
         self.platform, self.slam, self.odometry, self.told = platform, None, {}, set()
-        self.create_subscription(LaserScan, "scan", self.logged(self.on_scan), 10)
-        self.create_subscription(Odometry, "odom", self.logged(self.on_odometry), 50)
-        self.maps, self.transforms = self.create_publisher(OccupancyGrid, "map", 1), TransformBroadcaster(self)
+        sensor = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)  # which hears reliable ones too
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.create_subscription(LaserScan, "scan", partial(self.hear, self.on_scan), sensor)
+        self.create_subscription(Odometry, "odom", partial(self.hear, self.on_odometry), sensor)
+        self.maps, self.transforms = self.create_publisher(OccupancyGrid, "map", latched), TransformBroadcaster(self)
         self.create_timer(2.0, self.publish_map)
 
-    def logged(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
+    def hear(self, take: Any, message: Any) -> None:
         """A message that cannot be used is logged, and left out."""
-
-        def told(message: Any) -> None:
-            try:
-                take(message)
-            except moteslam.MoteslamError as error:
-                self.get_logger().warning(str(error))
-
-        return told
+        try:
+            take(message)
+        except moteslam.MoteslamError as error:
+            self.get_logger().warning(str(error))
 
     def on_scan(self, scan: LaserScan) -> None:
-        if self.slam is None:
-            figures = {"beams": len(scan.ranges), "angle_min": scan.angle_min, "angle_increment": scan.angle_increment}
-            figures |= {"range_min": scan.range_min, "range_max": scan.range_max, "rate": 1 / max(scan.scan_time, 0.01)}
-            figures["time_increment"] = scan.time_increment
-            self.slam = moteslam.OnlineSlam(self.platform.with_(lidar=figures))
         ranges = np.array(scan.ranges, np.float32)
-        ranges[ranges >= scan.range_max] = np.inf
+        angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
+        if self.slam is None:
+            keys = ("angle_min", "angle_increment", "time_increment", "range_min", "range_max")
+            figures = {key: getattr(scan, key) for key in keys} | {"rate": 1 / max(scan.scan_time, 0.01)}
+            robot = self.platform.with_(lidar=figures | {"beams": len(ranges)})
+            self.slam, self.angles = moteslam.OnlineSlam(robot), angles
+        if len(ranges) not in (0, len(self.angles)):
+            off = np.abs(np.angle(np.exp(1j * (self.angles[:, None] - angles))))
+            ranges = np.where(off.min(axis=1) < abs(scan.angle_increment), ranges[off.argmin(axis=1)], np.nan)
         self.publish(self.slam.add_scan(ranges, seconds(scan.header)))
 
     def on_odometry(self, message: Odometry) -> None:
@@ -83,16 +88,23 @@ class Slam(Node):
             if issue.code not in self.told:
                 self.told.add(issue.code)
                 self.get_logger().warning(str(issue))
-        drawn = self.slam.map
-        sent = OccupancyGrid()
+        drawn, sent = self.slam.map, OccupancyGrid()
         sent.header.frame_id, sent.info.resolution = "map", drawn.cell_size
         sent.info.height, sent.info.width = drawn.values.shape
         sent.info.origin.position.x, sent.info.origin.position.y = drawn.origin[:2]
-        known = np.where(drawn.values > 0, 100, 0)
-        sent.data = np.where(drawn.values == 0, -1, known).astype(np.int8).ravel().tolist()
+        sent.data = np.select([drawn.values > 0, drawn.values < 0], [100, 0], -1).ravel().tolist()
         self.maps.publish(sent)
 
 
-if __name__ == "__main__":
+def main(robot: str = "turtlebot3", folder: str = "ros2_result") -> None:
     rclpy.init()
-    rclpy.spin(Slam(moteslam.load_platform(sys.argv[1] if len(sys.argv) > 1 else "turtlebot3")))
+    node = Slam((moteslam.read_platform if robot.endswith(".toml") else moteslam.load_platform)(robot))
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(node)
+    if node.slam is not None:
+        node.slam.finish()
+        moteslam.write_results(folder, node.slam.estimate(), figures=False)
+
+
+if __name__ == "__main__":
+    main(*remove_ros_args(sys.argv)[1:])

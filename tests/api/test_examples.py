@@ -125,28 +125,45 @@ def test_the_bytes_of_a_serial_lidar_are_ranges(monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.usefixtures("taichi")
-def test_the_node_logs_a_message_that_it_cannot_use_and_goes_on(monkeypatch: pytest.MonkeyPatch):
-    topics, said = {}, []
+def test_the_node_takes_what_ros_sends_logs_the_rest_and_keeps_the_result(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    topics, said, nodes = {}, [], []
 
     class Node:
         def __init__(self, _name: str) -> None:
-            self.create_subscription = lambda _type, topic, take, _depth: topics.update({topic: take})
-            self.create_publisher = self.create_timer = lambda *_: None
+            nodes.append(self)
+            self.create_subscription = lambda _type, topic, take, qos: topics.update({topic: (take, qos)})
+            self.create_publisher = lambda _type, topic, qos: topics.update({topic: (None, qos)})
+            self.create_timer = lambda *_: None
             self.get_clock, self.get_logger = MagicMock(), lambda: SimpleNamespace(warning=said.append)
 
-    for name in ("rclpy", "geometry_msgs.msg", "nav_msgs.msg", "sensor_msgs.msg", "tf2_ros"):
-        monkeypatch.setitem(sys.modules, name, MagicMock())
+    def spin(_node: Node) -> None:
+        still = SimpleNamespace(position=SimpleNamespace(x=0.0, y=0.0), orientation=SimpleNamespace(z=0.0, w=1.0))
+        limits = {"range_min": 0.1, "range_max": 3.5, "scan_time": 0.2, "time_increment": 0.0}
+        for sec, beams in ((1, 0), (1, 360), (0, 360), (2, 360), (3, 364), (4, 350)):
+            header = SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=0))
+            step = 2 * np.pi / max(beams, 1)
+            ranges = 2 + np.cos(step * np.arange(beams))
+            angles = {"angle_min": 0.0, "angle_increment": step}
+            topics["scan"][0](SimpleNamespace(header=header, ranges=ranges, **angles, **limits))
+            topics["odom"][0](SimpleNamespace(header=header, pose=SimpleNamespace(pose=still)))
+        raise KeyboardInterrupt
+
+    qos = SimpleNamespace(QoSProfile=dict, DurabilityPolicy=MagicMock(), ReliabilityPolicy=MagicMock())
+    for name in ("rclpy", "geometry_msgs.msg", "nav_msgs.msg", "sensor_msgs.msg", "tf2_ros", "rclpy.utilities"):
+        monkeypatch.setitem(sys.modules, name, MagicMock(spin=spin))
     monkeypatch.setitem(sys.modules, "rclpy.node", SimpleNamespace(Node=Node))
-    node = import_module("ros2_node").Slam(moteslam.load_platform("turtlebot3"))
+    monkeypatch.setitem(sys.modules, "rclpy.qos", qos)
+    monkeypatch.setitem(sys.modules, "rclpy.executors", SimpleNamespace(ExternalShutdownException=RuntimeError))
+    import_module("ros2_node").main("turtlebot3", str(tmp_path / "result"))
     monkeypatch.delitem(sys.modules, "ros2_node")
-    still = SimpleNamespace(position=SimpleNamespace(x=0.0, y=0.0), orientation=SimpleNamespace(z=0.0, w=1.0))
-    figures = {"angle_min": 0.0, "angle_increment": 0.0174533, "range_min": 0.1, "range_max": 3.5}
-    for sec, ranges in ((1, []), (1, [1.0] * 360), (0, [1.0] * 360), (2, [1.0] * 360)):
-        header = SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=0))
-        topics["scan"](SimpleNamespace(header=header, ranges=ranges, scan_time=0.2, time_increment=0.0, **figures))
-        topics["odom"](SimpleNamespace(header=header, pose=SimpleNamespace(pose=still)))
     assert len(said) == 3, said  # no beams, and a scan and a pose of an earlier stamp
-    assert len(node.slam.estimate().trajectory) == 2
+    assert topics["map"][1]["durability"] is qos.DurabilityPolicy.TRANSIENT_LOCAL
+    assert all(topics[name][1]["reliability"] is qos.ReliabilityPolicy.BEST_EFFORT for name in ("scan", "odom"))
+    assert len(moteslam.read_trajectory(tmp_path / "result/trajectory.tum")) == 4
+    rows = nodes[0].slam._taken.beginning.recording("x").lidar.ranges
+    assert np.abs(rows - (2 + np.cos(np.deg2rad(np.arange(360))))).max() < 0.02
 
 
 @pytest.mark.slow
