@@ -44,7 +44,7 @@ class DriveToGoal(gym.Env):
         gained, near = before - self._to_goal()[0], self._to_goal()[0] < GOAL
         if near:
             self.goals.pop(0)
-        hit = self._clearance() < self.scenario.platform.radius + 0.02
+        hit = self._touches()
         done = hit or not self.goals
         return self._observation(), gained - 0.05 + 10.0 * near - 10.0 * hit, done, self.simulator.done, {}
 
@@ -53,12 +53,14 @@ class DriveToGoal(gym.Env):
             parts = np.array_split(np.nan_to_num(readings.lidar.ranges[-1], nan=REACH, posinf=REACH), BEAMS)
             self.ranges = np.minimum([part.min() for part in parts], REACH).astype(np.float32)
 
-    def _clearance(self) -> float:
-        """From the robot's centre to the nearest wall [m]."""
-        ends = self.simulator.world.segments.reshape(-1, 2, 2) - self.simulator.pose[:2]
-        along = ends[:, 1] - ends[:, 0]
-        share = np.clip(-(ends[:, 0] * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12), 0, 1)
-        return float(np.hypot(*(ends[:, 0] + share[:, None] * along).T).min())
+    def _touches(self) -> bool:
+        """Whether a wall comes within 2 cm of the robot's rectangle."""
+        inverse, walls = se2.inverse(self.simulator.pose), self.simulator.world.segments
+        begin, end = np.moveaxis(se2.transform_points(inverse, walls.reshape(-1, 2)).reshape(-1, 2, 2), 1, 0)
+        half = np.array((self.scenario.platform.length, self.scenario.platform.width)) / 2 + 0.02
+        along = np.where(begin == end, 1e-12, end - begin)
+        enters, leaves = np.sort([(-half - begin) / along, (half - begin) / along], axis=0)
+        return bool((enters.max(axis=1, initial=0) <= leaves.min(axis=1, initial=1)).any())
 
     def _to_goal(self) -> tuple[float, float]:
         if not self.goals:

@@ -89,6 +89,17 @@ def test_the_environment_is_one_of_gymnasium():
     check_env(import_module("gym_env").DriveToGoal(), skip_render_check=True)
 
 
+def test_the_environment_ends_where_the_body_touches_a_wall():
+    pytest.importorskip("gymnasium")
+    env = import_module("gym_env").DriveToGoal()
+    platform = env.scenario.platform
+    for lateral, heading, touches in ((0.03, 0.0, False), (0.01, 0.0, True), (0.03, 0.5, True), (-0.1, 0.0, True)):
+        y = platform.width / 2 + lateral  # the wall is nearer than half the diagonal
+        world = SimpleNamespace(segments=np.array([[-3.0, y, 3.0, y], [5.0, -1.0, 5.0, 1.0]]))
+        env.simulator = SimpleNamespace(world=world, pose=np.array((0.0, 0.0, heading)))
+        assert env._touches() == touches, (lateral, heading)
+
+
 def test_the_bytes_of_a_serial_lidar_are_ranges(monkeypatch: pytest.MonkeyPatch):
     turn = b"".join(
         bytes((0b111110 if degrees else 0b111101, (64 * degrees & 127) << 1 | 1, 64 * degrees >> 7, *metres))
