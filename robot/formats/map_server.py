@@ -74,8 +74,7 @@ def read_map(path: str | PathLike[str]) -> Raster:
     low, high = FREE_PERCENT, OCCUPIED_PERCENT
     if about.mode == "raw":
         low, high = round(100 * about.free_thresh), round(100 * about.occupied_thresh)
-    which = [percent < 0, percent <= low, percent >= high]
-    return _raster(np.select(which, [UNKNOWN, FREE, OCCUPIED], UNKNOWN), about)
+    return _raster(np.select([percent < 0, percent <= low, percent >= high], [UNKNOWN, FREE, OCCUPIED], UNKNOWN), about)
 
 
 def read_occupancy(path: str | PathLike[str]) -> Raster:
@@ -90,14 +89,15 @@ def write_map(path: str | PathLike[str], raster: Raster) -> None:
     path, values = Path(path), raster.values
     greys = {UNKNOWN: UNKNOWN_GREY, FREE: FREE_GREY, OCCUPIED: OCCUPIED_GREY}
     if values.ndim != 2 or not np.isin(values, list(greys)).all():
-        text = f"{values.dtype}{list(values.shape)}, expected 0 free, 1 occupied, -1 unknown [H, W]; of log-odds "
-        raise InputError(f"{text}{trinary.__module__}.trinary(raster.values) makes them", field="raster")
+        made = f"dataclasses.replace(raster, values={trinary.__module__}.trinary(raster.values)) makes them of log-odds"
+        text = f"{values.dtype}{list(values.shape)}, expected 0 free, 1 occupied, -1 unknown [H, W]; {made}"
+        raise InputError(text, field="raster")
+    path = path.with_suffix(".pgm") if path.suffix == ".yaml" else path
     if path.suffix not in (".pgm", ".png"):
-        raise OutputError("expected a name that ends in .pgm or .png", file=path)
+        raise OutputError("expected a name that ends in .pgm, .png or .yaml", file=path)
     image = np.select([values[::-1] == value for value in greys], list(greys.values())).astype(np.uint8)
-    rows, columns = image.shape
-    content = encode_png(image) if path.suffix == ".png" else f"P5\n{columns} {rows}\n255\n".encode() + image.tobytes()
-    write_atomically(path, content)
+    pgm = b"P5\n%d %d\n255\n" % image.shape[::-1] + image.tobytes()
+    write_atomically(path, encode_png(image) if path.suffix == ".png" else pgm)
     about = {"negate": 0, "occupied_thresh": OCCUPIED_THRESHOLD, "free_thresh": FREE_THRESHOLD}
     _write_yaml(path, raster, {"mode": "trinary"}, about)
 
