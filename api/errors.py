@@ -3,8 +3,10 @@
 The command line prints ``str(error)`` as one line and exits with code 2; no traceback reaches a user.
 """
 
+import inspect
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from os import PathLike
 from typing import Any, get_args
@@ -13,6 +15,22 @@ File = str | PathLike[str]
 
 MOST_KEYS, NEAREST, LONGEST = 24, 3, 60
 """Of a table with more keys than the first so many are named; characters of a list that is shown."""
+
+
+BOUNDS = {"greater_than": "more than", "greater_than_equal": "at least"}
+BOUNDS |= {"less_than": "less than", "less_than_equal": "at most"}
+PLAIN = {
+    r"^Field required$": "missing",
+    r"^(Input should be|\w+ should have) ": "expected ",
+    r" after validation, not .*": "",
+    "a valid integer": "a whole number",
+    "a valid boolean": "true or false",
+    "a valid (tuple|list)": "a list",
+    "a valid dictionary.*": "a table",
+    "a valid ": "a ",
+}
+"""What pydantic says, in words of tables."""
+UNIT = r"\[((?:m|s|rad|Hz|deg|kg|N)\b[^\]]*)\]"
 
 
 class MoteslamError(Exception):
@@ -80,11 +98,36 @@ def explained(complaint: Mapping[str, Any], model: Any) -> str:
     if kind == "tuple_type":
         listed = repr(value.split() if isinstance(value, str) else [value])
         return f"expected a list{f': {listed}' if len(listed) <= LONGEST else ''}"
-    return str(complaint["msg"]).removeprefix("Value error, ")
+    if kind in BOUNDS:
+        (bound,) = complaint["ctx"].values()
+        return f"expected {BOUNDS[kind]} {bound:.6g}{'' if model is None else unit_of(model, place)}"
+    text = str(complaint["msg"]).removeprefix("Value error, ")
+    for theirs, ours in PLAIN.items():
+        text = re.sub(theirs, ours, text)
+    return text
+
+
+def unit_of(model: Any, place: Sequence[str | int]) -> str:
+    """The unit of a key, ``" m"``, which the comment beside or above it in the source of its model has in brackets."""
+    *above, key = (part for part in place if isinstance(part, str))
+    line = re.compile(rf"((?:^    #.*\n)*)^    {re.escape(key)}: [^#\n]*(.*)", re.MULTILINE)
+    for base in (base for one in _models(model, [*above, key]) for base in one.__mro__):
+        with suppress(OSError, TypeError):  # no source
+            if found := line.search(inspect.getsource(base)):
+                unit = re.search(UNIT, found[2] or found[1])
+                return f" {unit[1]}" if unit else ""
+    return ""
 
 
 def _keys(model: Any, place: Sequence[str | int]) -> str:
     """The keys of the table in which a place of a pydantic model lies, those most like its last part first."""
+    keys = list(dict.fromkeys(key for one in _models(model, place) for key in one.model_fields))
+    near = get_close_matches(str(place[-1]), keys, n=max(len(keys), 1), cutoff=0.0)
+    return ", ".join(near if len(near) <= MOST_KEYS else [*near[:NEAREST], "..."])
+
+
+def _models(model: Any, place: Sequence[str | int]) -> list[Any]:
+    """The models of the table in which a place of a pydantic model lies."""
     models = [model]
     for part in place[:-1]:
         below = [
@@ -92,11 +135,13 @@ def _keys(model: Any, place: Sequence[str | int]) -> str:
         ]
         of_kind = [one for one in models if any(field.default == part for field in one.model_fields.values())]
         models = below or of_kind or models
-    keys = list(dict.fromkeys(key for one in models for key in one.model_fields))
-    near = get_close_matches(str(place[-1]), keys, n=max(len(keys), 1), cutoff=0.0)
-    return ", ".join(near if len(near) <= MOST_KEYS else [*near[:NEAREST], "..."])
+    return models
 
 
 def _within(kind: Any) -> list[Any]:
     """The models in an annotation."""
-    return [kind] if hasattr(kind, "model_fields") else [each for one in get_args(kind) for each in _within(one)]
+    return (
+        [kind]
+        if isinstance(kind, type) and hasattr(kind, "model_fields")
+        else [each for one in get_args(kind) for each in _within(one)]
+    )

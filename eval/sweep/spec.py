@@ -69,10 +69,18 @@ class Range(Section):
         return [int(value) for value in values] if all(value.is_integer() for value in values) else values
 
 
+def _plain(value: Any) -> Any:
+    values = value if isinstance(value, list | tuple) else [value]
+    if isinstance(value, dict | Range) or (values and all(isinstance(one, Scalar) for one in values)):
+        return value
+    expected = "a list of numbers, of words, or of true and false, or a range { first, last, steps }"
+    raise ValueError(f"{shortened(repr(value), 90)}, expected {expected}")
+
+
 Values = Annotated[
-    Annotated[tuple[Scalar, ...], BeforeValidator(_listed), Field(min_length=1), Tag("values")]
-    | Annotated[Range, Tag("range")],
+    Annotated[tuple[Scalar, ...], BeforeValidator(_listed), Tag("values")] | Annotated[Range, Tag("range")],
     Discriminator(lambda value: "range" if isinstance(value, dict | Range) else "values"),
+    BeforeValidator(_plain),
 ]
 """What a key takes: a list of values, or a range."""
 

@@ -139,6 +139,8 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
         (HERE + "[vary]\nslam.particels = [1]", "vary.slam.particels: "),
         (HERE + "[vary]\nslam.particles = [-3]", "vary.slam.particles: "),
         (HERE + "[vary]\nslam.particles = { first = 1, last = 9, steps = 0 }", "vary.slam.particles.range.steps: "),
+        (HERE + "[vary]\nslam.particles = []", "vary.slam.particles: [], expected a list of numbers, "),
+        (HERE + "[vary]\nslam.particles = [[1, 2]]", "vary.slam.particles: [[1, 2]], expected a list of numbers, "),
         (HERE + "seeds = '0'\n[vary]\nslam.particles = [2, 2]", "(corridor, seed 0, default, slam.particles=2)"),
         (HERE + "[configurations.a]\npreset = 'b'", "configurations.a, b: no such preset"),
         (HERE + "[configurations.a]\nset = { slam.backend.method = 'no' }", "configurations.a, backend.method: "),

@@ -92,6 +92,10 @@ def test_a_setting_is_a_key_and_a_value_and_a_preset_one_of_those_there_are(pres
         ("paper", "search.enabled=false", "expected one of offsets_theta, offsets_xy; "),
         ("paper", "search=off", "expected a table of offsets_xy, offsets_theta, found 'off'"),
         ("paper", "search.offsets_xy=0", "expected a list: [0], found 0"),
+        ("paper", "particles=0", "expected at least 1, found 0"),
+        ("paper", "particles=true", "expected a whole number, found True"),
+        ("default", "map.cell_size=50", "expected at most 1 m, found 50"),
+        ("default", "sync.method=3", "expected 'nearest' or 'interpolate', found 3"),
         ("default", "method=mine", "expected one of tsdf, paper, known_map; your own package must be installed: pip"),
     ],
 )
