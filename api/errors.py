@@ -101,6 +101,8 @@ def explained(complaint: Mapping[str, Any], model: Any) -> str:
     if kind in BOUNDS:
         (bound,) = complaint["ctx"].values()
         return f"expected {BOUNDS[kind]} {bound:.6g}{'' if model is None else unit_of(model, place)}"
+    if kind == "string_pattern_mismatch":
+        return re.sub(r"[\^$\\]", "", f"expected {complaint['ctx']['pattern']}").replace(".+", "NAME")
     text = str(complaint["msg"]).removeprefix("Value error, ")
     for theirs, ours in PLAIN.items():
         text = re.sub(theirs, ours, text)

@@ -127,13 +127,15 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX
 
 
 def file_within(folder: Path, name: str, *, file: Path, field: str) -> Path:
-    """The path of a file in a folder, there or not, that ``field`` of ``file`` names; refused where links lead out."""
+    """The path of a file in a folder that ``field`` of ``file`` names; refused if none is there, or links lead out."""
     try:
-        inside = (folder / name).resolve().is_relative_to(folder.resolve())
+        inside, there = (folder / name).resolve().is_relative_to(folder.resolve()), (folder / name).exists()
     except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: links in a circle
         raise ConfigError(f"{name[:40]!r}, expected the name of a file", file=file, field=field) from error
     if not inside:
         raise ConfigError(f"{name[:40]!r} lies elsewhere, expected a file in {folder}", file=file, field=field)
+    if not there:
+        raise ConfigError(f"{name[:40]!r} is not there, expected a file in {folder}", file=file, field=field)
     return folder / name
 
 

@@ -213,11 +213,11 @@ def _named(where: str, run: PlannedRun) -> Iterator[None]:
         yield
     except MoteslamError as error:
         problem, field = error.problem, error.field or ""
+        file = error.file if error.file is not None and Path(error.file).exists() else None  # not a bundled one's name
         if varied := [key for key, _ in run.varied if field and key.partition(".")[2].endswith(field)]:
             where = f"vary.{varied[0]}"
-        elif run.platform and field == run.platform:
+        elif run.platform and run.platform in (field, None if file else error.file):
             where, problem = "platforms", f"{run.platform!r}, {problem}"
         elif field and field not in where:
             where = f"{where}, {field}"
-        file = error.file if error.file is not None and Path(error.file).exists() else None  # not a bundled one's name
         raise ConfigError(problem, file=file, field=where) from error

@@ -135,6 +135,7 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
             "a.set: 'particles', expected slam.particles",
         ),
         (HERE + "platforms = ['r2d2']", "platforms: 'r2d2', "),
+        (HERE + "platforms = ['none.toml']", "none.toml', No such file or directory, expected a platform.toml"),
         (HERE + "metrics = ['final.aet']", "metrics: 'final.aet', "),
         (HERE + "[vary]\nslam.particels = [1]", "vary.slam.particels: "),
         (HERE + "[vary]\nslam.particles = [-3]", "vary.slam.particles: "),
