@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import suppress
 from itertools import chain
 from math import degrees
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from moteslam.errors import ConfigError, in_file
+from moteslam.errors import ConfigError, InputError, in_file
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import RecordingOptions, SlamOptions, arg, flag, opt
 from moteslam.eval.cli.text import answer, simulation_bar, warn
@@ -148,11 +149,17 @@ def localize(
       moteslam localize robot.log.gz --map building/map.yaml --out found
       moteslam localize tomorrow.bag --map result --near 2.0 -1.5 0.1 0.5 --out found
     """  # noqa: D301
+    from moteslam.robot.formats import format_of
     from moteslam.slam.known_map.config import KnownMapConfig
 
     if known.suffix.lower() in (".png", ".pgm"):
         raise ConfigError(f"{known}, expected the .yaml file of this image, or a result folder", field="--map")
     file = known / "map.yaml" if known.is_dir() else known
+    if file.suffix != ".yaml" or not file.exists():
+        with suppress(InputError):
+            format_of(known)
+            problem = f"{known} is a recording, expected the .yaml file of a map, or the result folder of a run"
+            raise ConfigError(problem, field="--map")
     start = [] if near is None else [f"start=[{', '.join(map(repr, near))}]"]
     with options.named(**({} if near is None else {"--set start": "--near"})):
         config = run.resolved("localize", [f"known_map={json.dumps(str(file.absolute()))}", *start])

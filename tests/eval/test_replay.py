@@ -206,6 +206,7 @@ def test_poses_are_in_the_frame_of_the_map_which_does_not_change(drive: Path, tm
     ("arguments", "says"),
     [
         (("--map", "nowhere.yaml"), "nowhere.yaml"),
+        (("--map", "log"), "log is a recording, expected the .yaml file of a map, or the result folder of a run"),
         (("--map", "map.pgm"), "expected the .yaml file of this image, or a result folder"),
         (("--map", "map.yaml", "--preset", "default"), "--set known_map"),
         (("--map", "map.yaml", "--near", "0", "0", "90", "0.5"), "--near: a heading of 90, expected radians"),
@@ -218,7 +219,7 @@ def test_poses_are_in_the_frame_of_the_map_which_does_not_change(drive: Path, tm
 def test_bad_input_is_one_line(
     drive: Path, tmp_path: Path, capsys: Capsys, arguments: tuple[str, ...], says: str
 ) -> None:
-    words = [drive / word if word.startswith(("nowhere", "map.")) else word for word in arguments]
+    words = [drive / word if word.startswith(("nowhere", "map.", "log")) else word for word in arguments]
     assert says in refused(capsys, "localize", drive / "log", *words, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
