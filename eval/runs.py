@@ -13,7 +13,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.evidence import DEAD_RECKONING
 from moteslam.eval.metrics.registry import Metric, chosen, metric, split, title_of
 from moteslam.eval.statistics import Better, Comparison, Proportion, Summary, compare
-from moteslam.eval.sweep.plan import PlannedRun
+from moteslam.eval.sweep.plan import ALONE, PlannedRun
 from moteslam.eval.sweep.spec import PREFIXES
 from moteslam.eval.sweep.store import Key, Row, opened, within
 from moteslam.eval.tables import fitting, number
@@ -101,8 +101,15 @@ def grouped(rows: Iterable[R], by: Callable[[R], G]) -> dict[G, list[R]]:
     return groups
 
 
-def axis_of(rows: Sequence[Row], given: str | None = None) -> str:
-    """The column that runs are compared by: the configuration, with what varies, or of one alone robot or noise."""
+def axis_of(rows: Sequence[Row], given: str | None = None, baseline: str | None = None) -> str:
+    """The column that runs are compared by: the configuration, with what varies, or of one alone robot or noise.
+
+    Configurations that are asked for, or that the baseline is one of, are compared at equal values of what varies.
+    """
+    if given == CONFIGURATION or given is None:
+        named = {row.run.configuration for row in rows if row.run.varied}
+        if baseline in named or (given and named):
+            return ALONE
     several = [key for key in (CONFIGURATION, *SETTINGS[1:]) if len({_value(row, key) for row in rows}) > 1]
     if given is None:
         return next(iter(several), CONFIGURATION)
@@ -121,7 +128,11 @@ def compared(rows: Iterable[Row], axis: str = CONFIGURATION, baseline: str | Non
 
 
 def _value(row: Row, axis: str, *but: str) -> Any:
-    return row.run.configured(*but) if axis == CONFIGURATION else row.about.get(axis, "")
+    return row.run.configured(*but) if axis == CONFIGURATION else row.about.get(_key(axis), "")
+
+
+def _key(axis: str) -> str:
+    return CONFIGURATION if axis == ALONE else axis
 
 
 def _settings(row: Row) -> Sequence[str]:
@@ -298,7 +309,7 @@ def values_of(rows: Iterable[Row], name: str, axis: str = CONFIGURATION) -> dict
 
     def pair(row: Row) -> Key:
         keys = row.about if axis != CONFIGURATION else _settings(row)
-        return (*(row.about[key] for key in keys if key != axis), row.run.duration, row.run.seed)
+        return (*(row.about[key] for key in keys if key != _key(axis)), row.run.duration, row.run.seed)
 
     having = (row for row in rows if row.status != "ok" or name in row.known)
     return {pair(row): row.known[name] if row.status == "ok" else None for row in having}

@@ -42,20 +42,21 @@ def compare(
       moteslam compare before.sweep after.sweep --metric final.ate --metric cpu_per_scan
     """  # noqa: D301
     from moteslam.eval import runs
+    from moteslam.eval.sweep.plan import ALONE
 
     runs.metric_names(metrics)  # before files are read
     rows = [row for row in runs.read_runs(paths) if row.status]
     names = runs.metric_names(metrics, rows)
-    axis = runs.axis_of(rows, by)
+    axis = runs.axis_of(rows, by, baseline)
     found = runs.compared(rows, axis, baseline)
     if len(found) < 2:
         raise InputError(f"{len(found)} {axis}, expected two or more to compare", file=paths[0])
     first = baseline or next(iter(found))
-    for other in (other for other in found if other != first and axis == runs.CONFIGURATION):
+    for other in (other for other in found if other != first and axis in (runs.CONFIGURATION, ALONE)):
         both = (*found[first], *found[other])
         if len({row.about["platform"] for row in both}) > 1 or any(row.run.command for row in both):
             continue  # of other lidars; or poses of another program, which need not be one a scan
-        of, counts = (runs.values_of(found[one], "scans") for one in (first, other))
+        of, counts = (runs.values_of(found[one], "scans", axis) for one in (first, other))
         if unlike := [case for case in of if of[case] and (counts.get(case) or of[case]) != of[case]]:
             text = f"warning: {other}: other numbers of scans in {len(unlike)} of its runs"
             note(f"{text}: another recording of that name, whose errors cannot be compared?")

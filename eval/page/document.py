@@ -148,7 +148,7 @@ def page(
     were read. ``ConfigError``: an unknown metric, axis or baseline.
     """
     made, names = material.runs, _metrics(material, metrics)
-    axis = runs.axis_of(made, by)
+    axis = runs.axis_of(made, by, baseline)
     columns = runs.compared(made, axis, baseline)
     first = baseline or next(iter(columns))
     shown = runs.headings(made, names)

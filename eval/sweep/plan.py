@@ -23,6 +23,8 @@ from moteslam.sim.scenario import SCENARIOS, load_scenario
 from moteslam.slam.config import resolve_config
 
 WORDS = ("description", "why")  # Keys of scenarios and robots from which no run follows
+ALONE = "configuration alone"
+"""The column of the names of configurations, without what varies."""
 COMMAND = ("command", "format", "trajectory", "map", "version")
 
 
@@ -60,8 +62,9 @@ class PlannedRun(Section):
         return ", ".join(filter(None, [*parts, self.configured()]))
 
     def configured(self, *keys: str) -> str:
-        """The configuration with what varies, some keys left out."""
-        return ", ".join([self.configuration, *(f"{key}={value}" for key, value in self.varied if key not in keys)])
+        """The configuration with what varies, some keys left out, or its own name."""
+        named = [] if ALONE in keys else [self.configuration]
+        return ", ".join([*named, *(f"{key}={value}" for key, value in self.varied if key not in keys)])
 
     @property
     def version(self) -> str:

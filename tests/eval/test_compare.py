@@ -100,6 +100,22 @@ def test_robots_are_compared_where_they_vary_and_each_scenario_has_a_row(tmp_pat
     assert [(place, one["losses"]) for place, one in of_key.items()] == [("corridor", 10)]
 
 
+@pytest.mark.parametrize("asked", [("--by", "configuration"), ("--baseline", "plain")])
+def test_configurations_alone_are_compared_at_equal_values(
+    asked: tuple[str, str], tmp_path: Path, capsys: Capsys
+) -> None:
+    found = shown(capsys, "compare", swept(tmp_path), *asked)
+    assert (found["by"], found["baseline"]) == ("configuration alone", "plain")
+    ((other, each),) = found["metrics"]["final.ate"].items()
+    assert other == "a_b"
+    assert {place: (one["pairs"], one["ties"], one["losses"]) for place, one in each.items()} == {
+        "slam.tracking.window=1.0": (4, 4, 0), "slam.tracking.window=2.0": (4, 1, 3), "2 places together": (8, 5, 3)
+    }  # fmt: skip
+    assert "--baseline: 'a', expected one of 'plain', 'a_b'\n" in refused(
+        *(capsys, "compare", tmp_path / "a.sweep", "--by", "configuration", "--baseline", "a")
+    )
+
+
 def result(folder: Path, value: float, scans: int | None = None, **about: object) -> Path:
     """A result folder with this error [m]."""
     folder.mkdir()
