@@ -145,7 +145,8 @@ def _counted(seeds: Any) -> str:
     if isinstance(seeds, list) and seeds and all(type(seed) is int for seed in seeds):
         seeds = ",".join(map(str, seeds))
     if not isinstance(seeds, str):
-        raise ValueError(f'{seeds!r}, expected a text such as "0-9" or "3,5,10-19", or a list of numbers')
+        ways = f'"0-{seeds - 1}" for {seeds} of them, "{seeds}" for this, ' if type(seeds) is int and seeds > 1 else ""
+        raise ValueError(f'{seeds!r}, expected a text: {ways}"3,5,10-19", or a list of numbers')
     numbers(seeds)
     return seeds
 

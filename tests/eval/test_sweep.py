@@ -129,6 +129,7 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
         (HERE + "[configurations.a]\ncommand = 'python3 x'", "a.command: expected a list: ['python3', 'x'], found "),
         (HERE + "seeds = '5-'", "seeds: '5-', "),
         (HERE + "seeds = [0.5]", "seeds: [0.5], expected a text"),
+        (HERE + "seeds = 5", 'seeds: 5, expected a text: "0-4" for 5 of them, "5" for this, '),
         (HERE + "duration = 10", "duration: 10 s, expected more than 10 s: drive.rest_start and drive.rest_end"),
         (
             HERE + "[configurations.a]\nset = { particles = 5 }",
