@@ -289,6 +289,17 @@ def metric_names(given: list[str] | None, rows: Sequence[Row] = ()) -> list[str]
     return given or [*found][:MOST_NAMED] or usual[:1] or ["final.ate"]
 
 
+def missing_of(rows: Iterable[Row]) -> dict[str, str]:
+    """Of the metrics that sweeps name those that no run has which ended well, and why, as the first of these says."""
+    good = [row for row in rows if row.status == "ok"]
+    found = {}
+    for name in dict.fromkeys(name for row in good for name in row.run.metrics):
+        scores = [one for row in good for key, one in row.scores.items() if name in (key, split(key)[1])]
+        if all(one.get("value") is None for one in scores):
+            found[name] = next((str(one["absent"]) for one in scores if "absent" in one), "not measured")
+    return found
+
+
 def success_of(rows: Sequence[Row]) -> Proportion | None:
     """How many runs succeeded; None where that was not measured of some."""
     found = [row.succeeded for row in rows]

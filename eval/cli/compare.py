@@ -11,7 +11,7 @@ from moteslam.errors import InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.options import arg, opt
 from moteslam.eval.cli.text import answer, note, progress_bar
-from moteslam.eval.tables import BETWEEN, FORMATS, aligned, literal, number
+from moteslam.eval.tables import BETWEEN, FORMATS, Rows, aligned, literal, number
 
 if TYPE_CHECKING:
     from moteslam.eval.runs import Shown
@@ -96,6 +96,11 @@ def _lines(
         ]
         return (axis, *(["where"] if several else []), "pairs", *ways, *HEAD)
 
+    def filled(rows: Rows) -> Rows:
+        """Without the columns of failures and intervals that are empty in all of the rows."""
+        empty = [k for k in (-1, -2, -4) if all(row[k] in ("0", "-") for row in rows[1:])]
+        return [[one for k, one in enumerate(row, -len(row)) if k not in empty] for row in rows]
+
     tables: dict[str, list[tuple[str, ...]]] = {}
     for name, shown in titles.items():
         cells = tables[shown.title] = []
@@ -105,14 +110,12 @@ def _lines(
             cells.append((other, *([place] if several else []), *figures))
     if form != "text":
         rows = ((title, *cell) for title, cells in tables.items() for cell in cells)
-        yield FORMATS[form]([("metric", *head(*titles.values())), *rows])
+        table = [("metric", *head(*titles.values())), *rows]
+        yield FORMATS[form](table if form == "csv" else filled(table))
     for shown in titles.values() if form == "text" else ():
         title, cells = shown.title, tables[shown.title]
         yield f"{title}, against {literal(first)}"
-        empty = [k for k in (-1, -2, -4) if all(cell[k] in ("0", "-") for cell in cells)]
-        yield aligned(
-            [[one for k, one in enumerate(row, -len(row)) if k not in empty] for row in (head(shown), *cells)]
-        )
+        yield aligned(filled([head(shown), *cells]))
     said = [] if form == "text" else [f"against {literal(first)}; p is of the sign test"]
     if any(one["pairs"] < FEWEST for pairs in compared.values() for each in pairs.values() for one in each.values()):
         said.append(f"fewer than {FEWEST} pairs have no 95 % interval")
@@ -139,6 +142,7 @@ def summed_up(store: Store, wanted: list[str] | None) -> tuple[dict[str, Any], d
     ]
     counts = {name or "pending": count for name, count in store.counts().items()}
     found = {"hash": store.digest, "runs": counts, "success": store.success, "groups": groups}
+    found["missing"] = runs.missing_of(rows) if wanted is None else {}
     found["warnings"] = runs.warnings_of(rows)
     return found, runs.headings(rows, names)
 
@@ -180,6 +184,8 @@ def summary_lines(found: dict[str, Any], titles: Mapping[str, Shown], form: str)
             yield BETWEEN[form].format(what + fewer * any(each["runs"] < FEWEST for each in groups))
             missing = ", not measured" * any(each["success"] is None for each in groups)
             yield BETWEEN[form].format(f"success: {success_words(found['success'])}{missing}")
+            for name, why in found["missing"].items():
+                yield BETWEEN[form].format(f"no run has {name}: {literal(why)}")
     if form == "text":
         yield total(found)
 

@@ -48,8 +48,15 @@ def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: Capsys) -> None:
     for form, mark in (("latex", "% "), ("markdown", "")):
         lines = printed(capsys, "compare", file, "--baseline", "better", "--format", form).splitlines()
         assert f"{mark}against better; p is of the sign test" in lines
+        assert "failed" in "".join(lines)
     few = paired(tmp_path, "few", seeds=2)
-    assert "fewer than 6 pairs" in printed(capsys, "compare", few, "--format", "latex")
+    for form, empty in (("text", False), ("latex", False), ("markdown", False), ("csv", True)):
+        text = printed(capsys, "compare", few, "--format", form)
+        assert ("failed, first" in text, re.search(r"\b95 \\?%", text.partition("fewer")[0]) is not None) == (
+            empty,
+            empty,
+        )
+        assert ("fewer than 6 pairs" in text) == (form != "csv")
 
 
 def test_a_median_has_its_worst_run_beside_it_in_every_format(tmp_path: Path, capsys: Capsys) -> None:
@@ -62,6 +69,20 @@ def test_a_median_has_its_worst_run_beside_it_in_every_format(tmp_path: Path, ca
         better = printed(capsys, "sweep", "show", file, "--metric", "final.ate", "--format", form).splitlines()
         assert any(line.endswith(cells) for line in better)
         assert any("medians" in line for line in better) == (form != "csv")
+
+
+def test_a_named_metric_that_no_run_has_is_told_with_the_reason(tmp_path: Path, capsys: Capsys) -> None:
+    file = recorded(
+        *(tmp_path / "a.sweep", f"metrics = ['ate', 'map_f1', 'memory']\n{TWO}"),
+        lambda run: "stuck" if run.seed == 3 else {"final.ate": (1.0 + run.seed, "m"), "map_f1": "no map"},
+    )
+    lines = printed(capsys, "sweep", "show", file).splitlines()
+    assert [line for line in lines if "no run" in line] == [
+        "no run has map_f1: no map",
+        "no run has memory: not measured",
+    ]
+    assert shown(capsys, "sweep", "show", file)["missing"] == {"map_f1": "no map", "memory": "not measured"}
+    assert "no run has" not in printed(capsys, "sweep", "show", file, "--metric", "ate")
 
 
 def test_two_sweeps_are_matched_by_scenario_platform_and_seed(tmp_path: Path, capsys: Capsys) -> None:
