@@ -62,7 +62,7 @@ class LidarSpec(Section):
     angle_increment: Maybe[Angle] = None  # between beams [rad]; negative for a lidar that turns clockwise
     rate: Maybe[Rate] = None  # scans a second [Hz]
     range_min: Maybe[Annotated[Number, Field(ge=0, le=5)]] = None  # that it can measure [m]
-    range_max: Maybe[Annotated[Number, Field(gt=0, le=10_000)]] = None
+    range_max: Maybe[Annotated[Number, Field(gt=0, le=10_000)]] = None  # that it can measure [m]
     # what it reports where nothing comes back [m]: 0, or from range_max on; several of these, if they are finite, are
     # written in turns, without one the format's default
     no_return: Annotated[tuple[Annotated[float, Strict(), Field(ge=0)], ...], Field(max_length=100)] = ()
@@ -127,14 +127,14 @@ class CameraSettings(Section):
 
 
 class CameraSpec(Section):
-    """An RGB-D camera: where it stands in the robot's frame [m], and how it is turned [rad], down positive."""
+    """An RGB-D camera: where it stands in the robot's frame, and how it is turned, down positive."""
 
-    x: Position
-    y: Position
-    z: Position
-    roll: Angle
-    pitch: Angle
-    yaw: Angle
+    x: Position  # [m]
+    y: Position  # [m]
+    z: Position  # [m]
+    roll: Angle  # [rad]
+    pitch: Angle  # [rad]
+    yaw: Angle  # [rad]
     sensor: Maybe[CameraSettings] = None  # what it is like
 
 
@@ -174,8 +174,8 @@ class Platform(Section):
 
     Attributes:
         name, description: what it is called, and what it is in a sentence.
-        length, width: of the body [m].
-        top_speed, top_turn_rate: that it can drive [m/s] and turn with [rad/s].
+        length, width: of the body.
+        top_speed, top_turn_rate: that it can drive and turn with.
         wheels, encoders: None if only odometry poses are known.
         body: its masses and forces.
         lidar, imu, camera: the sensors.
@@ -186,10 +186,10 @@ class Platform(Section):
 
     name: str = "robot"
     description: str = ""
-    length: Length = 0.5
-    width: Length = 0.5
-    top_speed: Maybe[Annotated[Number, Field(gt=0, le=100)]] = None
-    top_turn_rate: Maybe[Annotated[Number, Field(gt=0, le=100)]] = None
+    length: Length = 0.5  # [m]
+    width: Length = 0.5  # [m]
+    top_speed: Maybe[Annotated[Number, Field(gt=0, le=100)]] = None  # [m/s]
+    top_turn_rate: Maybe[Annotated[Number, Field(gt=0, le=100)]] = None  # [rad/s]
     wheels: Maybe[Wheels] = None
     body: Maybe[Body] = None
     lidar: LidarSpec = LidarSpec()

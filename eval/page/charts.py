@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from math import ceil, floor, isfinite, log10
 from typing import Any
 
-from moteslam.eval.report.curves import lines_over
+from moteslam.eval.report.curves import axis_title, lines_over
 from moteslam.eval.runs import Shown, key_words, summary_of
 from moteslam.eval.statistics import Summary
 from moteslam.eval.sweep.store import Row
@@ -62,7 +62,7 @@ def curves(runs: Sequence[Row], key: str, metric: Shown) -> Figure | None:
         traces.append({**_medians(points, metric, mode="lines+markers", thickness=1.5), "name": label(title), **look})
     if len(values) < 2 or not any(trace["y"] for trace in traces):
         return None
-    x_axis = {"title": {"text": label(key_words(key))}, "type": "category", **(_axis(values) if numeric else {})}
+    x_axis = {"title": {"text": label(axis_title(key, runs))}, "type": "category", **(_axis(values) if numeric else {})}
     return _figure(traces, x_axis, _y(metric, traces), len(lines), "lines")
 
 

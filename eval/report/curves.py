@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from moteslam.errors import File
+from moteslam.errors import File, unit_of
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.relations import RelationResult
 from moteslam.eval.report import style
@@ -206,6 +206,20 @@ def lines_over(rows: Iterable[Row], column: str) -> list[SweptLine]:
     return [SweptLine(*apart, grouped(some, lambda row: row.about[column])) for apart, some in members.items()]
 
 
+def axis_title(key: str, rows: Iterable[Row]) -> str:
+    """A column in words, with the unit of its key: ``lidar range max [m]``."""
+    from moteslam.robot.platform import Platform
+    from moteslam.sim.scenario import Scenario
+    from moteslam.slam.config import load_preset, preset_names
+
+    of, *place = key.split(".")
+    models: list[Any] = [{"scenario": Scenario, "platform": Platform}[of]] if of in ("scenario", "platform") else []
+    if of == "slam":
+        models = [type(load_preset(name)) for name in {row.run.preset: 0 for row in rows} if name in preset_names()]
+    unit = next((found for model in models if (found := unit_of(model, place))), "")
+    return key_words(key) + (f" [{unit.strip()}]" if unit else "")
+
+
 def draw_sweep(
     path: File, rows: Sequence[Row], metrics: Sequence[str], *, column: str, label: str | None = None
 ) -> None:
@@ -231,7 +245,7 @@ def draw_sweep(
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axes, name in zip(panels, metrics, strict=True):
             _draw_medians(axes, lines, looks, titles[name], places)
-            axes.set_xlabel(literal(key_words(column) if label is None else label), parse_math=False)
+            axes.set_xlabel(literal(axis_title(column, rows) if label is None else label), parse_math=False)
         if max(len(runs) for line in lines for runs in line.groups.values()) >= FEWEST:
             panels[0].errorbar([], [], yerr=[], color="0.4", ls="", capsize=3.5, label="95 % interval of the median")
 

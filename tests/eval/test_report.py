@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from moteslam.errors import InputError, OutputError
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, maps
-from moteslam.eval.report.curves import draw_sweep, places_of
+from moteslam.eval.report.curves import axis_title, draw_sweep, places_of
 from moteslam.eval.report.maps import draw_over_time, with_opacity
 from moteslam.eval.report.particles import Cloud, draw_particles
 from moteslam.eval.report.streams import draw_streams
@@ -175,6 +176,23 @@ def test_whatever_the_values_are_they_are_drawn(
     (legend,) = drawn[0].legends
     colours = dict(zip((text.get_text() for text in legend.get_texts()), legend.get_lines(), strict=True))
     assert colours["every run"].get_color() == colours["median"].get_color()
+
+
+@pytest.mark.parametrize(
+    ("column", "title"),
+    [
+        ("slam.map.cell_size", "map cell size [m]"),
+        ("slam.particles", "particles"),
+        ("scenario.noise.lidar.range_noise", "noise lidar range noise [m]"),
+        ("platform.lidar.range_max", "lidar range max [m]"),
+        ("platform.lidar.yaw", "lidar yaw [rad]"),
+        ("slam.nothing", "nothing"),
+        ("noise", "noise"),
+    ],
+)
+def test_an_axis_has_the_unit_of_its_key(column: str, title: str) -> None:
+    row = made("corridor", "default", 0.1)
+    assert axis_title(column, [replace(row, run=row.run.with_(preset="default"))]) == title
 
 
 def test_the_picture_has_the_largest_y_on_top(tmp_path: Path) -> None:
