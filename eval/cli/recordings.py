@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 NONE = "-"  # Stands for what cannot be measured, or what the platform has not
 READ = 2_000_000  # Fewer ranges of a bag are all read: within a second or two
-UNREAD = "only with --deep: blind or repeated scans, wheels that spin, what travels with the robot"
+UNREAD = "blind or repeated scans, wheels that spin, what travels with the robot"
+UNMEASURED = "nearest and farthest endpoint, noise, dropouts (-)"
 Row = tuple[str, str, str]
 """Of the sensors: a figure's name, as measured, and by the platform of the recording."""
 STREAMS = (
@@ -70,12 +71,13 @@ def inspect(
     from moteslam.slam.inputs.synchronise import about_jumps, synchronise, warnings
 
     with options.new_file(plot, *options.FIGURES, force=force):
-        recording, more, read = part.open(path), tuple(part.about_each_lidar(path)), True
+        recording, more, read, measured = part.open(path), tuple(part.about_each_lidar(path)), True, True
         found, about = inspect_recording(recording, deep=deep), checked(recording)[1]
         more += () if about is None else about.issues
         about = about if about is not None and about.figures else None
         if recording.lidar is not None:  # what a replay says of it
-            read = deep or isinstance(recording.lidar.ranges, np.ndarray) or recording.lidar.ranges.size < READ
+            measured = deep or isinstance(recording.lidar.ranges, np.ndarray)
+            read = measured or recording.lidar.ranges.size < READ
             try:
                 inputs = synchronise(recording, trusting(SyncConfig(travelling=read, deskew=False), more))
                 more += tuple(one for one in warnings(recording, inputs, read_ranges=read) if one not in more)
@@ -88,11 +90,13 @@ def inspect(
 
             draw_streams(plot, recording, found)
     whole = {**found.to_dict(), "calibration": None if about is None else [asdict(one) for one in about.figures]}
-    lines = chain(_lines(found, recording.platform, about), () if read else (UNREAD,))
+    unread = ", ".join([UNMEASURED] * (not measured) + [UNREAD] * (not read))
+    lines = chain(_lines(found, recording.platform, about), [f"only with --deep: {unread}"] if unread else ())
     answer(whole, lines, as_json=as_json)
 
 
 def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Iterator[str]:
+    from moteslam.robot.inspection import LATE
     from moteslam.slam.calibration.findings import WITHIN
 
     yield f"{literal(found.name)} (platform {literal(found.platform)})"
@@ -120,8 +124,10 @@ def _lines(found: Inspection, platform: Platform, about: Findings | None) -> Ite
     if found.odometry_distance is not None:
         yield f"odometry: {found.odometry_distance:.1f} m driven"
     for clock in found.clocks:
-        late = f"{1000 * abs(clock.offset):.0f} ms {'after' if clock.offset >= 0 else 'before'} those by"
-        yield f"clock: turns by the {clock.name} {late} the {clock.reference}, correlation {clock.correlation:.2f}"
+        late = f"{1000 * abs(clock.offset):.0f} ms {'after' if clock.offset >= 0 else 'before'}"
+        late = late if abs(clock.offset) > LATE else f"within {LATE:g} s of"  # wheels that slip lead a gyro by as much
+        late += f" those by the {clock.reference}, correlation {clock.correlation:.2f}"
+        yield f"clock: turns by the {clock.name} {late}"
     for problem in found.problems:
         yield f"problem: {literal(problem)}"
     if about is not None and about.issues:

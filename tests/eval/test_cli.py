@@ -173,10 +173,10 @@ def test_inspect(simulated_folder: Path, tmp_path: Path, capsys: Capsys) -> None
 
 def test_a_clock_is_before_or_after_another(simulation) -> None:
     found = inspect_recording(simulation.recording)
-    for offset, words in ((-0.05, "50 ms before those by the imu"), (0.05, "50 ms after those by the imu")):
+    for offset, words in ((-0.15, "150 ms before"), (0.15, "150 ms after"), (-0.05, "within 0.1 s of")):
         clock = ClockReport("encoders", "imu", offset, 0.9, 0.01)
         lines = inspection_lines(replace(found, clocks=(clock,)), simulation.recording.platform, None)
-        assert f"clock: turns by the encoders {words}, correlation 0.90" in lines
+        assert f"clock: turns by the encoders {words} those by the imu, correlation 0.90" in lines
 
 
 @pytest.fixture(scope="session")

@@ -367,7 +367,12 @@ def test_options_of_a_recording_are_refused(capsys: Capsys) -> None:
 
 def test_inspect_says_where_nothing_could_be_measured(tmp_path: Path, capsys: Capsys) -> None:
     write_recording(tmp_path / "short.mcap", winding(seconds=1.0).replace(encoders=None, imu=None))
-    assert "by scans and odometry: nothing measured" in printed(capsys, "inspect", tmp_path / "short.mcap")
+    said = printed(capsys, "inspect", bag := tmp_path / "short.mcap")
+    assert "by scans and odometry: nothing measured" in said
+    assert re.search(r"^dropouts +- ", said, re.MULTILINE) is not None
+    assert said.count("--deep") == 1
+    assert said.endswith("only with --deep: nearest and farthest endpoint, noise, dropouts (-)\n")
+    assert "--deep" not in printed(capsys, "inspect", bag, "--deep")
 
 
 @pytest.mark.slow
