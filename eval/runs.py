@@ -128,11 +128,9 @@ def compared(rows: Iterable[Row], axis: str = CONFIGURATION, baseline: str | Non
 
 
 def _value(row: Row, axis: str, *but: str) -> Any:
-    return row.run.configured(*but) if axis == CONFIGURATION else row.about.get(_key(axis), "")
-
-
-def _key(axis: str) -> str:
-    return CONFIGURATION if axis == ALONE else axis
+    if axis == CONFIGURATION:
+        return row.run.configured(*but)
+    return row.run.configuration if axis == ALONE else row.about.get(axis, "")
 
 
 def _settings(row: Row) -> Sequence[str]:
@@ -320,7 +318,8 @@ def values_of(rows: Iterable[Row], name: str, axis: str = CONFIGURATION) -> dict
 
     def pair(row: Row) -> Key:
         keys = row.about if axis != CONFIGURATION else _settings(row)
-        return (*(row.about[key] for key in keys if key != _key(axis)), row.run.duration, row.run.seed)
+        of_axis = (CONFIGURATION, "version") if axis == ALONE else (axis,)  # a configuration has one version
+        return (*(row.about[key] for key in keys if key not in of_axis), row.run.duration, row.run.seed)
 
     having = (row for row in rows if row.status != "ok" or name in row.known)
     return {pair(row): row.known[name] if row.status == "ok" else None for row in having}

@@ -71,6 +71,16 @@ def test_a_median_has_its_worst_run_beside_it_in_every_format(tmp_path: Path, ca
         assert any("medians" in line for line in better) == (form != "csv")
 
 
+def test_a_program_is_compared_at_equal_values_of_the_scenario(tmp_path: Path, capsys: Capsys) -> None:
+    text = 'scenarios = ["corridor"]\n[configurations.plain]\n[configurations.theirs]\ncommand = ["x"]\nversion = "2"\n'
+    file = recorded(
+        *(tmp_path / "a.sweep", text + "[vary]\nscenario.noise.odometry_scale = [1.0, 1.1]\n"),
+        lambda run: {"final.ate": (1.0 + (run.configuration == "plain"), "m")},
+    )
+    each = shown(capsys, "compare", file, "--baseline", "plain")["metrics"]["final.ate"]["theirs"]
+    assert [(one["pairs"], one["wins"]) for one in each.values()] == [(10, 10), (10, 10), (20, 20)]
+
+
 def test_a_named_metric_that_no_run_has_is_told_with_the_reason(tmp_path: Path, capsys: Capsys) -> None:
     file = recorded(
         *(tmp_path / "a.sweep", f"metrics = ['ate', 'map_f1', 'memory']\n{TWO}"),
