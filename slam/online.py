@@ -311,8 +311,8 @@ def _numbers(values: Any, dtype: type, count: int | None, field: str) -> NDArray
     except (TypeError, ValueError):
         given = np.empty((0, 0))
     sound = given.ndim == 1 and count in (None, len(given))
-    if not sound or (count and not (np.isfinite(given).all() and (given.astype(dtype) == given).all())):
-        whole = "whole " * (dtype is np.int64)
+    whole = "whole " * (dtype is np.int64)
+    if not sound or (count and not (np.isfinite(given).all() and (not whole or (given.astype(dtype) == given).all()))):
         shown = shortened(given.tolist() if given.ndim == 1 else values)
         shown = f"shape {list(given.shape)}" if given.ndim > 1 and given.size else shown
         raise InputError(f"{shown}, expected {count or 'a list of'} {whole}number{'s' * (count != 1)}", field=field)
