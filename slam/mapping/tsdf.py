@@ -77,9 +77,9 @@ class TsdfMaps:
         frame.
 
         Fewer than two points have no surface. It is done once the TSDFs are looked at: who waits for the pose of the
-        scan has it before. While one alone is looked at for several scans, as the scan before this one was, the others
-        are written a part with each: no scan waits for all. Then it is refused where tiles or tables would take more
-        than ``MAX_TILES`` or ``MAX_ENTRIES``.
+        scan has it before. If one TSDF alone was looked at for several scans since the call before, the others are
+        written in parts, one with each look: no scan waits for all of them. Then it is refused where tiles or tables
+        would take more than ``MAX_TILES`` or ``MAX_ENTRIES``.
         """
         self._settle()
         n, parts = len(poses), min(max(self._looks, 1), PARTS, len(poses))
