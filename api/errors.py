@@ -30,6 +30,7 @@ PLAIN = {
     "a valid ": "a ",
 }
 """What pydantic says, in words of tables."""
+LEAST = 1e-9  # A bound as small stands for 0
 UNIT = r"\[((?:m|s|rad|Hz|deg|kg|N)\b[^\]]*)\]"
 
 
@@ -100,7 +101,8 @@ def explained(complaint: Mapping[str, Any], model: Any) -> str:
         return f"expected a list{f': {listed}' if len(listed) <= LONGEST else ''}"
     if kind in BOUNDS:
         (bound,) = complaint["ctx"].values()
-        return f"expected {BOUNDS[kind]} {bound:.6g}{'' if model is None else unit_of(model, place)}"
+        least = "more than 0" if 0 < bound <= LEAST else f"{BOUNDS[kind]} {bound:.6g}"
+        return f"expected {least}{'' if model is None else unit_of(model, place)}"
     if kind == "string_pattern_mismatch":
         return re.sub(r"[\^$\\]", "", f"expected {complaint['ctx']['pattern']}").replace(".+", "NAME")
     text = str(complaint["msg"]).removeprefix("Value error, ")
@@ -111,9 +113,11 @@ def explained(complaint: Mapping[str, Any], model: Any) -> str:
 
 def unit_of(model: Any, place: Sequence[str | int]) -> str:
     """The unit of a key, ``" m"``, which the comment beside or above it in the source of its model has in brackets."""
-    *above, key = (part for part in place if isinstance(part, str))
-    line = re.compile(rf"((?:^    #.*\n)*)^    {re.escape(key)}: [^#\n]*(.*)", re.MULTILINE)
-    for base in (base for one in _models(model, [*above, key]) for base in one.__mro__):
+    names = [part for part in place if isinstance(part, str)]
+    if not names:
+        return ""
+    line = re.compile(rf"((?:^    #.*\n)*)^    {re.escape(names[-1])}: [^#\n]*(.*)", re.MULTILINE)
+    for base in (base for one in _models(model, names) for base in one.__mro__):
         with suppress(OSError, TypeError):  # no source
             if found := line.search(inspect.getsource(base)):
                 unit = re.search(UNIT, found[2] or found[1])

@@ -4,9 +4,11 @@ import math
 import time
 from array import array
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
 from importlib.metadata import version
+from inspect import signature
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, expect_type, shortened
 from moteslam.slam.backend.building import Building, between_known
 from moteslam.slam.backend.protocol import BACKENDS, KeyScan
-from moteslam.slam.config import METHODS, SlamConfig, load_preset
+from moteslam.slam.config import METHODS, PRESETS, SlamConfig, load_preset
 from moteslam.slam.estimate import Correction, Estimate, as_logged
 from moteslam.slam.filter.certainty import certainty_of_particles, spread
 from moteslam.slam.filter.protocol import Filter, StepResult
@@ -260,12 +262,21 @@ def _made(method: MakeFilter, config: SlamConfig, seed: int) -> Filter:
     if not callable(method):
         text = f"{shortened(method)}, expected a class of a filter; a name is a key of the configuration: method=NAME"
         raise ConfigError(text, field="method")
+    name = getattr(method, "__name__", type(method).__name__)
+    try:
+        with suppress(ValueError):  # it has no signature
+            signature(method).bind(config, seed)
+    except TypeError as error:
+        text = f"{name} takes other arguments, expected {name}(config, seed) as of examples/my_filter.py"
+        raise ConfigError(text, field="method") from error
     try:
         made = method(config, seed)
     except AttributeError as error:
         if error.obj is not config:
             raise
-        text = f'"{config.method}" has no {error.name}, expected the preset of the method that yours is made of'
+        having = (preset for preset, of in PRESETS.items() if str(error.name) in METHODS[of].config.model_fields)
+        preset = next(having, "of the method that yours is made of")
+        text = f'the configuration of "{config.method}" has no {error.name}, expected that of the preset {preset}'
         raise ConfigError(text, field="method") from error
     has = dir(made)  # asks for no value, as hasattr does
     missing = [name for name in dir(Filter) if not name.startswith("_") and name not in has]

@@ -264,7 +264,8 @@ class OnlineSlam(Core):
                 *(() if about is None else about.moves),
             ]
             path = odometry_path(kept, self.config.sync)
-            found += [one for one in warnings(kept, live, path=path) if one not in own]
+            told = {"no-gyro"} & {one.code for one in own}
+            found += [one for one in warnings(kept, live, path=path) if one not in own and one.code not in told]
             self._about = len(beginning), tuple(Issue(one.code, since + one.message, one.count) for one in found)
         return (*self._about[1], *own)
 

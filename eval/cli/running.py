@@ -109,7 +109,7 @@ def run_into(
     noticed += [Issue(**one) for one in doubted(Evidence({FINAL: final}, truth=truth, relations=relations))]
     placed = placed_in_map(estimate.diagnostics["state"], config.method)
     if truth is not None and config.method == "known_map" and placed.any():
-        noticed += about_frame(final, truth)
+        noticed += about_frame(final, truth, Path(getattr(config, "known_map", "")))
     warn(noticed)
     issues = (*issues, *noticed)
     found = write_results(
@@ -138,7 +138,7 @@ def run_into(
     return described(estimate, found, issues)
 
 
-def about_frame(path: Trajectory, truth: Trajectory) -> Iterator[Issue]:
+def about_frame(path: Trajectory, truth: Trajectory, known_map: Path) -> Iterator[Issue]:
     """Where a known map does not lie in the frame of the truth: scores of a path that is laid on it do not show it."""
     with suppress(InputError):
         ate = absolute_trajectory_error(path, truth)
@@ -146,7 +146,9 @@ def about_frame(path: Trajectory, truth: Trajectory) -> Iterator[Issue]:
         off, turned = (float(np.hypot(*(ate.aligned - there)[:, :2].T).mean()), abs(np.rad2deg(ate.transform[2])))
         if off > LOST_DISTANCE:
             text = f"scores are of the path laid on the truth, which moves it by {off:.1f} m and {turned:.0f} degrees: "
-            text += "a map that SLAM drew has a frame of its own; in one of the truth's, it was found at a wrong place"
+            frame = "the map of a result has a frame of its own, in which places are not scored"
+            drawn = (known_map.parent / "run.json").exists()
+            text += frame if drawn else f"it was found at a wrong place, or {frame}"
             yield Issue("map-frame", text)
 
 
@@ -212,8 +214,11 @@ def run_lines(found: Figures, name: str) -> Iterator[str]:
 
 def score_lines(figures: Figures) -> Iterator[str]:
     """The absolute error, and the relative error over 1 m, which is drift a metre; then the scores of loops."""
+    found = {of: figures["metrics"].get(f"{of}.ate", {}).get("count") for of in TRACKS.values()}
+    fewer = found[ONLINE] is not None and found[ONLINE] < (found[FINAL] or 0)  # not lost, in a known map
     rows: list[dict[str, Any]] = [
-        {"title": title, **{one.place: number(figures, f"{of}.{one.place}") for one in SCORES[1:]}}
+        {"title": f"{title}, {found[of]} of {found[FINAL]} scans" if fewer and of == ONLINE else title}
+        | {one.place: number(figures, f"{of}.{one.place}") for one in SCORES[1:]}
         for title, of in TRACKS.items()
     ]
     yield aligned(rows_of(SCORES, rows))

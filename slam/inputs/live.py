@@ -284,6 +284,9 @@ class LiveInputs(Inputs):
         told = [*self._other_clock, *super().issues]
         if self._blind:
             told.append(Issue("blind-scans", about_blind(self._blind, len(self), self._lidar), self._blind))
+        if len(self) and self.odometry_in.counted and self._platform.imu is not None and "imu" not in self._latest:
+            text = f"no message of the platform's IMU: wheel counts, and scans, wait {self._patience / 2:g} s for one; "
+            told.append(Issue("no-gyro", f"{text}turns from the wheels alone"))
         scans, begin, end = self.stamps, self.odometry_in.begins, self.odometry_in.until
         if len(self) and min(scans[-1] - scans[0], end - begin) > SOON and (text := apart(scans, begin, end)):
             told.append(Issue("other-clock", text))

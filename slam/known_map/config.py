@@ -31,9 +31,11 @@ class KnownMapConfig(TsdfFilterConfig):
 
     @field_validator("start")
     @classmethod
-    def _is_in_radians(cls, start: tuple[float, ...]) -> tuple[float, ...]:
+    def _is_a_pose(cls, start: tuple[float, ...]) -> tuple[float, ...]:
         if len(start) > 2 and abs(start[2]) > tau:
             raise ValueError(f"a heading of {start[2]:g}, expected radians, at most a whole turn")
+        if len(start) > 3 and start[3] < 0:
+            raise ValueError(f"a standard deviation of {start[3]:g} m, expected 0 or more")
         return start
 
 

@@ -188,6 +188,7 @@ def test_whatever_the_values_are_they_are_drawn(
         ("platform.lidar.yaw", "lidar yaw [rad]"),
         ("slam.nothing", "nothing"),
         ("noise", "noise"),
+        ("platform", "platform"),
     ],
 )
 def test_an_axis_has_the_unit_of_its_key(column: str, title: str) -> None:

@@ -278,6 +278,7 @@ def spoilt(**changes: object) -> type[PaperFilter]:
     [
         ("mine", "method", "method=NAME"),
         (NoFilter, "method", "FilterDefaults"),
+        (type("Mine", (), {}), "method", "Mine takes other arguments, expected Mine(config, seed)"),
         (NoResult, "NoResult.step", "ndarray, expected a StepResult"),
         (spoilt(pose=np.full(3, np.nan)), "Spoilt.step", "[nan, nan, nan], expected x, y and theta"),
         (spoilt(pose=np.zeros(2)), "Spoilt.step", "[0.0, 0.0], expected x, y and theta"),
@@ -296,5 +297,5 @@ def test_a_method_that_is_no_filter_is_refused(method: object, field: str, told:
 
 
 def test_a_filter_made_of_another_method_than_the_configurations_is_refused():
-    with refusal(ConfigError, "tsdf", field="method"):
+    with refusal(ConfigError, '"tsdf" has no .*preset paper', field="method"):
         run_slam(circled_room(scans=5)[0], resolve_config("default", ["particles=2"]), method=NoResult)

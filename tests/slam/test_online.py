@@ -4,6 +4,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -149,6 +150,16 @@ def test_what_repeats_is_told_at_its_scans_though_the_first_came_before_any_odom
     (issue,) = [issue for issue in slam.estimate().warnings if issue.code == "scans-repeat"]
     assert issue.count == 10
     assert issue.message.startswith("from 4.10 to 5.00 s")
+
+
+def test_an_imu_of_which_nothing_comes_is_told_while_driving(corridor: Recording):
+    """Wheel counts wait for it, and scans with them."""
+    slam = OnlineSlam(platform_of(corridor), resolve_config("paper", ["particles=2"]))
+    told = dict[str, str]()
+    for _ in islice(fed(slam, corridor.replace(imu=None)), 20):
+        told |= {issue.code: issue.message for issue in slam.warnings}
+    assert "scans, wait 0.5 s for one" in told["no-gyro"]
+    assert [issue.code for issue in slam.estimate().warnings].count("no-gyro") == 1
 
 
 def test_odometry_that_comes_again_counts_what_was_driven_without_it_once(corridor: Recording):
