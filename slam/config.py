@@ -183,7 +183,7 @@ def _resolved(method: str, given: Table, *, file: Path | None) -> SlamConfig:
             key = error.field or ""
             problem = f"{_nearest(key, base) or problem}; moteslam replay --print-config lists all"
             others = (preset for preset, other in PRESETS.items() if other != base["method"] and key in _keys(other))
-            problem = next((f"a key of the preset {preset}, expected --preset {preset}" for preset in others), problem)
+            problem = next((f"a key of the preset {preset}, expected that preset" for preset in others), problem)
         raise ConfigError(problem, file=file, field=error.field) from error
 
 

@@ -9,6 +9,7 @@ import csv
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from math import isfinite
 from operator import attrgetter
 from pathlib import Path
@@ -188,8 +189,11 @@ def metric(name: str) -> Metric:
     short = split(name)[1]
     found = METRICS[short] if short in METRICS.names() else _relative_error(short)
     if found is None:
-        near = name.lower() if split(name.lower())[1] in METRICS.names() else f"one of {', '.join(METRICS.names())}"
-        raise ConfigError(f"{name!r}, expected {near}", field="metrics")
+        of, wanted = split(name.lower())
+        names = METRICS.names()
+        like = [wanted] if wanted in names else get_close_matches(wanted, names) or names
+        near = ", ".join(f"{of}.{one}".removeprefix(".") for one in like)
+        raise ConfigError(f"{name!r}, expected {'one of ' * (len(like) > 1)}{near}", field="metrics")
     return found
 
 

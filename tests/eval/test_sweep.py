@@ -137,7 +137,7 @@ def test_a_command_without_a_seed_runs_once_on_a_recording(words: str, count: in
         ),
         (HERE + "platforms = ['r2d2']", "platforms: 'r2d2', "),
         (HERE + "platforms = ['none.toml']", "none.toml', No such file or directory, expected a platform.toml"),
-        (HERE + "metrics = ['final.aet']", "metrics: 'final.aet', "),
+        (HERE + "metrics = ['final.aet']", "metrics: 'final.aet', expected final.ate"),
         (HERE + "[vary]\nslam.particels = [1]", "vary.slam.particels: "),
         (HERE + "[vary]\nslam.particles = [-3]", "vary.slam.particles: "),
         (HERE + "[vary]\nslam.particles = { first = 1, last = 9, steps = 0 }", "vary.slam.particles.range.steps: "),
