@@ -488,12 +488,16 @@ def test_online_poses_of_a_robot_that_is_lost_are_not_scored(tmp_path: Path) -> 
     assert "errors" not in playable(tmp_path / "out")
 
 
-def test_a_truth_in_another_frame_than_the_map_is_told() -> None:
+def test_a_truth_in_another_frame_than_the_map_is_told(tmp_path: Path) -> None:
     way = np.column_stack((np.arange(20.0), np.sin(np.arange(20.0)), np.zeros(20)))
     truth, path = (Trajectory(np.arange(20.0), poses) for poses in (way, way + np.array((3.0, 0.0, 0.0))))
-    assert not [*about_frame(truth, truth)]
-    (issue,) = about_frame(path, truth)
-    assert "by 3.0 m and 0 degrees" in issue.message
+    known_map = tmp_path / "map.yaml"
+    assert not [*about_frame(truth, truth, known_map)]
+    (issue,) = about_frame(path, truth, known_map)
+    assert "by 3.0 m and 0 degrees: it was found at a wrong place, or" in issue.message
+    (tmp_path / "run.json").touch()  # the map that SLAM drew of a run
+    (issue,) = about_frame(path, truth, known_map)
+    assert "by 3.0 m and 0 degrees: the map of a result has a frame of its own" in issue.message
 
 
 def test_a_robot_that_is_carried_out_of_the_map_is_lost(tmp_path: Path) -> None:
