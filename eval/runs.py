@@ -104,11 +104,12 @@ def grouped(rows: Iterable[R], by: Callable[[R], G]) -> dict[G, list[R]]:
 def axis_of(rows: Sequence[Row], given: str | None = None, baseline: str | None = None) -> str:
     """The column that runs are compared by: the configuration, with what varies, or of one alone robot or noise.
 
-    Configurations that are asked for, or that the baseline is one of, are compared at equal values of what varies.
+    Configurations that are asked for, or that the baseline is one of, are compared at equal values of what varies,
+    unless it varies of some alone: a program has no keys of SLAM.
     """
     if given == CONFIGURATION or given is None:
-        named = {row.run.configuration for row in rows if row.run.varied}
-        if baseline in named or (given and named):
+        varied = {tuple(key for key, _ in row.run.varied) for row in rows}
+        if len(varied) == 1 and any(varied) and (given or baseline in {row.run.configuration for row in rows}):
             return ALONE
     several = [key for key in (CONFIGURATION, *SETTINGS[1:]) if len({_value(row, key) for row in rows}) > 1]
     if given is None:
@@ -121,7 +122,7 @@ def axis_of(rows: Sequence[Row], given: str | None = None, baseline: str | None 
 
 def compared(rows: Iterable[Row], axis: str = CONFIGURATION, baseline: str | None = None) -> dict[str, list[Row]]:
     """Runs by their value of an axis, in the order of the specification; the baseline, if given, is one of these."""
-    found = grouped(rows, lambda row: str(_value(row, axis)))
+    found = grouped(rows, lambda row: str(_value(row, axis)) or f"without {axis}")
     if baseline is not None and baseline not in found:
         raise ConfigError(f"{baseline!r}, expected one of {', '.join(map(repr, found))}", field="--baseline")
     return found

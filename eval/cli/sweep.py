@@ -211,6 +211,8 @@ def plot(
             if not any(row.status == "ok" and name in row.known for row in rows):
                 raise InputError(f"no run that ended well has {name}, expected a metric of the sweep", file=file)
         draw_sweep(out, rows, names, column=column, label=label)
+        for left in dict.fromkeys(row.run.configuration for row in rows if column not in row.about):
+            note(f"warning: not drawn, has no {column}: {literal(left)}")
     say(f"wrote {literal(out)}")
 
 

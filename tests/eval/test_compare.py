@@ -81,6 +81,25 @@ def test_a_program_is_compared_at_equal_values_of_the_scenario(tmp_path: Path, c
     assert [(one["pairs"], one["wins"]) for one in each.values()] == [(10, 10), (10, 10), (20, 20)]
 
 
+def test_a_program_which_has_no_key_that_varies_is_compared_with_each_of_its_values(
+    tmp_path: Path, capsys: Capsys
+) -> None:
+    text = 'scenarios = ["corridor"]\n[configurations.plain]\n[configurations.theirs]\ncommand = ["x"]\n'
+    file = recorded(
+        *(tmp_path / "a.sweep", text + "[vary]\nslam.particles = [1, 2]\n"),
+        lambda run: {"final.ate": (1.0 + (run.configuration == "theirs"), "m")},
+    )
+    found = shown(capsys, "compare", file, "--by", "configuration", "--baseline", "theirs")
+    assert (found["by"], list(found["metrics"]["final.ate"])) == (
+        "configuration",
+        ["plain, slam.particles=1", "plain, slam.particles=2"],
+    )
+    assert "not drawn, has no slam.particles: theirs" in told(
+        capsys, "sweep", "plot", file, "--out", tmp_path / "a.png"
+    )
+    assert "in common with 1: without slam.particles" in told(capsys, "compare", file, "--by", "slam.particles")
+
+
 def test_a_named_metric_that_no_run_has_is_told_with_the_reason(tmp_path: Path, capsys: Capsys) -> None:
     file = recorded(
         *(tmp_path / "a.sweep", f"metrics = ['ate', 'map_f1', 'memory']\n{TWO}"),
