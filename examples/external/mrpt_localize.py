@@ -69,6 +69,7 @@ def localize(recording: Path, occupancy: Path, out: Path, start: list[float] | N
     Args:
         changes: ``section.key=value``.
     """
+    out.mkdir(parents=True, exist_ok=True)
     scans = read_log(recording.read_text(encoding="utf-8"))
     run("ros-map-yaml2mrpt", "-q", "-w", "-d", ".", "-i", str(occupancy.absolute()), folder=out)
     (out / f"{occupancy.stem}.gridmap.gz").replace(out / "map.gridmap.gz")
@@ -93,7 +94,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="MRPT's pf-localization over a CARMEN log.")
     parser.add_argument("--recording", type=Path, required=True)
     parser.add_argument("--map", type=Path, required=True, help="the YAML of a map_server map")
-    parser.add_argument("--out", type=Path, required=True, help="an empty folder")
+    parser.add_argument("--out", type=Path, required=True, help="a folder for what it leaves")
     parser.add_argument("--start", nargs=3, type=float, metavar=("X", "Y", "THETA"), help="of the robot [m], [rad]")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE", help="another setting")
     given = parser.parse_args()

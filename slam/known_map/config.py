@@ -10,7 +10,7 @@ from moteslam.slam.backend.protocol import BackendConfig, NoBackendConfig
 from moteslam.slam.config import Method, made_on_demand
 from moteslam.slam.filter.resampling import KldConfig
 from moteslam.slam.mapping.config import TsdfConfig
-from moteslam.slam.registration.config import RegistrationConfig
+from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 
 
@@ -27,6 +27,7 @@ class KnownMapConfig(TsdfFilterConfig):
     kld: KldConfig = KldConfig(enabled=True, least=20)
     tsdf: TsdfConfig = TsdfConfig(cell_size=0.05)
     registration: RegistrationConfig = RegistrationConfig(residual=0.03, outlier_cost=4.0, unknown_cost=4.0)
+    tracking: TrackingConfig = TrackingConfig(relocation_after=3.0)
     backend: SerializeAsAny[BackendConfig] = NoBackendConfig()
 
     @field_validator("start")

@@ -93,6 +93,8 @@ class TrackingConfig(SearchConfig):
     relocation_distance: Annotated[Number, Field(ge=0, le=10)] = 1.5  # Half width of the relocation window [m]
     # Half width of the relocation window in heading [rad]
     relocation_rotation: Annotated[Number, Field(ge=0, le=3.2)] = 1.4
+    # ... but only where no scan was registered for so long [s]: who is seen all the time does not leap
+    relocation_after: NotNegative = 0.0
     relocation_gain: NotNegative = 0.3  # A lost scan is relocated where its score is larger by this share of its points
     # Up to this many lost scans in a row are left out of the maps; the next is accepted where it was found
     max_lost_scans: Annotated[Whole, Field(ge=0)] = 3

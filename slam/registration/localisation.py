@@ -208,6 +208,7 @@ class Localiser:
         predictions: Callable[[], Array],
         *,
         measured: bool,
+        blind: float,
         left: Open = CLOSED,
         slip: Spread = NO_SLIP,
     ) -> Located:
@@ -218,6 +219,7 @@ class Localiser:
             predictions: of a search, gives others [m, 3] to try beside what it finds, as offsets from ``predicted``.
             measured: whether odometry measured the prediction: then only the endpoints' evidence overrules it.
             slip: by how much ``spread`` is wider than usual, to be searched with, after a slip.
+            blind: since the last scan that was registered [s].
         """
         c = self._config
         if self._options is None or self._options[0] is not maps.config:  # made once for all scans
@@ -235,7 +237,8 @@ class Localiser:
         sought = _Sought(maps, np.array(predicted), np.array(spread), points, np.array(origin), none, left, slip)
         if accepted:
             return self._proved(sought, Located(fitted, score))
-        return self._search(sought._replace(predictions=predictions()), sure=sure, measured=known)
+        sought = sought._replace(predictions=predictions())
+        return self._search(sought, sure=sure, measured=known, relocate=blind >= c.relocation_after)
 
     def _proved(self, sought: _Sought, located: Located) -> Located:
         """Where a scan was found, or near the odometry where its endpoints do not prove that."""
@@ -248,7 +251,7 @@ class Localiser:
             return located._replace(fitted=fitted)
         return Located(fitted, match_score(fitted.known, fitted.likelihood, fitted.crossed, c))
 
-    def _search(self, sought: _Sought, *, sure: bool, measured: bool) -> Located:
+    def _search(self, sought: _Sought, *, sure: bool, measured: bool, relocate: bool) -> Located:
         """Where a scan fits, after a search around the prediction, at last in the relocation window."""
         c, spread, points, cell = self._config, sought.spread, len(sought.points), sought.maps.config.cell_size
         half = np.minimum(c.window * spread, (*(sought.maps.reach(sought.predicted),) * 2, np.pi))
@@ -261,7 +264,7 @@ class Localiser:
             return best
         if best.fitted.likelihood < c.retry_likelihood:
             best = self._best(sought, window, c.retry_starts)
-        if not self.contradicts(best.score, points):
+        if not (relocate and self.contradicts(best.score, points)):
             return self._proved(sought, best) if measured else best
         half = np.array([c.relocation_distance, c.relocation_distance, c.relocation_rotation])
         window = Window(half, 2 * cell, 2 * c.heading_step)

@@ -56,6 +56,7 @@ class Tracker:
         self._slip = STILL  # how far the odometry was off in the last step, if it slipped
         self._blind, self._blind_measured = Travelled(), True  # since the last scan that was registered
         self._open = CLOSED  # of the motion since then
+        self._seen = False  # whether a scan was registered at all
         self._lost = 0  # scans in a row that contradict the map
 
     def predict(self, motion: Pose, dt: float, *, measured: bool, left: Open | None = None) -> StepMotion:
@@ -138,8 +139,9 @@ class Tracker:
                 return np.array((STILL, between_one(motion.corrected, self._extrapolated(motion.dt))))
 
             seen = particles.maps.of(particles.best), predicted, spread, scan.points, origin, predictions
+            blind = self._blind.elapsed if self._seen else math.inf
             fitted, score, elsewhere, decided = self._localiser.locate(
-                *seen, measured=self._blind_measured, left=self._open, slip=self._slip
+                *seen, measured=self._blind_measured, left=self._open, slip=self._slip, blind=blind
             )
             share = score / max(fitted.known, 1.0)
             of_scan = ScanFit(share, len(scan.points), fitted.known, fitted.far, fitted.crossed)
@@ -150,7 +152,7 @@ class Tracker:
             if decided and contradicts and self._lost < self._config.max_lost_scans:
                 self._lost += 1
             else:
-                offset, self._lost = fitted.offset, 0
+                offset, self._lost, self._seen = fitted.offset, 0, True
                 carried, unseen = self._carried(offset)
                 self._blind, self._blind_measured, self._open = Travelled(), True, CLOSED
                 rivals = elsewhere

@@ -201,7 +201,7 @@ def test_walls_prove_that_the_odometry_failed(room: TsdfView) -> None:
 def located(
     room: TsdfView, at: ArrayLike, predicted: ArrayLike, spread: Pose = SPREAD, *, predictions: Array = ODOMETRY,
     left: Open = CLOSED, noise: float = 0.0, slip: Pose = NO_SLIP, measured: bool = False,
-    **keys: float,
+    blind: float = 0.0, **keys: float,
 ) -> tuple[Located, Array]:  # fmt: skip
     """What is found of a scan taken there, from where the odometry puts it, with an error there; and its pose.
 
@@ -210,7 +210,7 @@ def located(
     start, points = se2.as_pose(np.asarray(predicted)), thinned(room_scan(at)).points
     points = points + np.random.default_rng(4).normal(0, noise, points.shape).astype(np.float32)
     found = localiser(**keys).locate(
-        room, start, spread, points, HERE, lambda: predictions, measured=measured, left=left, slip=slip
+        room, start, spread, points, HERE, lambda: predictions, measured=measured, left=left, slip=slip, blind=blind
     )
     return found, np.asarray(se2.compose(np.asarray(predicted, float), found.fitted.offset))
 
@@ -233,6 +233,14 @@ def test_a_scan_is_found_where_the_same_velocity_would_put_it(room: TsdfView) ->
     predictions = np.stack((np.zeros(3), se2.between(stood, np.array(at) + 0.02)))
     assert np.abs(located(room, at, stood, predictions=predictions, **narrow)[1] - at).max() < 0.005
     assert np.abs(located(room, at, stood, **narrow)[1] - at).max() > 0.1
+
+
+def test_only_a_robot_that_was_not_seen_for_long_leaps(room: TsdfView) -> None:
+    """Odometry that misses 0.9 m and half a radian, with a scan registered shortly before or long ago."""
+    at, stood = (0.7, 0.5, 0.5), (0.0, 0.0, 0.0)
+    shortly, long_ago = (located(room, at, stood, blind=blind, relocation_after=3.0)[1] for blind in (0.3, 3.5))
+    assert np.abs(shortly - at).max() > 0.1
+    np.testing.assert_allclose(long_ago, at, atol=0.005)
 
 
 def test_rays_through_a_surface_lower_the_match_score_and_can_lose_a_scan() -> None:
@@ -291,7 +299,15 @@ def test_after_a_lapse_a_scan_of_a_round_room_leaves_the_robot_where_it_was_pred
     angles = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     points = (0.7 * np.column_stack((np.cos(angles), np.sin(angles)))).astype(np.float32)
     found = localiser().locate(
-        room, (0.5, 0.0, 0.0), (1, 1, 1), points, HERE, lambda: ODOMETRY, measured=False, left=Open(1.0, 1.0, 1.0)
+        room,
+        (0.5, 0.0, 0.0),
+        (1, 1, 1),
+        points,
+        HERE,
+        lambda: ODOMETRY,
+        blind=0.0,
+        measured=False,
+        left=Open(1.0, 1.0, 1.0),
     )
     assert not found.decided
     assert found.fitted.offset == (0.0, 0.0, 0.0)
