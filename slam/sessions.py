@@ -5,14 +5,17 @@ from dataclasses import replace
 import numpy as np
 
 from moteslam.errors import ConfigError
+from moteslam.robot import se2
 from moteslam.robot.formats.map_server import trinary
+from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue
 from moteslam.slam.backend.building import Building, Session
 from moteslam.slam.backend.graph.backend import bind
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.known_map.search import find_path
+from moteslam.slam.known_map.search import Found, find_path
+from moteslam.slam.registration.search import is_elsewhere
 
 SAME = 0.005
 """Endpoints of one scan differ by less [m]: they were written in steps of up to some millimetres."""
@@ -41,18 +44,42 @@ def go_on(estimate: Estimate, building: Building) -> Estimate:
 
 def joined(building: Building, new: Building, config: SlamConfig) -> Building | str:
     """A building with the session of a new one, in its frame; why not, where nothing proves that it belongs there."""
-    backend = expect_graph(config)
+    expect_graph(config)
     (session,) = new.sessions
     if (number := next((k for k, one in enumerate(building.sessions, 1) if _holds(one, session)), None)) is not None:
         return f"all its scans are those of session {number}"
-    drawn = building.draw(config.map)
-    scans = [scan.points for scan in session.thinned(backend.thinning, np.inf)]
-    path, occupancy = session.path[session.nodes], replace(drawn, values=trinary(drawn.values))
-    place, places = find_path(occupancy, building.poses, path, scans, session.origin)
+    place, decided, places = _found(session, building, config)
     if place is None:
-        return "it may lie at several places of their map" if places else "it lies nowhere in their map"
-    bound = bind(building, new, place.node, place.track[place.node], backend)
+        return "it lies nowhere in their map"
+    path, other_way = place.track, [(old, _found(old, new, config)) for old in building.sessions]
+    ways = [found.decided for old, found in other_way if _agrees(path, new.poses, old, found)]
+    if not ways:
+        return "where it seems to lie in their map they do not lie in its own"
+    if not (decided or any(ways)):
+        return "it may lie at several places of their map" if places > 1 else "their map contradicts it"
+    bound = bind(building, new, place.node, path[place.node], expect_graph(config))
     return "no loops prove the place of their map where it seems to lie" if bound is None else bound
+
+
+def _found(session: Session, building: Building, config: SlamConfig) -> Found:
+    """Where a session lies in the map of a building, if it does."""
+    drawn = building.draw(config.map)
+    scans = [scan.points for scan in session.thinned(expect_graph(config).thinning, np.inf)]
+    occupancy = replace(drawn, values=trinary(drawn.values))
+    return find_path(occupancy, building.poses, session.path[session.nodes], scans, session.origin)
+
+
+def _agrees(path: Array, own: Array, old: Session, found: Found) -> bool:
+    """Whether a session, whose nodes own [n, 3] lie along a path [n, 3] in a building, was found by one of that, too.
+
+    Two corridors of equal width fit each other somewhere, either way at another place; the same one fits at one.
+    """
+    if found.place is None:
+        return False
+    node, track = found.place.node, found.place.track
+    near = int(np.argmin(np.hypot(*(own[:, :2] - track[node, :2]).T)))
+    there = se2.compose(old.path[old.nodes[node]], se2.between(track[node], own[near]))
+    return not is_elsewhere(se2.between(path[near], there))
 
 
 def _holds(old: Session, new: Session) -> bool:

@@ -285,13 +285,18 @@ class Place(NamedTuple):
     track: Array  # [n, 3] where they lie
 
 
-def find_path(
-    occupancy: Raster, stood: Array, path: Array, scans: Sequence[Points], origin: Array
-) -> tuple[Place | None, int]:
-    """Where in a map, drawn from poses [m, 3], a path [n, 3] in a frame of its own lies, None where that is open.
+class Found(NamedTuple):
+    """Where in a map a path lies."""
 
-    And how many answers there are. The n scans are endpoints [k, 2] in the robot's frame, their rays start at an origin
-    [2] [m].
+    place: Place | None  # of most evidence; None without any
+    decided: bool  # whether the map contradicts it little, and all others clearly more
+    answers: int  # it and the others
+
+
+def find_path(occupancy: Raster, stood: Array, path: Array, scans: Sequence[Points], origin: Array) -> Found:
+    """Where in a map, drawn from poses [m, 3], a path [n, 3] in a frame of its own lies.
+
+    The n scans are endpoints [k, 2] in the robot's frame, their rays start at an origin [2] [m].
     """
     config = KnownMapConfig()
     maps, near = KnownMaps(occupancy, config.tsdf), cKDTree(stood[:, :2])
@@ -333,8 +338,8 @@ def find_path(
             places += followed(node, likely)
     places = [place for place in places if place.evidence > LEAST_EVIDENCE]
     best = max(places, key=lambda place: place.evidence, default=None)
-    if best is None or best.contradicted > CONTRADICTED:
-        return None, 0
+    if best is None:
+        return Found(None, False, 0)
     others = [place for place in places if is_elsewhere(se2.between(best.track[best.node], place.track[best.node]))]
     decided = all(best.contradicted < CLEARLY * place.contradicted for place in others)
-    return (best if decided else None), 1 + len(others)
+    return Found(best, decided and best.contradicted <= CONTRADICTED, 1 + len(others))

@@ -13,12 +13,14 @@ from moteslam.eval.cli.simulate import scenario_of
 from moteslam.robot import se2
 from moteslam.robot.formats import Cut, cut
 from moteslam.robot.raster import Raster
+from moteslam.robot.se2 import Array
 from moteslam.sim.simulate import Simulation, simulate
+from moteslam.slam import sessions
 from moteslam.slam.backend.building import Building, Session
 from moteslam.slam.backend.graph.pose_graph import Edges, MeasuredChain
 from moteslam.slam.config import resolve_config
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.known_map.search import find_path
+from moteslam.slam.known_map.search import Found, Place, find_path
 from moteslam.slam.mapping.config import MapConfig
 from moteslam.slam.sessions import go_on, joined
 
@@ -103,9 +105,9 @@ def test_a_path_lies_at_the_one_place_that_does_not_contradict_it(others: list, 
     scans = [endpoints(pose, ROOM) for pose in se2.compose(there, path)]
     rooms = [np.add(room, (x, 0.0)).tolist() for (x, _, _), room in zip(stood, (ROOM, *others), strict=True)]
     building = slam_rooms.drawn(*rooms, low=(-5.0, -4.0), high=(5.0 + stood[-1, 0], 4.0))
-    found, number = find_path(building, stood, path, scans, np.zeros(2))
+    found, decided, number = find_path(building, stood, path, scans, np.zeros(2))
+    assert decided == (places == 1)
     if places > 1:
-        assert found is None
         assert number > 1
     else:
         np.testing.assert_allclose(found.track[0], se2.compose(there, path[0]), atol=0.06)
@@ -159,6 +161,24 @@ def test_a_recording_is_not_bound_to_itself(parts: list[Estimate]) -> None:
     assert [issue.code for issue in found.warnings if issue not in parts[0].warnings] == ["session-apart"]
     assert "session 1" in found.warnings[-1].message
     assert found.building is building
+
+
+@pytest.mark.parametrize(("off", "decided", "bound"), [(0.1, "01", 1), (0.1, "10", 1), (0.1, "00", 0), (5.0, "11", 0)])
+@pytest.mark.usefixtures("taichi")
+def test_sessions_lie_in_each_others_maps_at_one_place(
+    monkeypatch: pytest.MonkeyPatch, off: float, decided: str, bound: int
+) -> None:
+    """What is found either way; one place is off from the other, and decided or not."""
+    building, new = seen(ROOM + box(0, 1.5), begins=0.0), seen(ROOM + box(0, -1.5), begins=100.0)
+    ways = iter(((0.0, decided[0] == "1"), (off, decided[1] == "1")))
+
+    def find(_occupancy: Raster, _stood: Array, path: Array, *_: object) -> Found:
+        shift, is_decided = next(ways)
+        return Found(Place(3, 500.0, 0.0, np.add(path, (shift, 0.0, 0.0))), is_decided, 1)
+
+    monkeypatch.setattr(sessions, "find_path", find)
+    monkeypatch.setattr(sessions, "bind", lambda *_: building)
+    assert (joined(building, new, resolve_config()) is building) == bool(bound)
 
 
 @pytest.mark.usefixtures("taichi")
