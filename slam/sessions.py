@@ -14,8 +14,7 @@ from moteslam.slam.backend.graph.backend import bind
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.known_map.search import Found, find_path
-from moteslam.slam.registration.search import is_elsewhere
+from moteslam.slam.known_map.search import Found, find_path, is_same
 
 SAME = 0.005
 """Endpoints of one scan differ by less [m]: they were written in steps of up to some millimetres."""
@@ -79,7 +78,7 @@ def _agrees(path: Array, own: Array, old: Session, found: Found) -> bool:
     node, track = found.place.node, found.place.track
     near = int(np.argmin(np.hypot(*(own[:, :2] - track[node, :2]).T)))
     there = se2.compose(old.path[old.nodes[node]], se2.between(track[node], own[near]))
-    return not is_elsewhere(se2.between(path[near], there))
+    return is_same(path[near], there)
 
 
 def _holds(old: Session, new: Session) -> bool:

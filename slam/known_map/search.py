@@ -285,6 +285,11 @@ class Place(NamedTuple):
     track: Array  # [n, 3] where they lie
 
 
+def is_same(place: Array, other: Array) -> bool:
+    """Whether two poses [3] are one place."""
+    return not is_elsewhere(se2.between(place, other))
+
+
 class Found(NamedTuple):
     """Where in a map a path lies."""
 
