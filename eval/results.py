@@ -289,8 +289,9 @@ def read_building(folder: Path) -> Building:
     """Read that of a result folder; ``InputError``: there is none, of another version, or broken."""
     path = folder / BUILDING
     if not path.is_file():
-        expected = "expected a result folder of a method with key scans, as moteslam replay writes it by default"
-        raise InputError(f"no {BUILDING}, {expected}", file=folder)
+        expected = "expected a result folder with key scans, as moteslam replay writes it by default"
+        problem = f"no {BUILDING} (paper and localize write none)" if folder.exists() else "not found"
+        raise InputError(f"{problem}, {expected}", file=folder)
     version = read_arrays(path, {"version": ()})["version"].item()
     if version != BUILDING_VERSION:
         raise InputError(f"{version}, expected {BUILDING_VERSION}: run the recording again", file=path, field="version")

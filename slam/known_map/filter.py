@@ -27,7 +27,7 @@ from moteslam.slam.inputs.step import Step, thin
 from moteslam.slam.known_map.config import KnownMapConfig
 from moteslam.slam.known_map.hypotheses import LEAST, best_of, resample, shares, within
 from moteslam.slam.known_map.maps import KnownMaps, MapScale, MapTears, thinned
-from moteslam.slam.known_map.presence import Presence, not_in_map, outside
+from moteslam.slam.known_map.presence import Presence, expect_near, not_in_map
 from moteslam.slam.known_map.search import (
     AGAIN,
     APART,
@@ -68,8 +68,8 @@ class KnownMapFilter(TsdfFilter):
             search = None if config.start else self._whole()
         except InputError as error:
             raise InputError(error.problem, file=error.file or config.known_map, field=error.field) from error
-        if config.start and (off := outside(maps.occupancy, *config.start[:2])) > WINDOW:
-            raise ConfigError(f"{off:.0f} m outside of the map, expected a place in it, or near", field="start")
+        if config.start:
+            expect_near(maps.occupancy, *config.start[:2])
         self._maps = self._particles.maps = maps
         self._search: WholeMapSearch | None = search
         self._elsewhere: WholeMapSearch | None = None  # of a robot that may have been carried, while it is tracked on,

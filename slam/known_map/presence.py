@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, seamed
 from moteslam.robot.raster import Raster
 from moteslam.robot.values import Issue
@@ -78,7 +79,9 @@ def not_in_map(occupancy: Raster, *, was_sure: bool) -> Issue:
     return Issue("not-in-this-map", text)
 
 
-def outside(occupancy: Raster, x: float, y: float) -> float:
-    """How far a place is beyond the edges of a map [m]."""
+def expect_near(occupancy: Raster, x: float, y: float) -> None:
+    """``ConfigError`` for a start that is ``WINDOW`` beyond the edges of a map, or farther [m]."""
     left, right, bottom, top = occupancy.extent
-    return math.hypot(max(left - x, x - right, 0.0), max(bottom - y, y - top, 0.0))
+    if (off := math.hypot(max(left - x, x - right, 0.0), max(bottom - y, y - top, 0.0))) > WINDOW:
+        edges = f"x {left:.1f} to {right:.1f}, y {bottom:.1f} to {top:.1f} m"
+        raise ConfigError(f"{off:.0f} m outside of the map, expected a place in it, or near: {edges}", field="start")
