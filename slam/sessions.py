@@ -7,6 +7,7 @@ import numpy as np
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import trinary
+from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import Array
 from moteslam.robot.values import Issue
 from moteslam.slam.backend.building import Building, Session
@@ -43,28 +44,32 @@ def go_on(estimate: Estimate, building: Building) -> Estimate:
 
 def joined(building: Building, new: Building, config: SlamConfig) -> Building | str:
     """A building with the session of a new one, in its frame; why not, where nothing proves that it belongs there."""
-    expect_graph(config)
+    backend = expect_graph(config)
     (session,) = new.sessions
     if (number := next((k for k, one in enumerate(building.sessions, 1) if _holds(one, session)), None)) is not None:
         return f"all its scans are those of session {number}"
-    place, decided, places = _found(session, building, config)
+    place, decided, places = _found(session, building, _trinary(building, config), backend)
     if place is None:
         return "it lies nowhere in their map"
-    path, other_way = place.track, [(old, _found(old, new, config)) for old in building.sessions]
-    ways = [found.decided for old, found in other_way if _agrees(path, new.poses, old, found)]
+    own = _trinary(new, config)
+    other_way = [(old, _found(old, new, own, backend)) for old in building.sessions]
+    ways = [found.decided for old, found in other_way if _agrees(place.track, new.poses, old, found)]
     if not ways:
         return "where it seems to lie in their map they do not lie in its own"
     if not (decided or any(ways)):
         return "it may lie at several places of their map" if places > 1 else "their map contradicts it"
-    bound = bind(building, new, place.node, path[place.node], expect_graph(config))
+    bound = bind(building, new, place.node, place.track[place.node], backend)
     return "no loops prove the place of their map where it seems to lie" if bound is None else bound
 
 
-def _found(session: Session, building: Building, config: SlamConfig) -> Found:
-    """Where a session lies in the map of a building, if it does."""
+def _trinary(building: Building, config: SlamConfig) -> Raster:
     drawn = building.draw(config.map)
-    scans = [scan.points for scan in session.thinned(expect_graph(config).thinning, np.inf)]
-    occupancy = replace(drawn, values=trinary(drawn.values))
+    return replace(drawn, values=trinary(drawn.values))
+
+
+def _found(session: Session, building: Building, occupancy: Raster, config: GraphConfig) -> Found:
+    """Where a session lies in the map of a building, if it does."""
+    scans = [scan.points for scan in session.thinned(config.thinning, np.inf)]
     return find_path(occupancy, building.poses, session.path[session.nodes], scans, session.origin)
 
 
